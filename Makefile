@@ -1,0 +1,51 @@
+# Two commands do everything on a fresh Debian machine with Python, make and gcc:
+#   make demo    environment, install, the main job against simulated peers for half a minute
+#   make test    environment, install with the test judges, all tests
+PYTHON ?= python3
+VENV ?= .venv
+DEMO_SECONDS ?= 30
+BIN := $(VENV)/bin
+
+.PHONY: help demo test lint types check bench test-pythons clean
+
+help:
+	@echo "make demo    run the main job against simulated peers ($(DEMO_SECONDS) s)"
+	@echo "make test    all tests"
+	@echo "make check   lint, types and tests"
+	@echo "make bench   benchmarks, printed as ratios"
+	@echo "make clean   remove the environment and caches"
+
+$(VENV)/.cardan: pyproject.toml tools/environment
+	tools/environment "$(PYTHON)" "$(VENV)"
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/.cardan-dev: $(VENV)/.cardan
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+demo: $(VENV)/.cardan
+	$(BIN)/cardan demo --seconds $(DEMO_SECONDS)
+
+test: $(VENV)/.cardan-dev
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.cardan-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.cardan-dev
+	$(BIN)/mypy
+
+check: lint types test
+
+bench: $(VENV)/.cardan-dev
+	$(BIN)/python -m bench
+
+# The oldest and the newest Python the package promises, where the machine has them.
+test-pythons:
+	tools/test-pythons 3.10 3.13
+
+clean:
+	rm -rf $(VENV) .venv-3.* .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,5 @@
+"""``python -m cardan`` is the ``cardan`` command."""
+
+from cardan.cli import main
+
+main()

@@ -1,0 +1,61 @@
+"""The errors Cardan raises, as a tree. Bad bytes from a peer are never among them.
+
+::
+
+    CardanError
+    +-- ConfigurationError    a setting is wrong: names the key, the value, what is allowed
+    +-- DriverError           a driver cannot do what it was asked
+    |   +-- DeviceNotFoundError   nothing to open
+    |   +-- DeviceAccessError     found, but the system or another program refuses it
+    |   +-- AddressError          a network address cannot be used
+    |   +-- NotOpenError          used before open() or after close()
+    |   +-- CommandError          a command this robot or device cannot take
+    +-- ScriptError           a simulated peer's script or fault switch is wrong
+    +-- CaptureError          a capture file cannot be read
+"""
+
+from __future__ import annotations
+
+
+class CardanError(Exception):
+    """Base of everything Cardan raises on purpose."""
+
+
+class ConfigurationError(CardanError):
+    """A setting is wrong. `key` is its dotted path ("limits.linear_speed_m_s")."""
+
+    def __init__(self, key: str, message: str) -> None:
+        super().__init__(f"{key}: {message}" if key else message)
+        self.key = key
+
+
+class DriverError(CardanError):
+    """A driver cannot do what it was asked."""
+
+
+class DeviceNotFoundError(DriverError):
+    """There is nothing to open."""
+
+
+class DeviceAccessError(DriverError):
+    """The device is there, but the system or another program refuses it."""
+
+
+class AddressError(DriverError):
+    """A network address cannot be used."""
+
+
+class NotOpenError(DriverError):
+    """A driver was used before open() or after close()."""
+
+
+class CommandError(DriverError):
+    """A command this robot or device cannot take; nothing was sent."""
+
+
+class ScriptError(CardanError):
+    """A simulated peer's script, model or fault switch is wrong."""
+
+
+class CaptureError(CardanError):
+    """A capture file cannot be read."""

@@ -1,0 +1,1 @@
+"""Joins an operator device to a robot: mapping, reference, sessions, configuration."""

@@ -1,0 +1,262 @@
+"""A session's configuration: a TOML file, checked whole before anything is opened.
+
+Every error names the key, what is wrong with the value, and what is allowed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
+
+from cardan.drivers import registry
+from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
+from cardan.errors import ConfigurationError
+from cardan.gateway.engine import Watchdogs
+from cardan.gateway.mapping import AXES, GripperAction, MappingOptions
+from cardan.gateway.reference import ReferenceLimits
+from cardan.types import Frame
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Bounds = tuple[Finite, Finite]
+
+LONGEST_DEVICE_AGE_S = 0.5
+"""A hand cannot be stale for longer: at 0.25 m/s that is already 12 cm of unwanted motion."""
+
+
+MAX_OUTPUT = 39
+"""Highest analog output: EGM carries 40 values."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class DriverTable(BaseModel):
+    """``[device]`` or ``[robot]``: a driver's name; all other keys are that driver's options."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    driver: str
+
+
+class MappingTable(_Table):
+    """``[mapping]``"""
+
+    frame: Frame = Frame.BASE
+    linear_speed_m_s: Positive = 0.1
+    angular_speed_rad_s: Positive = 0.4
+    axes: Annotated[list[str], Field(min_length=6, max_length=6)] = list(AXES)
+    scale: Annotated[list[Finite], Field(min_length=6, max_length=6)] = [1.0] * 6
+    yaw_deg: Finite = 0.0
+    deadman: str = ""
+
+    @field_validator("axes")
+    @classmethod
+    def _known_axes(cls, axes: list[str]) -> list[str]:
+        for axis in axes:
+            if axis != "fixed" and axis.removeprefix("-") not in AXES:
+                raise ValueError(
+                    f"{axis!r} is not an axis; allowed: {', '.join(AXES)}, each also with a "
+                    'minus in front, and "fixed"'
+                )
+        return axes
+
+
+class GripperTable(_Table):
+    """``[gripper]``: buttons, and what travels to the robot's program."""
+
+    toggle: str = ""
+    close: str = ""
+    open: str = ""
+    output: str | int = "digital"
+    """The digital output, or the index of an analog one."""
+    closed_value: Finite = 1.0
+    open_value: Finite = 0.0
+
+    @field_validator("output")
+    @classmethod
+    def _known_output(cls, output: str | int) -> str | int:
+        if output != "digital" and not (isinstance(output, int) and 0 <= output <= MAX_OUTPUT):
+            raise ValueError(f'{output!r} is no output; allowed: "digital", or 0 to {MAX_OUTPUT}')
+        return output
+
+
+class LimitsTable(_Table):
+    """``[limits]``: what the reference may do, whatever the operator asks."""
+
+    linear_speed_m_s: Positive = 0.25
+    linear_acceleration_m_s2: Positive = 1.0
+    angular_speed_rad_s: Positive = 1.0
+    angular_acceleration_rad_s2: Positive = 4.0
+    leash_m: Positive = 0.05
+    leash_rad: Annotated[float, Field(gt=0, le=1.5)] = 0.3
+    workspace_x_m: Bounds | None = None
+    workspace_y_m: Bounds | None = None
+    workspace_z_m: Bounds | None = None
+
+    @field_validator("workspace_x_m", "workspace_y_m", "workspace_z_m")
+    @classmethod
+    def _ordered(cls, bounds: Bounds | None) -> Bounds | None:
+        if bounds is not None and bounds[0] >= bounds[1]:
+            raise ValueError(f"{bounds[0]} to {bounds[1]} is empty: lower bound first, then upper")
+        return bounds
+
+
+class WatchdogTable(_Table):
+    """``[watchdogs]``"""
+
+    device_age_s: Annotated[float, Field(gt=0, le=LONGEST_DEVICE_AGE_S)] = 0.1
+    following_error_m: Positive = 0.1
+    following_error_rad: Positive = 0.6
+
+
+class SessionConfig(_Table):
+    """A whole configuration file."""
+
+    device: DriverTable
+    robot: DriverTable
+    mapping: MappingTable = MappingTable()
+    gripper: GripperTable = GripperTable()
+    limits: LimitsTable = LimitsTable()
+    watchdogs: WatchdogTable = WatchdogTable()
+
+    def mapping_options(self) -> MappingOptions:
+        """The mapping's options."""
+        table, gripper = self.mapping, self.gripper
+        return MappingOptions(
+            frame=table.frame,
+            linear_speed_m_s=table.linear_speed_m_s,
+            angular_speed_rad_s=table.angular_speed_rad_s,
+            axes=tuple(table.axes),
+            scale=tuple(table.scale),
+            yaw_deg=table.yaw_deg,
+            deadman=table.deadman,
+            gripper=tuple(
+                (getattr(gripper, action.value), action)
+                for action in GripperAction
+                if getattr(gripper, action.value)
+            ),
+        )
+
+    def reference_limits(self) -> ReferenceLimits:
+        """The reference's limits."""
+        table = self.limits
+        return ReferenceLimits(
+            linear_speed_m_s=table.linear_speed_m_s,
+            linear_acceleration_m_s2=table.linear_acceleration_m_s2,
+            angular_speed_rad_s=table.angular_speed_rad_s,
+            angular_acceleration_rad_s2=table.angular_acceleration_rad_s2,
+            leash_m=table.leash_m,
+            leash_rad=table.leash_rad,
+            workspace_m=(table.workspace_x_m, table.workspace_y_m, table.workspace_z_m),
+        )
+
+    def watchdog_limits(self) -> Watchdogs:
+        """The watchdogs' limits."""
+        return Watchdogs(**self.watchdogs.model_dump())
+
+
+def _suggestion(word: str, allowed: list[str]) -> str:
+    near = difflib.get_close_matches(word, allowed, 1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def _allowed_keys(path: tuple[str | int, ...]) -> list[str]:
+    model: type[BaseModel] = SessionConfig
+    for part in path:
+        model = type(model.model_fields[str(part)].get_default())
+    return list(model.model_fields)
+
+
+def _translate(error: ValidationError, prefix: tuple[str, ...] = ()) -> ConfigurationError:
+    first = error.errors(include_url=False)[0]
+    location = first["loc"]
+    key = ".".join((*prefix, *(str(part) for part in location)))
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        allowed = _allowed_keys(location[:-1])
+        message = f"there is no such key; allowed: {', '.join(allowed)}" + _suggestion(
+            str(location[-1]), allowed
+        )
+    elif first["type"] == "missing":
+        message = "is missing"
+    elif first["type"] != "value_error":
+        message = f"{message}; found {first['input']!r}"
+    more = error.error_count() - 1
+    return ConfigurationError(key, message + (f" (and {more} more)" if more else ""))
+
+
+def driver_options(driver: type[Driver], table: Mapping[str, Any], key: str) -> Any:
+    """The driver's Options made from a table, or a ConfigurationError that names the key."""
+    fields = {f.name: f for f in dataclasses.fields(driver.Options) if f.init}
+    for name in table:
+        if name not in fields:
+            raise ConfigurationError(
+                f"{key}.{name}",
+                f"there is no such key; allowed: {', '.join(fields)}"
+                + _suggestion(name, list(fields)),
+            )
+    try:
+        return TypeAdapter(driver.Options).validate_python(dict(table))
+    except ValidationError as error:
+        raise _translate(error, (key,)) from None
+
+
+def _make_driver(table: DriverTable, key: str) -> Driver:
+    try:
+        driver = registry.load(table.driver)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{key}.driver", str(error).removeprefix("driver: ")) from None
+    return driver(driver_options(driver, table.model_extra or {}, key))
+
+
+def make_device(config: SessionConfig) -> OperatorDevice:
+    """The operator device of a session, not opened yet."""
+    device = _make_driver(config.device, "device")
+    if not isinstance(device, OperatorDevice):
+        raise ConfigurationError(
+            "device.driver", f"{config.device.driver!r} is not an operator device"
+        )
+    return device
+
+
+def make_robot(config: SessionConfig) -> RobotDriver:
+    """The robot of a session, not opened yet."""
+    robot = _make_driver(config.robot, "robot")
+    if not isinstance(robot, RobotDriver):
+        raise ConfigurationError("robot.driver", f"{config.robot.driver!r} is not a robot")
+    return robot
+
+
+def parse_config(table: Mapping[str, Any]) -> SessionConfig:
+    """Check a configuration already read; ConfigurationError names the first wrong key."""
+    try:
+        return SessionConfig.model_validate(table)
+    except ValidationError as error:
+        raise _translate(error) from None
+
+
+def load_config(path: Path) -> SessionConfig:
+    """Read and check a configuration file, its driver options included."""
+    try:
+        with path.open("rb") as file:
+            table = tomllib.load(file)
+    except OSError as error:
+        raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError("", f"{path} is not TOML: {error}") from None
+    config = parse_config(table)
+    make_device(config)
+    make_robot(config)
+    return config

@@ -1,0 +1,277 @@
+"""The control tick of a session: robot state and device state in, robot command out.
+
+Control logic only. Time comes in with the states, so tests run it in virtual time; nothing here
+reads a clock, a socket or a file.
+
+The rule of arming: nothing moves unless a fresh command from a live operator says so. Whatever
+interrupts that (silence, unplug, a robot that stops or restarts) ends in a braking ramp and a
+hold, and going on takes a deliberate act: the device at rest and, where one is configured, the
+dead-man button let go and pressed anew.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cardan.gateway.mapping import TwistMapping
+from cardan.gateway.reference import Reference
+from cardan.spatial import is_finite, norm, rotation_between, scale, subtract
+from cardan.types import (
+    ZERO_TWIST,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    Frame,
+    HoldCommand,
+    Pose,
+    PoseCommand,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+    Twist,
+)
+
+NO_DEFLECTION = (0.0,) * 6
+
+RESYNC_TIME_S = 0.5
+"""Time constant with which a reference that lost its robot glides back to it: slow enough to be
+watched, fast enough not to be waited for."""
+
+
+class Phase(enum.Enum):
+    """What a session is doing."""
+
+    NO_ROBOT = "no robot"
+    """The robot is silent or would not act on commands."""
+    DISARMED = "disarmed"
+    """Holding; going on takes the deliberate act."""
+    HOLDING = "holding"
+    """Armed and at rest: the operator may move at once."""
+    MOVING = "moving"
+    BRAKING = "braking"
+    """Ramping down, by the operator's will or because something is wrong."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watchdogs:
+    """Limits on age and error; each trips into a braking ramp. All by local monotonic time."""
+
+    device_age_s: float = 0.1
+    """Oldest report that may still drive motion: six missed reports of a 62 Hz device."""
+    longest_step_s: float = 0.05
+    """Longest time one tick may advance: after a stall the reference resumes, it never leaps."""
+    following_error_m: float = 0.1
+    """Distance between reference and robot beyond which something else holds the arm."""
+    following_error_rad: float = 0.6
+
+
+class EngineStatus(NamedTuple):
+    """What the last tick decided, for people and for recorders."""
+
+    phase: Phase
+    message: str
+    """Why nothing moves and what to do about it; empty when all is well."""
+    target: Twist
+    """What the operator asks for, along `target.frame`."""
+    twist: Twist
+    """What is commanded, base axes."""
+    pose: Pose | None
+    """Where the TCP is told to be."""
+    leash_used: float
+    at_workspace_limit: bool
+    gripper_closed: bool
+    trips: int
+    """How often a watchdog or fault took the operator's hand off the robot."""
+
+
+class TeleopEngine:
+    """Rate control of a TCP with a virtual reference point."""
+
+    def __init__(self, mapping: TwistMapping, reference: Reference, watchdogs: Watchdogs) -> None:
+        self.mapping = mapping
+        self.reference = reference
+        self.watchdogs = watchdogs
+        self._phase = Phase.NO_ROBOT
+        self._session: int | None = None
+        self._target = ZERO_TWIST
+        self._message = "waiting for the robot"
+        self._trip_reason = ""
+        self._trips = 0
+        self._armed = False
+        self._deadman_was_up = False
+        self._resyncing = False
+        self._stop_reason = ""
+
+    @property
+    def phase(self) -> Phase:
+        """What the session is doing now."""
+        return self._phase
+
+    @property
+    def at_rest(self) -> bool:
+        """True when nothing is commanded to move."""
+        return not self.reference.moving
+
+    def status(self) -> EngineStatus:
+        """A snapshot for views and recorders."""
+        reference = self.reference
+        return EngineStatus(
+            self._phase,
+            self._message,
+            self._target,
+            reference.twist,
+            reference.pose,
+            reference.leash_used,
+            reference.at_workspace_limit,
+            self.mapping.gripper_closed,
+            self._trips,
+        )
+
+    def request_stop(self, reason: str) -> None:
+        """Brake and stay: from now on no operator input moves the robot."""
+        self._stop_reason = self._message = reason
+
+    def tick(
+        self, robot: RobotState, device: DeviceState, events: Sequence[ButtonEvent] = ()
+    ) -> RobotCommand:
+        """Decide the command for the control instant that `robot` reports."""
+        if events and self._armed:
+            self.mapping.take_gripper(events)
+        measured = robot.pose
+        if not robot.ready or measured is None:
+            return self._without_robot(robot)
+        if robot.session != self._session:
+            if self._session is not None and self._armed:
+                self._trip("the robot's controller started a new session")
+            self._session = robot.session
+            self._armed = False
+            self.reference.place(measured)
+        elif self._phase is Phase.NO_ROBOT or self.reference.pose is None:
+            self.reference.place(measured)
+        self._supervise(robot, device, measured)
+        self._arm(device)
+
+        wanted = ZERO_TWIST
+        if self._armed and self.mapping.deadman_held(device):
+            wanted = self.mapping.twist(device.axes)
+        self._target = wanted
+        if self._resyncing:
+            wanted = self._resync_twist(measured)
+        dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
+        self.reference.advance(wanted, measured, dt_s)
+        self._settle(device)
+        pose = self.reference.pose
+        assert pose is not None
+        return PoseCommand(pose, self.reference.twist)
+
+    def _without_robot(self, robot: RobotState) -> RobotCommand:
+        """No robot to command: whoever was moving it must take it up anew."""
+        if self._armed:
+            self._trip(
+                robot.hold_reason
+                if robot.link is RobotLink.LIVE
+                else "the robot's controller fell silent"
+            )
+        self._phase = Phase.NO_ROBOT
+        self._target = ZERO_TWIST
+        self._resyncing = False
+        if self.reference.pose is not None:
+            self.reference.place(self.reference.pose)
+        self._message = robot.hold_reason or "the robot reports no pose"
+        return HoldCommand()
+
+    def _trip(self, reason: str) -> None:
+        self._armed = False
+        self._deadman_was_up = False
+        self._trip_reason = reason
+        self._trips += 1
+
+    def _supervise(self, robot: RobotState, device: DeviceState, measured: Pose) -> None:
+        """Take the operator's hand off the robot when anything is wrong."""
+        pose = self.reference.pose
+        assert pose is not None
+        error_m = norm(subtract(pose.position, measured.position))
+        error_rad = norm(rotation_between(measured.orientation, pose.orientation))
+        limits = self.watchdogs
+        if error_m > limits.following_error_m or error_rad > limits.following_error_rad:
+            if not self._resyncing:
+                self._resyncing = True
+                reason = (
+                    f"the robot is {error_m * 1e3:.0f} mm and {error_rad:.2f} rad away from its "
+                    "reference: something else holds it"
+                )
+                self._trip(reason)
+        elif self._resyncing and self.reference.leash_used < 0.5 and not self.reference.moving:
+            self._resyncing = False
+        if not self._armed:
+            return
+        if self._stop_reason:
+            self._armed = False
+        elif device.link is not DeviceLink.LIVE:
+            self._trip(device.reason or f"the device is {device.link.value}")
+        elif not is_finite(device.axes):
+            self._trip("the device gives values that are not numbers")
+        elif device.axes != NO_DEFLECTION and robot.stamp_s - device.stamp_s > limits.device_age_s:
+            age_s = robot.stamp_s - device.stamp_s
+            self._trip(f"the device is deflected but silent for {age_s:.2f} s")
+
+    def _arm(self, device: DeviceState) -> None:
+        """Arm after the deliberate act: device at rest, dead-man up, dead-man pressed anew."""
+        if self._armed or self._stop_reason or self._resyncing:
+            return
+        if device.link is not DeviceLink.LIVE or not is_finite(device.axes):
+            self._deadman_was_up = False
+            return
+        if not self.mapping.options.deadman:
+            self._armed = device.axes == NO_DEFLECTION
+        elif not self.mapping.deadman_held(device):
+            self._deadman_was_up = self._deadman_was_up or device.axes == NO_DEFLECTION
+        elif self._deadman_was_up:
+            self._armed = True
+        if self._armed:
+            self._trip_reason = ""
+
+    def _resync_twist(self, measured: Pose) -> Twist:
+        """The gentle way back to a robot that is not where its reference is."""
+        pose = self.reference.pose
+        assert pose is not None
+        gain = 1.0 / RESYNC_TIME_S
+        if self.reference.leash_used < 0.25:
+            return ZERO_TWIST
+        return Twist(
+            scale(subtract(measured.position, pose.position), gain),
+            scale(rotation_between(pose.orientation, measured.orientation), gain),
+            Frame.BASE,
+        )
+
+    def _settle(self, device: DeviceState) -> None:
+        """Name the phase and say what stands in the way."""
+        asked = self._target.linear != ZERO_TWIST.linear or (
+            self._target.angular != ZERO_TWIST.angular
+        )
+        if self.reference.moving and (asked and self._armed):
+            self._phase = Phase.MOVING
+        elif self.reference.moving:
+            self._phase = Phase.BRAKING
+        else:
+            self._phase = Phase.HOLDING if self._armed else Phase.DISARMED
+        self._message = "" if self._armed else self._what_to_do(device)
+
+    def _what_to_do(self, device: DeviceState) -> str:
+        why = f"{self._trip_reason}; " if self._trip_reason else ""
+        if self._stop_reason:
+            return self._stop_reason
+        if self._resyncing:
+            return f"{why}bringing the reference back to the robot"
+        if device.link is not DeviceLink.LIVE:
+            reason = device.reason or f"the device is {device.link.value}"
+            return why + reason if reason not in why else self._trip_reason
+        deadman = self.mapping.options.deadman
+        if not deadman:
+            return f"{why}let go of the device to go on"
+        if self._deadman_was_up:
+            return f"{why}press {deadman!r} to move"
+        return f"{why}let go of the device and of {deadman!r}, then press {deadman!r} to go on"

@@ -1,0 +1,92 @@
+"""From the axes and buttons of a device to what the operator asks of the robot.
+
+Pure values in and out: no clock, no hardware. The published mapping of the SpaceNavigator (rate
+control, base frame) is the default; see Łukawski, Victores and Balaguer 2023, Table 1.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from cardan.spatial import rotate
+from cardan.types import ButtonEvent, DeviceState, Frame, Quaternion, Twist, Vector3
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+"""Names of the device axes and of the twist components they drive, in order."""
+
+
+class GripperAction(enum.Enum):
+    """What a gripper button does when it goes down."""
+
+    TOGGLE = "toggle"
+    CLOSE = "close"
+    OPEN = "open"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MappingOptions:
+    """How a rate-control device is turned into a twist of the TCP."""
+
+    frame: Frame = Frame.BASE
+    """Axes the twist is expressed along: the robot's base or the tool."""
+    linear_speed_m_s: float = 0.1
+    """TCP speed at full deflection."""
+    angular_speed_rad_s: float = 0.4
+    """Turning speed at full deflection."""
+    axes: tuple[str, ...] = AXES
+    """Device axis that drives each of x y z rx ry rz: a name, "-name" to turn it round, or
+    "fixed" for a component that must not move."""
+    scale: tuple[float, ...] = (1.0,) * 6
+    """Factor on each component."""
+    yaw_deg: float = 0.0
+    """Where the operator faces, seen from above, relative to the robot's x axis."""
+    deadman: str = ""
+    """Button to hold while moving; empty: deflection alone moves (not beside a person)."""
+    gripper: tuple[tuple[str, GripperAction], ...] = ()
+    """Gripper buttons and what each does."""
+
+
+class TwistMapping:
+    """Turns device states into target twists and gripper states."""
+
+    def __init__(self, options: MappingOptions) -> None:
+        self.options = options
+        speeds = (options.linear_speed_m_s,) * 3 + (options.angular_speed_rad_s,) * 3
+        self._sources: list[tuple[int, float]] = []
+        for axis, factor, speed in zip(options.axes, options.scale, speeds, strict=True):
+            if axis == "fixed":
+                self._sources.append((0, 0.0))
+            else:
+                sign = -1.0 if axis.startswith("-") else 1.0
+                self._sources.append((AXES.index(axis.lstrip("-")), sign * factor * speed))
+        half_yaw = 0.5 * math.radians(options.yaw_deg)
+        self._yaw = Quaternion(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
+        self._turned = options.yaw_deg != 0.0 and options.frame is Frame.BASE
+        self._gripper_buttons = dict(options.gripper)
+        self.gripper_closed = False
+
+    def twist(self, axes: Sequence[float]) -> Twist:
+        """The twist asked for by six deflections, along the axes of `options.frame`."""
+        v = [axes[index] * gain for index, gain in self._sources]
+        linear, angular = Vector3(v[0], v[1], v[2]), Vector3(v[3], v[4], v[5])
+        if self._turned:
+            linear, angular = rotate(self._yaw, linear), rotate(self._yaw, angular)
+        return Twist(linear, angular, self.options.frame)
+
+    def deadman_held(self, device: DeviceState) -> bool:
+        """True while the operator says that motion is wanted."""
+        return not self.options.deadman or self.options.deadman in device.buttons
+
+    def take_gripper(self, events: Iterable[ButtonEvent]) -> bool:
+        """Apply the gripper buttons among `events`; True when the gripper changes."""
+        before = self.gripper_closed
+        for event in events:
+            action = self._gripper_buttons.get(event.button) if event.pressed else None
+            if action is GripperAction.TOGGLE:
+                self.gripper_closed = not self.gripper_closed
+            elif action is not None:
+                self.gripper_closed = action is GripperAction.CLOSE
+        return self.gripper_closed is not before

@@ -1,0 +1,164 @@
+"""The virtual reference point: a pose that moves inside speed and acceleration limits.
+
+The operator's twist is integrated on SE(3) into a reference pose, and the robot is told to be
+there; the measured pose only supervises. So gravity sag and servo error cannot creep into where
+the operator meant to be (Łukawski, Victores and Balaguer 2023, section 4).
+
+Every limit is met by construction: whatever target comes in, the next velocity is chosen inside
+bounds from which the reference can still stop where it must.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cardan.braking import stopping_speed
+from cardan.spatial import (
+    add,
+    dot,
+    from_rotation_vector,
+    limit_norm,
+    multiply,
+    norm,
+    normalized,
+    rotate,
+    rotation_between,
+    scale,
+    subtract,
+)
+from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceLimits:
+    """What the reference may do; Euclidean norms, so the same in every direction."""
+
+    linear_speed_m_s: float = 0.25
+    """ISO 10218's reduced speed beside a person, and the default for that reason."""
+    linear_acceleration_m_s2: float = 1.0
+    angular_speed_rad_s: float = 1.0
+    angular_acceleration_rad_s2: float = 4.0
+    leash_m: float = 0.05
+    """How far the reference may run ahead of the measured position."""
+    leash_rad: float = 0.3
+    """How far the reference may turn ahead of the measured orientation."""
+    workspace_m: tuple[Range | None, Range | None, Range | None] = (None, None, None)
+    """Range of the TCP along each base axis; None: unbounded."""
+
+
+def _leashed(
+    velocity: Vector3, ahead: Vector3, leash: float, acceleration: float, dt_s: float
+) -> Vector3:
+    """`velocity`, running further `ahead` only as fast as it can stop at the leash's end.
+
+    Motion back or sideways is never held.
+    """
+    distance = norm(ahead)
+    if distance == 0.0:
+        return velocity
+    outward = dot(velocity, ahead) / distance
+    excess = outward - stopping_speed(leash - distance, acceleration, dt_s)
+    if outward <= 0.0 or excess <= 0.0:
+        return velocity
+    return subtract(velocity, scale(ahead, excess / distance))
+
+
+class Reference:
+    """A pose and its twist, both in the base frame, moved one control period at a time."""
+
+    def __init__(self, limits: ReferenceLimits) -> None:
+        self.limits = limits
+        self.pose: Pose | None = None
+        self.linear = ZERO3
+        """m/s along base axes."""
+        self.angular = ZERO3
+        """rad/s along base axes."""
+        self.leash_used = 0.0
+        """Share of the leash that is taken up, 0..1 and above; the worse of the two."""
+        self.at_workspace_limit = False
+
+    @property
+    def twist(self) -> Twist:
+        """Its present velocity."""
+        return Twist(self.linear, self.angular, Frame.BASE)
+
+    @property
+    def moving(self) -> bool:
+        """True until it has come to rest."""
+        return self.linear != ZERO3 or self.angular != ZERO3
+
+    def place(self, pose: Pose) -> None:
+        """Put the reference at `pose`, at rest. Only while the robot is not under command."""
+        self.pose = Pose(pose.position, normalized(pose.orientation), Frame.BASE)
+        self.linear = self.angular = ZERO3
+        self.leash_used = 0.0
+        self.at_workspace_limit = False
+
+    def advance(self, target: Twist, measured: Pose, dt_s: float) -> None:
+        """Move for `dt_s`, approaching `target` (base or tool axes) as fast as limits let it."""
+        pose = self.pose
+        if pose is None:
+            raise RuntimeError("the reference has not been placed")
+        limits = self.limits
+        linear, angular = target.linear, target.angular
+        if target.frame is Frame.TOOL:
+            linear = rotate(pose.orientation, linear)
+            angular = rotate(pose.orientation, angular)
+        linear = limit_norm(linear, limits.linear_speed_m_s)
+        angular = limit_norm(angular, limits.angular_speed_rad_s)
+
+        ahead = subtract(pose.position, measured.position)
+        turned_ahead = rotation_between(measured.orientation, pose.orientation)
+        linear = _leashed(linear, ahead, limits.leash_m, limits.linear_acceleration_m_s2, dt_s)
+        angular = _leashed(
+            angular, turned_ahead, limits.leash_rad, limits.angular_acceleration_rad_s2, dt_s
+        )
+        self.leash_used = max(norm(ahead) / limits.leash_m, norm(turned_ahead) / limits.leash_rad)
+
+        self.linear = self._next_linear(linear, pose.position, dt_s)
+        most = limits.angular_acceleration_rad_s2 * dt_s
+        self.angular = add(self.angular, limit_norm(subtract(angular, self.angular), most))
+        self.pose = Pose(
+            add(pose.position, scale(self.linear, dt_s)),
+            normalized(multiply(from_rotation_vector(scale(self.angular, dt_s)), pose.orientation)),
+            Frame.BASE,
+        )
+
+    def _next_linear(self, target: Vector3, position: Vector3, dt_s: float) -> Vector3:
+        """The velocity nearest to `target` that acceleration and workspace allow."""
+        budget = self.limits.linear_acceleration_m_s2 * dt_s
+        now = self.linear
+        # Walls first: what braking at each wall demands is taken from the budget before the
+        # rest. A third of the squared budget for each axis, so that a corner is no worse.
+        wall_acceleration = self.limits.linear_acceleration_m_s2 / math.sqrt(3.0)
+        wall_step = wall_acceleration * dt_s
+        wanted, braked = list(target), list(now)
+        self.at_workspace_limit = False
+        for axis, bounds in enumerate(self.limits.workspace_m):
+            if bounds is None:
+                continue
+            up = stopping_speed(bounds[1] - position[axis], wall_acceleration, dt_s)
+            down = -stopping_speed(position[axis] - bounds[0], wall_acceleration, dt_s)
+            if not down <= wanted[axis] <= up:
+                self.at_workspace_limit = True
+                wanted[axis] = min(max(wanted[axis], down), up)
+            if now[axis] > up:
+                braked[axis] = max(up, now[axis] - wall_step)
+            elif now[axis] < down:
+                braked[axis] = min(down, now[axis] + wall_step)
+        must = subtract(Vector3(*braked), now)
+        rest = subtract(Vector3(*wanted), Vector3(*braked))
+        # Largest share s of the rest with |must + s·rest| <= budget.
+        a, b, c = dot(rest, rest), dot(must, rest), dot(must, must) - budget * budget
+        if a + 2.0 * b + c <= 0.0:
+            share = 1.0
+        elif a == 0.0:
+            share = 0.0
+        else:
+            share = max(0.0, min(1.0, (math.sqrt(max(0.0, b * b - a * c)) - b) / a))
+        if share == 1.0:
+            return Vector3(*wanted)
+        return add(Vector3(*braked), scale(rest, share))

@@ -1,0 +1,271 @@
+"""A session: one device, one robot, one plain loop in one thread of a process of its own.
+
+The robot is the clock: each of its control instants is answered from the loop's own turn, with
+no queue between. The process holds nothing else, because any other busy thread would show in the
+loop's latency; views and recorders live in other processes and get snapshots.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+import json
+import math
+import signal
+import socket
+import sys
+import time
+from types import FrameType
+from typing import Any
+
+from cardan.drivers.base import OperatorDevice, RobotDriver
+from cardan.errors import CardanError, ConfigurationError, DriverError
+from cardan.gateway.config import SessionConfig, make_device, make_robot, parse_config
+from cardan.gateway.engine import Phase, TeleopEngine
+from cardan.gateway.mapping import TwistMapping
+from cardan.gateway.reference import Reference
+from cardan.gateway.snapshot import Snapshot
+from cardan.histogram import LatencyHistogram
+from cardan.spatial import norm, subtract
+from cardan.types import (
+    CommandKind,
+    DeviceFeedback,
+    DeviceState,
+    RobotState,
+)
+
+SNAPSHOT_PERIOD_S = 0.1
+"""A person reads no faster; at 250 Hz one tick in 25 pays for it, after its answer has left."""
+
+BRAKE_TIMEOUT_S = 5.0
+"""Longest a stopping session waits for its robot to come to rest before it lets go."""
+
+
+class Session:
+    """The loop. Build it from a configuration with :func:`make_session`."""
+
+    def __init__(
+        self,
+        device: OperatorDevice,
+        robot: RobotDriver,
+        engine: TeleopEngine,
+        config: SessionConfig,
+        channel: socket.socket | None = None,
+    ) -> None:
+        self.device = device
+        self.robot = robot
+        self.engine = engine
+        self.snapshot = Snapshot()
+        self._gripper = config.gripper
+        self._channel = channel
+        self._ticks = LatencyHistogram()
+        self._square_sum_m2 = 0.0
+        self._moving_cycles = 0
+        self._led: bool | None = None
+        self._stop_reason = ""
+
+    def stop(self, reason: str) -> None:
+        """Ask for the end: brake, hold, then leave. May be called from a signal handler."""
+        self._stop_reason = self._stop_reason or reason
+
+    def run(self, seconds: float = math.inf) -> Snapshot:
+        """Run until stopped or until `seconds` are over; returns the last snapshot.
+
+        Raises DriverError when the device or robot cannot be opened.
+        """
+        with self.device, self.robot:
+            self._check()
+            # The loop makes no cycles of references worth collecting, and a collection in it
+            # costs milliseconds.
+            gc.collect()
+            gc.freeze()
+            gc.disable()
+            try:
+                self._loop(seconds)
+            finally:
+                gc.enable()
+                gc.unfreeze()
+                self._show_led(False)
+        return self.snapshot
+
+    def _check(self) -> None:
+        if CommandKind.POSE not in self.robot.capabilities.commands:
+            kinds = ", ".join(sorted(k.value for k in self.robot.capabilities.commands))
+            raise ConfigurationError(
+                "robot", f"as configured it takes {kinds}; a session needs it to take poses"
+            )
+        known = self.device.capabilities.buttons
+        options = self.engine.mapping.options
+        for key, button in (
+            ("mapping.deadman", options.deadman),
+            *((f"gripper.{action.value}", name) for name, action in options.gripper),
+        ):
+            if button and known and button not in known:
+                raise ConfigurationError(
+                    key, f"the device has no button {button!r}; it has: {', '.join(known)}"
+                )
+
+    def _loop(self, seconds: float) -> None:
+        robot, device, engine = self.robot, self.device, self.engine
+        mapping, reference = engine.mapping, engine.reference
+        monotonic, tick_cost = time.monotonic, self._ticks.add
+        gripper_closed = mapping.gripper_closed
+        start_s = monotonic()
+        end_s = start_s + seconds
+        next_snapshot_s = start_s
+        give_up_s = math.inf
+        snapshot = self.snapshot
+        state: RobotState | None = None
+        for state in robot.cycles():
+            hand = device.state()
+            command = engine.tick(state, hand, device.button_events())
+            if mapping.gripper_closed is not gripper_closed:
+                gripper_closed = mapping.gripper_closed
+                self._move_gripper(gripper_closed)
+            robot.send(command)
+            now_s = monotonic()
+            if state.ready:
+                tick_cost(now_s - state.stamp_s)
+                snapshot.cycles += 1
+                if engine.phase is Phase.MOVING or engine.phase is Phase.BRAKING:
+                    self._account(state)
+            # Everything below is bookkeeping: the answer has left.
+            if self._stop_reason or now_s >= end_s:
+                if give_up_s == math.inf:
+                    engine.request_stop(self._stop_reason or "the session's time is over")
+                    give_up_s = now_s + BRAKE_TIMEOUT_S
+                if not reference.moving or not state.ready or now_s >= give_up_s:
+                    break
+            if now_s >= next_snapshot_s:
+                next_snapshot_s = now_s + SNAPSHOT_PERIOD_S
+                self._publish(state, hand, now_s - start_s)
+        if state is not None:
+            snapshot.finished = True
+            self._publish(state, device.state(), monotonic() - start_s)
+
+    def _account(self, state: RobotState) -> None:
+        """Keep the figures of the summary: path, and how well the robot is where it is told."""
+        reference = self.engine.reference
+        if reference.pose is None or state.pose is None:
+            return
+        error_m = norm(subtract(reference.pose.position, state.pose.position))
+        self._square_sum_m2 += error_m * error_m
+        self._moving_cycles += 1
+        snapshot = self.snapshot
+        snapshot.error_max_m = max(snapshot.error_max_m, error_m)
+        snapshot.path_m += norm(reference.linear) * state.period_s
+        snapshot.moving_s += state.period_s
+
+    def _move_gripper(self, closed: bool) -> None:
+        table = self._gripper
+        if isinstance(table.output, str):
+            self.robot.set_outputs(digital=(table.closed_value if closed else table.open_value) > 0)
+        else:
+            values = [0.0] * (table.output + 1)
+            values[table.output] = table.closed_value if closed else table.open_value
+            self.robot.set_outputs(values=values)
+
+    def _show_led(self, on: bool) -> None:
+        """The device's light says that the hand is on the robot."""
+        if on is self._led or "led" not in self.device.capabilities.feedback:
+            return
+        self._led = on
+        # A light that cannot be set is no reason to stop: the link itself is watched elsewhere.
+        with contextlib.suppress(DriverError):
+            self.device.feedback(DeviceFeedback(led=on))
+
+    def _publish(self, state: RobotState, hand: DeviceState, elapsed_s: float) -> None:
+        status = self.engine.status()
+        s = self.snapshot
+        s.elapsed_s = elapsed_s
+        s.phase, s.message, s.trips = status.phase.value, status.message, status.trips
+        s.device_link, s.device_reason = hand.link.value, hand.reason
+        s.axes, s.buttons, s.battery = list(hand.axes), sorted(hand.buttons), hand.battery
+        s.robot_link, s.hold_reason = state.link.value, state.hold_reason
+        s.sequence, s.joints_rad = state.sequence, list(state.joints)
+        if state.pose is not None:
+            s.pose = [*state.pose.position, *state.pose.orientation]
+        if status.pose is not None:
+            s.reference = [*status.pose.position, *status.pose.orientation]
+        s.twist = [*status.twist.linear, *status.twist.angular]
+        s.leash_used, s.at_workspace_limit = status.leash_used, status.at_workspace_limit
+        s.gripper_closed, s.utilization = status.gripper_closed, state.utilization
+        if self._moving_cycles:
+            s.error_rms_m = math.sqrt(self._square_sum_m2 / self._moving_cycles)
+        s.tick_p50_s, s.tick_p99_s = self._ticks.percentile(50), self._ticks.percentile(99)
+        s.tick_max_s = self._ticks.max
+        s.metrics = self.robot.metrics()
+        s.diagnosis = [*self.robot.diagnosis(), *self.device.diagnosis()]
+        self._show_led(status.phase in (Phase.HOLDING, Phase.MOVING))
+        self._tell(s)
+
+    def _tell(self, snapshot: Snapshot) -> None:
+        if self._channel is None:
+            return
+        try:
+            self._channel.send(snapshot.to_bytes())
+        except BlockingIOError:
+            pass  # The reader is slow; a newer snapshot follows.
+        except OSError:
+            self._channel = None
+            self.stop("the process that started this session is gone")
+
+
+def make_session(config: SessionConfig, channel: socket.socket | None = None) -> Session:
+    """A session as configured, nothing opened yet."""
+    engine = TeleopEngine(
+        TwistMapping(config.mapping_options()),
+        Reference(config.reference_limits()),
+        config.watchdog_limits(),
+    )
+    return Session(make_device(config), make_robot(config), engine, config, channel)
+
+
+# ---------------------------------------------------------------------------------------------
+# The session's own process: python -m cardan.gateway.session
+
+EXIT_OK = 0
+EXIT_INTERNAL = 1
+EXIT_CONFIGURATION = 2
+EXIT_CANNOT_OPEN = 3
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the session whose configuration comes as JSON on standard input."""
+    parser = argparse.ArgumentParser(prog="cardan-session")
+    parser.add_argument("--channel-fd", type=int, required=True)
+    parser.add_argument("--seconds", type=float, default=math.inf)
+    options = parser.parse_args(arguments)
+    channel = socket.socket(fileno=options.channel_fd)
+    channel.setblocking(False)
+    table: dict[str, Any] = json.load(sys.stdin)
+    last = Snapshot(finished=True)
+    code = EXIT_INTERNAL
+    try:
+        session = make_session(parse_config(table), channel)
+
+        def stop(number: int, _frame: FrameType | None) -> None:
+            session.stop(f"stopped by {signal.Signals(number).name}")
+
+        # A terminal's Ctrl-C reaches the supervisor, which asks with SIGTERM.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, stop)
+        last = session.snapshot
+        session.run(options.seconds)
+        code = EXIT_OK
+    except ConfigurationError as error:
+        code, last.error = EXIT_CONFIGURATION, str(error)
+    except DriverError as error:
+        code, last.error = EXIT_CANNOT_OPEN, str(error)
+    except CardanError as error:
+        last.error = str(error)
+    if last.error:
+        last.finished = True
+        channel.setblocking(True)
+        channel.send(last.to_bytes())
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

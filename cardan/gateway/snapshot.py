@@ -1,0 +1,82 @@
+"""What a session tells the world about itself, a few times a second.
+
+A snapshot is one JSON object in one packet, so that any face in any process can read it. The
+session publishes decimated snapshots, the latest wins, and it never waits for a reader.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+MAX_SNAPSHOT_BYTES = 65536
+"""Room for a packet: a real snapshot has 2 to 4 kB, diagnosis included."""
+
+
+@dataclass
+class Snapshot:
+    """One look at a session. Lengths in m, angles in rad, times in s, shares in 0..1."""
+
+    elapsed_s: float = 0.0
+    finished: bool = False
+    """True for the last snapshot of a session."""
+    phase: str = ""
+    message: str = ""
+    trips: int = 0
+    device_link: str = ""
+    device_reason: str = ""
+    axes: list[float] = field(default_factory=list)
+    buttons: list[str] = field(default_factory=list)
+    battery: float | None = None
+    robot_link: str = ""
+    hold_reason: str = ""
+    sequence: int = 0
+    joints_rad: list[float] = field(default_factory=list)
+    pose: list[float] = field(default_factory=list)
+    """Measured: x y z in m, then w x y z."""
+    reference: list[float] = field(default_factory=list)
+    """Commanded: likewise."""
+    twist: list[float] = field(default_factory=list)
+    """Commanded: m/s, then rad/s, base axes."""
+    leash_used: float = 0.0
+    at_workspace_limit: bool = False
+    gripper_closed: bool = False
+    utilization: float | None = None
+    cycles: int = 0
+    """Control instants of the robot that were answered."""
+    path_m: float = 0.0
+    """How far the reference has travelled."""
+    moving_s: float = 0.0
+    error_rms_m: float = 0.0
+    """Distance between reference and robot while moving."""
+    error_max_m: float = 0.0
+    tick_p50_s: float = 0.0
+    tick_p99_s: float = 0.0
+    tick_max_s: float = 0.0
+    metrics: dict[str, float] = field(default_factory=dict)
+    """The robot driver's own figures."""
+    diagnosis: list[str] = field(default_factory=list)
+    """What stands in the way, worst first: robot, then device."""
+    error: str = ""
+    """Why the session ended, when it did not end as asked."""
+
+    def to_bytes(self) -> bytes:
+        """As one packet. Figures that are not numbers travel as null."""
+        return json.dumps(_finite(asdict(self)), separators=(",", ":")).encode()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Snapshot:
+        """From one packet."""
+        return cls(**json.loads(data))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return value

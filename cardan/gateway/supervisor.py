@@ -1,0 +1,119 @@
+"""Starts a session in a process of its own and hands its snapshots to whoever shows them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import NamedTuple
+
+from cardan.gateway.config import SessionConfig
+from cardan.gateway.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
+from cardan.gateway.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+
+KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0
+"""A session that has not left this long after it was asked is ended by force."""
+
+IDLE_S = 0.25
+"""How often a supervisor looks around when its session says nothing."""
+
+
+class Outcome(NamedTuple):
+    """How a session ended."""
+
+    exit_code: int
+    last: Snapshot
+
+
+@contextlib.contextmanager
+def _on_interrupt(action: Callable[[], None]) -> Iterator[None]:
+    def handler(_number: int, _frame: FrameType | None) -> None:
+        action()
+
+    previous = {n: signal.signal(n, handler) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, old in previous.items():
+            signal.signal(number, old)
+
+
+def supervise(
+    config: SessionConfig,
+    seconds: float = math.inf,
+    show: Callable[[Snapshot], None] = lambda _snapshot: None,
+    poll: Callable[[], bool] = lambda: True,
+) -> Outcome:
+    """Run a session as configured until it ends; `show` gets each snapshot.
+
+    SIGINT and SIGTERM ask it to brake, hold and leave; so does `poll`, called several times a
+    second, by returning False.
+    """
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "cardan.gateway.session",
+                f"--channel-fd={theirs.fileno()}",
+                f"--seconds={seconds}",
+            ],
+            stdin=subprocess.PIPE,
+            pass_fds=(theirs.fileno(),),
+            # Ctrl-C is ours to translate into an orderly stop.
+            start_new_session=True,
+        )
+        theirs.close()
+        stopping = False
+
+        def stop() -> None:
+            nonlocal stopping
+            if not stopping:
+                stopping = True
+                process.terminate()
+
+        last = Snapshot()
+        try:
+            assert process.stdin is not None
+            with contextlib.suppress(BrokenPipeError), process.stdin as stdin:
+                stdin.write(json.dumps(config.model_dump(mode="json")).encode())
+            with _on_interrupt(stop):
+                for snapshot in _snapshots(ours, stop, poll):
+                    last = snapshot
+                    show(snapshot)
+            code = process.wait(KILL_AFTER_S)
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+        if code != 0 and not last.error:
+            last.error = f"the session's process ended with status {code}"
+        return Outcome(code if code >= 0 else EXIT_INTERNAL, last)
+
+
+def _snapshots(
+    channel: socket.socket, stop: Callable[[], None], poll: Callable[[], bool]
+) -> Iterator[Snapshot]:
+    """Snapshots as they come, until the session closes its end."""
+    with selectors.DefaultSelector() as selector:
+        selector.register(channel, selectors.EVENT_READ)
+        while True:
+            if not poll():
+                stop()
+            if not selector.select(IDLE_S):
+                continue
+            try:
+                packet = channel.recv(MAX_SNAPSHOT_BYTES)
+            except ConnectionResetError:
+                return
+            if not packet:
+                return
+            yield Snapshot.from_bytes(packet)

@@ -1,0 +1,172 @@
+"""A session as a person sees it: the live terminal view, plain lines, and the summary."""
+
+from __future__ import annotations
+
+import math
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from cardan.gateway.mapping import AXES
+from cardan.gateway.snapshot import Snapshot
+
+BAR_CELLS = 9
+"""Cells on each side of zero in an axis bar."""
+
+PLAIN_PERIOD_S = 1.0
+"""How often a view that is not on a terminal prints a line."""
+
+_PHASE_STYLES = {
+    "moving": "bold green",
+    "holding": "green",
+    "braking": "yellow",
+    "disarmed": "yellow",
+    "no robot": "red",
+}
+
+
+def _bar(value: float, full_scale: float) -> Text:
+    filled = min(BAR_CELLS, round(abs(value) / full_scale * BAR_CELLS)) if full_scale else 0
+    left, right = (filled, 0) if value < 0 else (0, filled)
+    text = Text(" " * (BAR_CELLS - left) + "█" * left, style="cyan")
+    return text.append("│", style="dim").append("█" * right + " " * (BAR_CELLS - right))
+
+
+def _position_mm(pose: list[float]) -> str:
+    return "  ".join(f"{v * 1e3:8.1f}" for v in pose[:3]) if pose else "–"
+
+
+def _microseconds(seconds: float | None) -> str:
+    return "–" if seconds is None else f"{seconds * 1e6:,.0f} µs"
+
+
+def _link(word: str) -> Text:
+    return Text(word or "–", style="green" if word == "live" else "red")
+
+
+def render(snapshot: Snapshot) -> RenderableType:
+    """One frame of the live view."""
+    s = snapshot
+    hand = Table.grid(padding=(0, 1))
+    for index, name in enumerate(AXES):
+        deflection = s.axes[index] if s.axes else 0.0
+        speed = s.twist[index] if s.twist else 0.0
+        unit = "mm/s" if index < 3 else "mrad/s"
+        hand.add_row(
+            name, _bar(deflection, 1.0), f"{deflection:+.2f}", f"{speed * 1e3:+8.1f}", unit
+        )
+
+    metrics = s.metrics
+    robot = Table.grid(padding=(0, 2))
+    robot.add_row("TCP measured, mm", _position_mm(s.pose))
+    robot.add_row("TCP commanded, mm", _position_mm(s.reference))
+    robot.add_row("joints, deg", "  ".join(f"{math.degrees(q):6.1f}" for q in s.joints_rad) or "–")
+    robot.add_row(
+        "gripper, leash",
+        f"{'closed' if s.gripper_closed else 'open'}, {s.leash_used:.0%}"
+        + (", at the workspace's edge" if s.at_workspace_limit else ""),
+    )
+    robot.add_row("answered, lost", f"{s.cycles:,}, {metrics.get('lost', 0):,.0f}")
+    robot.add_row(
+        "answer latency p50, p99",
+        f"{_microseconds(s.tick_p50_s)}, {_microseconds(s.tick_p99_s)}",
+    )
+    links = Text.assemble(
+        "hand ",
+        _link(s.device_link),
+        "   robot ",
+        _link(s.robot_link),
+        "   ",
+        (s.phase or "starting", _PHASE_STYLES.get(s.phase, "")),
+        f"   {s.elapsed_s:6.1f} s",
+    )
+    if s.buttons:
+        links.append(f"   [{', '.join(s.buttons)}]")
+    if s.battery is not None:
+        links.append(f"   battery {s.battery:.0%}")
+    lines: list[RenderableType] = [links]
+    if s.message:
+        lines.append(Text(s.message, style="yellow"))
+    lines += [Text(line, style="dim") for line in s.diagnosis[:3]]
+    columns = Table.grid(padding=(0, 4))
+    columns.add_row(hand, robot)
+    return Panel(Group(*lines, Text(), columns), title="cardan", subtitle="Ctrl-C: brake and stop")
+
+
+class SessionView:
+    """Shows snapshots: a live panel on a terminal, a line a second elsewhere."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self.console = console or Console()
+        self._live: Live | None = None
+        self._next_line_s = 0.0
+        self._last_message = ""
+
+    def __enter__(self) -> SessionView:
+        if self.console.is_terminal:
+            self._live = Live(
+                Text("starting"), console=self.console, refresh_per_second=10, transient=True
+            )
+            self._live.start()
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Show the newest snapshot."""
+        if self._live is not None:
+            self._live.update(render(snapshot))
+            return
+        due = snapshot.elapsed_s >= self._next_line_s
+        if due or snapshot.message != self._last_message:
+            self._next_line_s = snapshot.elapsed_s + PLAIN_PERIOD_S
+            self._last_message = snapshot.message
+            print(plain(snapshot), flush=True)
+
+
+def plain(snapshot: Snapshot) -> str:
+    """One snapshot as one line."""
+    s = snapshot
+    speed_mm_s = math.sqrt(sum(v * v for v in s.twist[:3])) * 1e3
+    text = (
+        f"{s.elapsed_s:6.1f} s  {s.phase or 'starting':9} hand {s.device_link}, "
+        f"robot {s.robot_link}  TCP {_position_mm(s.pose)} mm  {speed_mm_s:5.1f} mm/s  "
+        f"answers {s.cycles}, lost {s.metrics.get('lost', 0):.0f}, "
+        f"p99 {_microseconds(s.tick_p99_s)}"
+    )
+    return f"{text}  | {s.message}" if s.message else text
+
+
+def summary(snapshot: Snapshot) -> Table:
+    """The table at the end of a session."""
+    s, metrics = snapshot, snapshot.metrics
+    table = Table(title="session summary", show_header=False, title_justify="left")
+    table.add_column()
+    table.add_column(justify="right")
+    for name, value in (
+        ("time", f"{s.elapsed_s:.1f} s, moving {s.moving_s:.1f} s"),
+        ("commanded path", f"{s.path_m * 1e3:.0f} mm"),
+        ("following error, RMS / max", f"{s.error_rms_m * 1e3:.2f} / {s.error_max_m * 1e3:.2f} mm"),
+        ("cycles answered", f"{s.cycles:,}"),
+        ("cycles missed", f"{metrics.get('lost', 0):,.0f}"),
+        ("robot sessions", f"{metrics.get('sessions', 0):.0f}"),
+        (
+            "cycle period, mean / jitter p99",
+            f"{metrics.get('period_mean_s', 0.0) * 1e3:.3f} ms / "
+            f"{_microseconds(metrics.get('period_jitter_p99_s'))}",
+        ),
+        (
+            "answer latency, p50 / p99 / max",
+            " / ".join(map(_microseconds, (s.tick_p50_s, s.tick_p99_s, s.tick_max_s))),
+        ),
+        ("hand taken off the robot", f"{s.trips} times"),
+        ("last message", s.message or "–"),
+    ):
+        table.add_row(name, value)
+    return table

@@ -1,0 +1,1 @@
+"""One module per emulated device or controller, speaking the real protocol."""

@@ -1,0 +1,142 @@
+"""What every simulated peer shares: fault switches, motion scripts, and the serving loop.
+
+A peer's behaviour is a sans-I/O core that takes time as an argument, so that tests run it in
+virtual time; a thin shell serves it over the real kind of transport. Peers never import drivers.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import signal
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import FrameType
+from typing import NamedTuple
+
+from cardan.errors import ScriptError
+
+
+class FaultSwitch(NamedTuple):
+    """One fault a peer can be told to have: ``--fault NAME`` or ``--fault NAME=VALUE``."""
+
+    name: str
+    help: str
+    """What it does and the unit of its value, one line."""
+    default: float = 1.0
+    """The value of a bare ``--fault NAME``."""
+
+
+def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[str, float]:
+    """Turn ``NAME[=VALUE]`` words into values by name; ScriptError names what there is."""
+    known = {switch.name: switch for switch in switches}
+    faults: dict[str, float] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if name not in known:
+            raise ScriptError(f"there is no fault {name!r}; there are: {', '.join(sorted(known))}")
+        try:
+            faults[name] = float(text) if equals else known[name].default
+        except ValueError:
+            raise ScriptError(f"fault {name}: {text!r} is not a number") from None
+    return faults
+
+
+class ScriptStep(NamedTuple):
+    """One line of a script: at `time_s` after the start, do `verb` with `args`."""
+
+    time_s: float
+    verb: str
+    args: tuple[str, ...]
+
+
+def parse_script(text: str, verbs: Mapping[str, str]) -> tuple[ScriptStep, ...]:
+    """Read a script: a line a step, ``SECONDS VERB [ARGUMENT ...]``; ``#`` starts a comment.
+
+    `verbs` maps each verb to its usage, which a ScriptError quotes. Times must not go back.
+    """
+    steps: list[ScriptStep] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        words = shlex.split(line, comments=True)
+        if not words:
+            continue
+        try:
+            time_s = float(words[0])
+        except ValueError:
+            raise ScriptError(f"line {number}: {words[0]!r} is not a time in seconds") from None
+        if len(words) < 2 or words[1] not in verbs:
+            raise ScriptError(
+                f"line {number}: after the time comes one of: " + "; ".join(verbs.values())
+            )
+        if steps and time_s < steps[-1].time_s:
+            raise ScriptError(f"line {number}: time {time_s} s is before the line above")
+        steps.append(ScriptStep(time_s, words[1], tuple(words[2:])))
+    return tuple(steps)
+
+
+def load_script(
+    name_or_file: str, built_in: Mapping[str, str], verbs: Mapping[str, str]
+) -> tuple[ScriptStep, ...]:
+    """A built-in script by name, or one read from a file."""
+    if name_or_file in built_in:
+        return parse_script(built_in[name_or_file], verbs)
+    path = Path(name_or_file)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScriptError(
+            f"script {name_or_file!r} is neither a file that can be read ({error}) nor one of: "
+            f"{', '.join(sorted(built_in))}"
+        ) from None
+    return parse_script(text, verbs)
+
+
+class SimulatedPeer(ABC):
+    """A peer that can be served. Shells implement these four; `serve` is the stand-alone loop."""
+
+    @property
+    @abstractmethod
+    def endpoint(self) -> str:
+        """What others connect to; printed after READY."""
+
+    @abstractmethod
+    def open(self) -> None:
+        """Bind or create the transport. Raises a CardanError that says what to do."""
+
+    @abstractmethod
+    def step(self, until_s: float) -> None:
+        """Serve until the monotonic time `until_s`, or return earlier (peers poll in here)."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the transport; remove what open() created. Never raises."""
+
+
+SERVE_SLICE_S = 0.1
+"""How soon a served peer notices that it was interrupted."""
+
+
+def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
+    """Run `peer` until `seconds` are over, SIGINT or SIGTERM; print READY once it serves."""
+    stopping = False
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        nonlocal stopping
+        stopping = True
+
+    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        peer.open()
+        print(f"READY {peer.endpoint}", flush=True)
+        end_s = float("inf") if seconds is None else time.monotonic() + seconds
+        while not stopping and (now_s := time.monotonic()) < end_s:
+            peer.step(min(end_s, now_s + SERVE_SLICE_S))
+    finally:
+        with contextlib.suppress(BrokenPipeError):
+            sys.stdout.flush()
+        peer.close()
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,149 @@
+"""Rotations and rigid motions on the value types of :mod:`cardan.types`.
+
+Plain Python on purpose: a control tick handles a handful of three-vectors, where one numpy call
+costs more than the whole product written out.
+
+Rotation vectors are axis times angle in rad. Quaternions are scalar first and active: `rotate(q,
+v)` expresses in the outer frame a vector given in the frame that `q` orients.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cardan.types import Quaternion, Vector3
+
+_SMALL_ANGLE = 1e-8
+"""Below this angle (rad) sin(x)/x is 1 to the last bit of a double."""
+
+
+def norm(v: Vector3) -> float:
+    """Length of `v`."""
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+def dot(a: Vector3, b: Vector3) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def add(a: Vector3, b: Vector3) -> Vector3:
+    """Sum."""
+    return Vector3(a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def subtract(a: Vector3, b: Vector3) -> Vector3:
+    """`a` minus `b`."""
+    return Vector3(a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scale(v: Vector3, factor: float) -> Vector3:
+    """`v` times `factor`."""
+    return Vector3(v[0] * factor, v[1] * factor, v[2] * factor)
+
+
+def limit_norm(v: Vector3, longest: float) -> Vector3:
+    """`v`, shortened to `longest` if it is longer; the direction stays."""
+    length = norm(v)
+    return v if length <= longest else scale(v, longest / length)
+
+
+def is_finite(values: tuple[float, ...]) -> bool:
+    """True when no element is NaN or infinite."""
+    return all(map(math.isfinite, values))
+
+
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The rotation `b` followed by `a` (both in the outer frame)."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return Quaternion(
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """The inverse rotation of a unit quaternion."""
+    return Quaternion(q[0], -q[1], -q[2], -q[3])
+
+
+def normalized(q: Quaternion) -> Quaternion:
+    """`q` at unit length. Raises ValueError where there is no direction to keep."""
+    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if not 1e-12 < length < math.inf:
+        raise ValueError(f"quaternion {tuple(q)} has no direction")
+    return Quaternion(q[0] / length, q[1] / length, q[2] / length, q[3] / length)
+
+
+def same_hemisphere(q: Quaternion, reference: Quaternion) -> Quaternion:
+    """`q` or -q (the same rotation), whichever is nearer to `reference`."""
+    if q[0] * reference[0] + q[1] * reference[1] + q[2] * reference[2] + q[3] * reference[3] < 0:
+        return Quaternion(-q[0], -q[1], -q[2], -q[3])
+    return q
+
+
+def rotate(q: Quaternion, v: Vector3) -> Vector3:
+    """`v`, given in the frame that `q` orients, in the outer frame."""
+    w, x, y, z = q
+    vx, vy, vz = v
+    tx = 2.0 * (y * vz - z * vy)
+    ty = 2.0 * (z * vx - x * vz)
+    tz = 2.0 * (x * vy - y * vx)
+    return Vector3(
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
+
+
+def from_rotation_vector(v: Vector3) -> Quaternion:
+    """The rotation about `v` by its length in rad (the exponential map)."""
+    angle = norm(v)
+    if angle < _SMALL_ANGLE:
+        return normalized(Quaternion(1.0, 0.5 * v[0], 0.5 * v[1], 0.5 * v[2]))
+    factor = math.sin(0.5 * angle) / angle
+    return Quaternion(math.cos(0.5 * angle), v[0] * factor, v[1] * factor, v[2] * factor)
+
+
+def to_rotation_vector(q: Quaternion) -> Vector3:
+    """The shortest rotation vector of a unit quaternion, rad (the logarithm); |v| <= pi."""
+    w, x, y, z = q if q[0] >= 0 else (-q[0], -q[1], -q[2], -q[3])
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine < _SMALL_ANGLE:
+        return Vector3(2.0 * x, 2.0 * y, 2.0 * z)
+    factor = 2.0 * math.atan2(sine, w) / sine
+    return Vector3(x * factor, y * factor, z * factor)
+
+
+def rotation_between(a: Quaternion, b: Quaternion) -> Vector3:
+    """The rotation vector, in the outer frame, that turns `a` into `b` the short way, rad."""
+    return to_rotation_vector(multiply(b, conjugate(a)))
+
+
+def from_euler_zyx(x: float, y: float, z: float) -> Quaternion:
+    """R = Rz(z)·Ry(y)·Rx(x), angles in rad (RAPID's EulerZYX, EGM's EgmEuler)."""
+    cx, sx = math.cos(0.5 * x), math.sin(0.5 * x)
+    cy, sy = math.cos(0.5 * y), math.sin(0.5 * y)
+    cz, sz = math.cos(0.5 * z), math.sin(0.5 * z)
+    return Quaternion(
+        cx * cy * cz + sx * sy * sz,
+        sx * cy * cz - cx * sy * sz,
+        cx * sy * cz + sx * cy * sz,
+        cx * cy * sz - sx * sy * cz,
+    )
+
+
+def to_euler_zyx(q: Quaternion) -> Vector3:
+    """Angles (x, y, z) in rad of R = Rz(z)·Ry(y)·Rx(x); at y = ±90° the x angle carries z."""
+    w, x, y, z = q
+    sine = max(-1.0, min(1.0, 2.0 * (w * y - z * x)))
+    if abs(sine) > 1.0 - 1e-12:
+        return Vector3(2.0 * math.atan2(x, w), math.copysign(0.5 * math.pi, sine), 0.0)
+    return Vector3(
+        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        math.asin(sine),
+        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )

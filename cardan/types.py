@@ -1,0 +1,292 @@
+"""Values that cross module borders.
+
+Every value is immutable, in SI units (metres, radians, seconds, newtons), and carries the frame
+it is expressed in and, where it is a reading or a command, the local monotonic time it belongs to.
+
+They are named tuples because one is made in every control cycle: a frozen dataclass of the same
+size costs three to four times as much to create.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+NEVER_S = float("-inf")
+"""The stamp of something that has not happened yet: older than any age limit."""
+
+
+class Frame(enum.Enum):
+    """The frame a pose, twist or wrench is expressed in."""
+
+    BASE = "base"
+    """The frame the robot reports its poses in: its base, or the active work object (ABB)."""
+    TOOL = "tool"
+    """The tool centre point (TCP), moving with the robot."""
+
+
+class Vector3(NamedTuple):
+    """Three components along right-handed axes; the unit is that of the field that holds it."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(NamedTuple):
+    """A rotation as a unit quaternion, scalar first. q and -q are the same rotation."""
+
+    w: float
+    x: float
+    y: float
+    z: float
+
+
+ZERO3 = Vector3(0.0, 0.0, 0.0)
+IDENTITY = Quaternion(1.0, 0.0, 0.0, 0.0)
+
+
+class Pose(NamedTuple):
+    """Where a frame (usually the TCP) is: position in m, orientation as a unit quaternion."""
+
+    position: Vector3
+    orientation: Quaternion
+    frame: Frame = Frame.BASE
+
+
+class Twist(NamedTuple):
+    """Velocity of the TCP: linear in m/s, angular in rad/s, both along the axes of `frame`.
+
+    The linear part is that of the TCP point itself, whatever the frame (no lever-arm terms).
+    """
+
+    linear: Vector3
+    angular: Vector3
+    frame: Frame = Frame.BASE
+
+
+ZERO_TWIST = Twist(ZERO3, ZERO3, Frame.BASE)
+
+
+class Wrench(NamedTuple):
+    """Force in N and torque in N·m at the TCP, along the axes of `frame`."""
+
+    force: Vector3
+    torque: Vector3
+    frame: Frame = Frame.BASE
+
+
+# ---------------------------------------------------------------------------------------------
+# Operator devices
+
+
+class DeviceLink(enum.Enum):
+    """How far the newest state of an operator device can be trusted."""
+
+    CLOSED = "closed"
+    """Not opened, or closed on request."""
+    LOST = "lost"
+    """Unplugged, read error, or not to be found; the driver keeps trying to open it again."""
+    STALE = "stale"
+    """Open, but silent while deflected: the link is in trouble, the axes are given as zero."""
+    NEEDS_NEUTRAL = "needs neutral"
+    """Talking, but not seen at rest since it was opened or lost: the axes are given as zero."""
+    LIVE = "live"
+    """Trustworthy: silence now means that the operator holds still."""
+
+
+class ButtonEvent(NamedTuple):
+    """One edge of one button, in the order the device reported it."""
+
+    stamp_s: float
+    button: str
+    pressed: bool
+
+
+class DeviceState(NamedTuple):
+    """The newest state of an operator device.
+
+    `axes` are six deflections in -1..1 after calibration, dead zone and curve: x forward (away
+    from the operator), y left, z up, then right-handed rotations about the same axes. They are
+    all zero unless `link` is LIVE.
+    """
+
+    stamp_s: float
+    """Local monotonic time of the newest report, s; NEVER_S before the first."""
+    link: DeviceLink
+    axes: tuple[float, float, float, float, float, float]
+    buttons: frozenset[str]
+    """Names of the buttons held down."""
+    pose: Pose | None = None
+    """Pose of the hand, for devices that measure one (frame: the device's base)."""
+    battery: float | None = None
+    """Charge, 0..1, where the device reports it."""
+    reason: str = ""
+    """Why `link` is not LIVE, in words; empty when it is."""
+
+
+class DeviceCapabilities(NamedTuple):
+    """What an operator device can give and take."""
+
+    gives_pose: bool
+    """True: `DeviceState.pose` is measured; False: `axes` are deflections (rate control)."""
+    buttons: tuple[str, ...]
+    feedback: frozenset[str]
+    """Any of "led", "rumble", "wrench"."""
+    battery: bool
+
+
+class DeviceFeedback(NamedTuple):
+    """What the gateway gives back to the hand. None leaves a channel as it is."""
+
+    led: bool | None = None
+    rumble: float | None = None
+    """0 (off) to 1 (strongest)."""
+    wrench: Wrench | None = None
+
+
+# ---------------------------------------------------------------------------------------------
+# Robots
+
+
+class RobotLink(enum.Enum):
+    """Whether the robot's controller is being heard."""
+
+    WAITING = "waiting"
+    """Nothing was ever heard."""
+    LIVE = "live"
+    LOST = "lost"
+    """Heard before, silent now."""
+
+
+class RobotState(NamedTuple):
+    """What a robot reported at one of its control instants, or that it is silent."""
+
+    stamp_s: float
+    """Local monotonic time of reception (of this tick, when the link is not LIVE), s."""
+    link: RobotLink
+    session: int
+    """Counts the controller's sessions. When it changes, earlier targets are void."""
+    sequence: int
+    """The controller's sequence number of this state."""
+    period_s: float
+    """Time since the control instant before this one, by the robot's clock, s."""
+    joints: tuple[float, ...]
+    """Measured joint positions in kinematic order, rad."""
+    joints_planned: tuple[float, ...]
+    """Joint positions the controller is heading for, rad; empty when it does not say."""
+    external_axes: tuple[float, ...]
+    """Measured external axes, rad (rotary) or m (linear)."""
+    pose: Pose | None
+    """Measured TCP pose."""
+    pose_planned: Pose | None
+    """TCP pose the controller is heading for."""
+    hold_reason: str
+    """Why commands would not act now, in words ("motors are off"); empty when they do."""
+    wrench: Wrench | None = None
+    utilization: float | None = None
+    """Share of the robot's ability the last reference needed; above 1 it was shortened."""
+    clock_s: float | None = None
+    """The controller's own clock, s since the Unix epoch."""
+
+    @property
+    def ready(self) -> bool:
+        """True when a command sent now moves the robot."""
+        return self.link is RobotLink.LIVE and not self.hold_reason
+
+
+class CommandKind(enum.Enum):
+    """What a robot driver can be sent."""
+
+    HOLD = "hold"
+    JOINT = "joint"
+    POSE = "pose"
+    JOINT_VELOCITY = "joint velocity"
+    TWIST = "twist"
+    PATH_CORRECTION = "path correction"
+
+
+class HoldCommand(NamedTuple):
+    """Stay at the last commanded position with zero speed (the measured one before any)."""
+
+    kind: CommandKind = CommandKind.HOLD
+
+
+class JointCommand(NamedTuple):
+    """Be at `positions` now, moving at `velocities` (feed-forward)."""
+
+    positions: tuple[float, ...]
+    """rad, kinematic order."""
+    velocities: tuple[float, ...] | None = None
+    """rad/s."""
+    external_axes: tuple[float, ...] = ()
+    """rad or m."""
+    kind: CommandKind = CommandKind.JOINT
+
+
+class PoseCommand(NamedTuple):
+    """Have the TCP at `pose` (frame BASE) now, moving at `twist` (feed-forward, frame BASE)."""
+
+    pose: Pose
+    twist: Twist | None = None
+    external_axes: tuple[float, ...] = ()
+    kind: CommandKind = CommandKind.POSE
+
+
+class JointVelocityCommand(NamedTuple):
+    """Move at `velocities`, rad/s, with no position to hold."""
+
+    velocities: tuple[float, ...]
+    kind: CommandKind = CommandKind.JOINT_VELOCITY
+
+
+class TwistCommand(NamedTuple):
+    """Move the TCP at `twist` (frame BASE) with no position to hold."""
+
+    twist: Twist
+    kind: CommandKind = CommandKind.TWIST
+
+
+class PathCorrectionCommand(NamedTuple):
+    """Shift the programmed path sideways; only y and z of the path frame act."""
+
+    offset: Vector3
+    """m, in the sensor tool frame."""
+    age_s: float
+    """How old the measurement behind it is, s."""
+    kind: CommandKind = CommandKind.PATH_CORRECTION
+
+
+RobotCommand = (
+    HoldCommand
+    | JointCommand
+    | PoseCommand
+    | JointVelocityCommand
+    | TwistCommand
+    | PathCorrectionCommand
+)
+
+
+class JointLimits(NamedTuple):
+    """Range and speed of each joint, kinematic order."""
+
+    lower: tuple[float, ...]
+    """rad."""
+    upper: tuple[float, ...]
+    """rad."""
+    velocity: tuple[float, ...]
+    """rad/s."""
+    acceleration: tuple[float, ...]
+    """rad/s²."""
+
+
+class RobotCapabilities(NamedTuple):
+    """What a robot driver takes and how often."""
+
+    commands: frozenset[CommandKind]
+    period_s: float
+    joints: int
+    limits: JointLimits | None
+    digital_outputs: int
+    analog_outputs: int
+    """Numbers that travel to the controller's program with each command."""

@@ -1,0 +1,92 @@
+"""Configuration errors name the key, the value and what is allowed; good files are taken whole."""
+
+from pathlib import Path
+
+import pytest
+
+from cardan.errors import ConfigurationError
+from cardan.gateway.config import load_config, make_device, make_robot, parse_config
+from cardan.gateway.mapping import GripperAction
+from cardan.types import Frame
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.toml"))
+
+GOOD = {
+    "device": {"driver": "fake_device", "deflection": 0.5},
+    "robot": {"driver": "fake_robot"},
+    "mapping": {"frame": "tool", "deadman": "go", "axes": ["y", "-x", "z", "rx", "fixed", "rz"]},
+    "gripper": {"toggle": "grip", "output": 3},
+    "limits": {"workspace_z_m": [0.1, 0.9]},
+}
+
+
+def test_a_good_table(fake_drivers):
+    config = parse_config(GOOD)
+    mapping = config.mapping_options()
+    assert mapping.frame is Frame.TOOL
+    assert mapping.axes[1] == "-x"
+    assert mapping.gripper == (("grip", GripperAction.TOGGLE),)
+    assert config.reference_limits().workspace_m == (None, None, (0.1, 0.9))
+    assert make_device(config).options.deflection == 0.5
+    assert make_robot(config).options.cycles == 500
+
+
+def test_survives_the_way_to_the_session_process():
+    config = parse_config(GOOD)
+    assert parse_config(config.model_dump(mode="json")) == config
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "words"),
+    [
+        ({"mapping": {"deadmen": "x"}}, "mapping.deadmen", "did you mean 'deadman'"),
+        ({"mapping": {"frame": "world"}}, "mapping.frame", "'base' or 'tool'"),
+        ({"mapping": {"axes": ["x"]}}, "mapping.axes", "at least 6"),
+        ({"mapping": {"axes": ["x", "y", "z", "rx", "ry", "w"]}}, "mapping.axes", "'w' is not"),
+        ({"mapping": {"linear_speed_m_s": -1}}, "mapping.linear_speed_m_s", "greater than 0"),
+        ({"mapping": {"yaw_deg": float("nan")}}, "mapping.yaw_deg", "finite"),
+        ({"limits": {"workspace_x_m": [1, 0]}}, "limits.workspace_x_m", "lower bound first"),
+        ({"limits": {"leash_rad": 3}}, "limits.leash_rad", "1.5"),
+        ({"watchdogs": {"device_age_s": 10}}, "watchdogs.device_age_s", "0.5"),
+        ({"speed": 1}, "speed", "allowed: device, robot"),
+        ({"robot": {}}, "robot.driver", "missing"),
+        ({"gripper": {"output": 99}}, "gripper.output", "39"),
+    ],
+)
+def test_errors_name_the_key(change, key, words):
+    with pytest.raises(ConfigurationError) as caught:
+        parse_config({**GOOD, **change})
+    assert caught.value.key.startswith(key)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "words"),
+    [
+        ({"driver": "spacemose"}, "device.driver", "spacemouse"),
+        ({"driver": "fake_robot"}, "device.driver", "not an operator device"),
+        ({"driver": "fake_device", "deflexion": 1}, "device.deflexion", "'deflection'"),
+        ({"driver": "fake_device", "deflection": 7}, "device", "from -1 to 1"),
+        ({"driver": "fake_device", "deflection": "much"}, "device.deflection", "'much'"),
+    ],
+)
+def test_driver_errors_name_the_key(fake_drivers, table, key, words):
+    config = parse_config({**GOOD, "device": table})
+    with pytest.raises(ConfigurationError) as caught:
+        make_device(config)
+    assert caught.value.key == key
+    assert words in str(caught.value)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(ConfigurationError, match="cannot read"):
+        load_config(tmp_path / "none.toml")
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[device\n")
+    with pytest.raises(ConfigurationError, match=r"bad\.toml is not TOML"):
+        load_config(bad)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_examples_are_valid(path):
+    load_config(path)

@@ -1,0 +1,328 @@
+"""The control tick in virtual time: nothing moves unless a fresh, deliberate hand says so."""
+
+import math
+
+import pytest
+
+from cardan.gateway.engine import Phase, TeleopEngine, Watchdogs
+from cardan.gateway.mapping import GripperAction, MappingOptions, TwistMapping
+from cardan.gateway.reference import Reference, ReferenceLimits
+from cardan.spatial import norm, subtract
+from cardan.types import (
+    IDENTITY,
+    NEVER_S,
+    ZERO_TWIST,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    HoldCommand,
+    Pose,
+    PoseCommand,
+    RobotLink,
+    RobotState,
+    Vector3,
+)
+
+DT_S = 0.004
+START = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
+FORWARD = (1.0, 0, 0, 0, 0, 0)
+REST = (0.0,) * 6
+
+
+class Rig:
+    """An engine, a device set by hand and an ideal robot that is where it is told."""
+
+    def __init__(self, deadman="left", gripper=(), limits=None):
+        self.engine = TeleopEngine(
+            TwistMapping(MappingOptions(deadman=deadman, gripper=gripper)),
+            Reference(limits or ReferenceLimits()),
+            Watchdogs(),
+        )
+        self.now_s = 100.0
+        self.robot = RobotState(
+            stamp_s=self.now_s,
+            link=RobotLink.LIVE,
+            session=1,
+            sequence=0,
+            period_s=DT_S,
+            joints=(0.0,) * 6,
+            joints_planned=(),
+            external_axes=(),
+            pose=START,
+            pose_planned=None,
+            hold_reason="",
+        )
+        self.device = DeviceState(self.now_s, DeviceLink.LIVE, REST, frozenset())
+        self.fresh = True
+        self.command = None
+        self.speeds = []
+
+    def hand(self, axes=REST, *buttons, link=DeviceLink.LIVE, reason=""):
+        self.device = self.device._replace(
+            axes=axes, buttons=frozenset(buttons), link=link, reason=reason
+        )
+
+    def run(self, seconds=DT_S, events=(), **robot):
+        for _ in range(max(1, round(seconds / DT_S))):
+            self.now_s += DT_S
+            self.robot = self.robot._replace(
+                stamp_s=self.now_s, sequence=self.robot.sequence + 1, **robot
+            )
+            if self.fresh:
+                self.device = self.device._replace(stamp_s=self.now_s)
+            before = self.engine.reference.linear
+            session = self.engine._session
+            self.command = self.engine.tick(self.robot, self.device, events)
+            events = ()
+            after = self.engine.reference.linear
+            self.speeds.append(norm(after))
+            if isinstance(self.command, PoseCommand):
+                # a new session starts at rest: there is no speed to take over
+                before = before if session == self.robot.session else Vector3(0, 0, 0)
+                step = norm(subtract(after, before))
+                assert step <= ReferenceLimits().linear_acceleration_m_s2 * DT_S * (1 + 1e-9)
+                self.robot = self.robot._replace(pose=self.command.pose)
+        return self
+
+    def arm(self):
+        self.hand()
+        self.run()
+        self.hand(REST, "left")
+        return self.run()
+
+    def drive(self, seconds=0.5):
+        self.arm()
+        self.hand(FORWARD, "left")
+        self.run(seconds)
+        assert self.engine.phase is Phase.MOVING
+        return self
+
+    @property
+    def status(self):
+        return self.engine.status()
+
+    def braked_within(self, speed, acceleration=1.0):
+        """Runs until rest and checks that the ramp was neither a jump nor longer than needed."""
+        first = self.speeds[-1]
+        assert first > 0
+        self.run(speed / acceleration + 2 * DT_S)
+        assert self.engine.at_rest
+        return self
+
+
+def test_first_command_is_the_measured_pose_at_rest():
+    rig = Rig().run()
+    assert rig.command == PoseCommand(START, ZERO_TWIST)
+
+
+def test_moves_only_while_the_deadman_is_held():
+    rig = Rig().arm()
+    rig.hand(FORWARD)
+    rig.run(0.2)
+    assert rig.engine.at_rest
+    rig.hand(FORWARD, "left")
+    rig.run(0.5)
+    assert rig.engine.phase is Phase.MOVING
+    assert rig.engine.reference.linear == pytest.approx((0.1, 0, 0))
+    rig.hand(FORWARD)
+    rig.run()
+    assert rig.engine.phase is Phase.BRAKING
+    rig.braked_within(0.1)
+    assert rig.engine.phase is Phase.HOLDING
+
+
+def test_regripping_needs_no_ceremony_and_makes_no_step():
+    rig = Rig().drive()
+    rig.hand(FORWARD)
+    rig.run(0.5)
+    where = rig.engine.reference.pose
+    rig.hand(FORWARD, "left")
+    rig.run()
+    assert norm(subtract(rig.engine.reference.pose.position, where.position)) < 1e-4
+    rig.run(0.3)
+    assert rig.engine.phase is Phase.MOVING
+
+
+def test_a_deadman_held_from_the_start_does_not_count():
+    rig = Rig()
+    rig.hand(FORWARD, "left")
+    rig.run(0.5)
+    assert rig.engine.phase is Phase.DISARMED
+    assert rig.engine.at_rest
+    assert "let go" in rig.status.message
+
+
+def test_a_deadman_released_while_deflected_does_not_arm():
+    rig = Rig()
+    rig.hand(FORWARD)
+    rig.run(0.1)
+    rig.hand(FORWARD, "left")
+    rig.run(0.1)
+    assert rig.engine.phase is Phase.DISARMED
+
+
+def test_without_a_deadman_the_device_must_have_been_at_rest():
+    rig = Rig(deadman="")
+    rig.hand(FORWARD)
+    rig.run(0.2)
+    assert rig.engine.at_rest
+    rig.hand(REST)
+    rig.run()
+    rig.hand(FORWARD)
+    rig.run(0.2)
+    assert rig.engine.phase is Phase.MOVING
+
+
+@pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.CLOSED])
+def test_a_lost_device_brakes_and_needs_the_deliberate_act(link):
+    rig = Rig().drive()
+    rig.hand(REST, link=link, reason="the SpaceMouse was unplugged")
+    rig.run()
+    assert rig.engine.phase is Phase.BRAKING
+    rig.braked_within(0.1)
+    assert rig.engine.phase is Phase.DISARMED
+    assert "unplugged" in rig.status.message
+    assert rig.status.trips == 1
+    # back again, still deflected and with the button held: not enough
+    rig.hand(FORWARD, "left")
+    rig.run(0.2)
+    assert rig.engine.at_rest
+    rig.hand()
+    rig.run()
+    rig.hand(FORWARD, "left")
+    rig.run(0.2)
+    assert rig.engine.phase is Phase.MOVING
+    assert rig.status.message == ""
+
+
+def test_silence_while_deflected_trips_even_if_the_driver_does_not_say_so():
+    rig = Rig().drive()
+    rig.fresh = False
+    rig.run(0.096)
+    assert rig.engine.phase is Phase.MOVING
+    rig.run(0.008)
+    assert rig.engine.phase is Phase.BRAKING
+    assert "silent" in rig.status.message
+
+
+def test_silence_at_rest_is_no_fault():
+    rig = Rig().arm()
+    rig.fresh = False
+    rig.run(5.0)
+    assert rig.engine.phase is Phase.HOLDING
+    assert rig.status.trips == 0
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_values_that_are_not_numbers_never_reach_the_reference(bad):
+    rig = Rig().drive()
+    rig.hand((bad, 0, 0, 0, 0, 0), "left")
+    rig.run().braked_within(0.1)
+    assert rig.engine.phase is Phase.DISARMED
+    assert all(map(math.isfinite, rig.engine.reference.pose.position))
+    rig.hand((bad, 0, 0, 0, 0, 0))
+    rig.run()
+    rig.hand(FORWARD, "left")
+    rig.run()
+    assert rig.engine.at_rest
+
+
+def test_a_robot_that_stops_acting_is_followed_not_dragged():
+    rig = Rig().drive()
+    moved = Pose(Vector3(0.4, 0.1, 0.7), IDENTITY)
+    rig.run(hold_reason="motors are off", pose=moved)
+    assert rig.command == HoldCommand()
+    assert rig.engine.phase is Phase.NO_ROBOT
+    assert rig.status.message == "motors are off"
+    rig.run(hold_reason="", pose=moved)
+    assert rig.command.pose == moved
+    assert rig.engine.phase is Phase.DISARMED
+    rig.run(0.2)
+    assert rig.command.pose == moved
+
+
+def test_a_silent_robot_disarms():
+    rig = Rig().drive()
+    rig.run(link=RobotLink.LOST, hold_reason="no datagram for 0.1 s")
+    assert rig.command == HoldCommand()
+    rig.run(0.1, link=RobotLink.LIVE, hold_reason="")
+    assert rig.engine.phase is Phase.DISARMED
+    assert "silent" in rig.status.message
+
+
+def test_a_restarted_controller_voids_the_reference():
+    rig = Rig().drive()
+    elsewhere = Pose(Vector3(0.3, 0.3, 0.6), IDENTITY)
+    rig.run(session=2, pose=elsewhere)
+    assert rig.command == PoseCommand(elsewhere, ZERO_TWIST)
+    assert rig.engine.phase is Phase.DISARMED
+    assert "new session" in rig.status.message
+
+
+def test_a_stall_does_not_make_the_reference_leap():
+    rig = Rig().drive()
+    before = rig.engine.reference.pose.position
+    rig.now_s += 1.0
+    rig.run(period_s=1.0)
+    moved = norm(subtract(rig.engine.reference.pose.position, before))
+    assert moved <= 0.1 * Watchdogs().longest_step_s + 1e-9
+
+
+def test_gravity_sag_does_not_creep_into_the_reference():
+    rig = Rig().arm()
+    where = rig.engine.reference.pose
+    for _ in range(100):
+        # the robot hangs 2 mm below what it is told, and the operator grips again and again
+        sagged = Pose(subtract(where.position, Vector3(0, 0, 0.002)), IDENTITY)
+        rig.hand(REST)
+        rig.run(pose=sagged)
+        rig.hand(REST, "left")
+        rig.run(pose=sagged)
+    assert rig.engine.reference.pose == where
+
+
+def test_a_robot_held_by_something_else_gets_its_reference_back_gently():
+    rig = Rig().drive()
+    away = Pose(Vector3(0.5, -0.2, 0.8), IDENTITY)
+    rig.run(pose=away)
+    assert rig.engine.phase is Phase.BRAKING
+    assert "something else holds it" in rig.status.message
+    for _ in range(1000):
+        rig.run(pose=away)
+    error = norm(subtract(rig.engine.reference.pose.position, away.position))
+    assert error <= 0.5 * ReferenceLimits().leash_m
+    assert rig.engine.phase is Phase.DISARMED
+    assert max(rig.speeds) <= ReferenceLimits().linear_speed_m_s
+
+
+def test_stopping_brakes_and_stays():
+    rig = Rig().drive()
+    rig.engine.request_stop("stopped by SIGTERM")
+    rig.run().braked_within(0.1)
+    rig.hand()
+    rig.run()
+    rig.hand(FORWARD, "left")
+    rig.run(0.2)
+    assert rig.engine.at_rest
+    assert rig.status.message == "stopped by SIGTERM"
+
+
+def test_gripper_needs_an_armed_hand():
+    rig = Rig(gripper=(("right", GripperAction.TOGGLE),))
+    press = [ButtonEvent(0.0, "right", True)]
+    rig.run(events=press)
+    assert not rig.status.gripper_closed
+    rig.arm()
+    rig.run(events=press)
+    assert rig.status.gripper_closed
+
+
+def test_a_device_never_heard_keeps_everything_still():
+    rig = Rig()
+    rig.fresh = False
+    rig.device = DeviceState(
+        NEVER_S, DeviceLink.NEEDS_NEUTRAL, REST, frozenset(), reason="touch the cap once"
+    )
+    rig.run(0.5)
+    assert rig.command == PoseCommand(START, ZERO_TWIST)
+    assert rig.status.message == "touch the cap once"

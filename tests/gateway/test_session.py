@@ -1,0 +1,107 @@
+"""The loop: what it asks of its drivers, and what it tells about itself."""
+
+import socket
+
+import pytest
+
+from cardan.errors import ConfigurationError, DeviceNotFoundError
+from cardan.gateway.config import parse_config
+from cardan.gateway.session import make_session
+from cardan.gateway.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+from cardan.types import PoseCommand
+
+TABLE = {
+    "device": {"driver": "fake_device"},
+    "robot": {"driver": "fake_robot"},
+    "mapping": {"deadman": "go"},
+    "gripper": {"toggle": "grip"},
+}
+
+
+def session(channel=None, **tables):
+    merged = {key: {**TABLE.get(key, {}), **tables.get(key, {})} for key in {*TABLE, *tables}}
+    return make_session(parse_config(merged), channel)
+
+
+def test_a_session_from_rest_to_motion(fake_drivers):
+    s = session()
+    last = s.run()
+    assert last.finished
+    assert last.cycles == 500
+    assert len(s.robot.commands) == 500
+    assert last.path_m > 0.15
+    assert s.robot.commands[-1].pose.position.x - 0.5 == pytest.approx(last.path_m, rel=1e-6)
+    assert last.gripper_closed
+    assert s.robot.outputs == [(True, ())]
+    assert last.diagnosis == ["the device is fake"]
+    assert not s.device.is_open
+    assert not s.robot.is_open
+    assert s.device.led[-1] is False
+
+
+def test_gripper_on_an_analog_output(fake_drivers):
+    s = session(gripper={"output": 2, "closed_value": 7.5})
+    s.run()
+    assert s.robot.outputs == [(None, (0.0, 0.0, 7.5))]
+
+
+def test_stop_brakes_before_it_leaves(fake_drivers):
+    s = session(robot={"cycles": 100_000})
+    send = s.robot.send
+
+    def stop_on_the_way(command):
+        send(command)
+        if len(s.robot.commands) == 200:
+            s.stop("enough")
+
+    s.robot.send = stop_on_the_way
+    last = s.run()
+    speeds = [c.twist.linear.x for c in s.robot.commands if isinstance(c, PoseCommand)]
+    assert speeds[199] == pytest.approx(0.1)
+    assert speeds[-1] == 0.0
+    assert len(speeds) < 240
+    assert last.message == "enough"
+
+
+def test_snapshots_go_out_and_a_reader_that_sleeps_is_not_waited_for(fake_drivers):
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        theirs.setblocking(False)
+        session(theirs, robot={"cycles": 3000}).run()
+        first = Snapshot.from_bytes(ours.recv(MAX_SNAPSHOT_BYTES))
+        assert first.robot_link == "live"
+        assert len(first.pose) == 7
+
+
+def test_a_session_whose_starter_is_gone_stops(fake_drivers):
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    theirs.setblocking(False)
+    ours.close()
+    with theirs:
+        last = session(theirs, robot={"cycles": 1_000_000}).run()
+    assert "gone" in last.message
+    assert last.cycles < 1000
+
+
+def test_a_robot_that_takes_no_poses_is_refused(fake_drivers):
+    with pytest.raises(ConfigurationError, match="it takes joint"):
+        session(robot={"takes_poses": False}).run()
+
+
+def test_buttons_that_do_not_exist_are_refused(fake_drivers):
+    with pytest.raises(ConfigurationError, match=r"mapping\.deadman: .* 'left'; it has: go, grip"):
+        session(mapping={"deadman": "left"}).run()
+
+
+def test_a_missing_device_leaves_nothing_open(fake_drivers):
+    s = session(device={"present": False})
+    with pytest.raises(DeviceNotFoundError):
+        s.run()
+    assert not s.robot.is_open
+
+
+def test_snapshots_survive_figures_that_are_not_numbers():
+    snapshot = Snapshot(metrics={"period_s": float("nan")}, message="é", pose=[1.0] * 7)
+    back = Snapshot.from_bytes(snapshot.to_bytes())
+    assert back.metrics == {"period_s": None}
+    assert back.message == "é"
