@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -15,13 +16,16 @@ from rich.table import Table
 
 from cardan import __version__
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
-from cardan.sim_peers.base import FaultSwitch, SimulatedPeer, serve
+from cardan.sim_peers.base import FaultSwitch, SimulatedPeer, parse_faults, serve
 
 EXIT_OK = 0
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_CANNOT_OPEN = 3
 EXIT_INCOMPLETE = 4
+
+VIRTUAL_PERIOD_S = 0.004
+"""Cycle of RobotStudio's virtual controller; a real one takes 4.032 ms."""
 
 EPILOG = (
     "Exit codes: 0 done as asked; 1 failed inside; 2 wrong configuration or usage; "
@@ -204,8 +208,8 @@ def _listed(
     list_faults: bool,
     faults: Iterable[FaultSwitch],
     list_scripts: bool,
-    scripts: dict[str, str],
-    verbs: dict[str, str],
+    scripts: Mapping[str, str],
+    verbs: Mapping[str, str],
 ) -> bool:
     """Print what was asked for; True when that is all there is to do."""
     if list_faults:
@@ -226,3 +230,120 @@ def _serve(peer: SimulatedPeer, seconds: float | None) -> None:
         stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s"
     )
     serve(peer, seconds)
+
+
+@sim.command("abb-gofa", epilog="Prints READY and the PC's address once it sends.")
+def sim_abb_gofa(
+    to: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="The PC to send to, as the controller's UdpUc.")
+    ] = "127.0.0.1:6510",
+    robotware: Annotated[
+        str, typer.Option(metavar="6|7|RELEASE", help="What its datagrams contain.")
+    ] = "7",
+    mode: Annotated[
+        str, typer.Option(metavar="pose|joint|path", help="What its RAPID program runs.")
+    ] = "pose",
+    seconds: Seconds = None,
+    script: Script = None,
+    fault: Fault = None,
+    list_faults: ListFaults = False,
+    list_scripts: ListScripts = False,
+    seed: Seed = 0,
+    comm_timeout: Annotated[
+        float | None, typer.Option(metavar="S", help="RAPID's \\CommTimeout.")
+    ] = None,
+    max_speed_deviation: Annotated[
+        float | None, typer.Option(metavar="DEG/S", help="RAPID's \\MaxSpeedDeviation.")
+    ] = None,
+    lp_filter: Annotated[
+        float | None, typer.Option(metavar="HZ", help="RAPID's \\LpFilter.")
+    ] = None,
+    gain: Annotated[
+        float, typer.Option(metavar="1/S", help="Default Proportional Position Gain.")
+    ] = 5.0,
+    pos_corr_gain: Annotated[
+        float | None, typer.Option(metavar="0..1", help="RAPID's \\PosCorrGain; 0: speed only.")
+    ] = None,
+    virtual: Annotated[
+        bool, typer.Option("--virtual", help="4.000 ms cycle, as RobotStudio's controller.")
+    ] = False,
+) -> None:
+    """An ABB GoFa CRB 15000-5 in Externally Guided Motion (protobuf on UDP, 250 Hz)."""
+    from cardan.sim_peers import egm_controller as egm
+
+    if _listed(list_faults, egm.FAULTS, list_scripts, egm.SCRIPTS, egm.SCRIPT_VERBS):
+        return
+    host, port = _host_and_port(to)
+    modes = {m.value: m for m in egm.Mode}
+    if mode not in modes:
+        raise ConfigurationError("--mode", f"{mode!r} is none; allowed: {', '.join(modes)}")
+    options = egm.EgmControllerOptions(
+        pc_host=host,
+        pc_port=port,
+        robotware=robotware,
+        mode=modes[mode],
+        script=script or "teleop",
+        faults=parse_faults(fault or (), egm.FAULTS),
+        seed=seed,
+        comm_timeout_s=comm_timeout,
+        max_speed_deviation_deg_s=max_speed_deviation,
+        lp_filter_hz=lp_filter,
+        k=gain,
+        pos_corr_gain=pos_corr_gain,
+    )
+    if virtual:
+        options = dataclasses.replace(options, period_s=VIRTUAL_PERIOD_S)
+    _serve(egm.EgmControllerPeer(options), seconds)
+
+
+def _host_and_port(text: str) -> tuple[str, int]:
+    host, colon, port = text.rpartition(":")
+    if not (colon and host and port.isdecimal() and 0 < int(port) < 65536):
+        raise ConfigurationError("--to", f"{text!r} is not HOST:PORT, as 127.0.0.1:6510")
+    return host, int(port)
+
+
+@sim.command("spacemouse", epilog="Prints READY and the socket's path once it listens.")
+def sim_spacemouse(
+    hid: Annotated[
+        str,
+        typer.Option(metavar="PATH", help="Unix seqpacket socket: each packet one raw HID report."),
+    ] = "",
+    model: Annotated[
+        str, typer.Option(metavar="NAME", help="Which device; see --list-models.")
+    ] = "spacenavigator",
+    seconds: Seconds = None,
+    script: Script = None,
+    keyboard: Annotated[
+        bool, typer.Option("--keyboard", help="Move it with this terminal's keys.")
+    ] = False,
+    fault: Fault = None,
+    list_faults: ListFaults = False,
+    list_scripts: ListScripts = False,
+    list_models: Annotated[
+        bool, typer.Option("--list-models", help="Print the models, then end.")
+    ] = False,
+    seed: Seed = 0,
+) -> None:
+    """A 3Dconnexion device (HID reports), moved by a script or by the keyboard."""
+    from cardan.protocols.connexion import MODELS
+    from cardan.sim_peers import spacemouse
+
+    if list_models:
+        for known in MODELS:
+            print(f"{known.key:32} {known.vendor_id:04x}:{known.product_id:04x}  {known.name}")
+        return
+    faults, verbs = spacemouse.FAULTS, spacemouse.SCRIPT_VERBS
+    if _listed(list_faults, faults, list_scripts, spacemouse.SCRIPTS, verbs):
+        return
+    if not hid:
+        raise ConfigurationError("--hid", "is missing: the path of the socket to create")
+    options = spacemouse.SpaceMousePeerOptions(
+        path=hid,
+        model=model,
+        script=script or "demo",
+        keyboard=keyboard,
+        faults=parse_faults(fault or (), faults),
+        seed=seed,
+    )
+    _serve(spacemouse.SpaceMousePeer(options), seconds)

@@ -1,0 +1,65 @@
+"""Latencies by name, printed as medians, tails and ratios; aims, printed as met or missed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Aim(NamedTuple):
+    """`name` shall be at most `factor` times `reference`, or `factor` seconds without one."""
+
+    name: str
+    reference: str | None
+    factor: float
+    quantile: str
+
+
+QUANTILES = {"median": 0.5, "p99": 0.99, "p99.9": 0.999}
+
+
+class Figures:
+    """Durations collected in one run."""
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self._samples: dict[str, list[float]] = {}
+        self._missed: dict[str, int] = {}
+
+    def add(self, name: str, seconds: float) -> None:
+        """Record one duration."""
+        self._samples.setdefault(name, []).append(seconds)
+
+    def miss(self, name: str) -> None:
+        """Record that no answer came."""
+        self._missed[name] = self._missed.get(name, 0) + 1
+
+    def quantile(self, name: str, quantile: str) -> float:
+        """The quantile of what was recorded under `name`, s; NaN when nothing was."""
+        samples = sorted(self._samples.get(name, []))
+        if not samples:
+            return float("nan")
+        return samples[min(len(samples) - 1, int(QUANTILES[quantile] * len(samples)))]
+
+    def print(self, aims: tuple[Aim, ...] = ()) -> None:
+        """The table, relative to whatever was recorded first; then the aims."""
+        names = list(self._samples)
+        base = names[0]
+        print(f"\n{self.title}\n")
+        print(f"{'':18}" + "".join(f"{q:>12}{'':>8}" for q in QUANTILES) + "   unanswered")
+        for name in names:
+            cells = ""
+            for quantile in QUANTILES:
+                value = self.quantile(name, quantile)
+                ratio = value / self.quantile(base, quantile)
+                cells += f"{value * 1e6:9.1f} µs {ratio:6.2f}x "
+            print(f"{name:18}{cells}   {self._missed.get(name, 0)}")
+        print(f"\n(x: times {base})")
+        for aim in aims:
+            value = self.quantile(aim.name, aim.quantile)
+            if aim.reference is None:
+                bound, words = aim.factor, f"{aim.factor * 1e6:g} µs"
+            else:
+                bound = aim.factor * self.quantile(aim.reference, aim.quantile)
+                words = f"{aim.factor:g} x {aim.reference}"
+            verdict = "met" if value <= bound else "MISSED"
+            print(f"aim: {aim.name} {aim.quantile} <= {words}: {verdict} ({value / bound:.2f} of it)")

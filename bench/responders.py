@@ -1,0 +1,86 @@
+"""What answers datagrams in the latency benchmark, each in a process of its own.
+
+``python -m bench.responders KIND PORT`` prints READY and answers until nobody asks any more.
+"""
+
+from __future__ import annotations
+
+import socket
+import sys
+from collections.abc import Callable
+
+IDLE_S = 3.0
+"""Without a datagram for so long the run is over."""
+
+
+def echo(port: int) -> None:
+    """The floor: CPython receives a datagram and sends it back."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", port))
+        sock.settimeout(IDLE_S)
+        print("READY", flush=True)
+        while True:
+            try:
+                data, peer = sock.recvfrom(2048)
+            except TimeoutError:
+                return
+            sock.sendto(data, peer)
+
+
+def cardan_driver(port: int) -> None:
+    """Our driver alone, told to be where it is."""
+    from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions
+    from cardan.types import PoseCommand, RobotLink
+
+    with AbbEgm(AbbEgmOptions(listen_port=port)) as robot:
+        print("READY", flush=True)
+        silent = 0
+        for state in robot.cycles():
+            if state.ready and state.pose is not None:
+                silent = 0
+                robot.send(PoseCommand(state.pose))
+            elif state.link is not RobotLink.LIVE:
+                silent += 1
+                if silent > IDLE_S / 0.1:
+                    return
+
+
+def abb_robot_egm(port: int) -> None:
+    """PyPI's ABBRobotEGM, as its examples use it."""
+    from ABBRobotEGM import EGM
+
+    with EGM(port) as egm:
+        print("READY", flush=True)
+        while True:
+            ok, state = egm.receive_from_robot(IDLE_S)
+            if not ok:
+                return
+            egm.send_to_robot_cart(state.cartesian.pos, state.cartesian.orient)
+
+
+def abb_robot_client(port: int) -> None:
+    """PyPI's abb-robot-client, as its examples use it."""
+    from abb_robot_client.egm import EGM
+
+    egm = EGM(port)
+    try:
+        print("READY", flush=True)
+        while True:
+            ok, state = egm.receive_from_robot(IDLE_S)
+            if not ok:
+                return
+            position, orientation = state.cartesian
+            egm.send_to_robot_cart(position, orientation)
+    finally:
+        egm.close()
+
+
+KINDS: dict[str, Callable[[int], None]] = {
+    "echo": echo,
+    "cardan-driver": cardan_driver,
+    "ABBRobotEGM": abb_robot_egm,
+    "abb-robot-client": abb_robot_client,
+}
+
+if __name__ == "__main__":
+    KINDS[sys.argv[1]](int(sys.argv[2]))

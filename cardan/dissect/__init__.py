@@ -1,0 +1,117 @@
+"""Reads captures: EGM on UDP and 3Dconnexion reports on USB, explained line by line.
+
+Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselves, for building
+datagrams as well, are in :mod:`cardan.dissect.egm` and :mod:`cardan.dissect.connexion`; they are
+written from the protocols' documentation and not from :mod:`cardan.protocols`.
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple, TextIO
+
+from cardan.dissect import network
+from cardan.dissect.capture import Capture
+from cardan.dissect.errors import ScapyMissingError
+from cardan.dissect.ports import EGM_PORTS
+from cardan.dissect.reader import Options, ProtocolReader, load_readers
+from cardan.dissect.statistics import tally
+from cardan.errors import CaptureError
+
+__all__ = ["EGM_PORTS", "Counts", "ScapyMissingError", "dissect_file"]
+
+
+class Counts(NamedTuple):
+    """What a capture held. `messages` and `malformed` are by protocol, "EGM" and "3Dconnexion"."""
+
+    packets: int
+    messages: Mapping[str, int]
+    malformed: Mapping[str, int]
+    other_packets: int
+
+
+def dissect_file(
+    path: str | os.PathLike[str],
+    out: TextIO,
+    *,
+    limit: int | None = None,
+    summary: bool = False,
+    egm_ports: Iterable[int] = (),
+) -> Counts:
+    """Writes a line per EGM datagram and 3Dconnexion report of a capture, then a summary.
+
+    `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP
+    or Linux usbmon. Reading stops after `limit` datagrams and reports. With `summary` the lines
+    are left out. `egm_ports` are UDP ports a PC listens at besides EGM_PORTS. Malformed datagrams
+    are shown and counted. Raises CaptureError when the file is missing, not a capture, damaged or
+    truncated (after everything before the damage was written), ScapyMissingError without scapy.
+    """
+    options = Options(frozenset((*EGM_PORTS, *egm_ports)))
+    readers = load_readers(options)
+    others: Counter[str] = Counter()
+    packets = start_ns = 0
+    stopped, damage = False, None
+    try:
+        for frame in Capture(path):
+            if limit is not None and sum(r.messages for r in readers) >= limit:
+                stopped = True
+                break
+            packets += 1
+            if packets == 1:
+                start_ns = frame.time_ns
+                print(f"capture starts {_utc(start_ns)}", file=out)
+            parsed = network.parse(frame)
+            before = sum(r.frames for r in readers)
+            for reader in readers:
+                for shown, line in reader.feed(frame, parsed):
+                    if not summary:
+                        seconds = (shown.time_ns - start_ns) / 1e9
+                        print(f"#{shown.number} {seconds:.6f} {line}", file=out)
+            # A reader can take earlier frames too, once it knows what they are.
+            others[str(parsed)] += 1 - (sum(r.frames for r in readers) - before)
+    except CaptureError as error:
+        if not packets:
+            raise
+        damage = error
+    counts = Counts(
+        packets,
+        {r.name: r.messages for r in readers},
+        {r.name: r.malformed.total() for r in readers},
+        others.total(),
+    )
+    for line in _summary(readers, counts, others, options):
+        print(line, file=out)
+    if stopped:
+        print(f"stopped at the limit of {limit}; the rest of the capture is not read", file=out)
+    if damage is not None:
+        raise damage
+    return counts
+
+
+def _summary(
+    readers: Iterable[ProtocolReader], counts: Counts, others: Counter[str], options: Options
+) -> Iterator[str]:
+    for reader in readers:
+        yield from reader.summary()
+    if any(counts.messages.values()):
+        shown = (
+            f"{n} {name}, {counts.malformed[name]} malformed"
+            for name, n in counts.messages.items()
+            if n
+        )
+        yield f"{counts.packets} packets: {'; '.join(shown)}; {counts.other_packets} others"
+    else:
+        names = " or ".join(reader.name for reader in readers)
+        yield f"no {names} traffic found in {counts.packets} packets"
+        ports = " ".join(map(str, sorted(options.egm_ports)))
+        yield f"EGM was looked for on UDP ports {ports} (--port for others)"
+    if counts.other_packets:
+        yield f"other packets: {tally(+others)}"
+
+
+def _utc(time_ns: int) -> str:
+    moment = datetime.datetime.fromtimestamp(time_ns // 10**9, datetime.timezone.utc)
+    return f"{moment:%Y-%m-%d %H:%M:%S}.{time_ns % 10**9 // 1000:06d} UTC"

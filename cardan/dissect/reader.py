@@ -1,0 +1,61 @@
+"""What one protocol makes of a capture: the interface, and the table of protocols there are.
+
+A new protocol is a module with a :class:`ProtocolReader` and a line in :data:`READERS`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterable
+from typing import ClassVar, NamedTuple
+
+from cardan.dissect.capture import Frame
+from cardan.dissect.network import Segment
+
+READERS = (
+    "cardan.dissect.egm_reader:EgmReader",
+    "cardan.dissect.connexion_reader:ConnexionReader",
+)
+"""By name, because the modules need scapy."""
+
+
+class Options(NamedTuple):
+    """What the user can choose."""
+
+    egm_ports: frozenset[int]
+
+
+class ProtocolReader(ABC):
+    """Sees every frame of a capture in order and takes those of its protocol."""
+
+    name: ClassVar[str]
+
+    def __init__(self, options: Options) -> None:
+        self.frames = 0
+        """Frames that belong to the protocol, those without a message of it included."""
+        self.messages = 0
+        """Datagrams or reports shown, malformed ones included."""
+        self.malformed: Counter[str] = Counter()
+        """Those that are not what they should be, by reason."""
+
+    @abstractmethod
+    def feed(self, frame: Frame, network: Segment | str) -> Iterable[tuple[Frame, str]]:
+        """Lines to show, each with its frame; none when the frame holds nothing of the protocol.
+
+        `network` is what :func:`cardan.dissect.network.parse` says of the frame.
+        """
+
+    @abstractmethod
+    def summary(self) -> Iterable[str]:
+        """Lines about everything that was fed."""
+
+
+def load_readers(options: Options) -> list[ProtocolReader]:
+    """A fresh reader of every protocol; ScapyMissingError without scapy."""
+    readers = []
+    for target in READERS:
+        module, _, name = target.partition(":")
+        readers.append(getattr(importlib.import_module(module), name)(options))
+    return readers

@@ -1,0 +1,293 @@
+"""The ABB EGM driver: a socket around :class:`EgmSession`."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import struct
+import threading
+import time
+from collections.abc import Generator, Sequence
+
+from cardan.drivers.abb_egm.address import bind_udp, resolve
+from cardan.drivers.abb_egm.options import AbbEgmOptions
+from cardan.drivers.abb_egm.session import EgmSession
+from cardan.drivers.abb_egm.stream import EgmStream
+from cardan.drivers.base import RobotDriver
+from cardan.errors import DriverError, NotOpenError
+from cardan.protocols.egm import MAX_DATAGRAM_BYTES, EgmRapidData, EgmRobot
+from cardan.types import RobotCapabilities, RobotCommand, RobotState
+
+_WAKE_S = 0.1
+"""A silent robot is reported at least this often (contract of `cycles`)."""
+
+_RECEIVE_BYTES = MAX_DATAGRAM_BYTES + 1
+"""One more than a datagram may have, so that a longer one is seen to be longer."""
+
+_DRAIN_MAX = 256
+"""Datagrams taken in one wake-up: more than the kernel keeps of the controller's."""
+
+_BACKLOG_STALE = 25
+"""With so many datagrams waiting (0.1 s) the kernel may have dropped newer ones behind them."""
+
+_BRAKE_S = 1.0
+"""No braking ramp within sensible limits takes longer."""
+
+_monotonic = time.monotonic
+
+
+class AbbEgm(RobotDriver):
+    """An ABB controller in Externally Guided Motion, over UDP.
+
+    One instance serves one motion task on one port; several may live in one process. Each datagram
+    of the controller gets exactly one answer, sent from within `send`. A datagram the application
+    does not answer is answered with a hold. Whatever ends the loop - an exception, leaving it,
+    `close` - the robot is braked within its limits first, and the last message says zero speed.
+
+    An application that cannot keep up with the controller's cycle uses `stream`.
+
+    Source: ABB Application manual, Externally Guided Motion, RobotWare 7.16.
+    """
+
+    Options = AbbEgmOptions
+    options: AbbEgmOptions
+
+    def __init__(self, options: AbbEgmOptions | None = None) -> None:
+        super().__init__(options)
+        self._session = EgmSession(self.options, _monotonic())
+        self._socket: socket.socket | None = None
+        self._poll = select.poll()
+        self._late_after_s = self.options.late_after_s
+        self._loop = 0
+        """Counts calls of cycles(); only the newest loop goes on."""
+        self._loop_thread = 0
+        self._loop_ended = threading.Event()
+        self._loop_ended.set()
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        return self._session.capabilities
+
+    @property
+    def endpoint(self) -> tuple[str, int]:
+        """The address and port listened on; NotOpenError while closed."""
+        address: tuple[str, int] = self._open_socket().getsockname()
+        return address
+
+    @property
+    def session(self) -> EgmSession:
+        """The state of the protocol, with its counters; a new one with every open()."""
+        return self._session
+
+    @property
+    def message(self) -> EgmRobot | None:
+        """The newest message in full, for what RobotState has no place for."""
+        return self._session.message
+
+    @property
+    def rapid_data(self) -> EgmRapidData | None:
+        """What the RAPID program sent along last (RobotWare 7.7 and later)."""
+        message = self._session.message
+        return None if message is None else message.rapid_from_robot
+
+    @property
+    def force_control_active(self) -> bool | None:
+        """Whether the measured wrench is force control's; None where it is not said.
+
+        False means that it is the sensor's raw reading.
+        """
+        message = self._session.message
+        if message is None or message.measured_force is None:
+            return None
+        return message.measured_force.fc_active
+
+    # -- opening and closing --------------------------------------------------------------------
+
+    def open(self) -> None:
+        if self._socket is not None:
+            return
+        options = self.options
+        controller = None if options.controller_host is None else resolve(options.controller_host)
+        sock = bind_udp(options.listen_host, options.listen_port)
+        # A timeout of the socket itself costs one system call less than settimeout().
+        wake_s = min(_WAKE_S, options.lost_after_s)
+        sock.setsockopt(
+            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, int(wake_s * 1e6))
+        )
+        self._session = EgmSession(options, _monotonic(), controller)
+        self._session.port = sock.getsockname()[1]
+        self._poll = select.poll()
+        self._poll.register(sock, select.POLLIN)
+        self._socket = sock
+
+    def close(self) -> None:
+        sock = self._socket
+        if sock is None:
+            return
+        self._loop += 1
+        if self._loop_thread != threading.get_ident():
+            # The loop in another thread sees that when it wakes up, and leaves the robot safe.
+            self._loop_ended.wait(_WAKE_S + _BRAKE_S)
+        if self._socket is not None:
+            with contextlib.suppress(Exception):
+                self._leave(sock)
+            self._socket = None
+            sock.close()
+
+    def _open_socket(self) -> socket.socket:
+        if self._socket is None:
+            raise NotOpenError("the EGM driver is not open; call open(), or use it in `with`")
+        return self._socket
+
+    # -- the control loop -----------------------------------------------------------------------
+
+    def cycles(self) -> Generator[RobotState, None, None]:
+        sock = self._open_socket()
+        self._loop += 1
+        return self._run(sock, self._loop)
+
+    def _run(self, sock: socket.socket, loop: int) -> Generator[RobotState, None, None]:
+        self._loop_thread = threading.get_ident()
+        self._loop_ended.clear()
+        session = self._session
+        receive = session.receive
+        recvfrom = sock.recvfrom
+        poll = self._poll.poll
+        yielded_s = _monotonic()
+        try:
+            while self._loop == loop:
+                try:
+                    data, source = recvfrom(_RECEIVE_BYTES)
+                except BlockingIOError:  # the socket's timeout
+                    silence = session.tick(_monotonic())
+                    if silence is not None:
+                        yielded_s = silence.stamp_s
+                        yield silence
+                    continue
+                now_s = _monotonic()
+                more = poll(0)
+                state = receive(data, source, now_s)
+                if more:
+                    taken = session.counters.accepted
+                    state = self._drain(sock) or state
+                    if session.counters.accepted - taken >= _BACKLOG_STALE:
+                        session.skip()
+                        continue
+                if state is None:
+                    if now_s - yielded_s >= _WAKE_S:
+                        silence = session.tick(now_s)
+                        if silence is not None:
+                            yielded_s = now_s
+                            yield silence
+                    continue
+                yielded_s = now_s
+                yield state
+                if session.owes_answer:
+                    self._hold(sock)
+        except OSError as error:
+            if self._socket is sock:
+                raise DriverError(f"the EGM socket failed: {error}") from error
+        finally:
+            try:
+                if self._loop == loop and self._socket is sock:
+                    self._leave(sock)
+            finally:
+                self._loop_ended.set()
+
+    def send(self, command: RobotCommand) -> None:
+        """Answer the datagram last yielded; a second call for it has no effect.
+
+        A command later than the option `command_timeout_s` is not sent: the robot is braked, and
+        the call returns when it rests.
+        """
+        session = self._session
+        sock = self._socket
+        if sock is None:
+            raise NotOpenError("the EGM driver is not open; nothing can be sent")
+        state = session.state
+        if state is None or not session.owes_answer:
+            session.check(command)
+            return
+        now_s = _monotonic()
+        if now_s - state.stamp_s > self._late_after_s:
+            session.check(command)
+            self._brake(sock)
+            return
+        self._transmit(sock, session.reply(command, now_s))
+
+    def _transmit(self, sock: socket.socket, data: bytes) -> None:
+        session = self._session
+        peer = session.peer
+        if peer is None:
+            return
+        try:
+            sock.sendto(data, peer)
+        except OSError as error:
+            session.send_failed(error.strerror or str(error))
+        else:
+            session.answered(_monotonic())
+
+    def _drain(self, sock: socket.socket) -> RobotState | None:
+        """Take in what is waiting; the newest state, if any of it is valid."""
+        newest = None
+        for _ in range(_DRAIN_MAX):
+            if not self._poll.poll(0):
+                break
+            try:
+                data, source = sock.recvfrom(_RECEIVE_BYTES, socket.MSG_DONTWAIT)
+            except BlockingIOError:  # what was there had a bad checksum
+                break
+            newest = self._session.receive(data, source, _monotonic()) or newest
+        return newest
+
+    def _hold(self, sock: socket.socket) -> None:
+        """Answer for an application that did not."""
+        now_s = _monotonic()
+        state = self._session.state
+        if state is not None and now_s - state.stamp_s > self._late_after_s:
+            self._brake(sock)
+        else:
+            self._transmit(sock, self._session.hold(now_s))
+
+    def _brake(self, sock: socket.socket) -> None:
+        """Bring the robot to rest, answering its datagrams until it is, or until they cease."""
+        session = self._session
+        deadline_s = _monotonic() + _BRAKE_S
+        patience_ms = 1e3 * self.options.lost_after_s
+        self._drain(sock)
+        while True:
+            if session.owes_answer:
+                self._transmit(sock, session.hold(_monotonic()))
+            if not session.moving or _monotonic() > deadline_s or not self._poll.poll(patience_ms):
+                return
+            self._drain(sock)
+
+    def _leave(self, sock: socket.socket) -> None:
+        """Leave the robot at rest, and the last message without a speed."""
+        try:
+            self._brake(sock)
+        finally:
+            last_words = self._session.farewell(_monotonic())
+            if last_words is not None:
+                self._transmit(sock, last_words)
+
+    # -- the rest -------------------------------------------------------------------------------
+
+    def stream(self) -> EgmStream:
+        """Let a thread answer every datagram at once, for applications slower than the robot.
+
+        To be used in `with`, instead of cycles() and send().
+        """
+        return EgmStream(self)
+
+    def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
+        self._session.set_outputs(digital, values)
+
+    def metrics(self) -> dict[str, float]:
+        return self._session.metrics()
+
+    def diagnosis(self) -> tuple[str, ...]:
+        if self._socket is None:
+            return ("the EGM driver is not open",)
+        return self._session.diagnosis(_monotonic())

@@ -1,0 +1,452 @@
+"""Limiters for what is sent: whatever is asked for, the next reference is one the limits allow.
+
+Each limiter owns a reference (a position and its velocity) and moves it by one control period at
+a time: towards a moving target (`track`), at a velocity (`drive`), or to a stop (`brake`). Limits
+are bounds on the next velocity, chosen so that the bound after it can be met as well; nothing is
+ever refused or frozen, and no period contains a step.
+
+The bound on the way to a border or a target is the speed v with v²/(2a) + v·dt = d: after one
+period at v exactly the braking distance is left. Unlike the bound for a fixed period it also
+holds when the following periods are shorter or longer, as they are when datagrams get lost.
+
+Plain floats on purpose: six numbers are too few for numpy to pay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
+
+_sqrt = math.sqrt
+_SQRT_3 = _sqrt(3.0)
+_TINY = 1e-12
+"""Distances and speeds below this (m, rad, per s) are rounding."""
+
+
+def approach_speed(distance: float, acceleration: float, dt_s: float) -> float:
+    """The highest speed for one period of `dt_s` that leaves the braking distance; >= 0."""
+    if distance <= 0.0:
+        return 0.0
+    gain = acceleration * dt_s
+    return _sqrt(gain * gain + 2.0 * acceleration * distance) - gain
+
+
+class JointLimiter:
+    """A limiter for axes that are independent of each other: joints, external axes.
+
+    Positions stay in `lower`..`upper`, velocities within ±`speed`, and velocities change by at
+    most `acceleration` times the period. An axis found outside its range may only move inwards.
+    """
+
+    __slots__ = (
+        "_acceleration",
+        "_axes",
+        "_inner_lower",
+        "_inner_upper",
+        "_lower",
+        "_speed",
+        "_target",
+        "_upper",
+        "positions",
+        "velocities",
+    )
+
+    def __init__(
+        self,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        speed: Sequence[float],
+        acceleration: Sequence[float],
+        longest_period_s: float,
+    ) -> None:
+        """Limits per axis in rad or m; no period given later is above `longest_period_s`."""
+        self._axes = range(len(speed))
+        self._lower = tuple(lower)
+        self._upper = tuple(upper)
+        self._speed = tuple(speed)
+        self._acceleration = tuple(acceleration)
+        # Between the inner borders the full speed can always be stopped in time.
+        braking = [
+            v * v / (2.0 * a) + v * longest_period_s
+            for v, a in zip(speed, acceleration, strict=True)
+        ]
+        self._inner_lower = tuple(b + d for b, d in zip(lower, braking, strict=True))
+        self._inner_upper = tuple(b - d for b, d in zip(upper, braking, strict=True))
+        self._target: Sequence[float] | None = None
+        self.positions: list[float] = [0.0] * len(speed)
+        self.velocities: list[float] = [0.0] * len(speed)
+
+    @property
+    def moving(self) -> bool:
+        """True while the reference has a speed."""
+        return any(self.velocities)
+
+    def reset(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
+        """Start from `positions` (rest, or `velocities` as far as they can be stopped)."""
+        self.positions = list(positions)
+        self._target = None
+        if velocities is None:
+            self.velocities = [0.0] * len(self._axes)
+            return
+        for i in self._axes:
+            a = self._acceleration[i]
+            highest = _sqrt(2.0 * a * max(0.0, self._upper[i] - positions[i]))
+            lowest = -_sqrt(2.0 * a * max(0.0, positions[i] - self._lower[i]))
+            speed = self._speed[i]
+            self.velocities[i] = min(max(velocities[i], lowest, -speed), highest, speed)
+
+    def relocate(self, positions: Sequence[float]) -> None:
+        """Take over where the axes are, keeping the velocities (speed control)."""
+        self.positions = list(positions)
+
+    def track(
+        self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float
+    ) -> None:
+        """One period towards `target`, which moves at the speed it was seen to move at.
+
+        `velocities` stand in for that speed on the first call after a reset or a brake.
+        """
+        previous = self._target
+        self._target = target
+        positions = self.positions
+        desired = []
+        for i in self._axes:
+            goal = target[i]
+            forward = 0.0
+            if previous is not None:
+                forward = (goal - previous[i]) / dt_s
+            elif velocities is not None:
+                forward = velocities[i]
+            speed = self._speed[i]
+            if forward > speed:
+                forward = speed
+            elif forward < -speed:
+                forward = -speed
+            behind = goal - positions[i] - forward * dt_s
+            if behind > _TINY:
+                a = self._acceleration[i]
+                gain = a * dt_s
+                forward += _sqrt(gain * gain + 2.0 * a * behind) - gain
+            elif behind < -_TINY:
+                a = self._acceleration[i]
+                gain = a * dt_s
+                forward -= _sqrt(gain * gain - 2.0 * a * behind) - gain
+            desired.append(forward)
+        self._advance(desired, dt_s)
+
+    def drive(self, velocities: Sequence[float], dt_s: float) -> None:
+        """One period at `velocities`."""
+        self._target = None
+        self._advance(velocities, dt_s)
+
+    def brake(self, dt_s: float) -> None:
+        """One period of slowing down, or of standing still."""
+        self._target = None
+        if any(self.velocities):
+            self._advance([0.0] * len(self._axes), dt_s)
+
+    def _advance(self, desired: Sequence[float], dt_s: float) -> None:
+        positions = self.positions
+        velocities = self.velocities
+        for i in self._axes:
+            position = positions[i]
+            before = velocities[i]
+            a = self._acceleration[i]
+            speed = self._speed[i]
+            highest = before + a * dt_s
+            if highest > speed:
+                highest = speed
+            lowest = before - a * dt_s
+            if lowest < -speed:
+                lowest = -speed
+            if position > self._inner_upper[i]:
+                highest = min(highest, approach_speed(self._upper[i] - position, a, dt_s))
+            if position < self._inner_lower[i]:
+                lowest = max(lowest, -approach_speed(position - self._lower[i], a, dt_s))
+            velocity = desired[i]
+            if velocity < lowest:
+                velocity = lowest
+            if velocity > highest:
+                velocity = highest
+            velocities[i] = velocity
+            positions[i] = position + velocity * dt_s
+
+
+_Triple = tuple[float, float, float]
+
+
+def _steer(
+    velocity: Sequence[float],
+    error: Sequence[float],
+    forward: Sequence[float],
+    speed: float,
+    acceleration: float,
+    dt_s: float,
+) -> _Triple:
+    """The next velocity of a point that is `error` away from a target moving at `forward`."""
+    vx, vy, vz = velocity
+    wx, wy, wz = forward
+    squared = wx * wx + wy * wy + wz * wz
+    if squared > speed * speed:
+        shrink = speed / _sqrt(squared)
+        wx *= shrink
+        wy *= shrink
+        wz *= shrink
+    ex = error[0] - wx * dt_s
+    ey = error[1] - wy * dt_s
+    ez = error[2] - wz * dt_s
+    behind = _sqrt(ex * ex + ey * ey + ez * ez)
+    gain = acceleration * dt_s
+    if behind > _TINY:
+        closing = (_sqrt(gain * gain + 2.0 * acceleration * behind) - gain) / behind
+        wx += ex * closing
+        wy += ey * closing
+        wz += ez * closing
+        squared = wx * wx + wy * wy + wz * wz
+        if squared > speed * speed:
+            shrink = speed / _sqrt(squared)
+            wx *= shrink
+            wy *= shrink
+            wz *= shrink
+    dx = wx - vx
+    dy = wy - vy
+    dz = wz - vz
+    squared = dx * dx + dy * dy + dz * dz
+    if squared <= gain * gain:
+        return wx, wy, wz
+    shrink = gain / _sqrt(squared)
+    return vx + dx * shrink, vy + dy * shrink, vz + dz * shrink
+
+
+def _shortened(v: Sequence[float], longest: float) -> _Triple:
+    length = _sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    shrink = longest / length if length > longest else 1.0
+    return v[0] * shrink, v[1] * shrink, v[2] * shrink
+
+
+class PointLimiter:
+    """A limiter for a point in space: its speed, acceleration and, if wanted, a box around it.
+
+    A point found outside the box may only move inwards.
+    """
+
+    __slots__ = ("_acceleration", "_box", "_speed", "_target", "position", "velocity")
+
+    def __init__(
+        self,
+        speed: float,
+        acceleration: float,
+        box: tuple[Sequence[float], Sequence[float]] | None = None,
+    ) -> None:
+        """m/s, m/s²; `box` is its lower and its upper corner, m."""
+        self._speed = speed
+        self._acceleration = acceleration
+        self._box = box
+        self._target: Sequence[float] | None = None
+        self.position = ZERO3
+        self.velocity: _Triple = (0.0, 0.0, 0.0)
+
+    @property
+    def moving(self) -> bool:
+        """True while the reference has a speed."""
+        return any(self.velocity)
+
+    def reset(self, position: Vector3, velocity: Sequence[float] = ZERO3) -> None:
+        """Start from `position` (rest, or `velocity` as far as it can be stopped)."""
+        self.position = position
+        self._target = None
+        self.velocity = _shortened(velocity, self._speed)
+        if self._box is not None:
+            lowest, highest = self._bounds(self._box, 0.0)
+            self.velocity = _clip(self.velocity, lowest, highest)
+
+    def relocate(self, position: Vector3) -> None:
+        """Take over where the point is, keeping the velocity (speed control)."""
+        self.position = position
+
+    def track(self, target: Sequence[float], velocity: Sequence[float] | None, dt_s: float) -> None:
+        """One period towards `target`, which moves at the speed it was seen to move at.
+
+        `velocity` stands in for that speed on the first call after a reset or a brake. Of a
+        target outside the box its nearest point inside counts.
+        """
+        x, y, z = self.position
+        if self._box is not None:
+            target = _clip(target, *self._box)  # what is left of it lies along the wall
+        tx, ty, tz = target
+        previous = self._target
+        self._target = target
+        forward: Sequence[float] = ZERO3
+        if previous is not None:
+            px, py, pz = previous
+            forward = ((tx - px) / dt_s, (ty - py) / dt_s, (tz - pz) / dt_s)
+        elif velocity is not None:
+            forward = velocity
+        self._advance((tx - x, ty - y, tz - z), forward, dt_s)
+
+    def drive(self, velocity: Sequence[float], dt_s: float) -> None:
+        """One period at `velocity`."""
+        self._target = None
+        vx, vy, vz = _shortened(velocity, self._speed)
+        self._advance((vx * dt_s, vy * dt_s, vz * dt_s), (vx, vy, vz), dt_s)
+
+    def brake(self, dt_s: float) -> None:
+        """One period of slowing down, or of standing still."""
+        self._target = None
+        if any(self.velocity):
+            self._advance(ZERO3, ZERO3, dt_s)
+
+    def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
+        velocity = _steer(self.velocity, error, forward, self._speed, self._acceleration, dt_s)
+        if self._box is not None:
+            velocity = self._confined(self._box, velocity, dt_s)
+        self.velocity = velocity
+        x, y, z = self.position
+        vx, vy, vz = velocity
+        self.position = Vector3(x + vx * dt_s, y + vy * dt_s, z + vz * dt_s)
+
+    def _bounds(
+        self, box: tuple[Sequence[float], Sequence[float]], dt_s: float
+    ) -> tuple[list[float], list[float]]:
+        # Three walls may have to be braked for at once: each gets its share of the acceleration.
+        share = self._acceleration / _SQRT_3
+        lower, upper = box
+        p = self.position
+        return (
+            [-approach_speed(p[i] - lower[i], share, dt_s) for i in (0, 1, 2)],
+            [approach_speed(upper[i] - p[i], share, dt_s) for i in (0, 1, 2)],
+        )
+
+    def _confined(
+        self, box: tuple[Sequence[float], Sequence[float]], wanted: _Triple, dt_s: float
+    ) -> _Triple:
+        """`wanted`, or as much of it as the walls and the acceleration leave."""
+        lowest, highest = self._bounds(box, dt_s)
+        clipped = _clip(wanted, lowest, highest)
+        if clipped == wanted:
+            return wanted
+        # What the walls demand comes first (it always fits); the rest as far as it fits.
+        before = self.velocity
+        due = _clip(before, lowest, highest)
+        mx, my, mz = (due[i] - before[i] for i in (0, 1, 2))
+        fx, fy, fz = (clipped[i] - due[i] for i in (0, 1, 2))
+        gain = self._acceleration * dt_s
+        a = fx * fx + fy * fy + fz * fz
+        b = mx * fx + my * fy + mz * fz
+        c = mx * mx + my * my + mz * mz - gain * gain
+        if a + 2.0 * b + c <= 0.0:
+            return clipped
+        share = 0.0
+        if c < 0.0 < a:
+            share = (_sqrt(b * b - a * c) - b) / a
+        return due[0] + fx * share, due[1] + fy * share, due[2] + fz * share
+
+
+def _clip(v: Sequence[float], lowest: Sequence[float], highest: Sequence[float]) -> _Triple:
+    return (
+        min(max(v[0], lowest[0]), highest[0]),
+        min(max(v[1], lowest[1]), highest[1]),
+        min(max(v[2], lowest[2]), highest[2]),
+    )
+
+
+class OrientationLimiter:
+    """A limiter for an orientation: angular speed and acceleration; quaternions stay continuous.
+
+    The short way round is taken, whichever of q and -q a target is given as.
+    """
+
+    __slots__ = ("_acceleration", "_speed", "_target", "orientation", "velocity")
+
+    def __init__(self, speed: float, acceleration: float) -> None:
+        """rad/s, rad/s²."""
+        self._speed = speed
+        self._acceleration = acceleration
+        self._target: Quaternion | None = None
+        self.orientation = IDENTITY
+        self.velocity: _Triple = (0.0, 0.0, 0.0)
+
+    @property
+    def moving(self) -> bool:
+        """True while the reference turns."""
+        return any(self.velocity)
+
+    def reset(self, orientation: Quaternion, velocity: Sequence[float] = ZERO3) -> None:
+        """Start from `orientation` (a unit quaternion), turning at `velocity` within limits."""
+        self.orientation = orientation
+        self._target = None
+        self.velocity = _shortened(velocity, self._speed)
+
+    def relocate(self, orientation: Quaternion) -> None:
+        """Take over how it is turned, keeping the velocity (speed control)."""
+        self.orientation = orientation
+
+    def track(self, target: Quaternion, velocity: Sequence[float] | None, dt_s: float) -> None:
+        """One period towards `target` (a unit quaternion), which turns as it was seen to turn.
+
+        `velocity` stands in for that on the first call after a reset or a brake.
+        """
+        previous = self._target
+        self._target = target
+        w, x, y, z = target
+        forward: Sequence[float] = ZERO3
+        if previous is None:
+            if velocity is not None:
+                forward = velocity
+        elif previous != target:
+            # Within a period the sine of the half angle is the half angle.
+            pw, px, py, pz = previous
+            double = (2.0 if w * pw + x * px + y * py + z * pz >= 0.0 else -2.0) / dt_s
+            forward = (
+                double * (pw * x - px * w - y * pz + z * py),
+                double * (pw * y - py * w - z * px + x * pz),
+                double * (pw * z - pz * w - x * py + y * px),
+            )
+        qw, qx, qy, qz = self.orientation
+        dw = w * qw + x * qx + y * qy + z * qz
+        dx = qw * x - qx * w - y * qz + z * qy
+        dy = qw * y - qy * w - z * qx + x * qz
+        dz = qw * z - qz * w - x * qy + y * qx
+        sine = _sqrt(dx * dx + dy * dy + dz * dz)
+        factor = 2.0
+        if sine > _TINY:
+            factor = 2.0 * math.atan2(sine, abs(dw)) / sine
+        if dw < 0.0:
+            factor = -factor
+        self._advance((dx * factor, dy * factor, dz * factor), forward, dt_s)
+
+    def drive(self, velocity: Sequence[float], dt_s: float) -> None:
+        """One period at `velocity`."""
+        self._target = None
+        wx, wy, wz = _shortened(velocity, self._speed)
+        self._advance((wx * dt_s, wy * dt_s, wz * dt_s), (wx, wy, wz), dt_s)
+
+    def brake(self, dt_s: float) -> None:
+        """One period of slowing down, or of standing still."""
+        self._target = None
+        if any(self.velocity):
+            self._advance(ZERO3, ZERO3, dt_s)
+
+    def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
+        velocity = _steer(self.velocity, error, forward, self._speed, self._acceleration, dt_s)
+        self.velocity = velocity
+        wx, wy, wz = velocity
+        rate = _sqrt(wx * wx + wy * wy + wz * wz)
+        if rate < _TINY:
+            return
+        half = 0.5 * rate * dt_s
+        factor = math.sin(half) / rate
+        ax = wx * factor
+        ay = wy * factor
+        az = wz * factor
+        aw = math.cos(half)
+        w, x, y, z = self.orientation
+        nw = aw * w - ax * x - ay * y - az * z
+        nx = aw * x + ax * w + ay * z - az * y
+        ny = aw * y - ax * z + ay * w + az * x
+        nz = aw * z + ax * y - ay * x + az * w
+        # One Newton step keeps the length at 1 without a root.
+        unit = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
+        self.orientation = Quaternion(nw * unit, nx * unit, ny * unit, nz * unit)

@@ -1,0 +1,294 @@
+"""What can be set about the EGM driver, and the limits of robots known by name."""
+
+from __future__ import annotations
+
+import ipaddress
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any, Literal, NamedTuple
+
+from cardan.protocols.egm.messages import DNUM_MAX
+from cardan.types import JointLimits
+
+MODES = ("pose", "joint", "path-correction")
+SPEED_REFERENCES = ("matched", "none", "only")
+
+CONTROLLER_PERIOD_S = 0.004032
+"""A real controller's cycle; RAPID's \\SampleRate calls it 4 ms (a virtual one takes 4.000 ms)."""
+
+SILENT_PERIODS = 3
+"""So many missed datagrams are not a hiccup of the network any more."""
+
+
+class RobotPreset(NamedTuple):
+    """Joint range and speed from a robot's data sheet."""
+
+    lower_deg: tuple[float, ...]
+    upper_deg: tuple[float, ...]
+    speed_deg_s: tuple[float, ...]
+
+
+ROBOTS = {
+    "gofa_crb15000_5": RobotPreset(
+        lower_deg=(-180.0, -180.0, -225.0, -180.0, -180.0, -180.0),
+        upper_deg=(180.0, 180.0, 85.0, 180.0, 180.0, 180.0),
+        speed_deg_s=(125.0, 125.0, 140.0, 200.0, 200.0, 200.0),
+    ),
+}
+"""GoFa CRB 15000-5/0.95: the public robot description of ros-industrial."""
+
+
+@dataclass(frozen=True)
+class AbbEgmOptions:
+    """Options of :class:`AbbEgm`. Lengths in m, angles as the controller's own terms: degrees."""
+
+    listen_host: str = "127.0.0.1"
+    """This computer's address on the robot's network (RobotStudio on this machine: 127.0.0.1)."""
+    listen_port: int = 6510
+    """UDP port; the controller's UdpUc device names it as Remote Port Number. 0: any free one."""
+    controller_host: str | None = None
+    """The only address to accept. None: the first that sends a valid datagram, then only that."""
+    mode: Literal["pose", "joint", "path-correction"] = "pose"
+    """What the RAPID program runs: EGMRunPose, EGMRunJoint or EGMMoveL/EGMMoveC."""
+    speed_reference: Literal["matched", "none", "only"] = "matched"
+    """matched: position with its speed; none: position; only: speed (RAPID: PosCorrGain 0)."""
+    sample_rate_ms: int | None = None
+    """\\SampleRate of the RAPID program, nominal ms; None: 4, in path correction 48."""
+    joints: int = 6
+    """6, or 7 for an arm whose third axis travels as an external one (joint mode only)."""
+    external_axes: int = 0
+    """How many external axes are guided along with the arm."""
+    linear_external_axes: tuple[int, ...] = ()
+    """Which external axes, counted from 0, are linear (mm on the wire) and not rotary."""
+    force_frame: Literal["tool", "base"] = "tool"
+    """The frame that measured forces are given in; ABB's manual does not say."""
+    robot: str | None = None
+    """A robot whose joint range and speed are known; None: only the limits below."""
+    joint_lower_deg: tuple[float, ...] = ()
+    """Own lower ends of the joint range; empty: the robot's."""
+    joint_upper_deg: tuple[float, ...] = ()
+    """Own upper ends of the joint range; empty: the robot's."""
+    joint_speed_deg_s: float = 90.0
+    """Highest joint speed in joint mode; joints that are slower by `robot` stay so."""
+    joint_acceleration_deg_s2: float = 720.0
+    external_axis_speed: float = 0.1
+    """rad/s or m/s."""
+    external_axis_acceleration: float = 0.5
+    """rad/s² or m/s²."""
+    linear_speed_m_s: float = 0.25
+    """Highest speed of the TCP in pose mode and of the offset in path correction."""
+    linear_acceleration_m_s2: float = 2.0
+    angular_speed_deg_s: float = 90.0
+    angular_acceleration_deg_s2: float = 720.0
+    workspace_lower_m: tuple[float, ...] = ()
+    """Lower corner of a box the commanded TCP position stays in; empty: no box."""
+    workspace_upper_m: tuple[float, ...] = ()
+    """Upper corner of that box."""
+    path_offset_m: float = 0.02
+    """Largest path correction along y and along z."""
+    max_speed_deviation_deg_s: float | None = None
+    """\\MaxSpeedDeviation of the RAPID program where it is known, for the diagnosis."""
+    silence_s: float = 0.1
+    """Without a datagram for so long (or three periods, if that is longer) the link is LOST."""
+    command_timeout_s: float = 0.1
+    """A command this late (or three periods, if that is longer) ends in a braking ramp."""
+    digital_output: bool | None = None
+    """RAPIDtoRobot.digVal at the start (RobotWare 7.7 and later); None: not sent."""
+    output_values: tuple[float, ...] = ()
+    """RAPIDtoRobot.dnum at the start; empty: not sent."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if field.name not in _WHOLE:
+                _check_finite(field.name, getattr(self, field.name))
+        for name, choice in _CHOICES.items():
+            _require(name, getattr(self, name), getattr(self, name) in choice, _one_of(choice))
+        for name, (lowest, highest) in _WHOLE.items():
+            value = getattr(self, name)
+            if value is None and name == "sample_rate_ms":
+                continue
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            _require(
+                name, value, whole and lowest <= value <= highest, f"{lowest} to {highest}, whole"
+            )
+        for name in _POSITIVE:
+            value = getattr(self, name)
+            _require(name, value, _is_number(value) and value > 0.0, "above 0")
+        self._check_addresses()
+        self._check_axes()
+        self._check_ranges()
+        hint = self.max_speed_deviation_deg_s
+        _require(
+            "max_speed_deviation_deg_s",
+            hint,
+            hint is None or (_is_number(hint) and hint > 0.0),
+            "above 0, or absent",
+        )
+        _require(
+            "digital_output",
+            self.digital_output,
+            self.digital_output in (None, False, True),
+            "true, false, or absent",
+        )
+        _require(
+            "output_values",
+            self.output_values,
+            len(self.output_values) <= DNUM_MAX,
+            f"at most {DNUM_MAX} numbers",
+        )
+
+    def _check_addresses(self) -> None:
+        for name in ("listen_host", "controller_host"):
+            host = getattr(self, name)
+            if host is None and name == "controller_host":
+                continue
+            good = isinstance(host, str) and bool(host) and host.isprintable() and " " not in host
+            if good and ":" in host:
+                good = False
+            _require(name, host, good, "an IPv4 address or a host name")
+        if self.controller_host is not None and _is_wildcard(self.controller_host):
+            _require("controller_host", self.controller_host, False, "one controller's address")
+
+    def _check_axes(self) -> None:
+        rate, step = self.sample_rate_ms, 24 if self.mode == "path-correction" else 4
+        good = rate is None or rate % step == 0
+        _require("sample_rate_ms", rate, good, f"a multiple of {step} in {self.mode} mode")
+        if self.joints == 7:
+            _require("joints", 7, self.mode == "joint", "6 unless mode is joint")
+            _require("external_axes", self.external_axes, self.external_axes <= 5, "0 to 5")
+        linear = self.linear_external_axes
+        _require(
+            "linear_external_axes",
+            linear,
+            all(isinstance(axis, int) and 0 <= axis < 6 for axis in linear),
+            "axis numbers from 0 to 5",
+        )
+        if self.mode == "path-correction":
+            _require(
+                "speed_reference",
+                self.speed_reference,
+                self.speed_reference == "matched",
+                "matched (the default) in path-correction mode, which has no speeds",
+            )
+            _require("external_axes", self.external_axes, self.external_axes == 0, "0 in this mode")
+            outputs = self.digital_output is not None or bool(self.output_values)
+            _require("output_values", self.output_values, not outputs, "none in this mode")
+
+    def _check_ranges(self) -> None:
+        lower, upper = self.joint_lower_deg, self.joint_upper_deg
+        for name, angles in (("joint_lower_deg", lower), ("joint_upper_deg", upper)):
+            _require(
+                name, angles, len(angles) in (0, self.joints), f"{self.joints} angles, or none"
+            )
+        if self.robot is not None:
+            known = len(ROBOTS[self.robot].lower_deg)
+            _require("robot", self.robot, known == self.joints, f"one with {self.joints} joints")
+        else:
+            _require("joint_upper_deg", upper, bool(upper) == bool(lower), "given with the lower")
+        ends = self._range_deg()
+        if ends is not None:
+            good = all(low < high for low, high in zip(*ends, strict=True))
+            _require("joint_lower_deg", lower, good, f"below the upper ends {ends[1]}")
+        low, high = self.workspace_lower_m, self.workspace_upper_m
+        for name, corner in (("workspace_lower_m", low), ("workspace_upper_m", high)):
+            _require(name, corner, len(corner) in (0, 3), "three coordinates, or none")
+        good = len(low) == len(high) and all(a < b for a, b in zip(low, high, strict=True))
+        _require("workspace_lower_m", low, good, f"below the upper corner {high}")
+
+    def _range_deg(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+        preset = ROBOTS[self.robot] if self.robot is not None else None
+        lower = self.joint_lower_deg or (preset.lower_deg if preset else ())
+        upper = self.joint_upper_deg or (preset.upper_deg if preset else ())
+        return (lower, upper) if lower else None
+
+    @property
+    def period_s(self) -> float:
+        """The controller's control period, s."""
+        default_ms = 48 if self.mode == "path-correction" else 4
+        return (self.sample_rate_ms or default_ms) / 4 * CONTROLLER_PERIOD_S
+
+    @property
+    def lost_after_s(self) -> float:
+        """The silence after which the controller counts as lost, s."""
+        return max(self.silence_s, SILENT_PERIODS * self.period_s)
+
+    @property
+    def late_after_s(self) -> float:
+        """The age from which a command is late, s."""
+        return max(self.command_timeout_s, SILENT_PERIODS * self.period_s)
+
+    @property
+    def joint_limits(self) -> JointLimits | None:
+        """What joint mode keeps to; None where no joint range is known."""
+        ends = self._range_deg()
+        if ends is None:
+            return None
+        return JointLimits(
+            lower=tuple(map(math.radians, ends[0])),
+            upper=tuple(map(math.radians, ends[1])),
+            velocity=self.joint_speeds_rad_s,
+            acceleration=(math.radians(self.joint_acceleration_deg_s2),) * self.joints,
+        )
+
+    @property
+    def joint_speeds_rad_s(self) -> tuple[float, ...]:
+        """Highest speed of each joint, rad/s."""
+        own = (self.joint_speed_deg_s,) * self.joints
+        robot = own if self.robot is None else ROBOTS[self.robot].speed_deg_s
+        return tuple(math.radians(min(pair)) for pair in zip(own, robot, strict=True))
+
+
+_CHOICES: dict[str, tuple[Any, ...]] = {
+    "mode": MODES,
+    "speed_reference": SPEED_REFERENCES,
+    "force_frame": ("tool", "base"),
+    "robot": (None, *ROBOTS),
+}
+_WHOLE = {
+    "listen_port": (0, 65535),
+    "sample_rate_ms": (4, 4000),
+    "joints": (6, 7),
+    "external_axes": (0, 6),
+}
+_POSITIVE = (
+    "joint_speed_deg_s",
+    "joint_acceleration_deg_s2",
+    "external_axis_speed",
+    "external_axis_acceleration",
+    "linear_speed_m_s",
+    "linear_acceleration_m_s2",
+    "angular_speed_deg_s",
+    "angular_acceleration_deg_s2",
+    "path_offset_m",
+    "silence_s",
+    "command_timeout_s",
+)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _one_of(choice: Iterable[object]) -> str:
+    return "one of " + ", ".join("absent" if value is None else str(value) for value in choice)
+
+
+def _require(name: str, value: object, good: bool, allowed: str) -> None:
+    if not good:
+        raise ValueError(f"{name}: {value!r} is not allowed; it must be {allowed}")
+
+
+def _check_finite(name: str, value: object) -> None:
+    if isinstance(value, (list, tuple)):
+        _require(name, value, all(_is_number(v) for v in value), "numbers")
+        _require(name, value, all(map(math.isfinite, value)), "finite")
+    elif isinstance(value, float):
+        _require(name, value, math.isfinite(value), "finite")
+
+
+def _is_wildcard(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        return False

@@ -1,0 +1,597 @@
+"""The PC's side of an EGM session without sockets and clocks: datagrams in, answers out."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from cardan.drivers.abb_egm.diagnosis import SlowMotionWatch, diagnose
+from cardan.drivers.abb_egm.guidance import LONGEST_STEP_PERIODS, guidance_for, wire_factors
+from cardan.drivers.abb_egm.options import SILENT_PERIODS, AbbEgmOptions
+from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
+from cardan.errors import CommandError
+from cardan.histogram import LatencyHistogram
+from cardan.protocols.egm import (
+    DNUM_MAX,
+    EgmHeader,
+    EgmMotion,
+    EgmPose,
+    EgmRapidData,
+    EgmRobot,
+    Malformed,
+    MCIState,
+    MotorState,
+    RapidState,
+    decode_robot,
+    encode_rapid_to_robot,
+)
+from cardan.spatial import from_euler_zyx, normalized
+from cardan.types import (
+    NEVER_S,
+    Frame,
+    HoldCommand,
+    Pose,
+    Quaternion,
+    RobotCapabilities,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+    Vector3,
+    Wrench,
+)
+
+Address = tuple[str, int]
+
+_MASK = 0xFFFFFFFF
+_HALF = 0x80000000
+"""Sequence numbers and the ms clock count modulo 2^32; differences are taken with a sign."""
+
+_ROUNDING = 1e-9
+"""Of a quaternion's squared length: this near to 1 it needs no repair."""
+
+_REORDERED_MAX = 16
+"""Without a clock to tell, a datagram further back than this (64 ms) is a new start, not late."""
+_LATE_MAX = 250
+"""A datagram further back than this (1 s) is a new start, whatever its clock says."""
+
+
+@dataclass(slots=True)
+class EgmCounters:
+    """What happened since the driver was opened."""
+
+    accepted: int = 0
+    answers: int = 0
+    superseded: int = 0
+    """Accepted, but a newer one was there before it could be answered."""
+    lost: int = 0
+    """Missing in the controller's sequence."""
+    duplicates: int = 0
+    old: int = 0
+    foreign: int = 0
+    """From another address than the controller's."""
+    malformed: Counter[str] = field(default_factory=Counter)
+    """By kind."""
+    late_commands: int = 0
+    """Pauses between answers above the command timeout."""
+    driver_holds: int = 0
+    """Datagrams that got no command from the application; the driver answered with a hold."""
+    send_errors: int = 0
+    ended_by_convergence: int = 0
+    """Runs that ended while the robot stood in its convergence window."""
+
+
+class EgmSession:
+    """One controller on one port, seen from the PC.
+
+    The shell calls `receive` for each datagram and, for the newest state that comes back, `reply`
+    once; `tick` when nothing came for a while. All times are local monotonic seconds.
+    """
+
+    def __init__(
+        self, options: AbbEgmOptions, now_s: float, controller_ip: str | None = None
+    ) -> None:
+        """`controller_ip` pins the controller's address; None learns it from what comes first."""
+        self.options = options
+        self.opened_s = now_s
+        self.counters = EgmCounters()
+        self.peer: Address | None = None
+        """Where the controller sends from, and where answers go."""
+        self.message: EgmRobot | None = None
+        """The newest accepted message as it came."""
+        self.state: RobotState | None = None
+        """The newest accepted state."""
+        self.owes_answer = False
+        """True between an accepted datagram and its answer."""
+        self.last_cause = ""
+        """Why the present session counts as a new one."""
+        self.last_malformed = ""
+        self.last_foreign = ""
+        self.last_send_error = ""
+        self.jitter = LatencyHistogram()
+        """How far the time between two receptions is off the controller's own period."""
+        self.reply_latency = LatencyHistogram()
+        """From the reception of a datagram to its answer being sent."""
+        self.slow_motion = SlowMotionWatch()
+        self.port = options.listen_port
+        """The UDP port in use, where the shell knows better than the options (0: any)."""
+        self._ip = controller_ip
+        self._nominal_s = options.period_s
+        self._longest_step_s = LONGEST_STEP_PERIODS * options.period_s
+        self._lost_after_s = options.lost_after_s
+        self._late_after_s = options.late_after_s
+        self._joints = options.joints
+        self._needs_pose = options.mode == "pose"
+        self._needs_joints = options.mode == "joint"
+        self._external_factors = tuple(1.0 / factor for factor in wire_factors(options))
+        self._force_frame = Frame(options.force_frame)
+        self._guidance = guidance_for(options)
+        self._suffix = b""
+        self._outputs = EgmRapidData(None, ())
+        if options.digital_output is not None or options.output_values:
+            self.set_outputs(options.digital_output, options.output_values)
+        self._out_seqno = 0
+        self._sessions = 0
+        self._silent = False
+        self._fresh = False
+        self._seqno = 0
+        self._last_s = NEVER_S
+        self._session_s = NEVER_S
+        self._session_first = 0
+        self._before: RobotState | None = None
+        self._since_reply_s = 0.0
+        self._replied_s = NEVER_S
+        self._said_speed = False
+        self._controller_states: tuple[int | None, int | None, int | None] = (None, None, None)
+        self._hold_reason = EGM_UNDEFINED
+        self._orientation: Quaternion | None = None
+
+    # -- reception ------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, source: Address, now_s: float) -> RobotState | None:
+        """Take one datagram; the robot's state if it is to be answered, None if it is refused."""
+        peer = self.peer
+        if source != peer and not self._admissible(source, now_s):
+            self.counters.foreign += 1
+            self.last_foreign = f"{source[0]}:{source[1]}"
+            return None
+        message = decode_robot(data)
+        if isinstance(message, Malformed):
+            self._refuse(message.fault.name.lower(), f"{message.fault.value}: {message.detail}")
+            return None
+        header = message.header
+        feedback = message.feed_back
+        lack = self._lack(header, feedback)
+        if lack or header is None or header.seqno is None or feedback is None:
+            self._refuse("incomplete", lack)
+            return None
+        seqno = header.seqno
+        step = 1
+        cause = ""
+        if peer is None:
+            cause = "the first datagram"
+        elif source != peer:
+            cause = f"the controller's port changed from {peer[1]} to {source[1]}"
+        elif self._silent or (
+            now_s - self._last_s > self._lost_after_s and not self._was_queued(message)
+        ):
+            cause = f"{now_s - self._last_s:.2f} s of silence"
+        elif seqno != (self._seqno + 1) & _MASK:
+            step = ((seqno - self._seqno + _HALF) & _MASK) - _HALF
+            if step <= 0:
+                if not self._restarted(message, step):
+                    if step:
+                        self.counters.old += 1
+                    else:
+                        self.counters.duplicates += 1
+                    return None
+                cause = f"the sequence number fell from {self._seqno} to {seqno}"
+            elif (step - 1) * self._nominal_s > 2.0 * (now_s - self._last_s) + self._lost_after_s:
+                cause = f"the sequence number jumped from {self._seqno} to {seqno}"
+            else:
+                self.counters.lost += step - 1
+        if cause:
+            self._begin(cause, source)
+            period_s = self._nominal_s
+            self._session_s = now_s
+            self._session_first = self.counters.accepted
+        else:
+            period_s = self._period(feedback, step)
+            self.jitter.add(abs(now_s - self._last_s - period_s))
+            if self.owes_answer:
+                self.counters.superseded += 1
+        self._seqno = seqno
+        self._last_s = now_s
+        self._since_reply_s += period_s
+        self.counters.accepted += 1
+        states = (message.motor_state, message.mci_state, message.rapid_exec_state)
+        if states != self._controller_states:
+            self._enter(states)
+        self.message = message
+        self.owes_answer = True
+        self._before = self.state
+        self.state = state = self._state(message, feedback, now_s, seqno, period_s)
+        return state
+
+    def tick(self, now_s: float) -> RobotState | None:
+        """The state of a controller that is silent: WAITING or LOST; None while it is not.
+
+        To be called when nothing came for a while, whether or not anything came before.
+        """
+        if self.state is None:
+            reason = f"no datagram in {now_s - self.opened_s:.1f} s"
+            return RobotState(now_s, RobotLink.WAITING, 0, 0, 0.0, (), (), (), None, None, reason)
+        silence_s = now_s - self._last_s
+        if silence_s < self._lost_after_s:
+            return None
+        if not self._silent:
+            self._silent = True
+            self.owes_answer = False
+            self._note_end()
+        return self.state._replace(
+            stamp_s=now_s,
+            link=RobotLink.LOST,
+            period_s=0.0,
+            hold_reason=f"no datagram for {silence_s:.1f} s",
+        )
+
+    def skip(self) -> None:
+        """Leave the accepted datagram without an answer: it waited too long to be worth one."""
+        self.owes_answer = False
+        self.counters.superseded += 1
+
+    def _admissible(self, source: Address, now_s: float) -> bool:
+        """Whether a datagram from another source than the peer may be looked at."""
+        if self.peer is None:
+            return self._ip is None or source[0] == self._ip
+        # The controller's port may change, but nobody takes over from one that is still heard.
+        silence_s = now_s - self._last_s
+        return source[0] == self.peer[0] and silence_s >= SILENT_PERIODS * self._nominal_s
+
+    def _refuse(self, kind: str, detail: str) -> None:
+        self.counters.malformed[kind] += 1
+        self.last_malformed = detail
+
+    def _lack(self, header: EgmHeader | None, feedback: EgmMotion | None) -> str:
+        """What a message must have and has not; empty when it is complete."""
+        if header is None or header.seqno is None:
+            return "it has no sequence number"
+        if feedback is None:
+            return "it has no feedBack"
+        if self._needs_joints:
+            external = feedback.external_joints or ()
+            if feedback.joints is None or len(feedback.joints) != 6:
+                return f"joint mode needs 6 joints in feedBack, it has {feedback.joints}"
+            needed = self._joints - 6 + self.options.external_axes
+            if len(external) < needed:
+                return f"feedBack has {len(external)} externalJoints, the options need {needed}"
+        elif self._needs_pose:
+            pose = feedback.cartesian
+            if pose is None or pose.pos is None or (pose.orient is None and pose.euler is None):
+                return "pose mode needs position and orientation in feedBack"
+            if pose.orient is not None and not _is_rotation(sum(c * c for c in pose.orient)):
+                return f"its quaternion {tuple(pose.orient)} is no rotation"
+            if len(feedback.external_joints or ()) < self.options.external_axes:
+                return f"feedBack lacks some of the {self.options.external_axes} external axes"
+        return ""
+
+    def _clock_steps_ms(self, message: EgmRobot) -> list[float]:
+        """How far the controller's clocks, as far as it sends them, are past the last message."""
+        last = self.message
+        steps: list[float] = []
+        if last is None or last.header is None or message.header is None:
+            return steps
+        tm, last_tm = message.header.tm_ms, last.header.tm_ms
+        if tm is not None and last_tm is not None:
+            steps.append(((tm - last_tm + _HALF) & _MASK) - _HALF)
+        now, before = message.feed_back, last.feed_back
+        if now and before and now.time_us is not None and before.time_us is not None:
+            steps.append((now.time_us - before.time_us) * 1e-3)
+        return steps
+
+    def _was_queued(self, message: EgmRobot) -> bool:
+        """Whether `message` waited here, unread, rather than that the controller was silent."""
+        return any(0.0 < step < 1e3 * self._lost_after_s for step in self._clock_steps_ms(message))
+
+    def _restarted(self, message: EgmRobot, step: int) -> bool:
+        """Whether a sequence number that did not rise means a new start, not a late datagram."""
+        clocks = [ms for ms in self._clock_steps_ms(message) if ms]
+        if clocks:
+            return max(clocks) > 0.0 or step < -_LATE_MAX
+        return step < -_REORDERED_MAX
+
+    def _period(self, feedback: EgmMotion, step: int) -> float:
+        """Time since the message before, by the controller's clock if that is plausible, s."""
+        nominal_s = self._nominal_s * step
+        last = self.message
+        if feedback.time_us is not None and last is not None and last.feed_back is not None:
+            before_us = last.feed_back.time_us
+            if before_us is not None:
+                measured_s = (feedback.time_us - before_us) * 1e-6
+                # Outside of this its clock was set.
+                if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
+                    return measured_s
+        return nominal_s
+
+    def _begin(self, cause: str, source: Address) -> None:
+        if self._sessions and not self._silent:
+            self._note_end()
+        self._sessions += 1
+        self.last_cause = cause
+        self.peer = source
+        self._silent = False
+        self._fresh = True
+        self._since_reply_s = 0.0
+        self._replied_s = NEVER_S
+        self._controller_states = (None, None, None)
+        self._hold_reason = EGM_UNDEFINED
+
+    def _note_end(self) -> None:
+        """Count a run that ended while the robot stood in its convergence window."""
+        message = self.message
+        if message and message.mci_convergence_met and message.mci_state == MCIState.RUNNING:
+            self.counters.ended_by_convergence += 1
+
+    def _enter(self, states: tuple[int | None, int | None, int | None]) -> None:
+        motors, mci, rapid = states
+        if (
+            self._controller_states[1] == MCIState.RUNNING
+            and mci == MCIState.STOPPED
+            and motors != MotorState.OFF
+            and rapid != RapidState.STOPPED
+        ):
+            self._note_end()
+        self._controller_states = states
+        self.slow_motion.reset()
+        self._hold_reason = hold_reason(motors, mci, rapid)
+
+    def _state(
+        self, message: EgmRobot, feedback: EgmMotion, now_s: float, seqno: int, period_s: float
+    ) -> RobotState:
+        planned = message.planned
+        joints = feedback.joints or ()
+        externals: tuple[float, ...] = ()
+        joints_planned: tuple[float, ...] = ()
+        pose = pose_planned = None
+        if feedback.external_joints:
+            joints, externals = self._ordered(joints, feedback.external_joints)
+        if feedback.cartesian is not None:
+            pose = _pose(feedback.cartesian, self._orientation)
+            if pose is not None:
+                self._orientation = pose.orientation
+        if planned is not None:
+            joints_planned = planned.joints or ()
+            if planned.external_joints and self._joints == 7:
+                joints_planned, _ = self._ordered(joints_planned, planned.external_joints)
+            if planned.cartesian is not None:
+                pose_planned = _pose(planned.cartesian, self._orientation)
+        wrench = None
+        force = message.measured_force
+        if force is not None and len(force.force) == 6:
+            fx, fy, fz, tx, ty, tz = force.force
+            wrench = Wrench(Vector3(fx, fy, fz), Vector3(tx, ty, tz), self._force_frame)
+        utilization = message.utilization_rate
+        clock_us = feedback.time_us
+        return RobotState(
+            now_s,
+            RobotLink.LIVE,
+            self._sessions,
+            seqno,
+            period_s,
+            joints,
+            joints_planned,
+            externals,
+            pose,
+            pose_planned,
+            self._hold_reason or (FIRST_ANSWER if self._fresh else ""),
+            wrench,
+            None if utilization is None else 0.01 * utilization,
+            None if clock_us is None else 1e-6 * clock_us,
+        )
+
+    def _ordered(
+        self, joints: tuple[float, ...], outside: tuple[float, ...]
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Joints in kinematic order and the true external axes, SI."""
+        if self._joints == 7 and joints:
+            joints = (*joints[:2], math.radians(outside[0]), *joints[2:])
+            outside = outside[1:]
+        return joints, tuple(
+            value * factor for value, factor in zip(outside, self._external_factors, strict=False)
+        )
+
+    # -- answers --------------------------------------------------------------------------------
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        """Which commands `reply` takes in the mode of the options."""
+        outputs = self.options.mode != "path-correction"
+        return RobotCapabilities(
+            self._guidance.kinds,
+            self._nominal_s,
+            self._joints,
+            self.options.joint_limits,
+            1 if outputs else 0,
+            DNUM_MAX if outputs else 0,
+        )
+
+    def check(self, command: RobotCommand) -> None:
+        """Raise CommandError, saying what is allowed, unless `reply` can take `command`."""
+        self._guidance.check(command)
+
+    def reply(self, command: RobotCommand, now_s: float) -> bytes:
+        """The one answer to the datagram accepted last.
+
+        Raises CommandError for a command that cannot be sent in this mode; the answer is then
+        still owed. While commands do not act, the answer is the measured position.
+        """
+        state = self.state
+        if state is None or not self.owes_answer:
+            raise CommandError("there is no datagram to answer")
+        guidance = self._guidance
+        guidance.check(command)
+        if state.hold_reason:
+            guidance.reset(state)
+        else:
+            dt_s = self._since_reply_s
+            if dt_s > self._longest_step_s:
+                dt_s = self._longest_step_s
+            timeout_s = self._late_after_s
+            if now_s - self._replied_s > timeout_s:
+                # The controller went on by itself: the old reference is behind it.
+                self.counters.late_commands += 1
+                guidance.resync(state, self._before or state)
+            if now_s - state.stamp_s > timeout_s:
+                guidance.step(None, state, dt_s)
+            else:
+                guidance.step(command, state, dt_s)
+            if self.slow_motion.due():
+                self.slow_motion.look(guidance.progress(state), now_s)
+        return self._encode(now_s)
+
+    def hold(self, now_s: float) -> bytes:
+        """The answer when the application gave none: brake, or stay."""
+        self.counters.driver_holds += 1
+        return self.reply(_HOLD, now_s)
+
+    def answered(self, now_s: float) -> None:
+        """Note that the answer left at `now_s`."""
+        if self.state is not None:
+            self.reply_latency.add(now_s - self.state.stamp_s)
+
+    def send_failed(self, reason: str) -> None:
+        """Note that the answer could not be sent."""
+        self.counters.send_errors += 1
+        self.last_send_error = reason
+
+    def farewell(self, now_s: float) -> bytes | None:
+        """The message to leave the controller with: the last position, no speed.
+
+        None where the last message said that already, or there is nobody to tell.
+        """
+        if not (self.owes_answer or self._said_speed) or self.peer is None or self.state is None:
+            return None
+        if self._replied_s == NEVER_S:
+            self._guidance.reset(self.state)
+        return self._encode(now_s, still=True)
+
+    @property
+    def moving(self) -> bool:
+        """True while the last message told the controller to move."""
+        return self._said_speed
+
+    def _encode(self, now_s: float, still: bool = False) -> bytes:
+        message = self.message
+        tm_ms = None if message is None or message.header is None else message.header.tm_ms
+        if tm_ms is None:
+            tm_ms = int(now_s * 1e3) & _MASK
+        data = self._guidance.encode(self._out_seqno, tm_ms, self._suffix, still)
+        self._out_seqno = (self._out_seqno + 1) & _MASK
+        self._said_speed = not still and self._guidance.moving
+        self._fresh = False
+        self._replied_s = now_s
+        self._since_reply_s = 0.0
+        self.owes_answer = False
+        self.counters.answers += 1
+        return data
+
+    def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
+        """Set RAPIDtoRobot of every message from now on; None and () leave what was set.
+
+        Raises CommandError for values EGM cannot carry.
+        """
+        if self.options.mode == "path-correction":
+            raise CommandError("path correction carries no outputs; use pose or joint mode")
+        if len(values) > DNUM_MAX:
+            raise CommandError(f"values has {len(values)} numbers; EGM carries up to {DNUM_MAX}")
+        if not all(map(math.isfinite, values)):
+            raise CommandError(f"values is {tuple(values)}; every number must be finite")
+        before = self._outputs
+        self._outputs = EgmRapidData(
+            before.dig_val if digital is None else bool(digital),
+            tuple(map(float, values)) or before.dnum,
+        )
+        if digital is not None or values:
+            self._suffix = encode_rapid_to_robot(self._outputs)
+
+    # -- insight --------------------------------------------------------------------------------
+
+    @property
+    def sessions(self) -> int:
+        """Sessions so far."""
+        return self._sessions
+
+    @property
+    def hold_reason(self) -> str:
+        """Why the controller's states keep commands from acting; empty when they act."""
+        return self._hold_reason
+
+    @property
+    def silent(self) -> bool:
+        """True when the controller was heard and is lost."""
+        return self._silent
+
+    def silence_s(self, now_s: float) -> float:
+        """Time since the last accepted datagram, or since the start, s."""
+        return now_s - (self.opened_s if self.state is None else self._last_s)
+
+    def metrics(self) -> dict[str, float]:
+        """Live figures: times in s, ratios in 0..1, counts."""
+        counters = self.counters
+        state = self.state
+        intervals = counters.accepted - self._session_first - 1
+        figures: dict[str, float] = {
+            "sessions": self._sessions,
+            "datagrams": counters.accepted,
+            "answers": counters.answers,
+            "lost": counters.lost,
+            "duplicates": counters.duplicates,
+            "old": counters.old,
+            "superseded": counters.superseded,
+            "foreign": counters.foreign,
+            "malformed": sum(counters.malformed.values()),
+            "late_commands": counters.late_commands,
+            "driver_holds": counters.driver_holds,
+            "send_errors": counters.send_errors,
+            "period_s": (self._last_s - self._session_s) / intervals if intervals > 0 else 0.0,
+            "period_jitter_p99_s": self.jitter.percentile(99.0),
+            "reply_latency_median_s": self.reply_latency.percentile(50.0),
+            "reply_latency_p99_s": self.reply_latency.percentile(99.0),
+            "reply_latency_max_s": self.reply_latency.max,
+        }
+        if state is not None and state.utilization is not None:
+            figures["utilization"] = state.utilization
+        figures.update({f"malformed_{kind}": n for kind, n in counters.malformed.items()})
+        return figures
+
+    def diagnosis(self, now_s: float) -> tuple[str, ...]:
+        """What stands in the way or deserves attention, in plain words, worst first."""
+        return diagnose(self, now_s)
+
+
+_HOLD = HoldCommand()
+
+
+def _pose(wire: EgmPose, previous: Quaternion | None) -> Pose | None:
+    """`wire` with a unit quaternion on the side of `previous`; None where it is incomplete."""
+    position, orientation, euler = wire
+    if orientation is None and euler is not None:
+        orientation = from_euler_zyx(*euler)
+    if position is None or orientation is None:
+        return None
+    w, x, y, z = orientation
+    squared = w * w + x * x + y * y + z * z
+    if not -_ROUNDING < squared - 1.0 < _ROUNDING:
+        if not _is_rotation(squared):
+            return None
+        w, x, y, z = orientation = normalized(orientation)
+    if previous is not None:
+        pw, px, py, pz = previous
+        if w * pw + x * px + y * py + z * pz < 0.0:
+            orientation = Quaternion(-w, -x, -y, -z)
+    return Pose(position, orientation)
+
+
+def _is_rotation(squared_length: float) -> bool:
+    return 0.5 < squared_length < 2.0

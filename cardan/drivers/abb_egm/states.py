@@ -1,0 +1,38 @@
+"""When the controller's three states let commands act."""
+
+from __future__ import annotations
+
+from cardan.protocols.egm import MCIState, MotorState, RapidState
+
+FIRST_ANSWER = "a session begins: its first answer is the measured position"
+MOTORS_OFF = "the motors are off"
+RAPID_STOPPED = "the RAPID program is stopped"
+EGM_ERROR = "EGM reports an error"
+EGM_STOPPED = "EGM is stopped: positions are only streamed"
+EGM_UNDEFINED = "the controller does not say that EGM runs"
+
+ADVICE = {
+    FIRST_ANSWER: "commands act from the next answer on",
+    MOTORS_OFF: "switch them on and start the RAPID program",
+    RAPID_STOPPED: "start it; it must reach EGMRunPose, EGMRunJoint or EGMMoveL",
+    EGM_ERROR: "read the controller's event log; RAPID must call EGMReset and set EGM up again",
+    EGM_STOPPED: "the RAPID program must reach EGMRunPose, EGMRunJoint or EGMMoveL",
+    EGM_UNDEFINED: "the RAPID program must reach EGMRunPose, EGMRunJoint or EGMMoveL",
+}
+"""What to do about each of them."""
+
+
+def hold_reason(motors: int | None, mci: int | None, rapid: int | None) -> str:
+    """Why commands would not act now, given the states as they came; empty when they do.
+
+    RAPID counts as running when it is UNDEFINED: so it is reported after a controller's restart.
+    """
+    if motors == MotorState.OFF:
+        return MOTORS_OFF
+    if rapid == RapidState.STOPPED:
+        return RAPID_STOPPED
+    if mci == MCIState.RUNNING:
+        return ""
+    if mci == MCIState.ERROR:
+        return EGM_ERROR
+    return EGM_STOPPED if mci == MCIState.STOPPED else EGM_UNDEFINED

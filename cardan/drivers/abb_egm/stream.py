@@ -1,0 +1,97 @@
+"""A thread that answers the controller for an application slower than its cycle."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import closing
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from cardan.errors import DriverError
+from cardan.types import HoldCommand, RobotCommand, RobotState
+
+if TYPE_CHECKING:
+    from cardan.drivers.abb_egm.driver import AbbEgm
+
+_JOIN_S = 2.0
+"""A wake-up and a braking ramp, with room to spare."""
+
+
+class EgmStream:
+    """Newest state out, newest command in; every datagram is answered at once in between.
+
+    A command acts until the next one, until it is older than the option `command_timeout_s`, or
+    until the controller begins a new session; then the robot is braked within its limits.
+    """
+
+    def __init__(self, driver: AbbEgm) -> None:
+        self._driver = driver
+        self._timeout_s = driver.options.late_after_s
+        self._thread: threading.Thread | None = None
+        self._stopping = False
+        self._failure: BaseException | None = None
+        self._state: RobotState | None = None
+        # Written in one go: the thread sees a whole command or the one before.
+        self._newest: tuple[RobotCommand, float, int] = (HoldCommand(), 0.0, -1)
+
+    def __enter__(self) -> EgmStream:
+        self._driver.open()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._answer, name="EGM", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._stopping = True
+        if self._thread is not None:
+            self._thread.join(_JOIN_S)
+
+    def state(self) -> RobotState:
+        """The newest state; its stamp says how old it is. Never blocks.
+
+        Raises DriverError when the thread has failed.
+        """
+        self._raise_failure()
+        state = self._state
+        if state is None:
+            session = self._driver.session
+            now_s = time.monotonic()
+            state = session.state or session.tick(now_s)
+            assert state is not None
+        return state
+
+    def command(self, command: RobotCommand) -> None:
+        """Have every datagram answered with `command` from now on. Never blocks.
+
+        Raises CommandError for one the robot cannot take (the one before stays in force) and
+        DriverError when the thread has failed.
+        """
+        self._raise_failure()
+        session = self._driver.session
+        session.check(command)
+        self._newest = (command, time.monotonic(), session.sessions)
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise DriverError(f"the EGM thread has ended: {self._failure}") from self._failure
+
+    def _answer(self) -> None:
+        hold = HoldCommand()
+        send = self._driver.send
+        try:
+            with closing(self._driver.cycles()) as cycles:
+                for state in cycles:
+                    self._state = state
+                    if self._stopping:
+                        break
+                    command, stamp_s, session = self._newest
+                    fresh = state.stamp_s - stamp_s <= self._timeout_s
+                    send(command if fresh and session == state.session else hold)
+        except BaseException as error:
+            self._failure = error

@@ -1,0 +1,16 @@
+"""3Dconnexion's six-axis devices (SpaceMouse, SpaceNavigator and kin) as operator devices."""
+
+from cardan.drivers.spacemouse.access import udev_rules
+from cardan.drivers.spacemouse.core import SpaceMouseCore
+from cardan.drivers.spacemouse.device import SpaceMouse, list_devices
+from cardan.drivers.spacemouse.options import SpaceMouseOptions
+from cardan.drivers.spacemouse.transports import FoundDevice
+
+__all__ = [
+    "FoundDevice",
+    "SpaceMouse",
+    "SpaceMouseCore",
+    "SpaceMouseOptions",
+    "list_devices",
+    "udev_rules",
+]

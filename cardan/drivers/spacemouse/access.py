@@ -1,0 +1,87 @@
+"""What stands between a user and a device that is plugged in, in words, and how to remove it."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import sys
+from pathlib import Path
+
+UDEV_HINT = "install the udev rules (`cardan devices --udev` prints them) and plug it in again"
+
+_PERMISSION = (errno.EACCES, errno.EPERM)
+_LIBUSB_PATH = re.compile(r"(?P<port>\d+-[\d.]+):\d+\.\d+")
+_OLD_LIBUSB_PATH = re.compile(r"(?P<bus>[0-9a-f]{4}):(?P<device>[0-9a-f]{4}):[0-9a-f]{2}")
+
+
+_RULES = """\
+# 3Dconnexion six-axis devices. Save as /etc/udev/rules.d/70-spacemouse.rules: the number must be
+# below 73 for uaccess. Then, as root: udevadm control --reload, and plug the device in again.
+# For users who are not at the console (ssh, services) add GROUP="plugdev", or another group of
+# theirs, to each rule.
+SUBSYSTEM=="hidraw", ATTRS{idVendor}=="256f", MODE="0660", TAG+="uaccess"
+SUBSYSTEM=="hidraw", ATTRS{idVendor}=="046d", ATTRS{idProduct}=="c6[0-4]?", MODE="0660", TAG+="uaccess"
+SUBSYSTEM=="usb", ENV{DEVTYPE}=="usb_device", ATTR{idVendor}=="256f", MODE="0660", TAG+="uaccess"
+SUBSYSTEM=="usb", ENV{DEVTYPE}=="usb_device", ATTR{idVendor}=="046d", ATTR{idProduct}=="c6[0-4]?", MODE="0660", TAG+="uaccess"
+# Over Bluetooth there is no idVendor.
+SUBSYSTEM=="hidraw", KERNELS=="0005:256F:*", MODE="0660", TAG+="uaccess"
+"""  # noqa: E501
+
+
+def udev_rules() -> str:
+    """The udev rules that let the user at the console read these devices (hidraw and libusb)."""
+    return _RULES
+
+
+def obstacle(path: str, *, root: Path = Path("/")) -> str:
+    """Why the device at `path` (as the HID back end calls it) cannot be opened; empty if it can.
+
+    Tries its node, since the HID library gives no reasons. `root` is where /dev and /sys are.
+    """
+    if not sys.platform.startswith("linux"):
+        return ""
+    node = _node(path, root)
+    if node is None:
+        return ""
+    try:
+        os.close(os.open(node, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC))
+    except OSError as error:
+        if error.errno in _PERMISSION:
+            return f"no permission for {node}: {UDEV_HINT}"
+        if error.errno == errno.EBUSY:
+            return f"another program holds {node}: end it"
+        if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+            return f"{node} is gone: plug it in again"
+        return f"{node}: {error.strerror}"
+    return ""
+
+
+def refusal(path: str, error: object) -> str:
+    """Why opening the device at `path` failed with `error`, in words."""
+    words = obstacle(path)
+    if words:
+        return words
+    if sys.platform == "darwin":
+        hint = "3DxWare may have seized it: quit 3DconnexionHelper, and allow Input Monitoring"
+    else:
+        hint = "another program may hold it: spacenavd, 3DxWare or another session"
+    return f"{path}: {error}; {hint}"
+
+
+def _node(path: str, root: Path) -> Path | None:
+    """The device node behind a path of hidapi's hidraw or libusb back end."""
+    if path.startswith("/dev/"):
+        return root / path[1:]
+    bus = device = None
+    if match := _LIBUSB_PATH.fullmatch(path):
+        port = root / "sys/bus/usb/devices" / match["port"]
+        with contextlib.suppress(OSError, ValueError):
+            bus = int((port / "busnum").read_text())
+            device = int((port / "devnum").read_text())
+    elif match := _OLD_LIBUSB_PATH.fullmatch(path):
+        bus, device = int(match["bus"], 16), int(match["device"], 16)
+    if bus is None or device is None:
+        return None
+    return root / f"dev/bus/usb/{bus:03d}/{device:03d}"

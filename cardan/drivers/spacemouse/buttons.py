@@ -1,0 +1,117 @@
+"""Which buttons are down, merged from all the reports that tell of buttons, and their edges."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from cardan.protocols.connexion import (
+    LONG_PRESS,
+    PRO_BUTTONS,
+    TWO_BUTTONS,
+    V3DK,
+    ButtonBits,
+    KeysDown,
+    LongPress,
+    LongPressBits,
+    Model,
+)
+from cardan.types import ButtonEvent
+
+ButtonReport = ButtonBits | KeysDown | LongPress | LongPressBits
+
+MAX_EVENTS = 4096
+"""Button edges kept for a consumer that does not come; beyond, the oldest go (and are counted)."""
+
+_V3DK_BITS: Mapping[int, str] = MappingProxyType({code - 1: V3DK[code] for code in V3DK})
+_TWO_BUTTON_REPORT_BYTES = 3
+
+
+class Buttons:
+    """The buttons of one device of `model`.
+
+    Of an unknown model (None) and of a receiver, what is paired shows in the length of report 3:
+    three bytes are a two-button device's "left" and "right", more are the vendor's key numbers.
+    A long press that has a meaning of its own is one more button, held until its key goes.
+    """
+
+    def __init__(self, model: Model | None) -> None:
+        self.model = model
+        self.held: frozenset[str] = frozenset()
+        self.lost_edges = 0
+        self._events: deque[ButtonEvent] = deque(maxlen=MAX_EVENTS)
+        self._bits: list[str] = []
+        self._keys: list[str] = []
+        self._long_bits: list[str] = []
+        self._long_keys: list[str] = []
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the buttons, lowest first; empty when the model is unknown."""
+        if self.model is None:
+            return ()
+        own = self.model.buttons.values()
+        return tuple(dict.fromkeys((*TWO_BUTTONS.values(), *own) if self.model.receiver else own))
+
+    def on_report(self, value: ButtonReport, size: int, now_s: float) -> None:
+        """Take a report of `size` bytes; each tells the whole state of what it tells about."""
+        if isinstance(value, ButtonBits):
+            labels = self._labels_of(size)
+            self._bits = [labels.get(bit) or f"button-{bit}" for bit in _bits_of(value.mask)]
+            if not value.mask:
+                self._long_bits = []
+        elif isinstance(value, KeysDown):
+            self._keys = [self._label(code) for code in value.codes]
+            if not value.codes:
+                self._long_keys = []
+        elif isinstance(value, LongPress):
+            self._long_keys = self._long_labels(value.codes)
+        else:
+            self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
+        self._set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
+
+    def release_all(self, now_s: float) -> None:
+        """Count every button as released: nobody can tell any more."""
+        self._bits, self._keys, self._long_bits, self._long_keys = [], [], [], []
+        self._set((), now_s)
+
+    def events(self) -> list[ButtonEvent]:
+        """Edges since the last call, oldest first."""
+        events = list(self._events)
+        self._events.clear()
+        return events
+
+    def _set(self, labels: Sequence[str], now_s: float) -> None:
+        """Queue the edges that lead to `labels`, releases first."""
+        held = frozenset(labels)
+        if held == self.held:
+            return
+        edges = [ButtonEvent(now_s, label, False) for label in sorted(self.held - held)]
+        edges += [
+            ButtonEvent(now_s, label, True)
+            for label in dict.fromkeys(labels)
+            if label not in self.held
+        ]
+        self.lost_edges += max(0, len(self._events) + len(edges) - MAX_EVENTS)
+        self._events.extend(edges)
+        self.held = held
+
+    def _labels_of(self, size: int) -> Mapping[int, str]:
+        """Labels by bit of a report 3 of `size` bytes."""
+        if self.model is not None and not self.model.receiver:
+            return self.model.buttons
+        if size == _TWO_BUTTON_REPORT_BYTES:
+            return TWO_BUTTONS
+        return _V3DK_BITS if self.model is None else PRO_BUTTONS
+
+    def _label(self, code: int) -> str:
+        own = None if self.model is None else self.model.buttons.get(code - 1)
+        return own or V3DK.get(code) or f"key-{code}"
+
+    def _long_labels(self, codes: Sequence[int]) -> list[str]:
+        return [self._label(LONG_PRESS.get(code, code)) for code in codes]
+
+
+def _bits_of(mask: int) -> list[int]:
+    return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]

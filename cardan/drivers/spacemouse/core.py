@@ -1,0 +1,389 @@
+"""What a SpaceMouse's reports mean, without any I/O and in the caller's time.
+
+A device at rest is silent, and a deflected one reports all the time (a pair of halves or one
+whole report each 16 ms). So silence is believed only after a report of rest:
+
+- After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until both translation and
+  rotation were reported inside the dead zone. A device that nobody touches says nothing at all,
+  so the operator touches the cap and lets go once: every release ends in reports of rest.
+- A deflected device that falls silent for `STALE_AFTER_S`, or one of whose halves does, is STALE:
+  the axes are zero, and the buttons count as released, since a release may have been lost.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from cardan.drivers.spacemouse.buttons import Buttons
+from cardan.drivers.spacemouse.drift import DRIFT_AFTER_S, DriftDetector
+from cardan.drivers.spacemouse.options import SpaceMouseOptions
+from cardan.drivers.spacemouse.shaping import NEUTRAL, Axes, Shaper
+from cardan.errors import CommandError
+from cardan.protocols.connexion import (
+    DEFAULT_FULL_SCALE,
+    HALF_BYTES,
+    MOTION_BYTES,
+    Battery,
+    Family,
+    MalformedReport,
+    Model,
+    Motion,
+    Rotation,
+    Translation,
+    decode_input,
+    from_serial_axes,
+    to_robot_axes,
+)
+from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+
+REPORT_PERIOD_S = 0.016
+"""A deflected device repeats each half, or its whole report, this often."""
+
+STALE_AFTER_S = 0.1
+"""Silence of a deflected device beyond this, six periods, is a link in trouble."""
+
+GAP_AFTER_S = 3 * REPORT_PERIOD_S
+"""Silence of a deflected device beyond this is counted."""
+
+SETTLE_S = REPORT_PERIOD_S
+"""Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""
+
+LOW_BATTERY_PERCENT = 10
+
+PLAUSIBLE_FULL_SCALE = (100, 2048)
+"""Counts; a report descriptor that declares anything else is not believed."""
+
+OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
+RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
+
+_COUNTERS: Mapping[str, str] = MappingProxyType(
+    {
+        "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
+        "gaps": f"gaps of more than {GAP_AFTER_S * 1000:.0f} ms while deflected",
+        "unpaired_halves": "translation or rotation reports without the other half",
+        "unusual_lengths": "motion reports of an unusual length",
+    }
+)
+"""What is counted, and the words for it."""
+
+
+class _Half:
+    """Translation or rotation: the newest counts, when they came, and whether they are rest."""
+
+    __slots__ = ("active", "at_rest", "counts", "name", "stamp_s", "zero")
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.stamp_s = NEVER_S
+        self.zero: tuple[int, int, int] | None = None
+        """Counts at rest, which `counts` is given from; None: all zero."""
+        self.counts = (0, 0, 0)
+        self.active = False
+        """Outside the dead zone."""
+        self.at_rest = False
+        """Reported inside the dead zone since rest has to be shown again."""
+
+    def forget(self) -> None:
+        self.counts = (0, 0, 0)
+        self.active = self.at_rest = False
+
+
+class SpaceMouseCore:
+    """The state of one device. Times are monotonic, s; `now_s` may step back a little.
+
+    `model` may be unknown (None): the family is found from the reports in any case.
+    """
+
+    def __init__(self, options: SpaceMouseOptions, model: Model | None = None) -> None:
+        self._options = options
+        self._shaper = Shaper(options)
+        self._radial = options.dead_zone_shape == "radial"
+        self._translation = _Half("translation")
+        self._rotation = _Half("rotation")
+        self._drift = DriftDetector()
+        self._buttons = Buttons(model)
+        self._link = DeviceLink.CLOSED
+        self._reason = "not opened"
+        self._open = False
+        self._heard = False
+        self._stamp_s = NEVER_S
+        self._battery: Battery | None = None
+        self._counts = Counter(dict.fromkeys(_COUNTERS, 0))
+        self._malformed: Counter[tuple[str, int]] = Counter()
+        self._cached: DeviceState | None = None
+        self._split: bool | None = None
+        """Whether the device reports in halves; None: not known yet."""
+        self._last_half: _Half | None = None
+        self._active = False
+        self._active_since_s = NEVER_S
+        self._motion_s = NEVER_S
+        self._believe_s = NEVER_S
+        self._set_model(model, None)
+
+    # -- what happens to the device ------------------------------------------------------------
+
+    def on_opened(
+        self, now_s: float, model: Model | None = None, descriptor_full_scale: int | None = None
+    ) -> None:
+        """The device was opened (again): what was known of it is void.
+
+        `descriptor_full_scale` is what its report descriptor declares, counts.
+        """
+        self._set_model(model, descriptor_full_scale)
+        for half in (self._translation, self._rotation):
+            half.stamp_s = NEVER_S
+            half.zero = None
+        self._split = None
+        self._battery = None
+        self._heard = False
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        self._open = True
+
+    def on_lost(self, reason: str, now_s: float) -> None:
+        """It was unplugged, cannot be read, or is not there: buttons are released, axes zero."""
+        self._distrust(DeviceLink.LOST, reason, now_s)
+        self._open = False
+
+    def on_closed(self, now_s: float) -> None:
+        """It was closed on request."""
+        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+        self._open = False
+
+    def on_report(self, report: bytes, now_s: float) -> None:
+        """An input report of its true length was received at `now_s`. Never raises."""
+        if not self._open:
+            return
+        value = decode_input(report)
+        if isinstance(value, MalformedReport):
+            self._malformed[value.reason, value.report_id] += 1
+            return
+        self._cached = None
+        self._heard = True
+        self._stamp_s = now_s
+        if isinstance(value, Translation):
+            self._on_half(self._translation, value, len(report), now_s)
+        elif isinstance(value, Rotation):
+            self._on_half(self._rotation, value, len(report), now_s)
+        elif isinstance(value, Motion):
+            self._on_motion(value, len(report), now_s)
+        elif isinstance(value, Battery):
+            self._battery = value
+        else:
+            self._buttons.on_report(value, len(report), now_s)
+
+    # -- what it says --------------------------------------------------------------------------
+
+    def state(self, now_s: float) -> DeviceState:
+        """The newest state as of `now_s`."""
+        if self._active:
+            self._watch(now_s)
+        if self._cached is None:
+            live = self._link is DeviceLink.LIVE
+            self._cached = DeviceState(
+                self._stamp_s,
+                self._link,
+                self._axes() if live else NEUTRAL,
+                self._buttons.held,
+                None,
+                None if self._battery is None else self._battery.percent / 100.0,
+                "" if live else self._reason,
+            )
+        return self._cached
+
+    def events(self) -> list[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        return self._buttons.events()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the buttons, lowest first; empty when the model is unknown."""
+        return self._buttons.labels
+
+    @property
+    def full_scale(self) -> float:
+        """Counts that are taken for a full deflection."""
+        return self._full_scale
+
+    @property
+    def heard(self) -> bool:
+        """Whether any usable report came since the device was opened."""
+        return self._heard
+
+    def rezero(self, now_s: float) -> None:
+        """Take the resting position of the cap for zero, until the device is opened again.
+
+        Raises CommandError unless the cap rests: silent, or constant for `DRIFT_AFTER_S`.
+        """
+        if self._split is None or not self._open:
+            raise CommandError("cannot re-zero: the device has not said where its cap is")
+        silent = not self._active and now_s - self._motion_s > STALE_AFTER_S
+        if not (silent or self._drift.drifting):
+            raise CommandError(
+                f"cannot re-zero: the cap moves, or is deflected too far, at {self._raw()} "
+                f"counts; let go of it and wait {DRIFT_AFTER_S:.0f} s"
+            )
+        for half in (self._translation, self._rotation):
+            (a, b, c), (u, v, w) = half.zero or (0, 0, 0), half.counts
+            half.zero = (a + u, b + v, c + w)
+            half.counts = (0, 0, 0)
+            half.active = False
+        self._active = False
+        self._drift.reset()
+        self._cached = None
+
+    def metrics(self, now_s: float) -> dict[str, float]:
+        """Ages of the halves in s (inf: never heard), and counts."""
+        return {
+            "translation_age_s": now_s - self._translation.stamp_s,
+            "rotation_age_s": now_s - self._rotation.stamp_s,
+            **self._counts,
+            "malformed_reports": self._malformed.total(),
+            "lost_edges": self._buttons.lost_edges,
+        }
+
+    def diagnosis(self, now_s: float) -> list[str]:
+        """What stands in the way or deserves attention, worst first."""
+        words = [reason] if (reason := self.state(now_s).reason) else []
+        if self._drift.drifting:
+            words.append(
+                f"the cap rests off zero, at {self._raw()} counts: let go of it and re-zero"
+            )
+        battery = self._battery
+        if battery and battery.percent <= LOW_BATTERY_PERCENT and not battery.external_power:
+            words.append(f"battery at {battery.percent} %: charge it")
+        if self._buttons.lost_edges:
+            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+        if self._model is not None and self._split is (self._model.family is Family.ONE):
+            form = "two halves" if self._split else "one piece"
+            words.append(f"reports motion in {form}, unlike the {self._model.name} known here")
+        words += [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
+        for (reason, report_id), count in self._malformed.most_common():
+            of_id = f" (id {report_id:#04x})" if report_id >= 0 else ""
+            words.append(f"{count} reports {reason}{of_id}, ignored")
+        return words
+
+    # -- motion --------------------------------------------------------------------------------
+
+    def _on_motion(self, value: Motion, size: int, now_s: float) -> None:
+        x, y, z, rx, ry, rz = value
+        if rx or ry or rz:
+            self._split = False
+        elif self._split or (self._split is None and self._may_be_padded_half(size)):
+            self._on_half(self._translation, (x, y, z), size, now_s)
+            return
+        else:
+            self._split = False
+        if size != MOTION_BYTES:
+            self._counts["unusual_lengths"] += 1
+        self._before_motion(now_s)
+        self._take(self._translation, x, y, z, now_s)
+        self._take(self._rotation, rx, ry, rz, now_s)
+        self._after_motion(now_s)
+
+    def _on_half(self, half: _Half, counts: tuple[int, int, int], size: int, now_s: float) -> None:
+        self._split = True
+        if size != HALF_BYTES:
+            self._counts["unusual_lengths"] += 1
+        self._before_motion(now_s)
+        if half is self._last_half and self._active:
+            self._counts["unpaired_halves"] += 1
+        self._last_half = half
+        self._take(half, *counts, now_s)
+        self._after_motion(now_s)
+
+    def _may_be_padded_half(self, size: int) -> bool:
+        """Whether a long report 1 without rotation may be the zero-filled half of a SPLIT model."""
+        model = self._model
+        return size > MOTION_BYTES and model is not None and model.family is Family.SPLIT
+
+    def _before_motion(self, now_s: float) -> None:
+        if self._active:
+            if now_s - self._motion_s > GAP_AFTER_S:
+                self._counts["gaps"] += 1
+            if (
+                now_s - self._translation.stamp_s > STALE_AFTER_S
+                or now_s - self._rotation.stamp_s > STALE_AFTER_S
+            ):
+                self._watch(now_s)
+        if self._link is DeviceLink.STALE:
+            self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON
+            self._believe_s = now_s + SETTLE_S
+        self._motion_s = now_s
+
+    def _take(self, half: _Half, a: int, b: int, c: int, now_s: float) -> None:
+        if half.zero:
+            u, v, w = half.zero
+            a, b, c = a - u, b - v, c - w
+        half.counts = (a, b, c)
+        half.stamp_s = now_s
+        dead = self._dead_counts
+        if self._radial:
+            half.active = a * a + b * b + c * c > dead * dead
+        else:
+            half.active = not (-dead <= a <= dead and -dead <= b <= dead and -dead <= c <= dead)
+        if half.active:
+            self._translation.at_rest = self._rotation.at_rest = False
+        elif now_s >= self._believe_s:
+            half.at_rest = True
+
+    def _after_motion(self, now_s: float) -> None:
+        translation, rotation = self._translation, self._rotation
+        active = translation.active or rotation.active
+        if active and not self._active:
+            self._active_since_s = now_s
+        self._active = active
+        if self._link is DeviceLink.NEEDS_NEUTRAL and translation.at_rest and rotation.at_rest:
+            self._link = DeviceLink.LIVE
+        if now_s >= self._drift.due_s:
+            self._drift.update(self._raw(), self._full_scale, now_s)
+
+    def _watch(self, now_s: float) -> None:
+        """Notice the silence of a deflected device, or of one half of it."""
+        translation, rotation = self._translation, self._rotation
+        older = translation if translation.stamp_s < rotation.stamp_s else rotation
+        if now_s - max(older.stamp_s, self._active_since_s) <= STALE_AFTER_S:
+            return
+        self._counts["silences"] += 1
+        what = older.name if now_s - self._motion_s <= STALE_AFTER_S else "motion"
+        self._distrust(
+            DeviceLink.STALE,
+            f"deflected, but no {what} report for {STALE_AFTER_S:.1f} s: check radio, cable and "
+            "other programs, then let go of the cap",
+            now_s,
+        )
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _raw(self) -> tuple[int, int, int, int, int, int]:
+        return (*self._translation.counts, *self._rotation.counts)
+
+    def _axes(self) -> Axes:
+        raw = self._raw()
+        if self._model is not None and self._model.serial_axes:
+            raw = from_serial_axes(raw)
+        return self._shaper(to_robot_axes(raw, self._full_scale))
+
+    def _set_model(self, model: Model | None, descriptor_full_scale: int | None) -> None:
+        self._model = self._buttons.model = model
+        low, high = PLAUSIBLE_FULL_SCALE
+        full_scale: float = DEFAULT_FULL_SCALE if model is None else model.full_scale
+        if descriptor_full_scale is not None and low <= descriptor_full_scale <= high:
+            full_scale = descriptor_full_scale
+        if self._options.full_scale is not None:
+            full_scale = self._options.full_scale
+        self._full_scale = full_scale
+        self._dead_counts = self._options.dead_zone * full_scale
+
+    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        """Go to a state in which no deflection and no button that was known counts any more."""
+        self._link, self._reason = link, reason
+        self._translation.forget()
+        self._rotation.forget()
+        self._active = False
+        self._believe_s = NEVER_S
+        self._last_half = None
+        self._drift.reset()
+        self._buttons.release_all(now_s)
+        self._cached = None

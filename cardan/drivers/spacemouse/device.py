@@ -1,0 +1,363 @@
+"""The SpaceMouse driver: a thread that reads the device and feeds the core."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable, Sequence
+
+from cardan.drivers.base import OperatorDevice
+from cardan.drivers.spacemouse.access import obstacle
+from cardan.drivers.spacemouse.core import SpaceMouseCore
+from cardan.drivers.spacemouse.options import SpaceMouseOptions
+from cardan.drivers.spacemouse.transports import (
+    FoundDevice,
+    Link,
+    SocketTransport,
+    Transport,
+    hid_transport,
+    hid_transports,
+)
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
+from cardan.protocols.connexion import (
+    BUTTONS_ID,
+    KEYS_DOWN_ID,
+    ROTATION_ID,
+    TRANSLATION_ID,
+    Model,
+    encode_led,
+    full_scale_of,
+    model_by_key,
+)
+from cardan.types import ButtonEvent, DeviceCapabilities, DeviceFeedback, DeviceState
+
+READ_TIMEOUT_S = 0.05
+"""How long a silent device keeps the reader from the LED and from closing."""
+
+BIND_TIMEOUT_S = 0.004
+"""Wait for each interface of a receiver in turn, until one speaks."""
+
+RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
+"""Pause between attempts to open a lost device, doubled each time: HID has no plug events."""
+
+MUTE_AFTER_S = 10.0
+"""An open device that has said nothing for so long may be in another program's hands."""
+
+JOIN_TIMEOUT_S = 2.0
+
+SPEAKING_IDS = frozenset({TRANSLATION_ID, ROTATION_ID, BUTTONS_ID, KEYS_DOWN_ID})
+"""Reports that only an interface with a puck behind it sends."""
+
+
+class SpaceMouse(OperatorDevice):
+    """A 3Dconnexion six-axis device (SpaceMouse, SpaceNavigator and kin) as an operator device.
+
+    Its axes are LIVE only after the cap was seen at rest; see :mod:`.core` for the rules. It is
+    opened again by itself after it was unplugged. `transports` replaces the ways to devices.
+    """
+
+    Options = SpaceMouseOptions
+    options: SpaceMouseOptions
+
+    def __init__(
+        self,
+        options: SpaceMouseOptions | None = None,
+        *,
+        transports: Sequence[Transport] | None = None,
+    ) -> None:
+        super().__init__(options)
+        options = self.options
+        self._model = model_by_key(options.model) if options.model else None
+        self._transports = tuple(
+            _transports(options, self._model) if transports is None else transports
+        )
+        self._core = SpaceMouseCore(options, self._model)
+        self._lock = threading.Lock()
+        """Guards the core, for some µs at a time."""
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._links: list[Link] = []
+        self._opened_s = 0.0
+        self._led_wanted: bool | None = None
+        self._led_shown: bool | None = None
+        self._led_failures = 0
+
+    # -- the interface -------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open the device and start to read it.
+
+        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
+        """
+        if self._thread is not None:
+            return
+        self._stop = threading.Event()
+        self._led_wanted = {"keep": None, "on": True, "off": False}[self.options.led]
+        try:
+            self._connect()
+        except DriverError as error:
+            if not self.options.wait_for_device:
+                raise
+            self._lose(str(error))
+        self._thread = threading.Thread(
+            target=self._run, args=(self._stop,), name="cardan-spacemouse", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading and release the device; its LED stays as it is."""
+        if self._thread is None:
+            return
+        self._stop.set()
+        self._thread.join(JOIN_TIMEOUT_S)
+        self._thread = None
+        with self._lock:
+            self._core.on_closed(time.monotonic())
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """What the device has. No buttons listed: unknown, as the model is."""
+        with self._lock:
+            labels = self._core.labels
+        model = self._model
+        return DeviceCapabilities(
+            gives_pose=False,
+            buttons=labels,
+            feedback=frozenset({"led"} if model is None or model.led else ()),
+            battery=model is not None and model.battery,
+        )
+
+    def state(self) -> DeviceState:
+        """The newest state."""
+        with self._lock:
+            return self._core.state(time.monotonic())
+
+    def button_events(self) -> Sequence[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        with self._lock:
+            return self._core.events()
+
+    def rezero(self) -> None:
+        """Take the resting position of the cap for zero, until the device is opened again.
+
+        Raises CommandError unless the cap rests.
+        """
+        with self._lock:
+            self._core.rezero(time.monotonic())
+
+    def metrics(self) -> dict[str, float]:
+        """Ages of translation and rotation in s, and counts of what went wrong."""
+        with self._lock:
+            return self._core.metrics(time.monotonic())
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What stands in the way or deserves attention, worst first."""
+        now_s = time.monotonic()
+        with self._lock:
+            words = self._core.diagnosis(now_s)
+            heard = self._core.heard
+        if self._links and not heard and now_s - self._opened_s > MUTE_AFTER_S:
+            words.append(
+                f"nothing received in {now_s - self._opened_s:.0f} s: touch the cap; if it stays "
+                "silent, another program has seized it (3DxWare), or its radio is off"
+            )
+        if self._led_failures:
+            words.append(f"{self._led_failures} times the LED could not be set")
+        return tuple(words)
+
+    def _feedback(self, feedback: DeviceFeedback) -> None:
+        if self._thread is None:
+            raise NotOpenError("the SpaceMouse is not open: call open() before feedback()")
+        if feedback.led is not None:
+            self._led_wanted = feedback.led
+
+    # -- finding and opening -------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        """Open the device that the options mean. Raises DriverError."""
+        refusals: list[str] = []
+        missing: list[str] = []
+        for transport in self._transports:
+            try:
+                found = [device for device in transport.find() if self._is_meant(device)]
+            except DriverError as error:
+                missing.append(str(error))
+                continue
+            for group in _groups(found):
+                if self._open_group(transport, group, refusals):
+                    return
+        if not refusals and len(missing) == len(self._transports):
+            refusals = missing
+        if refusals:
+            raise DeviceAccessError("; ".join(dict.fromkeys(refusals)))
+        raise DeviceNotFoundError(self._not_found())
+
+    def _open_group(
+        self, transport: Transport, group: Sequence[FoundDevice], refusals: list[str]
+    ) -> bool:
+        links = []
+        for device in group:
+            try:
+                links.append(transport.open(device))
+            except DeviceAccessError as error:
+                refusals.append(str(error))
+        if not links:
+            return False
+        descriptor = links[0].descriptor()
+        model = group[0].model
+        self._opened_s = now_s = time.monotonic()
+        with self._lock:
+            self._links = links
+            self._model = model
+            self._core.on_opened(now_s, model, full_scale_of(descriptor) if descriptor else None)
+        return True
+
+    def _is_meant(self, device: FoundDevice) -> bool:
+        options = self.options
+        key = device.model.key if device.model else ""
+        return (
+            options.path in ("", device.path)
+            and options.serial in ("", device.serial)
+            and options.model in ("", key)
+        )
+
+    def _not_found(self) -> str:
+        options = self.options
+        wanted = [
+            f"{key} {value!r}"
+            for key in ("path", "model", "serial")
+            if (value := getattr(options, key))
+        ]
+        if options.transport == "socket":
+            return f"there is no socket at {options.path!r}: start the simulated device first"
+        such = f" with {' and '.join(wanted)}" if wanted else ""
+        return f"no 3Dconnexion device{such} is plugged in; `cardan devices` lists what there is"
+
+    # -- the reader ----------------------------------------------------------------------------
+
+    def _run(self, stop: threading.Event) -> None:
+        retry_s = RETRY_FIRST_S
+        try:
+            while not stop.is_set():
+                if not self._links:
+                    try:
+                        self._connect()
+                    except DriverError as error:
+                        self._lose(str(error))
+                if self._links:
+                    try:
+                        self._serve(stop)
+                    except OSError as error:
+                        if self._core.heard:
+                            retry_s = RETRY_FIRST_S
+                        self._lose(f"unplugged, or it cannot be read ({error.strerror or error})")
+                stop.wait(retry_s)
+                retry_s = min(2.0 * retry_s, RETRY_LAST_S)
+        except BaseException as error:
+            self._lose(f"the reader failed: {error!r}")
+            raise
+        finally:
+            self._release()
+
+    def _serve(self, stop: threading.Event) -> None:
+        """Read the open device until it is gone (OSError) or to be closed."""
+        self._led_shown = None
+        while not stop.is_set():
+            if len(self._links) > 1:
+                self._bind()
+                continue
+            link = self._links[0]
+            self._show_led(link)
+            report = link.read(READ_TIMEOUT_S)
+            while report is not None and not stop.is_set():
+                self._take(report)
+                report = link.read(0.0)
+        if len(self._links) == 1:
+            self._show_led(self._links[0])
+
+    def _bind(self) -> None:
+        """Listen to several interfaces; keep the one that speaks."""
+        for link in tuple(self._links):
+            try:
+                report = link.read(BIND_TIMEOUT_S)
+            except OSError:
+                if len(self._links) == 1:
+                    raise
+                self._links.remove(link)
+                link.close()
+                continue
+            if report is not None and report[0] in SPEAKING_IDS:
+                for other in self._links:
+                    if other is not link:
+                        other.close()
+                self._links[:] = [link]
+                self._take(report)
+                return
+
+    def _take(self, report: bytes) -> None:
+        now_s = time.monotonic()
+        with self._lock:
+            self._core.on_report(report, now_s)
+
+    def _show_led(self, link: Link) -> None:
+        """Bring the LED to what is wanted; a Compact's goes off only after it was switched on."""
+        on = self._led_wanted
+        if on is None or on is self._led_shown or (self._model and not self._model.led):
+            return
+        try:
+            if not on and not self._led_shown:
+                link.write(encode_led(True))
+            link.write(encode_led(on))
+        except OSError:
+            # The link is judged by reading; a device without an LED refuses, too.
+            self._led_failures += 1
+        self._led_shown = on
+
+    def _lose(self, reason: str) -> None:
+        self._release()
+        with self._lock:
+            self._core.on_lost(reason, time.monotonic())
+
+    def _release(self) -> None:
+        for link in self._links:
+            link.close()
+        self._links = []
+
+
+def list_devices(transports: Sequence[Transport] | None = None) -> list[FoundDevice]:
+    """The devices that are plugged in, each with what stands in its way.
+
+    Asks `transports` (hidapi's back ends) in turn until one finds some. Raises DriverError when
+    none of them exists here.
+    """
+    failures: list[DriverError] = []
+    transports = hid_transports() if transports is None else transports
+    for transport in transports:
+        try:
+            found = transport.find()
+        except DriverError as error:
+            failures.append(error)
+            continue
+        if found:
+            return [device._replace(obstacle=obstacle(device.path)) for device in found]
+    if len(failures) == len(transports):
+        raise failures[0]
+    return []
+
+
+def _transports(options: SpaceMouseOptions, model: Model | None) -> tuple[Transport, ...]:
+    if options.transport == "auto":
+        return hid_transports()
+    if options.transport == "socket":
+        return (SocketTransport(options.path, model),)
+    return (hid_transport(options.transport),)
+
+
+def _groups(found: Iterable[FoundDevice]) -> list[list[FoundDevice]]:
+    """Devices one by one, but the interfaces of one receiver together."""
+    groups: dict[tuple[object, ...], list[FoundDevice]] = {}
+    for device in found:
+        ids = (device.vendor_id, device.product_id, device.serial)
+        key = (*ids, device.path) if device.certain else ids
+        groups.setdefault(key, []).append(device)
+    return list(groups.values())

@@ -1,0 +1,48 @@
+"""Tells a zero that has moved from a hand that holds still."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from cardan.types import NEVER_S
+
+DRIFT_AFTER_S = 5.0
+"""A small deflection that stays the same for so long is no hand: the zero has moved."""
+
+DRIFT_BAND = 2
+"""Counts that a resting axis jitters by."""
+
+DRIFT_LIMIT = 0.2
+"""Share of the full scale up to which a constant deflection passes for a moved zero."""
+
+CHECK_PERIOD_S = 0.25
+
+
+class DriftDetector:
+    """Looks at the counts now and then: `update` is due from `due_s` on."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self.due_s = NEVER_S
+        self.drifting = False
+        self._reference: Sequence[int] | None = None
+        self._since_s = math.inf
+
+    def update(self, counts: Sequence[int], full_scale: float, now_s: float) -> None:
+        """Take the counts of the six axes."""
+        self.due_s = now_s + CHECK_PERIOD_S
+        if not DRIFT_BAND < max(map(abs, counts)) <= DRIFT_LIMIT * full_scale:
+            self.drifting = False
+            self._reference = None
+        elif self._reference is None or any(
+            abs(a - b) > DRIFT_BAND for a, b in zip(counts, self._reference, strict=True)
+        ):
+            self.drifting = False
+            self._reference = counts
+            self._since_s = now_s
+        else:
+            self.drifting = now_s - self._since_s >= DRIFT_AFTER_S

@@ -1,0 +1,258 @@
+"""Ways to a device's reports: hidapi's back ends, and a socket for simulated devices."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib
+import os
+import socket
+import sys
+from abc import ABC, abstractmethod
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from cardan.drivers.spacemouse.access import refusal
+from cardan.errors import DeviceAccessError, DriverError
+from cardan.protocols.connexion import CONNEXION, LOGITECH, Model, find_model, is_candidate
+
+REPORT_ROOM = 64
+"""Asked of every read: a read that is too small loses the rest of the report."""
+
+
+class FoundDevice(NamedTuple):
+    """A device, or one interface of a receiver, that can be tried."""
+
+    name: str
+    vendor_id: int
+    product_id: int
+    transport: str
+    path: str
+    obstacle: str = ""
+    """What stands in the way of opening it, in words; empty: nothing known."""
+    serial: str = ""
+    model: Model | None = None
+    certain: bool = True
+    """False: its motion may come on another interface, of the same ids (receivers)."""
+
+
+class Link(ABC):
+    """An open device. All methods but close() raise OSError once it is gone."""
+
+    @abstractmethod
+    def read(self, timeout_s: float) -> bytes | None:
+        """The oldest waiting input report, of its true length; None when none comes in time.
+
+        A `timeout_s` of 0 does not wait.
+        """
+
+    @abstractmethod
+    def write(self, report: bytes) -> None:
+        """Send an output report, id first."""
+
+    def descriptor(self) -> bytes | None:
+        """The HID report descriptor, where it can be read."""
+        return None
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release the device. Never raises."""
+
+
+class Transport(ABC):
+    """Finds and opens devices."""
+
+    name: str
+
+    @abstractmethod
+    def find(self) -> list[FoundDevice]:
+        """What is there now. Raises DriverError when this way does not exist here."""
+
+    @abstractmethod
+    def open(self, device: FoundDevice) -> Link:
+        """Open what find() gave. Raises DeviceAccessError that says what to do."""
+
+
+# ---------------------------------------------------------------------------------------------
+# hidapi
+
+
+class HidTransport(Transport):
+    """A back end of the hidapi package: module ``hidraw`` or ``hid`` (libusb on Linux)."""
+
+    def __init__(self, name: str, module_name: str) -> None:
+        self.name = name
+        self._module_name = module_name
+
+    def find(self) -> list[FoundDevice]:
+        """Candidate HID collections, in the order of the system."""
+        module = load_hid(self._module_name)
+        found = []
+        for vendor_id in (CONNEXION, LOGITECH):
+            for info in module.enumerate(vendor_id, 0):
+                product_id, usage_page = info["product_id"], info["usage_page"]
+                if not is_candidate(vendor_id, product_id, usage_page, info["usage"]):
+                    continue
+                model = find_model(vendor_id, product_id)
+                found.append(
+                    FoundDevice(
+                        name=model.name if model else info.get("product_string") or "unknown model",
+                        vendor_id=vendor_id,
+                        product_id=product_id,
+                        transport=self.name,
+                        path=os.fsdecode(info["path"]),
+                        serial=info.get("serial_number") or "",
+                        model=model,
+                        certain=usage_page != 0 and not (model and model.receiver),
+                    )
+                )
+        return found
+
+    def open(self, device: FoundDevice) -> Link:
+        """Open a HID collection by its path."""
+        handle = load_hid(self._module_name).device()
+        try:
+            handle.open_path(os.fsencode(device.path))
+            handle.set_nonblocking(1)
+        except (OSError, ValueError) as error:
+            raise DeviceAccessError(
+                f"cannot open {device.name}: {refusal(device.path, error)}"
+            ) from None
+        return _HidLink(handle)
+
+
+class _HidLink(Link):
+    def __init__(self, handle: Any) -> None:
+        self._handle = handle
+
+    def read(self, timeout_s: float) -> bytes | None:
+        if timeout_s > 0.0:
+            report = self._handle.read(REPORT_ROOM, max(1, round(1000.0 * timeout_s)))
+        else:
+            report = self._handle.read(REPORT_ROOM)
+        return bytes(report) if report else None
+
+    def write(self, report: bytes) -> None:
+        if self._handle.write(report) < 0:
+            raise OSError(errno.EIO, f"write error: {self._handle.error()}")
+
+    def descriptor(self) -> bytes | None:
+        try:
+            return bytes(self._handle.get_report_descriptor())
+        except (OSError, ValueError, AttributeError):  # hidapi before 0.14 has no such function
+            return None
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self._handle.close()
+
+
+def load_hid(module_name: str) -> ModuleType:
+    """hidapi's module. DriverError when it, or another package of the same name, is not it."""
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise DriverError(
+            f"module {module_name!r} of the package hidapi cannot be imported ({error}): "
+            "pip install hidapi"
+        ) from None
+    if not hasattr(module, "device") or not hasattr(module, "enumerate"):
+        other = " (the package `hid`, a different one)" if hasattr(module, "Device") else ""
+        raise DriverError(
+            f"module {module_name!r} is not that of the package hidapi{other}: "
+            "pip uninstall hid, then pip install --force-reinstall hidapi"
+        )
+    return module
+
+
+# ---------------------------------------------------------------------------------------------
+# Socket
+
+
+class SocketTransport(Transport):
+    """A Unix socket that stands for a device: each packet is one raw HID report, either way."""
+
+    name = "socket"
+
+    def __init__(self, path: str, model: Model | None = None) -> None:
+        self._path = path
+        self._model = model
+
+    def find(self) -> list[FoundDevice]:
+        """The one device, if its socket is there."""
+        if not os.path.exists(self._path):
+            return []
+        model = self._model
+        name, vendor_id, product_id = (
+            (model.name, model.vendor_id, model.product_id) if model else ("device", 0, 0)
+        )
+        return [
+            FoundDevice(f"simulated {name}", vendor_id, product_id, self.name, self._path,
+                        model=model)
+        ]  # fmt: skip
+
+    def open(self, device: FoundDevice) -> Link:
+        """Connect to the socket."""
+        if not hasattr(socket, "AF_UNIX"):
+            raise DeviceAccessError("this system has no Unix sockets: use another transport")
+        peer = None
+        try:
+            peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            peer.settimeout(_CONNECT_TIMEOUT_S)
+            peer.connect(device.path)
+        except OSError as error:
+            if peer is not None:
+                peer.close()
+            raise DeviceAccessError(
+                f"cannot open {device.name} at {device.path}: {error.strerror or error}; "
+                "is its simulated device running?"
+            ) from None
+        return SocketLink(peer)
+
+
+_CONNECT_TIMEOUT_S = 1.0
+
+
+class SocketLink(Link):
+    """A connected packet socket as a device."""
+
+    def __init__(self, peer: socket.socket) -> None:
+        self._peer = peer
+
+    def read(self, timeout_s: float) -> bytes | None:
+        """One packet; an empty one is the end."""
+        self._peer.settimeout(timeout_s)
+        try:
+            report = self._peer.recv(REPORT_ROOM)
+        except (TimeoutError, BlockingIOError):
+            return None
+        if not report:
+            raise OSError(errno.ENODEV, "unplugged")
+        return report
+
+    def write(self, report: bytes) -> None:
+        """Send one packet."""
+        self._peer.settimeout(_CONNECT_TIMEOUT_S)
+        self._peer.send(report)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._peer.close()
+
+
+_HID_MODULES = {"hidraw": "hidraw", "libusb": "hid"}
+
+
+def hid_transport(name: str) -> Transport:
+    """hidapi's back end called "hidraw" or "libusb"."""
+    return HidTransport(name, _HID_MODULES[name])
+
+
+def hid_transports() -> tuple[Transport, ...]:
+    """The ways to real devices on this system, the preferred one first.
+
+    Beside other programs only hidraw works: libusb takes the device from them. Elsewhere than on
+    Linux module ``hid`` is the system's own HID interface.
+    """
+    names = ("hidraw", "libusb") if sys.platform == "linux" else ("libusb",)
+    return tuple(hid_transport(name) for name in names)

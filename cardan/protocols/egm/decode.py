@@ -1,0 +1,308 @@
+"""EGM datagrams to values.
+
+protobuf decides what a datagram means; here its messages become values in SI units, and what no
+robot or hand may be moved by is refused. A robot's usual datagram takes the short way of
+:mod:`cardan.protocols.egm.canonical`, to the same values.
+
+Numbers that move a robot, a hand or a RAPID program (joints, poses, speeds, forces, dnum) must be
+finite and no more than the protocol allows. What only informs (test signals, collision quotas,
+utilization, torque references) is handed on as it came.
+
+Source: ABB Application manual, Externally Guided Motion (3HAC073318-001), "The EGM sensor
+protocol".
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+from google.protobuf.message import DecodeError
+
+from cardan.protocols.egm import schema
+from cardan.protocols.egm.canonical import (
+    MCI_STATES,
+    MOTOR_STATES,
+    RAPID_STATES,
+    NotCanonicalError,
+    decode_canonical_start,
+)
+from cardan.protocols.egm.messages import (
+    DNUM_MAX,
+    MAX_DATAGRAM_BYTES,
+    EgmCollisionInfo,
+    EgmHeader,
+    EgmMeasuredForce,
+    EgmMotion,
+    EgmPose,
+    EgmRapidData,
+    EgmRobot,
+    EgmSensor,
+    EgmSensorPathCorr,
+    EgmSpeedRef,
+    Fault,
+    Malformed,
+    MessageType,
+)
+from cardan.protocols.egm.units import MM_PER_M, radians
+from cardan.types import Quaternion, Vector3
+
+AXES_MAX = 6
+"""Most values of a group of axes, and of a force."""
+
+_MESSAGE_TYPES = {member.value: member for member in MessageType}
+
+
+def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | Malformed:
+    """What a controller sends. Never raises.
+
+    Refused as WRONG_TYPE: an mtype that is neither DATA nor UNDEFINED, and a message with neither
+    feedBack nor planned. A message without header is legal.
+    """
+    data = bytes(data)
+    try:
+        if not 0 < len(data) <= MAX_DATAGRAM_BYTES:
+            raise _wrong_size(data)
+        try:
+            robot, end = decode_canonical_start(data)
+        except (NotCanonicalError, IndexError, struct.error):
+            return _robot(data)
+        return robot if end == len(data) else _continued(robot, data, end)
+    except _RefusedError as refused:
+        return refused.malformed
+
+
+def decode_from_pc(
+    data: bytes | bytearray | memoryview,
+) -> EgmSensor | EgmSensorPathCorr | Malformed:
+    """What a PC sends, guidance or path correction. Never raises.
+
+    mtype says which it is; where it is neither CORRECTION nor PATH_CORRECTION (there are clients
+    that leave it out), a complete pathCorr makes it a path correction. Refused as WRONG_TYPE: a
+    message with none of the known fields.
+    """
+    data = bytes(data)
+    try:
+        if not 0 < len(data) <= MAX_DATAGRAM_BYTES:
+            raise _wrong_size(data)
+        mtype = _parse(schema.Envelope, data).header.mtype
+        if mtype == MessageType.PATH_CORRECTION:
+            return _path_corr(_parse(schema.SensorPathCorr, data))
+        if mtype != MessageType.CORRECTION:
+            try:
+                message = _parse(schema.SensorPathCorr, data)
+            except _RefusedError:
+                pass
+            else:
+                if message.HasField("pathCorr"):
+                    return _path_corr(message)
+        return _sensor(_parse(schema.Sensor, data))
+    except _RefusedError as refused:
+        return refused.malformed
+
+
+class _RefusedError(Exception):
+    """Leaves the decoding of one datagram."""
+
+    def __init__(self, fault: Fault, detail: str) -> None:
+        super().__init__(detail)
+        self.malformed = Malformed(fault, detail)
+
+
+def _wrong_size(data: bytes) -> _RefusedError:
+    if not data:
+        return _RefusedError(Fault.EMPTY, "the datagram has no bytes")
+    return _RefusedError(
+        Fault.OVERSIZED, f"{len(data)} bytes, but EGM has at most {MAX_DATAGRAM_BYTES}"
+    )
+
+
+def _parse(message_class: Any, data: bytes) -> Any:
+    """A complete protobuf message of `message_class`."""
+    try:
+        message = message_class.FromString(data)
+    except DecodeError as error:
+        raise _RefusedError(Fault.TRUNCATED, str(error)) from None
+    if not message.IsInitialized():
+        missing = ", ".join(message.FindInitializationErrors())
+        raise _RefusedError(Fault.WRONG_TYPE, f"required fields are missing: {missing}")
+    return message
+
+
+def _robot(data: bytes) -> EgmRobot:
+    m = _parse(schema.Robot, data)
+    has = m.HasField
+    header = _header(m)
+    if header is not None and header.mtype not in (MessageType.DATA, MessageType.UNDEFINED):
+        raise _RefusedError(
+            Fault.WRONG_TYPE,
+            f"mtype {header.mtype} is not a controller's ({MessageType.DATA:d}, DATA)",
+        )
+    if not has("feedBack") and not has("planned"):
+        raise _RefusedError(Fault.WRONG_TYPE, "there is neither feedBack nor planned")
+    return EgmRobot(
+        header,
+        _motion(m.feedBack, "feedBack") if has("feedBack") else None,
+        _motion(m.planned, "planned") if has("planned") else None,
+        _state(m.motorState.state, MOTOR_STATES) if has("motorState") else None,
+        _state(m.mciState.state, MCI_STATES) if has("mciState") else None,
+        m.mciConvergenceMet if has("mciConvergenceMet") else None,
+        _list(m.testSignals.signals) if has("testSignals") else None,
+        _state(m.rapidExecState.state, RAPID_STATES) if has("rapidExecState") else None,
+        *_later_fields(m, data),
+    )
+
+
+_FIRST_FIELDS = tuple(schema.Robot.DESCRIPTOR.fields_by_name)[:8]
+
+
+def _continued(robot: EgmRobot, data: bytes, at: int) -> EgmRobot:
+    """`robot`, of which the first eight fields are known, with what `data` has from `at` on."""
+    rest = data[at:]
+    m = _parse(schema.Robot, rest)
+    if any(map(m.HasField, _FIRST_FIELDS)):
+        return _robot(data)
+    return EgmRobot(*robot[:8], *_later_fields(m, rest))
+
+
+def _later_fields(m: Any, data: bytes) -> tuple[Any, ...]:
+    """EgmRobot's fields from measuredForce on; `m` is what `data` holds."""
+    has = m.HasField
+    return (
+        _force(m.measuredForce, data) if has("measuredForce") else None,
+        m.utilizationRate if has("utilizationRate") else None,
+        m.moveIndex if has("moveIndex") else None,
+        _collision(m.CollisionInfo) if has("CollisionInfo") else None,
+        _rapid_data(m.RAPIDfromRobot, "RAPIDfromRobot") if has("RAPIDfromRobot") else None,
+        _list(m.torqueRef.joints) if has("torqueRef") else None,
+    )
+
+
+def _sensor(m: Any) -> EgmSensor:
+    sensor = EgmSensor(
+        header=_header(m),
+        planned=_motion(m.planned, "planned") if m.HasField("planned") else None,
+        speed_ref=_speed_ref(m.speedRef) if m.HasField("speedRef") else None,
+        rapid_to_robot=(
+            _rapid_data(m.RAPIDtoRobot, "RAPIDtoRobot") if m.HasField("RAPIDtoRobot") else None
+        ),
+    )
+    if sensor == EgmSensor():
+        raise _RefusedError(Fault.WRONG_TYPE, "there is no field of EgmSensor")
+    return sensor
+
+
+def _path_corr(m: Any) -> EgmSensorPathCorr:
+    if not m.HasField("pathCorr"):
+        raise _RefusedError(Fault.WRONG_TYPE, "a path correction without pathCorr")
+    return EgmSensorPathCorr(_header(m), _position(m.pathCorr.pos, "pathCorr"), m.pathCorr.age)
+
+
+def _header(m: Any) -> EgmHeader | None:
+    if not m.HasField("header"):
+        return None
+    h = m.header
+    return EgmHeader(
+        h.seqno if h.HasField("seqno") else None,
+        h.tm if h.HasField("tm") else None,
+        _MESSAGE_TYPES.get(h.mtype, h.mtype),
+    )
+
+
+def _state(number: int, known: Sequence[int]) -> int:
+    return known[number] if 0 <= number < len(known) else number
+
+
+def _motion(m: Any, where: str) -> EgmMotion:
+    has = m.HasField
+    joints = cartesian = external = time_us = stamp_ns = None
+    if has("joints"):
+        joints = radians(_axes(m.joints.joints, where, "joints"))
+    if has("cartesian"):
+        cartesian = _pose(m.cartesian, where)
+    if has("externalJoints"):
+        external = _axes(m.externalJoints.joints, where, "externalJoints")
+    if has("time"):
+        time_us = m.time.sec * 1_000_000 + m.time.usec
+    if has("timeStamp"):
+        stamp_ns = m.timeStamp.sec * 1_000_000_000 + m.timeStamp.nsec
+    return EgmMotion(joints, cartesian, external, time_us, stamp_ns)
+
+
+def _pose(m: Any, where: str) -> EgmPose:
+    pos = orient = euler = None
+    if m.HasField("pos"):
+        pos = _position(m.pos, where)
+    if m.HasField("orient"):
+        q = m.orient
+        orient = Quaternion(q.u0, q.u1, q.u2, q.u3)
+        _check_finite(orient, where, "orient")
+    if m.HasField("euler"):
+        e = m.euler
+        euler = Vector3(*radians((e.x, e.y, e.z)))
+        _check_finite(euler, where, "euler")
+    return EgmPose(pos, orient, euler)
+
+
+def _position(m: Any, where: str) -> Vector3:
+    position = Vector3(m.x / MM_PER_M, m.y / MM_PER_M, m.z / MM_PER_M)
+    _check_finite(position, where, "pos")
+    return position
+
+
+def _speed_ref(m: Any) -> EgmSpeedRef:
+    joints = cartesians = external = None
+    if m.HasField("joints"):
+        joints = radians(_axes(m.joints.joints, "speedRef", "joints"))
+    if m.HasField("cartesians"):
+        values = _axes(m.cartesians.value, "speedRef", "cartesians")
+        if len(values) != 6:
+            raise _RefusedError(
+                Fault.WRONG_COUNT, f"speedRef.cartesians has {len(values)} values instead of 6"
+            )
+        x, y, z = values[:3]
+        cartesians = (x / MM_PER_M, y / MM_PER_M, z / MM_PER_M, *radians(values[3:]))
+    if m.HasField("externalJoints"):
+        external = _axes(m.externalJoints.joints, "speedRef", "externalJoints")
+    return EgmSpeedRef(joints, cartesians, external)
+
+
+def _force(m: Any, data: bytes) -> EgmMeasuredForce:
+    values = m.force
+    fc_active: bool | None = m.fcActive
+    if not values and not m.HasField("fcActive"):
+        values = _parse(schema.RobotRW6, data).measuredForce.force
+        fc_active = None
+    return EgmMeasuredForce(_axes(values, "measuredForce", "force"), fc_active)
+
+
+def _collision(m: Any) -> EgmCollisionInfo:
+    triggered = m.collsionTriggered if m.HasField("collsionTriggered") else None
+    return EgmCollisionInfo(triggered, _list(m.collDetQuota))
+
+
+def _rapid_data(m: Any, where: str) -> EgmRapidData:
+    dig_val = m.digVal if m.HasField("digVal") else None
+    return EgmRapidData(dig_val, _axes(m.dnum, where, "dnum", DNUM_MAX))
+
+
+def _axes(values: Any, where: str, name: str, most: int = AXES_MAX) -> tuple[float, ...]:
+    axes = _list(values)
+    if len(axes) > most:
+        raise _RefusedError(
+            Fault.WRONG_COUNT, f"{where}.{name} has {len(axes)} values, at most {most} may come"
+        )
+    _check_finite(axes, where, name)
+    return axes
+
+
+def _list(values: Any) -> tuple[float, ...]:
+    # Slicing a repeated field is twice as fast as iterating it.
+    return tuple(values[:])
+
+
+def _check_finite(values: tuple[float, ...], where: str, name: str) -> None:
+    if not all(map(math.isfinite, values)):
+        raise _RefusedError(Fault.NOT_FINITE, f"{where}.{name} is {tuple(values)}")

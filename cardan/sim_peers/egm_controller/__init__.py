@@ -1,0 +1,24 @@
+"""A simulated ABB GoFa CRB 15000-5 controller that speaks Externally Guided Motion (EGM)."""
+
+from cardan.sim_peers.egm_controller.arguments import Mode
+from cardan.sim_peers.egm_controller.controller import Counters, EgmController
+from cardan.sim_peers.egm_controller.faults import FAULTS, FaultyLink
+from cardan.sim_peers.egm_controller.options import ROBOTWARE, EgmControllerOptions
+from cardan.sim_peers.egm_controller.rapid import EgmState, Event
+from cardan.sim_peers.egm_controller.scripts import SCRIPT_VERBS, SCRIPTS
+from cardan.sim_peers.egm_controller.udp import EgmControllerPeer
+
+__all__ = [
+    "FAULTS",
+    "ROBOTWARE",
+    "SCRIPTS",
+    "SCRIPT_VERBS",
+    "Counters",
+    "EgmController",
+    "EgmControllerOptions",
+    "EgmControllerPeer",
+    "EgmState",
+    "Event",
+    "FaultyLink",
+    "Mode",
+]

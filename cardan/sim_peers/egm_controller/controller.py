@@ -1,0 +1,528 @@
+"""The simulated controller's EGM side as a sans-I/O core: datagrams in and out, in virtual time."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cardan.errors import ScriptError
+from cardan.protocols.egm import decode_from_pc, encode_robot
+from cardan.protocols.egm.messages import (
+    EgmCollisionInfo,
+    EgmHeader,
+    EgmMeasuredForce,
+    EgmMotion,
+    EgmPose,
+    EgmRapidData,
+    EgmRobot,
+    EgmSensor,
+    EgmSensorPathCorr,
+    Fault,
+    Malformed,
+    MessageType,
+    MotorState,
+    RapidState,
+)
+from cardan.sim_peers.base import load_script
+from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run, Setup, StopMode
+from cardan.sim_peers.egm_controller.faults import (
+    CLOCK_STEP_AT_S,
+    PAUSE_EVERY_S,
+    RESTART_SILENCE_S,
+)
+from cardan.sim_peers.egm_controller.kinematics import AXES, GOFA, forward
+from cardan.sim_peers.egm_controller.motion import Servo
+from cardan.sim_peers.egm_controller.options import EgmControllerOptions
+from cardan.sim_peers.egm_controller.rapid import EgmState, Event, RapidTask
+from cardan.sim_peers.egm_controller.scripts import (
+    SCRIPT_VERBS,
+    SCRIPTS,
+    Action,
+    compile_script,
+)
+from cardan.spatial import to_euler_zyx
+from cardan.types import Pose
+
+SENDING_FAILED = 41830
+SYSTEM_FAILURE = 10014
+
+_CATCH_UP_CYCLES = 250
+"""Cycles that went unserved are made up for, silently, unless the whole process stood still."""
+
+_WRAP = 1 << 32
+_FORCE_NOISE = (0.3, 0.3, 0.3, 0.02, 0.02, 0.02)
+"""Standard deviation of the force sensor, N and N·m; a plausible one, none is published."""
+_RAW_BIAS = (1.8, -2.6, 7.4, 0.11, -0.07, 0.05)
+"""What an uncompensated sensor reads without contact: its own offset and the tool, N and N·m."""
+_NOISE_SAMPLES = 509
+_INERTIA_KG_M2 = (4.0, 4.0, 1.8, 0.25, 0.2, 0.05)
+_FRICTION_NM_S = (12.0, 12.0, 8.0, 2.0, 2.0, 1.0)
+"""For torqueRef, which needs to look alive, not to be right: rough figures of a 28 kg arm."""
+_QUIET_QUOTA = 3.0
+_COLLISION_QUOTA = 130.0
+"""Percent of the collision detection's threshold."""
+
+
+class Counters(NamedTuple):
+    """What became of the datagrams."""
+
+    sent: int
+    accepted: int
+    """Messages whose reference was taken."""
+    ignored: Mapping[str, int]
+    """By reason."""
+    noted: Mapping[str, int]
+    """Accepted, but odd: by what."""
+
+
+class EgmController:
+    """A controller of a GoFa CRB 15000-5 as seen over EGM.
+
+    Call `cycle` once per control period with increasing times, send what it returns to the PC,
+    and give the PC's datagrams to `receive`. The same calls with the same options give the same
+    datagrams.
+    """
+
+    def __init__(
+        self,
+        options: EgmControllerOptions | None = None,
+        wall_start_s: float = 1_700_000_000.0,
+    ) -> None:
+        self.options = options = EgmControllerOptions() if options is None else options
+        self._wall_start_s = wall_start_s
+        self._actions: deque[Action] = deque(
+            compile_script(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
+        )
+        self._profile = options.profile
+        self._noted: Counter[str] = Counter()
+        self._ignored: Counter[str] = Counter()
+        self._accepted = 0
+        self._sent = 0
+        start = [math.radians(q) for q in options.joints_deg]
+        self.servo = Servo(
+            GOFA,
+            options.period_s,
+            options.servo_delay_s,
+            start,
+            math.radians(options.encoder_noise_deg),
+            options.seed,
+        )
+        self.rapid = RapidTask(options, self.servo, self._noted)
+        self.port_changes = 0
+        """Counts the changes of the local port that the shell has to make."""
+        self._random = random.Random(options.seed)
+        noise = np.random.default_rng(options.seed + 1).normal(0.0, 1.0, (_NOISE_SAMPLES, AXES))
+        self._force_noise: list[list[float]] = (noise * _FORCE_NOISE).tolist()
+        self._force_control = options.force_control
+        self._contact = (0.0,) * AXES
+        self._wall: tuple[float, float] | None = None
+        self._queue: deque[bytes] = deque()
+        self._first_s: float | None = None
+        self._last_s = 0.0
+        self._now_s = 0.0
+        self._boot_s = 0.0
+        self._tm_start_ms = options.tm_start_ms
+        self._port_periods = 0
+        self._off_until_s: float | None = None
+        self._session = 0
+        self._seqno = options.seqno_start
+        self._session_cycle = 0
+        self._pc_seqno: int | None = None
+        self._send_failing = False
+        self._timed = self._timed_faults()
+        self._verbs = self._verb_table()
+
+    # ------------------------------------------------------------------------------------
+    # The two ends of the wire
+
+    def receive(self, data: bytes) -> None:
+        """A datagram of the PC arrives; it waits until a cycle takes it."""
+        if self._off_until_s is not None:
+            return
+        if len(self._queue) >= self.options.queue_length:
+            self._ignored["queue overflow"] += 1
+        else:
+            self._queue.append(data)
+
+    def cycle(self, now_s: float) -> bytes | None:
+        """One control cycle at `now_s`: measure, send, take one message, move.
+
+        Returns the datagram of this cycle, None when none is due. Cycles that were left out
+        since the last call are made up for without datagrams.
+        """
+        if self._first_s is None:
+            self._first_s = self._last_s = now_s
+        missed = round((now_s - self._last_s) / self.options.period_s) - 1
+        for n in range(min(missed, _CATCH_UP_CYCLES), 0, -1):
+            self._set_time(now_s - self._first_s - n * self.options.period_s)
+            self._move(self._due())
+        self._last_s = now_s
+        self._set_time(now_s - self._first_s)
+        due = self._due()
+        data = self._datagram() if due and not self._paused() else None
+        self._move(due)
+        return data
+
+    def sending_failed(self) -> None:
+        """The shell tells that nobody listens at the PC's address."""
+        if not self._send_failing:
+            self._send_failing = True
+            self.rapid.log(SENDING_FAILED, "Error sending EGM UdpUc message")
+
+    def sending_worked(self) -> None:
+        """The shell tells that the PC was heard."""
+        self._send_failing = False
+
+    # ------------------------------------------------------------------------------------
+    # For whoever watches
+
+    @property
+    def state(self) -> EgmState:
+        """RAPID's egmstate."""
+        return self.rapid.state
+
+    @property
+    def events(self) -> list[Event]:
+        """The event log, oldest first."""
+        return self.rapid.events
+
+    @property
+    def counters(self) -> Counters:
+        """What became of the datagrams so far."""
+        return Counters(self._sent, self._accepted, dict(self._ignored), dict(self._noted))
+
+    @property
+    def joints_rad(self) -> tuple[float, ...]:
+        """Where the arm really is."""
+        return tuple(self.servo.actual)
+
+    @property
+    def planned_joints_rad(self) -> tuple[float, ...]:
+        """Where the controller's reference is; the arm gets there `servo_delay_s` later."""
+        return tuple(self.servo.planned)
+
+    @property
+    def joint_speeds_rad_s(self) -> tuple[float, ...]:
+        """Speeds of the reference, which the arm has `servo_delay_s` later."""
+        return tuple(self.servo.speeds)
+
+    @property
+    def joint_accelerations_rad_s2(self) -> tuple[float, ...]:
+        """Accelerations of the reference, which the arm has `servo_delay_s` later."""
+        return tuple(self.servo.accelerations)
+
+    @property
+    def tcp(self) -> Pose:
+        """Where the TCP (tool0) really is, base frame."""
+        return forward(self.servo.actual, self.servo.arm.links).pose
+
+    @property
+    def planned_tcp(self) -> Pose:
+        """Where the controller's reference has the TCP."""
+        return self.servo.planned_frames.pose
+
+    def jog_to(self, joints_deg: Sequence[float]) -> bool:
+        """Jog the arm by hand; at once while no datagrams go out, else as a movement.
+
+        False while EGM moves the arm or motors are off.
+        """
+        return self.rapid.jog([math.radians(q) for q in joints_deg])
+
+    def do(self, verb: str, **arguments: Any) -> None:
+        """Do what a script's `verb` does now; arguments as in `Action`. For tests and consoles."""
+        if verb not in self._verbs:
+            raise ScriptError(f"there is no verb {verb!r}; there are: {', '.join(self._verbs)}")
+        self._verbs[verb](**arguments)
+
+    # ------------------------------------------------------------------------------------
+    # Time
+
+    def _set_time(self, now_s: float) -> None:
+        self._now_s = now_s
+        self.rapid.set_time(now_s)
+        if self._off_until_s is not None:
+            if now_s < self._off_until_s:
+                return
+            self._boot()
+        every_s = self.options.faults.get("port-change", 0.0)
+        if every_s > 0.0 and now_s >= (self._port_periods + 1) * every_s:
+            self._port_periods = int(now_s / every_s)
+            self.port_changes += 1
+            self._queue.clear()
+        while self._timed and self._timed[0][0] <= now_s:
+            self._timed.popleft()[1]()
+        while self._actions and self._actions[0].time_s <= now_s:
+            action = self._actions.popleft()
+            self._verbs[action.verb](**action.arguments)
+
+    def _timed_faults(self) -> deque[tuple[float, Callable[[], None]]]:
+        actions: Mapping[str, Callable[[], None]] = {
+            "restart": self._restart,
+            "estop": self.rapid.emergency_stop,
+            "motors-off": lambda: self.rapid.set_motors(False),
+        }
+        faults = self.options.faults
+        return deque(
+            sorted(
+                ((faults[name], action) for name, action in actions.items() if name in faults),
+                key=lambda item: item[0],
+            )
+        )
+
+    def _paused(self) -> bool:
+        pause_s = self.options.faults.get("pause", 0.0)
+        return self._now_s % PAUSE_EVERY_S > PAUSE_EVERY_S - pause_s
+
+    def _restart(self) -> None:
+        self.rapid.power_cycle()
+        self._queue.clear()
+        self._off_until_s = self._now_s + RESTART_SILENCE_S
+
+    def _boot(self) -> None:
+        self._off_until_s = None
+        self._boot_s = self._now_s
+        self._tm_start_ms = 0
+        self.port_changes += 1
+        self._seqno = self.options.seqno_start
+        self.rapid.program_start()
+
+    # ------------------------------------------------------------------------------------
+    # Cycle
+
+    def _due(self) -> bool:
+        """True in the cycles in which EGM exchanges datagrams."""
+        rapid = self.rapid
+        if not rapid.sending or self._off_until_s is not None:
+            return False
+        if rapid.session != self._session:
+            self._session = rapid.session
+            self._session_cycle = 0
+            self._pc_seqno = None
+            if self.options.seqno_restarts:
+                self._seqno = self.options.seqno_start
+        due = self._session_cycle % (rapid.sample_rate_ms // 4) == 0
+        self._session_cycle += 1
+        return due
+
+    def _move(self, due: bool) -> None:
+        if self._off_until_s is not None:
+            return
+        if due and self._queue and not self._paused():
+            if self.options.newest_wins:
+                data = self._queue.pop()
+                if self._queue:
+                    self._ignored["superseded"] += len(self._queue)
+                    self._queue.clear()
+            else:
+                data = self._queue.popleft()
+            self._take(data)
+        self.rapid.tick()
+
+    def _take(self, data: bytes) -> None:
+        message = decode_from_pc(data)
+        if isinstance(message, Malformed):
+            self._ignored[message.fault.value] += 1
+            if message.fault is Fault.NOT_FINITE and self.options.nan_is_fatal:
+                self.rapid.log(SYSTEM_FAILURE, "System failure state")
+                self._restart()
+                self._off_until_s = math.inf
+            return
+        reason = self._check_header(message) or self.rapid.accept(message)
+        if reason:
+            self._ignored[reason] += 1
+        else:
+            self._accepted += 1
+
+    def _check_header(self, message: EgmSensor | EgmSensorPathCorr) -> str:
+        header = message.header
+        path = isinstance(message, EgmSensorPathCorr)
+        expected = MessageType.PATH_CORRECTION if path else MessageType.CORRECTION
+        if header is None or header.mtype != expected:
+            if self.options.strict_mtype:
+                return "unexpected mtype"
+            self._noted["unexpected mtype"] += 1
+        if header is None or header.seqno is None:
+            return ""
+        last, self._pc_seqno = self._pc_seqno, header.seqno
+        if last is not None and not 0 < (header.seqno - last) % _WRAP < _WRAP // 2:
+            if self.options.strict_seqno:
+                self._pc_seqno = last
+                return "seqno did not advance"
+            self._noted["seqno did not advance"] += 1
+        return ""
+
+    # ------------------------------------------------------------------------------------
+    # Content
+
+    def _datagram(self) -> bytes:
+        options, profile, rapid, servo = self.options, self._profile, self.rapid, self.servo
+        measured = servo.measured
+        wall_s = self._wall_start_s + self._now_s
+        if self._now_s >= CLOCK_STEP_AT_S:
+            wall_s += options.faults.get("clock-step", 0.0)
+        wall_ns = round(wall_s * 1e9)
+        delay_ns = round(options.servo_delay_s * 1e9)
+        tcp = forward(measured, servo.arm.links).pose
+        if options.faults.get("rapid-undefined", 0.0) > 0.0:
+            rapid_state = RapidState.UNDEFINED
+        else:
+            rapid_state = RapidState.RUNNING if rapid.program_running else RapidState.STOPPED
+        tm_ms = self._tm_start_ms + round((self._now_s - self._boot_s) * 1e3)
+        message = EgmRobot(
+            header=EgmHeader(self._seqno % _WRAP, tm_ms % _WRAP, MessageType.DATA),
+            feed_back=self._motion(measured, tcp, wall_ns),
+            planned=self._motion(servo.planned, servo.planned_frames.pose, wall_ns + delay_ns),
+            motor_state=MotorState.ON if rapid.motors_on else MotorState.OFF,
+            mci_state=rapid.mci_state,
+            mci_convergence_met=rapid.converged,
+            test_signals=(0.0,) * AXES,
+            rapid_exec_state=rapid_state,
+            measured_force=self._force(tcp) if options.force else None,
+            utilization_rate=100.0 * servo.utilization if profile.utilization_rate else None,
+            move_index=rapid.move_index if profile.move_index else None,
+            collision_info=self._collision() if profile.move_index else None,
+            rapid_from_robot=rapid.rapid_out if profile.rapid_data else None,
+            torque_ref=(
+                self._torques() if profile.torque_ref and rapid.active_guidance_at_level_0 else None
+            ),
+        )
+        self._seqno += 1
+        self._sent += 1
+        return encode_robot(message)
+
+    def _motion(self, joints: Sequence[float], tcp: Pose, wall_ns: int) -> EgmMotion:
+        return EgmMotion(
+            joints=tuple(joints),
+            cartesian=EgmPose(
+                tcp.position,
+                tcp.orientation,
+                to_euler_zyx(tcp.orientation) if self.options.euler else None,
+            ),
+            time_us=wall_ns // 1000,
+            time_stamp_ns=wall_ns if self.options.ptp and self._profile.torque_ref else None,
+        )
+
+    def _force(self, tcp: Pose) -> EgmMeasuredForce:
+        noise = self._force_noise[self._sent % _NOISE_SAMPLES]
+        force = [c + n for c, n in zip(self._contact, noise, strict=True)]
+        if self._wall is not None:
+            height_m, stiffness_n_m = self._wall
+            force[2] += stiffness_n_m * max(0.0, height_m - tcp.position.z)
+        if not self._force_control:
+            force = [f + b for f, b in zip(force, _RAW_BIAS, strict=True)]
+        return EgmMeasuredForce(
+            tuple(force), self._force_control if self._profile.fc_active else None
+        )
+
+    def _collision(self) -> EgmCollisionInfo:
+        collision = self.rapid.collision
+        quota = _COLLISION_QUOTA if collision else _QUIET_QUOTA
+        return EgmCollisionInfo(collision, (quota,) * AXES)
+
+    def _torques(self) -> tuple[float, ...]:
+        servo = self.servo
+        return tuple(
+            i * a + f * v
+            for i, a, f, v in zip(
+                _INERTIA_KG_M2, servo.accelerations, _FRICTION_NM_S, servo.speeds, strict=True
+            )
+        )
+
+    # ------------------------------------------------------------------------------------
+    # Script verbs
+
+    def _verb_table(self) -> dict[str, Callable[..., None]]:
+        rapid = self.rapid
+        return {
+            "movej": self._movej,
+            "getid": lambda: rapid.execute(rapid.get_id),
+            "setup": self._setup,
+            "act": self._act,
+            "stream-start": lambda: rapid.execute(rapid.stream_start),
+            "stream-stop": lambda: rapid.execute(rapid.stream_stop),
+            "run": self._run,
+            "egmmovel": self._egmmovel,
+            "stop": self._stop,
+            "reset": lambda: rapid.execute(rapid.reset),
+            "loop": rapid.loop,
+            "on-error": rapid.on_error,
+            "restart": rapid.restart_program,
+            "pp-to-main": rapid.pp_to_main,
+            "program-stop": rapid.program_stop,
+            "program-start": rapid.program_start,
+            "motors-off": lambda: rapid.set_motors(False),
+            "motors-on": lambda: rapid.set_motors(True),
+            "estop": rapid.emergency_stop,
+            "controller-restart": self._restart,
+            "jog": self._jog,
+            "collision": rapid.collide,
+            "contact": self._set_contact,
+            "wall": self._set_wall,
+            "force-control": self._set_force_control,
+            "do": lambda on: self._set_output(dig_val=on),
+            "dnum": lambda values: self._set_output(dnum=tuple(values)),
+            "echo": self._set_echo,
+        }
+
+    def _with_defaults(self, kind: type[Any], arguments: Mapping[str, Any]) -> Any:
+        """`kind` of a script line's arguments; options win over them, and give the mode."""
+        merged = {"mode": self.options.mode, **arguments}
+        for field in fields(kind):
+            override = getattr(self.options, field.name, None)
+            if override is not None and field.name != "mode":
+                merged[field.name] = override
+        return kind(**merged)
+
+    def _movej(self, joints_deg: Sequence[float] | None = None) -> None:
+        rapid = self.rapid
+        target = None if joints_deg is None else [math.radians(q) for q in joints_deg]
+        rapid.execute(lambda: rapid.move(target))
+
+    def _jog(self, joints_deg: Sequence[float]) -> None:
+        self.jog_to(joints_deg)
+
+    def _setup(self, **arguments: Any) -> None:
+        setup: Setup = self._with_defaults(Setup, arguments)
+        self.rapid.execute(lambda: self.rapid.setup(setup))
+
+    def _act(self, **arguments: Any) -> None:
+        act: Act = self._with_defaults(Act, arguments)
+        self.rapid.execute(lambda: self.rapid.act(act))
+
+    def _run(self, **arguments: Any) -> None:
+        run: Run = self._with_defaults(Run, arguments)
+        self.rapid.execute(lambda: self.rapid.run(run))
+
+    def _egmmovel(self, **arguments: Any) -> None:
+        move = PathMove(**arguments)
+        self.rapid.execute(lambda: self.rapid.egm_move(move))
+
+    def _stop(self, stop_mode: StopMode = StopMode.HOLD, ramp_out_s: float | None = None) -> None:
+        self.rapid.stop(stop_mode, ramp_out_s)
+
+    def _set_contact(self, wrench: Sequence[float]) -> None:
+        self._contact = tuple(wrench)
+
+    def _set_wall(self, wall: Sequence[float]) -> None:
+        height_mm, stiffness_n_mm = wall
+        self._wall = (height_mm * 1e-3, stiffness_n_mm * 1e3) if stiffness_n_mm else None
+
+    def _set_force_control(self, on: bool) -> None:
+        self._force_control = on
+
+    def _set_output(
+        self, dig_val: bool | None = None, dnum: tuple[float, ...] | None = None
+    ) -> None:
+        now = self.rapid.rapid_out
+        self.rapid.rapid_out = EgmRapidData(
+            now.dig_val if dig_val is None else dig_val, now.dnum if dnum is None else dnum
+        )
+
+    def _set_echo(self, on: bool) -> None:
+        self.rapid.echo = on

@@ -1,0 +1,168 @@
+"""Kinematics of the simulated arm, from its Denavit-Hartenberg table.
+
+Apart from every other kinematics of the package on purpose: what the gateway computes is judged
+against this. Lengths in m, angles in rad, rotations as row-major 9-tuples while computing.
+
+Source: ABB CRB 15000-5/0.95, standard (distal) DH parameters as published with its public
+drivers; the last frame is tool0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cardan.spatial import rotation_between
+from cardan.types import Pose, Quaternion, Vector3
+
+AXES = 6
+
+_DEG = math.pi / 180.0
+
+
+class DhLink(NamedTuple):
+    """One link, A = Rz(offset + q)·Tz(d)·Tx(a)·Rx(alpha), alpha as its exact cosine and sine."""
+
+    offset: float
+    d: float
+    a: float
+    cos_alpha: float
+    sin_alpha: float
+
+
+class ArmModel(NamedTuple):
+    """A six-axis arm: geometry and what its axes can do."""
+
+    links: tuple[DhLink, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    velocity: tuple[float, ...]
+    """rad/s."""
+    acceleration: tuple[float, ...]
+    """rad/s²."""
+
+
+_TIME_TO_FULL_SPEED_S = 0.1
+"""The manufacturer publishes no joint accelerations; reaching full speed in a tenth of a second is
+within what the arm's published 36.9 m/s² at the TCP allows at full reach."""
+
+_GOFA_SPEED_DEG_S = (125.0, 125.0, 140.0, 200.0, 200.0, 200.0)
+
+GOFA = ArmModel(
+    links=(
+        DhLink(0.0, 0.265, 0.0, 0.0, -1.0),
+        DhLink(-90.0 * _DEG, 0.0, 0.444, 1.0, 0.0),
+        DhLink(0.0, 0.0, 0.110, 0.0, -1.0),
+        DhLink(0.0, 0.470, 0.0, 0.0, 1.0),
+        DhLink(0.0, 0.0, 0.080, 0.0, -1.0),
+        DhLink(180.0 * _DEG, 0.101, 0.0, 1.0, 0.0),
+    ),
+    lower=tuple(v * _DEG for v in (-180.0, -180.0, -225.0, -180.0, -180.0, -180.0)),
+    upper=tuple(v * _DEG for v in (180.0, 180.0, 85.0, 180.0, 180.0, 180.0)),
+    velocity=tuple(v * _DEG for v in _GOFA_SPEED_DEG_S),
+    acceleration=tuple(v * _DEG / _TIME_TO_FULL_SPEED_S for v in _GOFA_SPEED_DEG_S),
+)
+"""CRB 15000-5/0.95."""
+
+
+class Frames(NamedTuple):
+    """Where the joint axes and the TCP are in one configuration."""
+
+    pose: Pose
+    axes: list[tuple[float, float, float]]
+    """Direction of each joint axis, base frame."""
+    origins: list[tuple[float, float, float]]
+    """A point on each joint axis, base frame, m."""
+    approach: Vector3
+    """The tool's z axis, base frame."""
+
+
+def forward(joints: Sequence[float], links: Sequence[DhLink] = GOFA.links) -> Frames:
+    """TCP pose and joint axes at `joints` (rad)."""
+    xx, xy, xz = 1.0, 0.0, 0.0
+    yx, yy, yz = 0.0, 1.0, 0.0
+    zx, zy, zz = 0.0, 0.0, 1.0
+    px = py = pz = 0.0
+    axes: list[tuple[float, float, float]] = []
+    origins: list[tuple[float, float, float]] = []
+    for angle, (offset, d, a, ca, sa) in zip(joints, links, strict=True):
+        axes.append((zx, zy, zz))
+        origins.append((px, py, pz))
+        c, s = math.cos(angle + offset), math.sin(angle + offset)
+        ux, uy, uz = c * yx - s * xx, c * yy - s * xy, c * yz - s * xz
+        xx, xy, xz = c * xx + s * yx, c * xy + s * yy, c * xz + s * yz
+        px, py, pz = px + d * zx + a * xx, py + d * zy + a * xy, pz + d * zz + a * xz
+        yx, yy, yz = ca * ux + sa * zx, ca * uy + sa * zy, ca * uz + sa * zz
+        zx, zy, zz = ca * zx - sa * ux, ca * zy - sa * uy, ca * zz - sa * uz
+    orientation = _quaternion(xx, yx, zx, xy, yy, zy, xz, yz, zz)
+    return Frames(Pose(Vector3(px, py, pz), orientation), axes, origins, Vector3(zx, zy, zz))
+
+
+def _quaternion(
+    r00: float,
+    r01: float,
+    r02: float,
+    r10: float,
+    r11: float,
+    r12: float,
+    r20: float,
+    r21: float,
+    r22: float,
+) -> Quaternion:
+    """The unit quaternion of a rotation matrix, from its largest component.
+
+    The sign is whatever that branch gives, so it flips along a motion as a controller's may.
+    """
+    if r00 + r11 + r22 > 0.0:
+        t = 1.0 + r00 + r11 + r22
+        f = 0.5 / math.sqrt(t)
+        return Quaternion(t * f, (r21 - r12) * f, (r02 - r20) * f, (r10 - r01) * f)
+    if r00 >= r11 and r00 >= r22:
+        t = 1.0 + r00 - r11 - r22
+        f = 0.5 / math.sqrt(t)
+        return Quaternion((r21 - r12) * f, t * f, (r01 + r10) * f, (r02 + r20) * f)
+    if r11 >= r22:
+        t = 1.0 - r00 + r11 - r22
+        f = 0.5 / math.sqrt(t)
+        return Quaternion((r02 - r20) * f, (r01 + r10) * f, t * f, (r12 + r21) * f)
+    t = 1.0 - r00 - r11 + r22
+    f = 0.5 / math.sqrt(t)
+    return Quaternion((r10 - r01) * f, (r02 + r20) * f, (r12 + r21) * f, t * f)
+
+
+def jacobian(frames: Frames) -> npt.NDArray[np.float64]:
+    """The 6x6 Jacobian of the TCP in the base frame: v (m/s) over w (rad/s)."""
+    tx, ty, tz = frames.pose.position
+    columns: list[tuple[float, ...]] = []
+    for (zx, zy, zz), (px, py, pz) in zip(frames.axes, frames.origins, strict=True):
+        dx, dy, dz = tx - px, ty - py, tz - pz
+        columns.append((zy * dz - zz * dy, zz * dx - zx * dz, zx * dy - zy * dx, zx, zy, zz))
+    matrix: npt.NDArray[np.float64] = np.array(columns).T
+    return matrix
+
+
+class Differential:
+    """The inverse of a Jacobian by damped least squares, with its distance to singularity."""
+
+    def __init__(self, frames: Frames, damping: float = 1e-4) -> None:
+        u, singular, vt = np.linalg.svd(jacobian(frames))
+        self.smallest_singular_value = float(singular[-1])
+        weights = singular / (singular * singular + damping * damping)
+        self._inverse: npt.NDArray[Any] = (vt.T * weights) @ u.T
+
+    def joints(self, twist: Sequence[float]) -> list[float]:
+        """Joint motion that gives the TCP motion `twist` (v over w)."""
+        result: list[float] = (self._inverse @ np.array(twist)).tolist()
+        return result
+
+
+def pose_error(target: Pose, actual: Pose) -> tuple[float, float, float, float, float, float]:
+    """What turns `actual` into `target`: translation (m) over rotation vector (rad), base frame."""
+    tx, ty, tz = target.position
+    ax, ay, az = actual.position
+    rx, ry, rz = rotation_between(actual.orientation, target.orientation)
+    return (tx - ax, ty - ay, tz - az, rx, ry, rz)

@@ -1,0 +1,157 @@
+"""Settings of the simulated controller, and what each RobotWare release sends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from cardan.errors import ConfigurationError
+from cardan.sim_peers.egm_controller.arguments import Mode
+from cardan.sim_peers.egm_controller.faults import FAULTS
+from cardan.sim_peers.egm_controller.kinematics import AXES
+
+REAL_PERIOD_S = 0.004032
+"""Control period of a real controller; a virtual one runs at about 0.004 s."""
+
+
+class Profile(NamedTuple):
+    """Which fields a RobotWare release fills, beyond those all have."""
+
+    fc_active: bool
+    """measuredForce in the RobotWare 7 layout."""
+    utilization_rate: bool
+    move_index: bool
+    """And CollisionInfo."""
+    rapid_data: bool
+    torque_ref: bool
+    """And PTP time stamps, where configured."""
+
+
+PROFILES: Mapping[str, Profile] = {
+    "6.08": Profile(False, False, False, False, False),
+    "6.10": Profile(False, True, False, False, False),
+    "7.6": Profile(True, True, True, False, False),
+    "7.7": Profile(True, True, True, True, False),
+    "7.16": Profile(True, True, True, True, True),
+}
+
+ROBOTWARE: Mapping[str, str] = {"6": "6.10", "7": "7.16", **{name: name for name in PROFILES}}
+"""What may be asked for, and the release it means."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EgmControllerOptions:
+    """How the simulated controller is set up. None means: as the script says."""
+
+    pc_host: str = "127.0.0.1"
+    """Remote Address of the UDP Unicast Device: where the PC is."""
+    pc_port: int = 6510
+    """Remote Port Number."""
+    robotware: str = "7"
+    """"6", "7" or a release of PROFILES."""
+    mode: Mode = Mode.POSE
+    """For script lines that name none."""
+    script: str = "teleop"
+    """A built-in name or a file."""
+    faults: Mapping[str, float] = field(default_factory=dict)
+    """Values by name, from `cardan.sim_peers.base.parse_faults`."""
+    seed: int = 0
+    joints_deg: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 30.0, 0.0)
+    """Where the arm stands at the start."""
+
+    comm_timeout_s: float | None = None
+    max_speed_deviation_deg_s: float | None = None
+    max_pos_deviation_deg: float | None = None
+    lp_filter_hz: float | None = None
+    sample_rate_ms: int | None = None
+    cond_time_s: float | None = None
+    ramp_in_s: float | None = None
+    pos_corr_gain: float | None = None
+
+    k: float = 5.0
+    """System parameter Default Proportional Position Gain, 1/s."""
+    level: int | None = None
+    """System parameter Level: 0 raw, 1 filtering, 2 path; None is 1, for path correction 2."""
+    default_lp_filter_hz: float = 20.0
+    """System parameter Default Low Pass Filter Bandwidth; 0 is no filter."""
+    ramp_time_s: float = 0.5
+    """System parameter Default Ramp Time."""
+    do_not_restart_after_motors_off: bool = False
+
+    period_s: float = REAL_PERIOD_S
+    servo_delay_s: float = 0.016
+    """How far the arm is behind the reference; real arms: 10 to 20 ms."""
+    encoder_noise_deg: float = 1e-4
+    """Standard deviation of measured joints."""
+    dynamic_load_factor: float = 20.0
+    """A demand of more than this many times the joint accelerations stops the arm with "dynamic
+    load", as real arms do after a jump of the reference; 0 never does."""
+    singularity_threshold: float = 0.02
+    """Smallest singular value of the Jacobian (m, rad) at which Cartesian motion stops."""
+    queue_length: int = 64
+    """Datagrams of the PC that may wait; more are lost."""
+    newest_wins: bool = False
+    """Take the newest waiting datagram, as no real controller does; for comparison."""
+    strict_mtype: bool = False
+    """Ignore messages whose mtype does not fit the mode (else only note them)."""
+    strict_seqno: bool = False
+    """Ignore messages whose seqno does not advance (else only note them)."""
+    nan_is_fatal: bool = False
+    """A NaN ends in 10014 System failure, as on some controllers, instead of being ignored."""
+    path_correction_absolute: bool = False
+    """Read path corrections as shifts of the programmed path; else as what a sensor on the tool
+    measures, relative to where the tool was."""
+    seqno_restarts: bool = True
+    """Count from `seqno_start` again in each session."""
+    seqno_start: int = 0
+    tm_start_ms: int = 1_000_000
+    """What the ms clock shows at the start; it wraps at 2^32."""
+    euler: bool = True
+    """Poses carry Euler angles beside the quaternion."""
+    force: bool = True
+    """measuredForce is sent."""
+    force_control: bool = False
+    """Force control is active: forces are compensated; else the raw sensor is sent."""
+    ptp: bool = False
+    """timeStamp is sent (RobotWare 7.16)."""
+    rapid_echo: bool = True
+    """The RAPID program sends back what it got in RAPIDtoRobot."""
+
+    def __post_init__(self) -> None:
+        def check(key: str, good: bool, allowed: str) -> None:
+            if not good:
+                raise ConfigurationError(key, f"{getattr(self, key)!r} is not {allowed}")
+
+        if not isinstance(self.mode, Mode):
+            check("mode", self.mode in {m.value for m in Mode}, "joint, pose or path")
+            object.__setattr__(self, "mode", Mode(self.mode))
+        check("robotware", self.robotware in ROBOTWARE, f"one of {', '.join(ROBOTWARE)}")
+        check("pc_port", 1 <= self.pc_port <= 65535, "a port, 1 to 65535")
+        check("joints_deg", len(self.joints_deg) == AXES, f"{AXES} joint values")
+        check("level", self.level in (None, 0, 1, 2), "0, 1 or 2")
+        check("k", 0.0 <= self.k <= 20.0, "within 0 to 20")
+        check("default_lp_filter_hz", 0.0 <= self.default_lp_filter_hz <= 100.0, "within 0 to 100")
+        check("ramp_time_s", 0.005 <= self.ramp_time_s <= 10.0, "within 0.005 to 10 s")
+        check("period_s", 0.001 <= self.period_s <= 0.1, "within 0.001 to 0.1 s")
+        check("servo_delay_s", 0.0 <= self.servo_delay_s <= 1.0, "within 0 to 1 s")
+        check("queue_length", self.queue_length >= 1, "at least 1")
+        gain = self.pos_corr_gain
+        check("pos_corr_gain", gain is None or 0.0 <= gain <= 1.0, "within 0 to 1")
+        for key in ("comm_timeout_s", "max_speed_deviation_deg_s", "max_pos_deviation_deg"):
+            value = getattr(self, key)
+            check(key, value is None or value > 0.0, "above 0")
+        rate = self.sample_rate_ms
+        check("sample_rate_ms", rate is None or (rate >= 4 and rate % 4 == 0), "a multiple of 4")
+        unknown = sorted(set(self.faults) - {switch.name for switch in FAULTS})
+        check("faults", not unknown, f"made of known faults (unknown: {', '.join(unknown)})")
+
+    @property
+    def release(self) -> str:
+        """The RobotWare release that is played."""
+        return ROBOTWARE[self.robotware]
+
+    @property
+    def profile(self) -> Profile:
+        """What that release sends."""
+        return PROFILES[self.release]

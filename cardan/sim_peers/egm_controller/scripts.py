@@ -1,0 +1,337 @@
+"""What the simulated controller's program does: built-in scripts, and the verbs of scripts.
+
+A script's RAPID verbs are the instructions of the motion task; the others are what somebody does
+at the controller, or what happens to the arm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from cardan.errors import ScriptError
+from cardan.sim_peers.base import ScriptStep
+from cardan.sim_peers.egm_controller.arguments import ALL_AXES, Mode, StopMode
+from cardan.sim_peers.egm_controller.kinematics import AXES
+from cardan.sim_peers.egm_controller.rapid import OnError
+
+SCRIPT_VERBS: dict[str, str] = {
+    "movej": "movej [J1 ... J6 deg] (a programmed movement; without values: stay)",
+    "getid": "getid",
+    "setup": "setup [joint|pose|path] [timeout=S]",
+    "act": "act [joint|pose|path] [window=DEG,MM] [filter=HZ] [sample-rate=MS] [max-speed=DEG/S] "
+    "[max-pos=DEG] [stream]",
+    "stream-start": "stream-start",
+    "stream-stop": "stream-stop",
+    "run": "run [joint|pose] [hold|ramp-down] [axes=all|none|1,2,..|x,y,rz,..] [cond-time=S] "
+    "[ramp-in=S] [ramp-out=S] [pos-gain=0..1] [nowait]",
+    "egmmovel": "egmmovel DX DY DZ SPEED [REPEATS] (mm, mm/s)",
+    "stop": "stop [hold|ramp-down] [ramp-out=S]",
+    "reset": "reset",
+    "loop": "loop on|off (run EGM again when a run ends)",
+    "on-error": "on-error stop|retry|restart [SECONDS]",
+    "restart": "restart (program pointer to main, start)",
+    "pp-to-main": "pp-to-main",
+    "program-stop": "program-stop",
+    "program-start": "program-start",
+    "motors-off": "motors-off",
+    "motors-on": "motors-on",
+    "estop": "estop",
+    "controller-restart": "controller-restart",
+    "jog": "jog J1 ... J6 (deg)",
+    "collision": "collision",
+    "contact": "contact FX FY FZ TX TY TZ (N, N·m)",
+    "wall": "wall Z_MM N_PER_MM (a horizontal wall below the TCP)",
+    "force-control": "force-control on|off",
+    "do": "do 0|1 (RAPIDfromRobot.digVal)",
+    "dnum": "dnum VALUE ... (RAPIDfromRobot.dnum)",
+    "echo": "echo on|off (RAPIDfromRobot repeats RAPIDtoRobot)",
+}
+
+SCRIPTS: dict[str, str] = {
+    "teleop": """\
+# run EGM endlessly; after an error an operator starts it again within 2 s
+0 movej
+0 on-error restart 2
+0 getid
+0 setup
+0 act window=1e-9 max-speed=180
+0 run cond-time=1e6
+""",
+    "teleop-once": """\
+# run EGM endlessly; an error ends it
+0 movej
+0 getid
+0 setup
+0 act window=1e-9 max-speed=180
+0 run cond-time=1e6
+""",
+    "teleop-stream": """\
+# as teleop, in a program that also streams: datagrams go on while the program is stopped
+0 movej
+0 on-error restart 2
+0 getid
+0 setup
+0 act window=1e-9 max-speed=180 stream
+0 run cond-time=1e6
+""",
+    "stream": """\
+# stream positions only
+0 movej
+0 getid
+0 setup
+0 act
+0 stream-start
+""",
+    "stream-then-run": """\
+# stream positions for 2 s, then run EGM endlessly
+0 movej
+0 getid
+0 setup
+0 act window=1e-9 max-speed=180
+0 stream-start
+2 run cond-time=1e6
+""",
+    "manual-defaults": """\
+# one run with every argument left out: 1 deg/s, ends when still within the window for 1 s
+0 movej
+0 getid
+0 setup
+0 act
+0 run
+""",
+    "while-true": """\
+# EGM in WHILE TRUE with CondTime 5 s, as in many public programs: sessions end and begin again
+0 movej
+0 loop on
+0 on-error retry 1
+0 getid
+0 setup
+0 act max-speed=20
+0 run cond-time=5
+""",
+    "speed": """\
+# pure speed control: PosCorrGain 0
+0 movej
+0 on-error restart 2
+0 getid
+0 setup
+0 act window=1e-9 max-speed=180
+0 run pos-gain=0 cond-time=1e6
+""",
+    "interrupted": """\
+# EGM with everything that interrupts it: program stop, motors off, emergency stop
+0 movej
+0 getid
+0 setup
+0 act window=1e-9 max-speed=180
+0 run cond-time=1e6
+4 program-stop
+6 program-start
+10 motors-off
+12 motors-on
+13 program-start
+17 estop
+19 motors-on
+20 program-start
+""",
+    "path": """\
+# path correction on a straight path of 200 mm, there and back, again and again
+0 movej
+0 getid
+0 setup path
+0 act path
+0 egmmovel 0 200 0 40 1000
+""",
+}
+
+_POSE_AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+class Action(NamedTuple):
+    """A checked script line."""
+
+    time_s: float
+    verb: str
+    arguments: dict[str, Any]
+
+
+def compile_script(steps: Sequence[ScriptStep]) -> tuple[Action, ...]:
+    """Check the arguments of every step. Raises ScriptError with the verb's usage."""
+    actions = []
+    for step in steps:
+        try:
+            arguments = _PARSERS[step.verb](step.args)
+        except (ValueError, KeyError, IndexError) as error:
+            raise ScriptError(
+                f"{step.time_s:g} {step.verb} {' '.join(step.args)}: {error}; "
+                f"usage: {SCRIPT_VERBS[step.verb]}"
+            ) from None
+        actions.append(Action(step.time_s, step.verb, arguments))
+    return tuple(actions)
+
+
+def _words(
+    flags: Mapping[str, dict[str, Any]], options: Mapping[str, Callable[[str], dict[str, Any]]]
+) -> Callable[[Sequence[str]], dict[str, Any]]:
+    """A parser of flags and KEY=VALUE words in any order."""
+
+    def parse(words: Sequence[str]) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        for word in words:
+            key, equals, text = word.partition("=")
+            if not equals and key in flags:
+                result.update(flags[key])
+            elif equals and key in options:
+                result.update(options[key](text))
+            else:
+                raise ValueError(f"{word!r} is not known")
+        return result
+
+    return parse
+
+
+def _number(name: str) -> Callable[[str], dict[str, Any]]:
+    return lambda text: {name: _finite(text)}
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not a finite number")
+    return value
+
+
+def _gain(text: str) -> dict[str, Any]:
+    gain = _finite(text)
+    if not 0.0 <= gain <= 1.0:
+        raise ValueError(f"gain {text} is not within 0 to 1")
+    return {"pos_corr_gain": gain}
+
+
+def _sample_rate(text: str) -> dict[str, Any]:
+    rate = int(text)
+    if rate < 4 or rate % 4:
+        raise ValueError(f"sample rate {text} is not a multiple of 4 ms")
+    return {"sample_rate_ms": rate}
+
+
+def _window(text: str) -> dict[str, Any]:
+    deg, _, mm = text.partition(",")
+    return {"window_deg": _finite(deg), "window_mm": _finite(mm or deg)}
+
+
+def _axes(text: str) -> dict[str, Any]:
+    if text == "all":
+        return {"axes": ALL_AXES}
+    if text == "none":
+        return {"axes": ()}
+    indices = {
+        _POSE_AXES.index(word) if word in _POSE_AXES else int(word) - 1 for word in text.split(",")
+    }
+    if not indices <= set(ALL_AXES):
+        raise ValueError(f"{text!r} names an axis that is not there")
+    return {"axes": tuple(sorted(indices))}
+
+
+def _nothing(words: Sequence[str]) -> dict[str, Any]:
+    if words:
+        raise ValueError("takes no arguments")
+    return {}
+
+
+def _numbers(name: str, least: int, most: int) -> Callable[[Sequence[str]], dict[str, Any]]:
+    def parse(words: Sequence[str]) -> dict[str, Any]:
+        if not least <= len(words) <= most:
+            raise ValueError(f"{len(words)} values")
+        return {name: tuple(map(_finite, words))}
+
+    return parse
+
+
+def _optional_joints(words: Sequence[str]) -> dict[str, Any]:
+    return _numbers("joints_deg", AXES, AXES)(words) if words else {"joints_deg": None}
+
+
+def _switch(words: Sequence[str]) -> dict[str, Any]:
+    (word,) = words
+    return {"on": {"on": True, "off": False, "1": True, "0": False}[word]}
+
+
+def _on_error(words: Sequence[str]) -> dict[str, Any]:
+    if len(words) > 2:
+        raise ValueError(f"{len(words)} values")
+    return {
+        "policy": OnError(words[0]),
+        "after_s": _finite(words[1]) if len(words) > 1 else 0.0,
+    }
+
+
+def _egmmovel(words: Sequence[str]) -> dict[str, Any]:
+    values = _numbers("values", 4, 5)(words)["values"]
+    if values[3] <= 0.0:
+        raise ValueError("the speed must be above 0")
+    return {
+        "displacement_mm": values[:3],
+        "speed_mm_s": values[3],
+        "repeats": int(values[4]) if len(values) > 4 else 1,
+    }
+
+
+_MODES = {mode.value: {"mode": mode} for mode in Mode}
+_STOP_MODES = {mode.value: {"stop_mode": mode} for mode in StopMode}
+
+_PARSERS: Mapping[str, Callable[[Sequence[str]], dict[str, Any]]] = {
+    "movej": _optional_joints,
+    "setup": _words(_MODES, {"timeout": _number("comm_timeout_s")}),
+    "act": _words(
+        {**_MODES, "stream": {"stream_start": True}},
+        {
+            "window": _window,
+            "filter": _number("lp_filter_hz"),
+            "sample-rate": _sample_rate,
+            "max-speed": _number("max_speed_deviation_deg_s"),
+            "max-pos": _number("max_pos_deviation_deg"),
+        },
+    ),
+    "run": _words(
+        {**_MODES, **_STOP_MODES, "nowait": {"no_wait": True}},
+        {
+            "axes": _axes,
+            "cond-time": _number("cond_time_s"),
+            "ramp-in": _number("ramp_in_s"),
+            "ramp-out": _number("ramp_out_s"),
+            "pos-gain": _gain,
+        },
+    ),
+    "egmmovel": _egmmovel,
+    "stop": _words(_STOP_MODES, {"ramp-out": _number("ramp_out_s")}),
+    "loop": _switch,
+    "on-error": _on_error,
+    "jog": _numbers("joints_deg", AXES, AXES),
+    "contact": _numbers("wrench", AXES, AXES),
+    "wall": _numbers("wall", 2, 2),
+    "force-control": _switch,
+    "do": _switch,
+    "dnum": _numbers("values", 0, 40),
+    "echo": _switch,
+    **dict.fromkeys(
+        (
+            "getid",
+            "stream-start",
+            "stream-stop",
+            "reset",
+            "restart",
+            "pp-to-main",
+            "program-stop",
+            "program-start",
+            "motors-off",
+            "motors-on",
+            "estop",
+            "controller-restart",
+            "collision",
+        ),
+        _nothing,
+    ),
+}

@@ -1,0 +1,145 @@
+"""The faults a simulated 3Dconnexion device can have, and the line that mangles its reports."""
+
+from __future__ import annotations
+
+import heapq
+import math
+import random
+from collections.abc import Mapping
+
+from cardan.errors import ScriptError
+from cardan.protocols.connexion import Family, Model
+from cardan.sim_peers.base import FaultSwitch
+
+FAULTS = (
+    FaultSwitch("unplug", "the device vanishes at VALUE s, whatever it is doing", 3.0),
+    FaultSwitch("replug", "the device that vanished is back at VALUE s", 4.0),
+    FaultSwitch("silence", "nothing more comes after the first deflection past VALUE s", 3.0),
+    FaultSwitch("seized", "opens, but never sends: another program holds the device"),
+    FaultSwitch("refuse", "cannot be opened for the first VALUE s (inf: never)", math.inf),
+    FaultSwitch("short-report", "every VALUE-th motion report is cut short", 10.0),
+    FaultSwitch("unknown-id", "an unknown report before every VALUE-th motion report", 10.0),
+    FaultSwitch("padded-report", "every report is zero-filled to VALUE bytes", 64.0),
+    FaultSwitch("lost-half", "every VALUE-th rotation half of a pair is lost", 10.0),
+    FaultSwitch("duplicate-half", "every VALUE-th rotation half of a pair comes twice", 10.0),
+    FaultSwitch("late-half", "every VALUE-th rotation half trails the next translation", 10.0),
+    FaultSwitch("burst", "for VALUE s in every 2·VALUE s nothing, then all of it at once", 0.5),
+    FaultSwitch("newest-lost", "a full queue loses the newest (Linux hidraw), not the oldest"),
+    FaultSwitch("wrong-family", "motion reports of the other family than the model's"),
+    FaultSwitch("drift", "every axis rests VALUE counts off zero: never any silence", 5.0),
+    FaultSwitch("overrange", "full deflection gives VALUE counts, not the declared range", 420.0),
+    FaultSwitch("stuck-button", "the button of report-3 bit VALUE, once down, stays down", 0.0),
+    FaultSwitch("low-battery", "the battery reports VALUE percent", 5.0),
+)
+
+_HALF_FAULTS = ("lost-half", "duplicate-half", "late-half")
+_ANY = 1e9
+_RANGES: Mapping[str, tuple[float, float]] = {
+    "refuse": (0.0, math.inf),
+    "padded-report": (1.0, 4096.0),
+    "burst": (0.001, _ANY),
+    "drift": (-350.0, 350.0),
+    "overrange": (1.0, 32767.0),
+    "low-battery": (0.0, 100.0),
+    **dict.fromkeys(("short-report", "unknown-id", *_HALF_FAULTS), (1.0, _ANY)),
+}
+"""Values allowed, where that is not every number from 0."""
+_UNKNOWN_ID = 0x2A
+_LATE_S = 0.012
+"""A late half comes between the next translation (8 ms on) and the next rotation (16 ms on)."""
+
+
+def check_faults(faults: Mapping[str, float], model: Model) -> None:
+    """Raise ScriptError for a fault that does not exist or that `model` cannot have."""
+    names = {switch.name for switch in FAULTS}
+    for name, value in faults.items():
+        if name not in names:
+            raise ScriptError(f"there is no fault {name!r}; there are: {', '.join(sorted(names))}")
+        lowest, highest = _RANGES.get(name, (0.0, _ANY))
+        if not lowest <= value <= highest:
+            raise ScriptError(f"fault {name}: {value:g} is not in {lowest:g} to {highest:g}")
+        if name in _HALF_FAULTS and _sent_family(faults, model) is not Family.SPLIT:
+            raise ScriptError(
+                f"fault {name}: {model.name} sends whole reports, not pairs of halves"
+            )
+    if "stuck-button" in faults and faults["stuck-button"] not in model.buttons:
+        raise ScriptError(
+            f"fault stuck-button: {model.name} has no button of bit {faults['stuck-button']:g}; "
+            f"it has: {', '.join(map(str, sorted(model.buttons))) or 'none'}"
+        )
+    if "low-battery" in faults and not model.battery:
+        raise ScriptError(f"fault low-battery: {model.name} has no battery")
+    if "replug" in faults and faults["replug"] <= faults.get("unplug", math.inf):
+        raise ScriptError("fault replug: needs the fault unplug, at an earlier time")
+
+
+def _sent_family(faults: Mapping[str, float], model: Model) -> Family:
+    if not faults.get("wrong-family"):
+        return model.family
+    return Family.ONE if model.family is Family.SPLIT else Family.SPLIT
+
+
+class FaultyLine:
+    """What lies between the device and the host: carries reports, loses, mangles or delays them.
+
+    `family` is the one whose motion reports the device sends.
+    """
+
+    def __init__(self, faults: Mapping[str, float], model: Model, seed: int) -> None:
+        check_faults(faults, model)
+        self.family = _sent_family(faults, model)
+        self._faults = faults
+        self._random = random.Random(seed)
+        self._burst_s = faults.get("burst", 0.0)
+        self._padding = int(faults.get("padded-report", 0))
+        self._motions = 0
+        self._halves = 0
+        self._carried = 0
+        self._under_way: list[tuple[float, int, bytes]] = []
+
+    @property
+    def next_due_s(self) -> float:
+        """When the next report arrives; inf when none is under way."""
+        return self._under_way[0][0] if self._under_way else math.inf
+
+    def carry_motion(self, report: bytes, sent_s: float) -> None:
+        """Take a motion report (id 1 or 2), sent at `sent_s`."""
+        self._motions += 1
+        if self._strikes("unknown-id", self._motions):
+            self.carry(bytes([_UNKNOWN_ID]) + self._random.randbytes(6), sent_s)
+        is_half = report[0] == 2
+        self._halves += is_half
+        if is_half and self._strikes("lost-half", self._halves):
+            return
+        if self._strikes("short-report", self._motions):
+            report = report[: self._random.randint(1, 6)]
+        late = is_half and self._strikes("late-half", self._halves)
+        self.carry(report, sent_s + _LATE_S if late else sent_s)
+        if is_half and self._strikes("duplicate-half", self._halves):
+            self.carry(report, sent_s)
+
+    def carry(self, report: bytes, sent_s: float) -> None:
+        """Take any report, sent at `sent_s`."""
+        arrival_s = sent_s
+        if self._burst_s:
+            window = math.floor(sent_s / self._burst_s)
+            if window % 2:
+                arrival_s = (window + 1) * self._burst_s
+        self._carried += 1
+        heapq.heappush(
+            self._under_way, (arrival_s, self._carried, report.ljust(self._padding, b"\0"))
+        )
+
+    def arrived(self, now_s: float) -> list[bytes]:
+        """The reports that have arrived by `now_s`, in order of arrival."""
+        reports = []
+        while self._under_way and self._under_way[0][0] <= now_s:
+            reports.append(heapq.heappop(self._under_way)[2])
+        return reports
+
+    def cut(self) -> None:
+        """Lose everything under way."""
+        self._under_way.clear()
+
+    def _strikes(self, fault: str, count: int) -> bool:
+        return fault in self._faults and count % int(self._faults[fault]) == 0

@@ -1,0 +1,327 @@
+"""Scripted hands: what an operator does to the simulated puck, as a function of time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple, Protocol
+
+from cardan.errors import ScriptError
+from cardan.protocols.connexion import Model
+from cardan.sim_peers.base import ScriptStep
+from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes, SimulatedSpaceMouse
+
+HAND_PERIOD_S = 0.008
+"""How often a moving hand is sampled: the shortest report period of a device."""
+
+SCRIPT_VERBS: Mapping[str, str] = {
+    "axes": "axes X Y Z RX RY RZ [over SECONDS]",
+    "swing": "swing X Y Z RX RY RZ over SECONDS [times N] [phase DEGREES]",
+    "neutral": "neutral [over SECONDS]",
+    "press": "press LABEL",
+    "release": "release LABEL",
+    "unplug": "unplug",
+    "replug": "replug",
+    "silence": "silence",
+    "resume": "resume",
+    "loop": "loop",
+}
+"""Usage of each verb of a script. Deflections are -1..1 in the robot frame.
+
+``axes`` ramps linearly from where the hand is; ``swing`` adds N whole sine periods of SECONDS each
+on top; ``neutral`` ends both. LABEL is a button's label, or ``first`` or ``second`` for the two
+lowest buttons of whatever model it is. ``silence`` stops the device's reports until ``resume``;
+``loop`` starts the script again.
+"""
+
+SCRIPTS: Mapping[str, str] = {
+    "rest": """
+        0.2  axes 0 0 0.2 0 0 0 over 0.1
+        0.3  neutral over 0.1
+    """,
+    # Every axis returns to where it began: swings integrate to zero, and the stroke that the
+    # dead-man interrupts at 21.4 s has the same area as the one back after the new grip.
+    "demo": """
+        0.2   axes 0 0 0.2 0 0 0 over 0.1              # touch and let go: shows a neutral puck
+        0.3   neutral over 0.1
+        1.0   press first                              # the dead-man
+        1.2   swing 0.6 0 0 0 0 0 over 3               # forward and back
+        4.2   swing 0 0.6 0 0 0 0 over 3               # left and back
+        7.2   swing 0 0 0.6 0 0 0 over 2.6             # up and down
+        9.8   swing 0 0.6 0 0 0 0 over 4               # a figure of eight in y and z
+        9.8   swing 0 0 0.6 0 0 0 over 2 times 2
+        14.0  press second                             # gripper
+        14.3  release second
+        14.5  swing 0 0 0 0 0 0.7 over 3               # yaw
+        17.5  swing 0 0 0 0.6 0 0 over 2.4             # roll with twice as fast a pitch
+        17.5  swing 0 0 0 0 0.5 0 over 1.2 times 2
+        20.2  axes 0.6 0 0 0 0 0 over 0.5              # forward ...
+        21.4  release first                            # ... and the dead-man goes: brake
+        21.8  neutral over 0.3
+        22.8  press first                              # a new grip, from neutral
+        23.1  axes -0.6 0 0 0 0 0 over 0.5             # back by as much
+        24.05 neutral over 0.5
+        24.8  press second
+        25.1  release second
+        25.4  swing 0.4 0.4 0.4 0 0 0.4 over 2.1       # all together
+        27.8  release first
+    """,
+    "short": """
+        0.05  axes 0 0 0.2 0 0 0 over 0.05
+        0.1   neutral over 0.05
+        0.4   press first
+        0.6   swing 0.5 0 0 0 0 0 over 1.2
+        1.8   swing 0 0.5 0.3 0 0 0 over 1.2
+        3.0   swing 0 0 0 0.3 0 0.5 over 1.2
+        4.3   press second
+        4.5   release second
+        4.6   axes 0 0 -0.4 0 0 0 over 0.2
+        4.9   release first
+        5.1   neutral over 0.2
+        5.5   press first
+        5.8   release first
+    """,
+    # A circle in x and y to the left, then the same to the right. The ramp that takes the hand
+    # to the start of a cosine is dropped as the cosine begins; the two turns cancel its area.
+    "circle": """
+        0.2   axes 0 0 0.2 0 0 0 over 0.1
+        0.3   neutral over 0.1
+        1.0   press first
+        1.2   axes 0 0.5 0 0 0 0 over 0.4
+        1.6   axes 0 0 0 0 0 0
+        1.6   swing 0.5 0 0 0 0 0 over 5
+        1.6   swing 0 0.5 0 0 0 0 over 5 phase 90
+        6.6   axes 0 0.5 0 0 0 0
+        6.6   axes 0 -0.5 0 0 0 0 over 0.8
+        7.4   axes 0 0 0 0 0 0
+        7.4   swing 0.5 0 0 0 0 0 over 5
+        7.4   swing 0 -0.5 0 0 0 0 over 5 phase 90
+        12.4  axes 0 -0.5 0 0 0 0
+        12.4  neutral over 0.4
+        13.0  release first
+    """,
+    "taps": """
+        0.2   axes 0 0 0.2 0 0 0 over 0.1
+        0.3   neutral over 0.1
+        1.0   press first
+        1.1   release first
+        1.4   press second
+        1.5   release second
+        1.8   press first
+        1.9   press second
+        2.0   release first
+        2.1   release second
+        2.4   loop
+    """,
+    "wiggle": """
+        0.2   axes 0 0 0.2 0 0 0 over 0.1
+        0.3   neutral over 0.1
+        1.0   swing 0.3 0 0 0 0 0.3 over 2
+        2.0   swing 0 0.3 0 0 0.3 0 over 2
+        3.0   swing 0 0 0.3 0.3 0 0 over 2
+        5.5   loop
+    """,
+}
+"""The built-in scripts. All begin with a touch and a release, since a driver believes a device
+only after it has seen it at rest."""
+
+
+class Hand(Protocol):
+    """What moves a simulated device."""
+
+    @property
+    def next_due_s(self) -> float:
+        """When `advance` has something to do next; inf when nothing is planned."""
+
+    def advance(self, now_s: float, device: SimulatedSpaceMouse) -> None:
+        """Do to `device` what is due until `now_s`."""
+
+
+class _Ramp(NamedTuple):
+    target: Axes
+    over_s: float
+    ends_swings: bool
+
+
+class _Swing(NamedTuple):
+    amplitude: Axes
+    period_s: float
+    times: int
+    phase_rad: float
+
+
+class _Button(NamedTuple):
+    label: str
+    pressed: bool
+
+
+class _Plug(NamedTuple):
+    verb: str
+
+
+class _Loop(NamedTuple):
+    pass
+
+
+_Action = _Ramp | _Swing | _Button | _Plug | _Loop
+
+
+class ScriptedHand:
+    """Plays the steps of a script on a device of `model`; afterwards it stays as it is.
+
+    Raises ScriptError, naming the step, for arguments that its verb does not take.
+    """
+
+    def __init__(self, steps: Sequence[ScriptStep], model: Model) -> None:
+        self._actions = tuple((step.time_s, _compile(step, model)) for step in steps)
+        for index, (time_s, action) in enumerate(self._actions):
+            if isinstance(action, _Loop) and (time_s <= 0.0 or index + 1 < len(steps)):
+                raise ScriptError(f"{time_s:g} s loop: must be the last step, after 0 s")
+        self._next = 0
+        self._offset_s = 0.0
+        self._now_s = 0.0
+        self._ramp = (0.0, NEUTRAL, _Ramp(NEUTRAL, 0.0, False))
+        self._swings: list[tuple[float, _Swing]] = []
+
+    @property
+    def next_due_s(self) -> float:
+        """When `advance` has something to do next, s; inf after the end."""
+        due_s = math.inf
+        if self._next < len(self._actions):
+            due_s = self._offset_s + self._actions[self._next][0]
+        start_s, _, ramp = self._ramp
+        ends_s = [begin_s + swing.period_s * swing.times for begin_s, swing in self._swings]
+        ends_s += [start_s + ramp.over_s] * (self._now_s < start_s + ramp.over_s)
+        if ends_s:
+            due_s = min(due_s, self._now_s + HAND_PERIOD_S, *ends_s)
+        return due_s
+
+    def advance(self, now_s: float, device: SimulatedSpaceMouse) -> None:
+        """Do every step that is due until `now_s`, then hold the puck as it is at `now_s`."""
+        while self._next < len(self._actions):
+            time_s, action = self._actions[self._next]
+            time_s += self._offset_s
+            if time_s > now_s:
+                break
+            self._next += 1
+            self._act(time_s, action, device)
+        self._now_s = now_s
+        self._swings = [
+            (begin_s, swing)
+            for begin_s, swing in self._swings
+            if now_s < begin_s + swing.period_s * swing.times
+        ]
+        device.set_axes(self._deflection(now_s))
+
+    def _act(self, time_s: float, action: _Action, device: SimulatedSpaceMouse) -> None:
+        if isinstance(action, _Ramp):
+            start = self._deflection(time_s) if action.ends_swings else self._ramped(time_s)
+            if action.ends_swings:
+                self._swings.clear()
+            self._ramp = (time_s, start, action)
+        elif isinstance(action, _Swing):
+            self._swings.append((time_s, action))
+        elif isinstance(action, _Button):
+            if action.pressed:
+                device.press(action.label)
+            else:
+                device.release(action.label)
+        elif isinstance(action, _Plug):
+            getattr(device, action.verb)()
+        else:
+            self._offset_s = time_s
+            self._next = 0
+
+    def _ramped(self, at_s: float) -> Axes:
+        start_s, start, ramp = self._ramp
+        if at_s >= start_s + ramp.over_s:
+            return ramp.target
+        share = (at_s - start_s) / ramp.over_s
+        return _axes(a + (b - a) * share for a, b in zip(start, ramp.target, strict=True))
+
+    def _deflection(self, at_s: float) -> Axes:
+        axes = self._ramped(at_s)
+        for begin_s, swing in self._swings:
+            if begin_s <= at_s < begin_s + swing.period_s * swing.times:
+                turn = math.tau * (at_s - begin_s) / swing.period_s + swing.phase_rad
+                sine = math.sin(turn)
+                axes = _axes(a + b * sine for a, b in zip(axes, swing.amplitude, strict=True))
+        return axes
+
+
+def play(device: SimulatedSpaceMouse, hand: Hand, until_s: float) -> list[bytes]:
+    """Move `device` by `hand` until `until_s`, each at its due times; the reports it sent."""
+    reports: list[bytes] = []
+    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
+        device.skip_to(due_s)
+        hand.advance(due_s, device)
+        reports += device.reports(due_s)
+    return reports
+
+
+def _axes(values: Iterable[float]) -> Axes:
+    x, y, z, rx, ry, rz = values
+    return (x, y, z, rx, ry, rz)
+
+
+def _compile(step: ScriptStep, model: Model) -> _Action:
+    """Turn the words of one step into what it does."""
+    where = f"{step.time_s:g} s {step.verb}"
+    words = list(step.args)
+
+    def number(name: str, lowest: float, highest: float = math.inf) -> float:
+        if not words:
+            raise ScriptError(f"{where}: {name} is missing; usage: {SCRIPT_VERBS[step.verb]}")
+        text = words.pop(0)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not lowest <= value <= highest or math.isinf(value):
+            limit = "" if math.isinf(highest) else f" to {highest:g}"
+            raise ScriptError(
+                f"{where}: {name} is {text!r}, must be a number from {lowest:g}{limit}"
+            )
+        return value
+
+    def keyword(name: str) -> bool:
+        found = words[:1] == [name]
+        del words[: int(found)]
+        return found
+
+    action: _Action
+    if step.verb == "axes":
+        target = _axes([number(axis, -1.0, 1.0) for axis in AXES])
+        action = _Ramp(target, number("SECONDS", 0.0) if keyword("over") else 0.0, False)
+    elif step.verb == "neutral":
+        action = _Ramp(NEUTRAL, number("SECONDS", 0.0) if keyword("over") else 0.0, True)
+    elif step.verb == "swing":
+        amplitude = _axes([number(axis, -1.0, 1.0) for axis in AXES])
+        if not keyword("over"):
+            raise ScriptError(f"{where}: 'over' is missing; usage: {SCRIPT_VERBS[step.verb]}")
+        period_s = number("SECONDS", HAND_PERIOD_S)
+        times = int(number("N", 1.0)) if keyword("times") else 1
+        phase_rad = math.radians(number("DEGREES", -360.0, 360.0)) if keyword("phase") else 0.0
+        action = _Swing(amplitude, period_s, times, phase_rad)
+    elif step.verb in ("press", "release"):
+        if not words:
+            raise ScriptError(f"{where}: LABEL is missing; usage: {SCRIPT_VERBS[step.verb]}")
+        action = _Button(_label(words.pop(0), model, where), step.verb == "press")
+    else:
+        action = _Loop() if step.verb == "loop" else _Plug(step.verb)
+    if words:
+        raise ScriptError(
+            f"{where}: {' '.join(words)!r} is too much; usage: {SCRIPT_VERBS[step.verb]}"
+        )
+    return action
+
+
+def _label(word: str, model: Model, where: str) -> str:
+    labels = [model.buttons[bit] for bit in sorted(model.buttons)]
+    by_word = {"first": labels[:1], "second": labels[1:2]}.get(word, [word])
+    if not by_word or by_word[0] not in labels:
+        raise ScriptError(
+            f"{where}: {model.name} has no button {word!r}; "
+            f"it has: {', '.join(labels) or 'no buttons'}"
+        )
+    return by_word[0]

@@ -1,0 +1,96 @@
+"""Datagrams as a controller sends them, for the tests of the EGM driver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from cardan.protocols.egm import (
+    EgmHeader,
+    EgmMotion,
+    EgmPose,
+    EgmRobot,
+    EgmSensor,
+    MCIState,
+    MessageType,
+    MotorState,
+    RapidState,
+    decode_from_pc,
+    encode_robot,
+)
+from cardan.types import Quaternion, Vector3
+
+PERIOD_S = 0.004032
+HOME = (0.0, 0.0, 0.0, 0.0, math.radians(30.0), 0.0)
+POSITION = Vector3(0.5975, 0.0, 0.83775)
+ORIENTATION = Quaternion(0.5, 0.0, math.sqrt(0.75), 0.0)
+
+
+class Controller:
+    """Numbers and stamps datagrams; every part of them can be replaced."""
+
+    def __init__(self, seqno: int = 0, clock_us: int = 1_700_000_000_000_000) -> None:
+        self.seqno = seqno
+        self.clock_us = clock_us
+        self.joints: Sequence[float] = HOME
+        self.position = POSITION
+        self.orientation = ORIENTATION
+        self.external: Sequence[float] | None = None
+        self.motors: int | None = MotorState.ON
+        self.mci: int | None = MCIState.RUNNING
+        self.rapid: int | None = RapidState.RUNNING
+        self.fields: dict[str, Any] = {}
+        """Other fields of EgmRobot."""
+
+    def message(self) -> EgmRobot:
+        """The next message; one period passes."""
+        motion = EgmMotion(
+            joints=tuple(self.joints),
+            cartesian=EgmPose(self.position, self.orientation),
+            external_joints=None if self.external is None else tuple(self.external),
+            time_us=self.clock_us,
+        )
+        header = EgmHeader(self.seqno, self.clock_us // 1000 & 0xFFFFFFFF, MessageType.DATA)
+        parts: dict[str, Any] = {
+            "header": header,
+            "feed_back": motion,
+            "planned": motion,
+            "motor_state": self.motors,
+            "mci_state": self.mci,
+            "mci_convergence_met": False,
+            "rapid_exec_state": self.rapid,
+        }
+        self.seqno = (self.seqno + 1) & 0xFFFFFFFF
+        self.clock_us += round(PERIOD_S * 1e6)
+        return EgmRobot(**(parts | self.fields))
+
+    def datagram(self) -> bytes:
+        """The next message as it travels."""
+        return encode_robot(self.message())
+
+    def follow(self, answer: bytes) -> EgmSensor:
+        """Be where the PC wants the robot."""
+        sensor = sensor_of(answer)
+        if sensor.planned is not None:
+            if sensor.planned.joints is not None:
+                self.joints = sensor.planned.joints
+            pose = sensor.planned.cartesian
+            if pose is not None and pose.pos is not None and pose.orient is not None:
+                self.position, self.orientation = pose.pos, pose.orient
+        return sensor
+
+
+def sensor_of(answer: bytes) -> EgmSensor:
+    """The PC's message."""
+    sensor = decode_from_pc(answer)
+    assert isinstance(sensor, EgmSensor)
+    return sensor
+
+
+def speeds_of(answer: bytes) -> tuple[float, ...] | None:
+    """The speed reference in the PC's message, rad/s, or m/s and rad/s."""
+    speed_ref = sensor_of(answer).speed_ref
+    if speed_ref is None:
+        return None
+    return speed_ref.joints if speed_ref.joints is not None else speed_ref.cartesians

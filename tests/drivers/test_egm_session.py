@@ -1,0 +1,1063 @@
+"""The EGM session in virtual time: no sockets, no clocks."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
+from cardan.drivers.abb_egm.states import (
+    EGM_ERROR,
+    EGM_STOPPED,
+    EGM_UNDEFINED,
+    FIRST_ANSWER,
+    MOTORS_OFF,
+    RAPID_STOPPED,
+)
+from cardan.errors import CommandError
+from cardan.protocols.egm import (
+    EgmCollisionInfo,
+    EgmHeader,
+    EgmMeasuredForce,
+    EgmMotion,
+    EgmPose,
+    EgmRapidData,
+    EgmSensorPathCorr,
+    MCIState,
+    MessageType,
+    MotorState,
+    RapidState,
+    decode_from_pc,
+)
+from cardan.spatial import from_rotation_vector, multiply, rotation_between
+from cardan.types import (
+    CommandKind,
+    Frame,
+    HoldCommand,
+    JointCommand,
+    JointVelocityCommand,
+    PathCorrectionCommand,
+    Pose,
+    PoseCommand,
+    Quaternion,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+    Twist,
+    TwistCommand,
+    Vector3,
+)
+
+from .egm_controller import (
+    HOME,
+    ORIENTATION,
+    PERIOD_S,
+    POSITION,
+    Controller,
+    sensor_of,
+    speeds_of,
+)
+
+PEER = ("192.168.125.1", 51000)
+HOLD = HoldCommand()
+ZEROS = (0.0,) * 6
+
+
+class Bench:
+    """A session and a controller that take turns in virtual time."""
+
+    def __init__(self, controller_ip: str | None = None, **options: Any) -> None:
+        self.options = AbbEgmOptions(**({"mode": "joint"} | options))
+        self.now_s = 1000.0
+        self.session = EgmSession(self.options, self.now_s, controller_ip)
+        self.controller = Controller()
+
+    def hear(self, source: tuple[str, int] = PEER) -> RobotState | None:
+        """One period later, one datagram."""
+        self.now_s += PERIOD_S
+        return self.session.receive(self.controller.datagram(), source, self.now_s)
+
+    def cycle(self, command: RobotCommand = HOLD) -> bytes:
+        """One datagram and its answer; the robot goes where it is told."""
+        assert self.hear() is not None
+        answer = self.session.reply(command, self.now_s + 1e-4)
+        self.controller.follow(answer)
+        return answer
+
+    def started(self) -> Bench:
+        """After the first answer of a session."""
+        self.cycle()
+        return self
+
+
+def joint_target(first: float) -> JointCommand:
+    return JointCommand((first, *HOME[1:]))
+
+
+def pose_target(x: float = 0.0, turn: float = 0.0) -> PoseCommand:
+    orientation = multiply(from_rotation_vector(Vector3(0.0, 0.0, turn)), ORIENTATION)
+    return PoseCommand(Pose(Vector3(POSITION.x + x, POSITION.y, POSITION.z), orientation))
+
+
+def joints_in(answer: bytes) -> tuple[float, ...]:
+    planned = sensor_of(answer).planned
+    assert planned is not None
+    assert planned.joints is not None
+    return planned.joints
+
+
+def pose_in(answer: bytes) -> tuple[Vector3, Quaternion]:
+    planned = sensor_of(answer).planned
+    assert planned is not None
+    assert planned.cartesian is not None
+    position, orientation, _ = planned.cartesian
+    assert position is not None
+    assert orientation is not None
+    return position, orientation
+
+
+class TestBeginning:
+    def test_waiting_until_something_is_heard(self) -> None:
+        bench = Bench()
+        state = bench.session.tick(1002.5)
+        assert state is not None
+        assert (state.link, state.stamp_s, state.session) == (RobotLink.WAITING, 1002.5, 0)
+        assert "2.5 s" in state.hold_reason
+        assert not state.ready
+
+    def test_the_first_answer_is_the_measured_position_at_rest(self) -> None:
+        bench = Bench()
+        bench.controller.joints = (0.1, -0.2, 0.3, -0.4, 0.5, -0.6)
+        state = bench.hear()
+        assert state is not None
+        assert (state.link, state.session, state.hold_reason) == (
+            RobotLink.LIVE,
+            1,
+            FIRST_ANSWER,
+        )
+        answer = bench.session.reply(joint_target(1.0), bench.now_s)
+        assert joints_in(answer) == pytest.approx(bench.controller.joints, abs=1e-12)
+        assert speeds_of(answer) == ZEROS
+
+    def test_the_first_answer_in_pose_mode(self) -> None:
+        bench = Bench(mode="pose")
+        bench.hear()
+        answer = bench.session.reply(pose_target(0.1, 0.5), bench.now_s)
+        position, orientation = pose_in(answer)
+        assert position == pytest.approx(POSITION, abs=1e-12)
+        assert orientation == pytest.approx(ORIENTATION, abs=1e-12)
+        assert speeds_of(answer) == ZEROS
+
+    def test_the_second_state_is_ready(self) -> None:
+        state = Bench().started().hear()
+        assert state is not None
+        assert state.ready
+
+    def test_a_first_datagram_overtaken_by_a_newer_one_changes_nothing(self) -> None:
+        bench = Bench()
+        bench.hear()
+        state = bench.hear()
+        assert state is not None
+        assert state.hold_reason == FIRST_ANSWER
+        answer = bench.session.reply(joint_target(1.0), bench.now_s)
+        assert joints_in(answer) == pytest.approx(HOME)
+        assert bench.session.counters.superseded == 1
+
+    def test_headers_count_up_by_one_and_echo_the_clock(self) -> None:
+        bench = Bench()
+        for k in range(3):
+            tm_ms = bench.controller.clock_us // 1000 & 0xFFFFFFFF
+            header = sensor_of(bench.cycle()).header
+            assert header == EgmHeader(k, tm_ms, MessageType.CORRECTION)
+
+    def test_a_missing_clock_is_replaced_by_our_own(self) -> None:
+        bench = Bench()
+        bench.controller.fields["header"] = EgmHeader(0, None, MessageType.DATA)
+        header = sensor_of(bench.cycle()).header
+        assert header is not None
+        assert header.tm_ms == int((bench.now_s + 1e-4) * 1000)
+
+    def test_one_answer_per_datagram(self) -> None:
+        bench = Bench().started()
+        assert not bench.session.owes_answer
+        with pytest.raises(CommandError, match="no datagram to answer"):
+            bench.session.reply(HOLD, bench.now_s)
+
+
+class TestPinning:
+    def test_another_host_is_refused_for_good(self) -> None:
+        bench = Bench().started()
+        assert bench.hear(("192.168.125.77", PEER[1])) is None
+        bench.session.tick(bench.now_s + 5.0)
+        bench.now_s += 5.0
+        assert bench.hear(("192.168.125.77", PEER[1])) is None
+        assert bench.session.counters.foreign == 2
+        assert bench.session.peer == PEER
+        assert "192.168.125.77:51000" in " ".join(bench.session.diagnosis(bench.now_s))
+
+    def test_a_configured_controller_is_the_only_one(self) -> None:
+        bench = Bench(controller_ip="192.168.125.1", controller_host="192.168.125.1")
+        assert bench.hear(("10.0.0.1", 1)) is None
+        assert bench.session.peer is None
+        assert "controller_host" in " ".join(bench.session.diagnosis(bench.now_s))
+        assert bench.hear() is not None
+
+    def test_garbage_does_not_pin(self) -> None:
+        bench = Bench()
+        assert bench.session.receive(b"\xff" * 30, ("10.0.0.1", 1), bench.now_s) is None
+        assert bench.session.peer is None
+        assert bench.hear() is not None
+
+    def test_the_answer_of_another_pc_does_not_pin(self) -> None:
+        answer = Bench().cycle()
+        bench = Bench()
+        assert bench.session.receive(answer, ("10.0.0.1", 1), bench.now_s) is None
+        assert bench.session.peer is None
+        assert sum(bench.session.counters.malformed.values()) == 1
+
+    def test_a_port_cannot_be_taken_over_while_the_controller_is_heard(self) -> None:
+        bench = Bench().started()
+        for _ in range(5):
+            assert bench.hear((PEER[0], 50999)) is None
+            bench.now_s -= PERIOD_S
+            assert bench.hear() is not None
+        assert bench.session.sessions == 1
+
+    def test_a_changed_port_is_a_new_session(self) -> None:
+        bench = Bench().started()
+        bench.cycle(joint_target(1.0))
+        states = [bench.hear((PEER[0], 50999)) for _ in range(3)]
+        assert states[:2] == [None, None]
+        assert states[2] is not None
+        assert states[2].session == 2
+        assert bench.session.peer == (PEER[0], 50999)
+        answer = bench.session.reply(joint_target(1.0), bench.now_s)
+        assert joints_in(answer) == pytest.approx(bench.controller.joints)
+        assert speeds_of(answer) == ZEROS
+
+
+class TestSequence:
+    @pytest.mark.parametrize(
+        ("last", "following", "counted"),
+        [
+            (100, 101, {}),
+            (100, 104, {"lost": 3}),
+            (100, 100, {"duplicates": 1}),
+            (100, 99, {"old": 1}),
+            (100, 60, {"old": 1}),
+            (0xFFFFFFFF, 0, {}),
+            (0xFFFFFFFE, 1, {"lost": 2}),
+            (0, 0xFFFFFFFF, {"old": 1}),
+            (2, 0xFFFFFFF0, {"old": 1}),
+        ],
+    )
+    def test_within_a_session(self, last: int, following: int, counted: dict[str, int]) -> None:
+        bench = Bench()
+        bench.controller.seqno = last
+        bench.cycle()
+        step = ((following - last + 2**31) % 2**32) - 2**31
+        bench.controller.seqno = following
+        bench.controller.clock_us += round((step - 1) * PERIOD_S * 1e6)
+        state = bench.hear()
+        assert bench.session.sessions == 1
+        for name in ("lost", "duplicates", "old"):
+            assert getattr(bench.session.counters, name) == counted.get(name, 0)
+        if step > 0:
+            assert state is not None
+            assert state.sequence == following
+            assert state.period_s == pytest.approx(step * PERIOD_S)
+        else:
+            assert state is None
+            assert not bench.session.owes_answer
+
+    @pytest.mark.parametrize(
+        ("last", "following"), [(5000, 0), (5000, 3), (40, 0), (3, 0), (0, 0), (2**32 - 1, 2**31)]
+    )
+    def test_a_restart_is_a_new_session(self, last: int, following: int) -> None:
+        bench = Bench()
+        bench.controller.seqno = last
+        bench.cycle()
+        bench.controller.seqno = following
+        state = bench.hear()
+        assert state is not None
+        assert (state.session, state.hold_reason) == (2, FIRST_ANSWER)
+        answer = bench.session.reply(joint_target(2.0), bench.now_s)
+        assert joints_in(answer) == pytest.approx(HOME)
+        assert "sequence number" in " ".join(bench.session.diagnosis(bench.now_s))
+
+    @pytest.mark.parametrize(("back", "new_session"), [(1, False), (16, False), (17, True)])
+    def test_without_clocks_the_distance_decides(self, back: int, new_session: bool) -> None:
+        bench = Bench()
+        bench.controller.fields = {
+            "header": EgmHeader(1000, None, MessageType.DATA),
+            "feed_back": EgmMotion(joints=HOME),
+        }
+        bench.cycle()
+        bench.controller.fields["header"] = EgmHeader(1000 - back, None, MessageType.DATA)
+        state = bench.hear()
+        assert (state is not None) == new_session
+        assert bench.session.sessions == 1 + new_session
+
+    def test_a_jump_forward_no_time_allows_is_a_new_session(self) -> None:
+        bench = Bench().started()
+        bench.controller.seqno += 1000
+        state = bench.hear()
+        assert state is not None
+        assert state.session == 2
+        assert bench.session.counters.lost == 0
+
+    def test_silence_ends_the_session(self) -> None:
+        bench = Bench().started()
+        bench.cycle(joint_target(1.0))
+        assert bench.session.tick(bench.now_s + 0.05) is None
+        lost = bench.session.tick(bench.now_s + 0.11)
+        assert lost is not None
+        assert (lost.link, lost.session, lost.joints) == (
+            RobotLink.LOST,
+            1,
+            pytest.approx(HOME),
+        )
+        assert not lost.ready
+        bench.now_s += 0.11
+        state = bench.hear()
+        assert state is not None
+        assert (state.link, state.session, state.hold_reason) == (RobotLink.LIVE, 2, FIRST_ANSWER)
+
+    def test_silence_counts_without_a_tick_too(self) -> None:
+        bench = Bench().started()
+        bench.now_s += 1.0
+        bench.controller.clock_us += 1_000_000
+        state = bench.hear()
+        assert state is not None
+        assert state.session == 2
+        assert "silence" in bench.session.last_cause
+
+    def test_datagrams_that_waited_here_are_no_silence(self) -> None:
+        bench = Bench().started()
+        bench.now_s += 0.3
+        for _ in range(70):
+            assert bench.hear() is not None
+            bench.now_s -= PERIOD_S
+        assert bench.session.sessions == 1
+        assert bench.session.counters.lost == 0
+
+    def test_a_wall_clock_that_is_set_does_not_make_a_long_step(self) -> None:
+        bench = Bench().started()
+        for change_us in (3_600_000_000, -7_200_000_000):
+            bench.controller.clock_us += change_us
+            state = bench.hear()
+            assert state is not None
+            assert state.session == 1
+            assert state.period_s == pytest.approx(PERIOD_S)
+
+    @given(st.lists(st.tuples(st.integers(0, 2**32 - 1), st.floats(0.0, 0.2)), max_size=30))
+    def test_whatever_the_numbers_every_first_answer_is_the_measured_position(
+        self, script: list[tuple[int, float]]
+    ) -> None:
+        bench = Bench().started()
+        for seqno, pause_s in script:
+            bench.controller.seqno = seqno
+            bench.now_s += pause_s
+            bench.controller.clock_us += round(pause_s * 1e6)
+            session = bench.session.sessions
+            state = bench.hear()
+            if state is None:
+                continue
+            answer = bench.session.reply(joint_target(1.0), bench.now_s)
+            if state.session != session:
+                assert joints_in(answer) == pytest.approx(bench.controller.joints, abs=1e-12)
+                assert speeds_of(answer) == ZEROS
+            bench.controller.follow(answer)
+
+
+class TestHolding:
+    @pytest.mark.parametrize(
+        ("motors", "mci", "rapid", "reason"),
+        [
+            (MotorState.OFF, MCIState.RUNNING, RapidState.RUNNING, MOTORS_OFF),
+            (MotorState.OFF, MCIState.STOPPED, RapidState.STOPPED, MOTORS_OFF),
+            (MotorState.ON, MCIState.RUNNING, RapidState.STOPPED, RAPID_STOPPED),
+            (MotorState.ON, MCIState.STOPPED, RapidState.RUNNING, EGM_STOPPED),
+            (MotorState.ON, MCIState.ERROR, RapidState.RUNNING, EGM_ERROR),
+            (MotorState.ON, MCIState.UNDEFINED, RapidState.RUNNING, EGM_UNDEFINED),
+            (MotorState.ON, None, RapidState.RUNNING, EGM_UNDEFINED),
+            (MotorState.ON, 17, RapidState.RUNNING, EGM_UNDEFINED),
+            (MotorState.ON, MCIState.RUNNING, RapidState.UNDEFINED, ""),
+            (MotorState.ON, MCIState.RUNNING, None, ""),
+            (None, MCIState.RUNNING, None, ""),
+        ],
+    )
+    @pytest.mark.parametrize("mode", ["joint", "pose"])
+    def test_commands_act_only_while_egm_runs(
+        self, mode: str, motors: int, mci: int, rapid: int, reason: str
+    ) -> None:
+        bench = Bench(mode=mode).started()
+        command = joint_target(1.0) if mode == "joint" else pose_target(0.2)
+        for _ in range(50):
+            bench.cycle(command)
+        bench.controller.motors, bench.controller.mci = motors, mci
+        bench.controller.rapid = rapid
+        # The robot is moved by something else meanwhile.
+        bench.controller.joints = (0.7, *HOME[1:])
+        bench.controller.position = Vector3(0.5, 0.1, 0.7)
+        state = bench.hear()
+        assert state is not None
+        assert state.hold_reason == reason
+        answer = bench.session.reply(command, bench.now_s)
+        at_rest = speeds_of(answer) == ZEROS
+        if mode == "joint":
+            measured = joints_in(answer) == pytest.approx(bench.controller.joints)
+        else:
+            measured = pose_in(answer)[0] == pytest.approx(bench.controller.position)
+        assert at_rest == measured == bool(reason)
+        if reason:
+            assert any(reason in words for words in bench.session.diagnosis(bench.now_s))
+
+    def test_coming_back_is_bumpless_even_with_an_old_target(self) -> None:
+        bench = Bench().started()
+        for _ in range(100):
+            bench.cycle(joint_target(0.5))
+        bench.controller.mci = MCIState.STOPPED
+        bench.controller.joints = (-1.0, *HOME[1:])
+        bench.cycle(joint_target(0.5))
+        bench.controller.mci = MCIState.RUNNING
+        before, speed = -1.0, 0.0
+        acceleration = math.radians(bench.options.joint_acceleration_deg_s2)
+        for _ in range(20):
+            answer = bench.cycle(joint_target(0.5))
+            position, velocity = joints_in(answer)[0], speeds_of(answer)[0]  # type: ignore[index]
+            assert abs(velocity - speed) <= acceleration * PERIOD_S + 1e-9
+            assert position == pytest.approx(before + velocity * PERIOD_S)
+            before, speed = position, velocity
+        assert speed > 0.5
+
+    def test_a_wrong_command_is_refused_while_holding_too(self) -> None:
+        bench = Bench()
+        bench.hear()
+        with pytest.raises(CommandError, match="joint mode"):
+            bench.session.reply(pose_target(), bench.now_s)
+        assert bench.session.owes_answer
+
+
+class TestCommands:
+    @pytest.mark.parametrize(
+        ("options", "taken"),
+        [
+            ({"mode": "joint"}, {CommandKind.JOINT}),
+            ({"mode": "joint", "speed_reference": "none"}, {CommandKind.JOINT}),
+            ({"mode": "joint", "speed_reference": "only"}, {CommandKind.JOINT_VELOCITY}),
+            ({"mode": "pose"}, {CommandKind.POSE}),
+            ({"mode": "pose", "speed_reference": "none"}, {CommandKind.POSE}),
+            ({"mode": "pose", "speed_reference": "only"}, {CommandKind.TWIST}),
+            ({"mode": "path-correction"}, {CommandKind.PATH_CORRECTION}),
+        ],
+    )
+    def test_a_mode_takes_its_own_kinds_and_names_them(
+        self, options: dict[str, Any], taken: set[CommandKind]
+    ) -> None:
+        bench = Bench(**options)
+        twist = Twist(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))
+        commands: tuple[RobotCommand, ...] = (
+            HOLD,
+            joint_target(0.0),
+            pose_target(),
+            JointVelocityCommand(ZEROS),
+            TwistCommand(twist),
+            PathCorrectionCommand(Vector3(0.0, 0.0, 0.0), 0.0),
+        )
+        allowed = taken | {CommandKind.HOLD}
+        assert bench.session.capabilities.commands == allowed
+        for command in commands:
+            if command.kind in allowed:
+                bench.session.check(command)
+            else:
+                with pytest.raises(CommandError) as refusal:
+                    bench.session.check(command)
+                for kind in allowed:
+                    assert kind.value in str(refusal.value)
+                assert command.kind.value in str(refusal.value)
+
+    @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
+    def test_numbers_that_are_none_are_refused_and_change_nothing(self, bad: float) -> None:
+        bench = Bench().started()
+        for _ in range(30):
+            before = bench.cycle(joint_target(0.5))
+        bench.hear()
+        for command in (
+            JointCommand((bad, *HOME[1:])),
+            JointCommand(HOME, (0.0, bad, 0.0, 0.0, 0.0, 0.0)),
+            JointCommand(HOME[:5]),
+            JointCommand(HOME, ZEROS[:3]),
+            JointCommand(HOME, external_axes=(0.0,)),
+        ):
+            with pytest.raises(CommandError):
+                bench.session.reply(command, bench.now_s)
+        assert bench.session.owes_answer
+        answer = bench.session.reply(joint_target(0.5), bench.now_s)
+        change = speeds_of(answer)[0] - speeds_of(before)[0]  # type: ignore[index]
+        assert 0.0 < change <= math.radians(720.0) * PERIOD_S + 1e-9
+
+    @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
+    def test_bad_poses_and_twists(self, bad: float) -> None:
+        session = Bench(mode="pose").session
+        pose = pose_target().pose
+        zero = Vector3(0.0, 0.0, 0.0)
+        for command in (
+            PoseCommand(Pose(Vector3(bad, 0.0, 0.0), ORIENTATION)),
+            PoseCommand(Pose(POSITION, Quaternion(bad, 0.0, 0.0, 0.0))),
+            PoseCommand(Pose(POSITION, Quaternion(0.0, 0.0, 0.0, 0.0))),
+            PoseCommand(Pose(POSITION, Quaternion(2.0, 0.0, 0.0, 0.0))),
+            PoseCommand(Pose(POSITION, ORIENTATION, Frame.TOOL)),
+            PoseCommand(pose, Twist(Vector3(0.0, bad, 0.0), zero)),
+            PoseCommand(pose, Twist(zero, zero, Frame.TOOL)),
+        ):
+            with pytest.raises(CommandError):
+                session.check(command)
+        speed = Bench(mode="pose", speed_reference="only").session
+        with pytest.raises(CommandError):
+            speed.check(TwistCommand(Twist(zero, Vector3(0.0, 0.0, bad))))
+
+    def test_position_and_speed_agree(self) -> None:
+        bench = Bench().started()
+        before = HOME
+        for k in range(200):
+            answer = bench.cycle(joint_target(0.3 * math.sin(0.01 * k)))
+            position, velocity = joints_in(answer), speeds_of(answer)
+            moved = [b - a for a, b in zip(before, position, strict=True)]
+            assert moved == pytest.approx([v * PERIOD_S for v in velocity or ()], abs=1e-9)
+            before = position
+
+    def test_pose_and_speed_agree(self) -> None:
+        bench = Bench(mode="pose").started()
+        before = (POSITION, ORIENTATION)
+        for k in range(200):
+            answer = bench.cycle(pose_target(0.05 * math.sin(0.01 * k), 0.2 * math.sin(0.02 * k)))
+            now = pose_in(answer)
+            velocity = speeds_of(answer)
+            assert velocity is not None
+            moved = [b - a for a, b in zip(before[0], now[0], strict=True)]
+            turned = rotation_between(before[1], now[1])
+            assert moved == pytest.approx([v * PERIOD_S for v in velocity[:3]], abs=1e-9)
+            assert turned == pytest.approx([w * PERIOD_S for w in velocity[3:]], abs=1e-8)
+            before = now
+        assert now[0].x - POSITION.x == pytest.approx(0.05 * math.sin(1.99), abs=1e-6)
+
+    def test_after_losses_the_step_covers_the_time_lost_but_not_more(self) -> None:
+        bench = Bench().started()
+        for _ in range(200):
+            bench.cycle(joint_target(1.5))
+        speed = bench.options.joint_speeds_rad_s[0]
+        for lost, covered in ((1, 2), (3, 4), (12, 4)):
+            before = bench.controller.joints[0]
+            bench.controller.seqno += lost
+            bench.controller.clock_us += round(lost * PERIOD_S * 1e6)
+            bench.now_s += lost * PERIOD_S
+            answer = bench.cycle(joint_target(3.0))
+            assert joints_in(answer)[0] - before == pytest.approx(
+                covered * speed * PERIOD_S, rel=1e-3
+            )
+        assert bench.session.sessions == 1
+
+    def test_position_only(self) -> None:
+        bench = Bench(speed_reference="none").started()
+        answer = bench.cycle(joint_target(0.5))
+        assert sensor_of(answer).speed_ref is None
+        assert joints_in(answer)[0] > 0.0
+
+    def test_speed_only_joints(self) -> None:
+        bench = Bench(speed_reference="only", robot="gofa_crb15000_5")
+        answer = bench.cycle(JointVelocityCommand((1.0,) * 6))
+        assert sensor_of(answer).planned is None
+        assert speeds_of(answer) == ZEROS
+        for _ in range(100):
+            answer = bench.cycle(JointVelocityCommand((1.0, 9.0, 0.0, 0.0, 0.0, 0.0)))
+        assert speeds_of(answer)[:2] == pytest.approx((1.0, math.radians(90.0)))  # type: ignore[index]
+        # Near the end of its range a joint is stopped, measured by where it is.
+        bench.controller.joints = (math.radians(179.9), *HOME[1:])
+        for _ in range(100):
+            answer = bench.cycle(JointVelocityCommand((1.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+        assert speeds_of(answer)[0] <= 0.1  # type: ignore[index]
+
+    def test_speed_only_twist(self) -> None:
+        bench = Bench(mode="pose", speed_reference="only", workspace_lower_m=(0.0, -1.0, 0.0),
+                      workspace_upper_m=(0.7, 1.0, 1.0))  # fmt: skip
+        twist = TwistCommand(Twist(Vector3(0.1, 0.0, 0.0), Vector3(0.0, 0.0, 0.3)))
+        bench.cycle(twist)
+        for _ in range(60):
+            answer = bench.cycle(twist)
+        assert sensor_of(answer).planned is None
+        assert speeds_of(answer) == pytest.approx((0.1, 0, 0, 0, 0, 0.3), abs=1e-9)
+        bench.controller.position = Vector3(0.7, 0.0, 0.8)
+        for _ in range(60):
+            answer = bench.cycle(twist)
+        assert speeds_of(answer) == pytest.approx((0.0, 0, 0, 0, 0, 0.3), abs=1e-9)
+
+    def test_path_correction(self) -> None:
+        bench = Bench(mode="path-correction")
+        assert bench.session.capabilities.period_s == pytest.approx(0.048384)
+        answers = []
+        for k in range(40):
+            bench.now_s += 0.048384 - PERIOD_S
+            bench.hear()
+            command = PathCorrectionCommand(Vector3(9.0, 0.005, -0.5), 0.0014 * k)
+            answers.append(decode_from_pc(bench.session.reply(command, bench.now_s)))
+        first, last = answers[0], answers[-1]
+        assert isinstance(first, EgmSensorPathCorr)
+        assert isinstance(last, EgmSensorPathCorr)
+        assert first.pos == (0.0, 0.0, 0.0)
+        assert last.pos == pytest.approx((0.0, 0.005, -0.02), abs=1e-6)
+        assert last.age_ms == round(1.4 * 39)
+        assert last.header is not None
+        assert last.header.mtype == MessageType.PATH_CORRECTION
+        with pytest.raises(CommandError, match="outputs"):
+            bench.session.set_outputs(True)
+
+    def test_joints_stay_in_their_range(self) -> None:
+        bench = Bench(robot="gofa_crb15000_5").started()
+        for _ in range(2500):
+            answer = bench.cycle(JointCommand((9.0, 9.0, 9.0, 9.0, 9.0, 9.0)))
+        limits = bench.options.joint_limits
+        assert limits is not None
+        assert joints_in(answer) == pytest.approx(limits.upper, abs=1e-6)
+
+    def test_the_workspace_box_holds_the_pose(self) -> None:
+        corner = (POSITION.x + 0.05, 1.0, 1.0)
+        bench = Bench(mode="pose", workspace_lower_m=(0, -1, 0), workspace_upper_m=corner).started()
+        for _ in range(300):
+            position, _ = pose_in(bench.cycle(pose_target(0.5)))
+            assert position.x <= corner[0] + 1e-9
+        assert position.x == pytest.approx(corner[0])
+
+
+class TestStopping:
+    def test_a_hold_brakes_within_the_limits_and_then_stays(self) -> None:
+        bench = Bench().started()
+        for _ in range(100):
+            answer = bench.cycle(joint_target(1.5))
+        speed = speeds_of(answer)[0]  # type: ignore[index]
+        assert speed == pytest.approx(math.radians(90.0))
+        for _ in range(60):
+            answer = bench.cycle(HOLD)
+            slower = speeds_of(answer)[0]  # type: ignore[index]
+            assert 0.0 <= speed - slower <= math.radians(720.0) * PERIOD_S + 1e-9
+            speed = slower
+        assert speed == 0.0
+        assert joints_in(bench.cycle(HOLD)) == joints_in(answer)
+        assert not bench.session.moving
+
+    def test_the_driver_holds_for_an_application_that_says_nothing(self) -> None:
+        bench = Bench().started()
+        for _ in range(50):
+            answer = bench.cycle(joint_target(1.5))
+        speed = speeds_of(answer)[0]  # type: ignore[index]
+        bench.hear()
+        held = speeds_of(bench.session.hold(bench.now_s))
+        assert held is not None
+        assert 0.0 < held[0] < speed
+        assert bench.session.counters.driver_holds == 1
+
+    def test_a_late_command_brakes_from_what_the_controller_does_by_itself(self) -> None:
+        bench = Bench().started()
+        for _ in range(100):
+            bench.cycle(joint_target(1.5))
+        # For half a second the application answers nothing; the robot goes on.
+        speed = math.radians(90.0)
+        first, *rest = bench.controller.joints
+        for _ in range(120):
+            first += speed * PERIOD_S
+            bench.controller.joints = (first, *rest)
+            bench.hear()
+        answer = bench.session.reply(joint_target(1.5), bench.now_s + 0.2)
+        slower = speeds_of(answer)[0]  # type: ignore[index]
+        assert 0.0 < speed - slower <= math.radians(720.0) * 4 * PERIOD_S + 1e-9
+        assert joints_in(answer)[0] == pytest.approx(first + slower * 4 * PERIOD_S)
+        assert bench.session.counters.late_commands == 1
+        assert "the application is slow" in " ".join(bench.session.diagnosis(bench.now_s))
+
+    def test_a_late_pose_command_brakes_likewise(self) -> None:
+        bench = Bench(mode="pose").started()
+        x, angle = 0.0, 0.0
+        for _ in range(120):
+            x, angle = x + 0.2 * PERIOD_S, angle + 0.5 * PERIOD_S
+            bench.controller.position = Vector3(POSITION.x + x, POSITION.y, POSITION.z)
+            bench.controller.orientation = pose_target(x, angle).pose.orientation
+            bench.hear()
+        velocity = speeds_of(bench.session.reply(pose_target(), bench.now_s + 0.2))
+        assert velocity is not None
+        assert velocity[0] == pytest.approx(0.2 - 2.0 * 4 * PERIOD_S, abs=1e-6)
+        braked = 0.5 - math.radians(720.0) * 4 * PERIOD_S
+        assert velocity[5] == pytest.approx(braked, abs=1e-6)
+
+    @pytest.mark.parametrize("mode", ["joint", "pose"])
+    @pytest.mark.parametrize("speed_reference", ["matched", "only", "none"])
+    def test_the_last_message_has_no_speed(self, mode: str, speed_reference: str) -> None:
+        bench = Bench(mode=mode, speed_reference=speed_reference).started()
+        commands: dict[tuple[str, bool], RobotCommand] = {
+            ("joint", False): joint_target(0.5),
+            ("pose", False): pose_target(0.1),
+            ("joint", True): JointVelocityCommand((0.5,) * 6),
+            ("pose", True): TwistCommand(Twist(Vector3(0.1, 0, 0), Vector3(0, 0, 0))),
+        }
+        for _ in range(20):
+            answer = bench.cycle(commands[mode, speed_reference == "only"])
+        last_words = bench.session.farewell(bench.now_s)
+        assert last_words is not None
+        assert speeds_of(last_words) == (None if speed_reference == "none" else ZEROS)
+        assert sensor_of(last_words).planned == sensor_of(answer).planned
+        assert bench.session.farewell(bench.now_s) is None
+
+    def test_nobody_to_take_leave_from(self) -> None:
+        assert Bench().session.farewell(1000.0) is None
+
+    def test_a_first_datagram_never_answered_is_left_with_the_measured_position(self) -> None:
+        bench = Bench()
+        bench.hear()
+        last_words = bench.session.farewell(bench.now_s)
+        assert last_words is not None
+        assert joints_in(last_words) == pytest.approx(HOME)
+
+
+class TestContent:
+    def test_both_layouts_of_the_force(self) -> None:
+        force = (1.5, -2.25, 10.0, 0.125, 0.0, -0.5)
+        for active in (None, True, False):
+            bench = Bench(force_frame="base")
+            bench.controller.fields["measured_force"] = EgmMeasuredForce(force, active)
+            state = bench.hear()
+            assert state is not None
+            assert state.wrench is not None
+            assert (*state.wrench.force, *state.wrench.torque) == force
+            assert state.wrench.frame is Frame.BASE
+
+    def test_utilization_and_clock(self) -> None:
+        bench = Bench()
+        bench.controller.fields["utilization_rate"] = 112.5
+        state = bench.hear()
+        assert state is not None
+        assert state.utilization == pytest.approx(1.125)
+        assert state.clock_s == pytest.approx(1_700_000_000.0)
+        assert bench.session.metrics()["utilization"] == pytest.approx(1.125)
+
+    def test_quaternions_stay_on_one_side_and_at_length_one(self) -> None:
+        bench = Bench(mode="pose")
+        previous: Quaternion | None = None
+        for k in range(20):
+            sign = -1.1 if k % 3 else 0.9
+            bench.controller.orientation = Quaternion(*(sign * c for c in ORIENTATION))
+            state = bench.hear()
+            assert state is not None
+            assert state.pose is not None
+            assert state.pose_planned is not None
+            orientation = state.pose.orientation
+            assert sum(c * c for c in orientation) == pytest.approx(1.0)
+            assert state.pose_planned.orientation == orientation
+            if previous is not None:
+                assert sum(a * b for a, b in zip(previous, orientation, strict=True)) > 0.99
+            previous = orientation
+
+    def test_the_orientation_may_come_as_euler_angles(self) -> None:
+        bench = Bench(mode="pose")
+        euler = Vector3(math.pi, math.radians(60.0), math.pi)
+        pose = EgmPose(POSITION, None, euler)
+        bench.controller.fields["feed_back"] = EgmMotion(cartesian=pose)
+        state = bench.hear()
+        assert state is not None
+        assert state.pose is not None
+        turned = rotation_between(state.pose.orientation, ORIENTATION)
+        assert turned == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+        assert (state.joints, state.clock_s) == ((), None)
+
+    def test_seven_joints_are_in_kinematic_order_both_ways(self) -> None:
+        bench = Bench(joints=7, external_axes=1, linear_external_axes=(0,))
+        bench.controller.joints = (0.0, 0.1, 0.3, 0.4, 0.5, 0.6)
+        bench.controller.external = (math.degrees(0.2), 250.0)
+        state = bench.hear()
+        assert state is not None
+        assert state.joints == pytest.approx((0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+        assert state.joints_planned == pytest.approx(state.joints)
+        assert state.external_axes == pytest.approx((0.25,))
+        sensor = sensor_of(bench.session.reply(HOLD, bench.now_s))
+        assert sensor.planned is not None
+        assert sensor.speed_ref is not None
+        assert sensor.planned.joints == pytest.approx(bench.controller.joints)
+        assert sensor.planned.external_joints == pytest.approx(bench.controller.external)
+        assert sensor.speed_ref.joints == ZEROS
+        assert sensor.speed_ref.external_joints == (0.0, 0.0)
+        target = JointCommand((0.0, 0.1, 0.5, 0.3, 0.4, 0.5, 0.6), None, (0.3,))
+        for _ in range(400):
+            bench.hear()
+            sensor = sensor_of(bench.session.reply(target, bench.now_s))
+        assert sensor.planned is not None
+        assert sensor.planned.external_joints == pytest.approx((math.degrees(0.5), 300.0))
+        assert sensor.planned.joints == pytest.approx(bench.controller.joints)
+
+    def test_external_axes_go_along_with_a_pose(self) -> None:
+        bench = Bench(mode="pose", external_axes=2, linear_external_axes=(1,))
+        bench.controller.external = (10.0, 100.0)
+        bench.cycle()
+        command = PoseCommand(pose_target().pose, None, (math.radians(11.0), 0.2))
+        for _ in range(400):
+            answer = bench.cycle(command)
+        sensor = sensor_of(answer)
+        assert sensor.planned is not None
+        assert sensor.speed_ref is not None
+        assert sensor.planned.external_joints == pytest.approx((11.0, 200.0))
+        assert sensor.speed_ref.external_joints == pytest.approx((0.0, 0.0), abs=1e-6)
+        assert sensor.speed_ref.cartesians == ZEROS
+        with pytest.raises(CommandError, match="external_axes"):
+            bench.session.check(PoseCommand(pose_target().pose, None, (0.0,)))
+
+    def test_outputs_travel_with_every_message(self) -> None:
+        bench = Bench(output_values=(3.0,)).started()
+        assert sensor_of(bench.cycle()).rapid_to_robot == EgmRapidData(None, (3.0,))
+        bench.session.set_outputs(True)
+        assert sensor_of(bench.cycle()).rapid_to_robot == EgmRapidData(True, (3.0,))
+        bench.session.set_outputs(values=range(40))  # type: ignore[arg-type]
+        for _ in range(2):
+            assert sensor_of(bench.cycle()).rapid_to_robot == EgmRapidData(
+                True, tuple(map(float, range(40)))
+            )
+        for values in ((0.0,) * 41, (math.nan,)):
+            with pytest.raises(CommandError, match="values"):
+                bench.session.set_outputs(values=values)
+
+    def test_no_outputs_unless_asked_for(self) -> None:
+        assert sensor_of(Bench().cycle()).rapid_to_robot is None
+
+
+class TestBadBytes:
+    @given(st.lists(st.binary(max_size=200), max_size=40))
+    def test_garbage_is_counted_and_changes_nothing(self, garbage: list[bytes]) -> None:
+        bench, twin = Bench(), Bench()
+        for k in range(3):
+            for data in garbage:
+                before = bench.session.state
+                assert bench.session.receive(data, PEER, bench.now_s) is None
+                assert bench.session.state is before
+            assert bench.cycle(joint_target(0.1 * k)) == twin.cycle(joint_target(0.1 * k))
+        assert sum(bench.session.counters.malformed.values()) == 3 * len(garbage)
+
+    def test_every_cut_of_a_datagram_is_refused_or_whole(self) -> None:
+        bench = Bench(mode="pose")
+        data = bench.controller.datagram()
+        for end in range(len(data)):
+            bench.session.receive(data[:end], PEER, bench.now_s)
+        assert bench.session.sessions <= 1
+        bench.session.diagnosis(bench.now_s)
+
+    @pytest.mark.parametrize(
+        ("mode", "fields", "words"),
+        [
+            ("joint", {"header": None}, "sequence number"),
+            ("joint", {"header": EgmHeader(None, 1, MessageType.DATA)}, "sequence number"),
+            ("joint", {"header": EgmHeader(0, 1, MessageType.CORRECTION)}, "mtype"),
+            ("joint", {"feed_back": None}, "feedBack"),
+            ("joint", {"feed_back": EgmMotion(joints=HOME[:4])}, "6 joints"),
+            ("joint", {"feed_back": EgmMotion(cartesian=EgmPose(POSITION, ORIENTATION))}, "joints"),
+            ("pose", {"feed_back": EgmMotion(joints=HOME)}, "position and orientation"),
+            (
+                "pose",
+                {"feed_back": EgmMotion(cartesian=EgmPose(POSITION, Quaternion(0, 0, 0, 0)))},
+                "no rotation",
+            ),
+        ],
+    )
+    def test_what_lacks_the_measured_position_is_refused(
+        self, mode: str, fields: dict[str, Any], words: str
+    ) -> None:
+        bench = Bench(mode=mode)
+        bench.controller.fields = fields
+        assert bench.hear() is None
+        assert bench.session.peer is None
+        diagnosis = " ".join(bench.session.diagnosis(bench.now_s))
+        assert "malformed" in diagnosis
+        assert words in diagnosis
+        metrics = bench.session.metrics()
+        assert metrics["malformed"] == 1
+        assert sum(n for name, n in metrics.items() if name.startswith("malformed_")) == 1
+
+
+class TestInsight:
+    def words(self, bench: Bench, later_s: float = 0.0) -> str:
+        return "\n".join(bench.session.diagnosis(bench.now_s + later_s))
+
+    def test_silence_from_the_start(self) -> None:
+        bench = Bench()
+        assert bench.session.diagnosis(1000.1) == ()
+        words = self.words(bench, 3.0)
+        for part in ("6510", "3.0 s", "Remote Address", "firewall", "OmniCore", "listen_host"):
+            assert part in words
+        assert "listen_host" not in self.words(Bench(listen_host="192.168.125.10"), 3.0)
+
+    def test_silence_after_a_session(self) -> None:
+        bench = Bench().started()
+        bench.session.tick(bench.now_s + 0.5)
+        assert "no EGM datagram from 192.168.125.1:51000" in self.words(bench, 0.5)
+
+    def test_a_run_that_converged(self) -> None:
+        bench = Bench().started()
+        bench.controller.fields["mci_convergence_met"] = True
+        bench.cycle()
+        bench.session.tick(bench.now_s + 0.5)
+        assert "CondTime" in self.words(bench, 0.5)
+        assert bench.session.counters.ended_by_convergence == 1
+
+    def test_a_run_that_converged_while_streaming(self) -> None:
+        bench = Bench().started()
+        bench.controller.fields["mci_convergence_met"] = True
+        bench.cycle()
+        bench.controller.mci = MCIState.STOPPED
+        bench.cycle()
+        assert "CondTime" in self.words(bench)
+
+    @pytest.mark.parametrize(
+        ("mode", "command"), [("joint", joint_target(1.5)), ("pose", pose_target(0.4))]
+    )
+    def test_motion_capped_by_max_speed_deviation(self, mode: str, command: RobotCommand) -> None:
+        bench = Bench(mode=mode).started()
+        crawl = math.radians(1.0) * PERIOD_S
+        for k in range(400):
+            bench.hear()
+            bench.session.reply(command, bench.now_s)
+            bench.controller.joints = (k * crawl, *HOME[1:])
+            bench.controller.position = Vector3(POSITION.x + 0.5 * k * crawl, 0.0, POSITION.z)
+            if k == 100:
+                assert "MaxSpeedDeviation" not in self.words(bench)
+        assert "1 deg/s" in self.words(bench)
+        # Once it keeps up, nothing is said any more.
+        for _ in range(100):
+            bench.cycle(HOLD)
+        assert "MaxSpeedDeviation" not in self.words(bench)
+
+    @pytest.mark.parametrize("mode", ["joint", "pose"])
+    def test_motion_that_keeps_up_is_not_called_slow(self, mode: str) -> None:
+        bench = Bench(mode=mode).started()
+        for k in range(500):
+            target = 0.3 * math.sin(0.01 * k)
+            bench.cycle(joint_target(target) if mode == "joint" else pose_target(0.2 * target))
+            assert not bench.session.slow_motion.capped
+
+    def test_the_hint_about_max_speed_deviation(self) -> None:
+        assert "\\MaxSpeedDeviation is 20 deg/s" in self.words(Bench(max_speed_deviation_deg_s=20))
+        assert self.words(Bench(max_speed_deviation_deg_s=90)) == ""
+
+    def test_loss_and_restarts(self) -> None:
+        bench = Bench().started()
+        bench.controller.seqno += 2
+        bench.cycle()
+        assert "2 of 4 datagrams were lost (50.0 %)" in self.words(bench)
+        bench.controller.seqno = 0
+        bench.cycle()
+        assert "2 sessions" in self.words(bench)
+
+    @pytest.mark.parametrize(
+        ("fields", "profile"),
+        [
+            ({}, "6.07.01 or later"),
+            ({"feed_back": EgmMotion(joints=HOME)}, "before 6.07.01"),
+            ({"utilization_rate": 1.0}, "6.10"),
+            ({"measured_force": EgmMeasuredForce(ZEROS, None)}, "6.07.01"),
+            ({"measured_force": EgmMeasuredForce(ZEROS, False)}, "RobotWare 7"),
+            ({"move_index": 0}, "7.6"),
+            ({"collision_info": EgmCollisionInfo(False, ())}, "7.6"),
+            ({"rapid_from_robot": EgmRapidData(False, ())}, "7.7"),
+            ({"torque_ref": ZEROS}, "7.16"),
+        ],
+    )
+    def test_the_robotware_profile(self, fields: dict[str, Any], profile: str) -> None:
+        bench = Bench()
+        bench.controller.fields = fields
+        bench.cycle()
+        assert profile in self.words(bench)
+
+    def test_metrics(self) -> None:
+        bench = Bench()
+        for _ in range(11):
+            bench.cycle()
+            bench.session.answered(bench.now_s + 50e-6)
+        metrics = bench.session.metrics()
+        assert metrics["sessions"] == 1
+        assert metrics["datagrams"] == metrics["answers"] == 11
+        assert metrics["period_s"] == pytest.approx(PERIOD_S)
+        assert metrics["period_jitter_p99_s"] < 1e-6
+        assert metrics["reply_latency_median_s"] == pytest.approx(50e-6, rel=0.03)
+        assert metrics["reply_latency_max_s"] == pytest.approx(50e-6, rel=1e-3)
+
+    def test_send_errors_are_told(self) -> None:
+        bench = Bench()
+        bench.session.send_failed("Network is unreachable")
+        assert "Network is unreachable" in self.words(bench)
+
+
+class TestOptions:
+    @pytest.mark.parametrize(
+        ("name", "value"),
+        [
+            ("listen_port", 70000),
+            ("listen_port", -1),
+            ("listen_port", 1.5),
+            ("listen_host", ""),
+            ("listen_host", "fe80::1"),
+            ("controller_host", "0.0.0.0"),
+            ("controller_host", "two words"),
+            ("mode", "force"),
+            ("speed_reference", "always"),
+            ("sample_rate_ms", 5),
+            ("sample_rate_ms", 0),
+            ("joints", 8),
+            ("external_axes", 7),
+            ("linear_external_axes", (6,)),
+            ("force_frame", "world"),
+            ("robot", "r2d2"),
+            ("joint_lower_deg", (1.0, 2.0)),
+            ("joint_speed_deg_s", 0.0),
+            ("joint_acceleration_deg_s2", math.nan),
+            ("linear_speed_m_s", -1.0),
+            ("linear_acceleration_m_s2", math.inf),
+            ("workspace_lower_m", (0.0, 0.0)),
+            ("silence_s", 0.0),
+            ("command_timeout_s", -0.1),
+            ("max_speed_deviation_deg_s", 0.0),
+            ("output_values", (0.0,) * 41),
+            ("output_values", (math.nan,)),
+        ],
+    )
+    def test_a_bad_value_is_named(self, name: str, value: object) -> None:
+        with pytest.raises(ValueError, match=name) as refusal:
+            AbbEgmOptions(**{name: value})  # type: ignore[arg-type]
+        assert repr(value) in str(refusal.value)
+        assert "must be" in str(refusal.value)
+
+    @pytest.mark.parametrize(
+        "options",
+        [
+            {"joints": 7, "mode": "pose"},
+            {"joints": 7, "mode": "joint", "external_axes": 6},
+            {"joints": 7, "mode": "joint", "robot": "gofa_crb15000_5"},
+            {"mode": "path-correction", "speed_reference": "only"},
+            {"mode": "path-correction", "digital_output": True},
+            {"mode": "path-correction", "sample_rate_ms": 4},
+            {"joint_upper_deg": (1.0,) * 6},
+            {"joint_lower_deg": (1.0,) * 6, "joint_upper_deg": (1.0,) * 6},
+            {"robot": "gofa_crb15000_5", "joint_lower_deg": (181.0,) * 6},
+            {"workspace_lower_m": (0.0,) * 3},
+            {"workspace_lower_m": (0.0,) * 3, "workspace_upper_m": (1.0, 1.0, 0.0)},
+        ],
+    )
+    def test_values_that_do_not_fit_together(self, options: dict[str, Any]) -> None:
+        with pytest.raises(ValueError, match="must be"):
+            AbbEgmOptions(**options)
+
+    def test_limits_of_a_known_robot(self) -> None:
+        session = EgmSession(AbbEgmOptions(mode="joint", robot="gofa_crb15000_5"), 0.0)
+        limits = session.capabilities.limits
+        assert limits is not None
+        assert limits.lower[2] == pytest.approx(math.radians(-225.0))
+        assert limits.velocity == pytest.approx((math.radians(90.0),) * 6)
+        fast = AbbEgmOptions(robot="gofa_crb15000_5", joint_speed_deg_s=1000.0)
+        assert fast.joint_speeds_rad_s[0] == pytest.approx(math.radians(125.0))
+        assert EgmSession(AbbEgmOptions(), 0.0).capabilities.limits is None

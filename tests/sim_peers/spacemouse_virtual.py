@@ -1,0 +1,40 @@
+"""What the tests of the simulated SpaceMouse share: running it in virtual time."""
+
+from __future__ import annotations
+
+from cardan.protocols.connexion import model_by_key
+from cardan.sim_peers.base import parse_script
+from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse
+
+Stamped = list[tuple[float, bytes]]
+
+DEFLECTED = (0.5, 0.0, 0.0, 0.0, 0.0, 0.2)
+NEUTRAL = (0.0,) * 6
+
+
+def make(model: str = "spacenavigator", **settings: object) -> SimulatedSpaceMouse:
+    return SimulatedSpaceMouse(model_by_key(model), **settings)  # type: ignore[arg-type]
+
+
+def run(device: SimulatedSpaceMouse, until_s: float) -> Stamped:
+    """Every report until `until_s`, with the time at which it came."""
+    reports: Stamped = []
+    while (due_s := device.next_due_s) <= until_s:
+        reports += [(due_s, report) for report in device.reports(due_s)]
+    assert device.reports(until_s) == []
+    return reports
+
+
+def perform(device: SimulatedSpaceMouse, script: str, until_s: float) -> Stamped:
+    """Every report of `device` in the hand of `script`, with its time."""
+    hand = ScriptedHand(parse_script(script, SCRIPT_VERBS), device.model)
+    reports: Stamped = []
+    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
+        device.skip_to(due_s)
+        hand.advance(due_s, device)
+        reports += [(due_s, report) for report in device.reports(due_s)]
+    return reports
+
+
+def motions(reports: Stamped) -> list[bytes]:
+    return [report for _, report in reports if report[0] in (1, 2)]
