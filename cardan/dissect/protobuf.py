@@ -245,6 +245,9 @@ class Message(ProtoField):
 
     def take(self, old: bytes | None, item: Item) -> bytes:
         # Joined contents are the merged message: what the format says of repeated occurrences.
+        # A broken one must not borrow its missing bytes from the next.
+        for _ in scan(old or b""):
+            pass
         return (old or b"") + item.value
 
     def finish(self, taken: bytes) -> Any:
@@ -327,7 +330,7 @@ def _reason(message: ProtoMessage) -> str:
                 field.take(None, item)
     except WireError as error:
         return str(error)
-    return "bytes after the message"
+    return "repeats a broken sub-message"
 
 
 def unknown_numbers(message: ProtoMessage) -> list[int]:

@@ -21,7 +21,7 @@ from cardan.gateway.config import SessionConfig, parse_config
 from cardan.gateway.session import EXIT_OK
 from cardan.gateway.snapshot import Snapshot
 from cardan.gateway.supervisor import supervise
-from cardan.gateway.view import SessionView, summary
+from cardan.gateway.view import SessionView, missed_cycles, summary
 
 EXIT_INCOMPLETE = 4
 
@@ -106,8 +106,8 @@ def shortcomings(last: Snapshot) -> list[str]:
             f"the robot was up to {last.error_max_m * 1e3:.1f} mm away from its reference "
             f"(expected: {WELL_FOLLOWED_M * 1e3:.0f} mm)"
         )
-    if missed := last.metrics.get("lost", 0):
-        found.append(f"{missed:.0f} cycles were missed")
+    if missed := missed_cycles(last):
+        found.append(f"{missed} cycles were missed")
     if last.trips:
         found.append(f"the hand was taken off the robot {last.trips} times")
     return found

@@ -69,7 +69,7 @@ def render(snapshot: Snapshot) -> RenderableType:
         f"{'closed' if s.gripper_closed else 'open'}, {s.leash_used:.0%}"
         + (", at the workspace's edge" if s.at_workspace_limit else ""),
     )
-    robot.add_row("answered, lost", f"{s.cycles:,}, {metrics.get('lost', 0):,.0f}")
+    robot.add_row("answered, missed", f"{s.cycles:,}, {missed_cycles(s):,}")
     robot.add_row(
         "answer latency p50, p99",
         f"{_microseconds(s.tick_p50_s)}, {_microseconds(s.tick_p99_s)}",
@@ -94,6 +94,12 @@ def render(snapshot: Snapshot) -> RenderableType:
     columns = Table.grid(padding=(0, 4))
     columns.add_row(hand, robot)
     return Panel(Group(*lines, Text(), columns), title="cardan", subtitle="Ctrl-C: brake and stop")
+
+
+def missed_cycles(snapshot: Snapshot) -> int:
+    """Control instants that never arrived here, or that had passed before they were answered."""
+    metrics = snapshot.metrics
+    return int(metrics.get("lost", 0) + metrics.get("superseded", 0))
 
 
 class SessionView:
@@ -137,7 +143,7 @@ def plain(snapshot: Snapshot) -> str:
     text = (
         f"{s.elapsed_s:6.1f} s  {s.phase or 'starting':9} hand {s.device_link}, "
         f"robot {s.robot_link}  TCP {_position_mm(s.pose)} mm  {speed_mm_s:5.1f} mm/s  "
-        f"answers {s.cycles}, lost {s.metrics.get('lost', 0):.0f}, "
+        f"answers {s.cycles}, missed {missed_cycles(s)}, "
         f"p99 {_microseconds(s.tick_p99_s)}"
     )
     return f"{text}  | {s.message}" if s.message else text
@@ -154,11 +160,11 @@ def summary(snapshot: Snapshot) -> Table:
         ("commanded path", f"{s.path_m * 1e3:.0f} mm"),
         ("following error, RMS / max", f"{s.error_rms_m * 1e3:.2f} / {s.error_max_m * 1e3:.2f} mm"),
         ("cycles answered", f"{s.cycles:,}"),
-        ("cycles missed", f"{metrics.get('lost', 0):,.0f}"),
+        ("cycles missed", f"{missed_cycles(s):,}"),
         ("robot sessions", f"{metrics.get('sessions', 0):.0f}"),
         (
             "cycle period, mean / jitter p99",
-            f"{metrics.get('period_mean_s', 0.0) * 1e3:.3f} ms / "
+            f"{metrics.get('period_s', 0.0) * 1e3:.3f} ms / "
             f"{_microseconds(metrics.get('period_jitter_p99_s'))}",
         ),
         (

@@ -243,6 +243,16 @@ def test_repeated_messages_merge_and_the_last_scalar_counts():
     assert EgmRobot(twice).header == header(2, 5, DATA)
 
 
+def test_a_broken_message_is_not_mended_by_its_repetition():
+    broken = tagged(2, 2, b"\x0a\x04")
+    robot = EgmRobot(broken + tagged(2, 2, b"abcd"))
+    assert list(faults(robot)) == [
+        "EgmFeedBack: ends inside a field",
+        "EgmRobot: repeats a broken sub-message",
+    ]
+    assert bytes(robot) == robot.original
+
+
 def test_unknown_fields_are_kept_and_named():
     group = tagged(30, 3, tagged(1, 0, b"\x05") + tagged(31, 3, tagged(31, 4, b""))) + tagged(
         30, 4, b""

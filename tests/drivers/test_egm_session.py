@@ -862,7 +862,7 @@ class TestBadBytes:
             (
                 "pose",
                 {"feed_back": EgmMotion(cartesian=EgmPose(POSITION, Quaternion(0, 0, 0, 0)))},
-                "no rotation",
+                "position and orientation",
             ),
         ],
     )

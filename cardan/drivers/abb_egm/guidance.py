@@ -51,6 +51,9 @@ LONGEST_STEP_PERIODS = 4
 _DELAY_S = 0.02
 """From writing a reference to its effect on the robot (EGM manual): how far measurements lag."""
 
+_new = tuple.__new__
+"""A named tuple in half the time of its own constructor, for what is made in every cycle."""
+
 _ABSURD = 1e6
 _SENSIBLE = "every value must be finite and below a million"
 
@@ -391,9 +394,9 @@ class PoseGuidance(Guidance):
             if still:
                 twist = ZERO_TWIST
             else:
-                twist = Twist(Vector3(*point.velocity), Vector3(*turn.velocity))
+                twist = _new(Twist, (point.velocity, turn.velocity, Frame.BASE))
         if self._plain:
-            pose = Pose(point.position, turn.orientation)
+            pose = _new(Pose, (point.position, turn.orientation, Frame.BASE))
             return encode_pose_reply(seqno, tm_ms, pose, twist, suffix)
         external = self._externals.limiter
         outside = self._externals.on_wire(external.positions)

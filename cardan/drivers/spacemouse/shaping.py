@@ -24,7 +24,7 @@ class Shaper:
         self._reach = 1.0 - options.dead_zone
         self._linear = 1.0 - options.curve
         self._cubic = options.curve
-        self._triple = self._per_axis if options.dead_zone_shape == "axis" else self._radial
+        self._shape = self._per_axis if options.dead_zone_shape == "axis" else self._radial
         self._translation = options.translation
         self._rotation = options.rotation
         self._dominant = options.dominant_axis
@@ -32,32 +32,39 @@ class Shaper:
 
     def __call__(self, axes: Axes) -> Axes:
         """The shaped deflections."""
-        x, y, z = self._triple(axes[:3]) if self._translation else _ZERO
-        rx, ry, rz = self._triple(axes[3:]) if self._rotation else _ZERO
-        shaped = (x, y, z, rx, ry, rz)
+        shaped = self._shape(axes)
+        if not self._translation:
+            shaped = (0.0, 0.0, 0.0, *shaped[3:])
+        if not self._rotation:
+            shaped = (*shaped[:3], 0.0, 0.0, 0.0)
         return self._lead(shaped) if self._dominant else shaped
 
-    def _per_axis(self, triple: Triple) -> Triple:
-        a, b, c = triple
-        return (self._axis(a), self._axis(b), self._axis(c))
+    def _per_axis(self, axes: Axes) -> Axes:
+        dead, reach, linear, cubic = self._dead, self._reach, self._linear, self._cubic
+        shaped = []
+        for u in axes:
+            if u > dead:
+                size = (u - dead) / reach
+            elif u < -dead:
+                size = (u + dead) / reach
+            else:
+                shaped.append(0.0)
+                continue
+            shaped.append(size * (linear + cubic * size * size))
+        return tuple(shaped)  # type: ignore[return-value]
 
-    def _axis(self, u: float) -> float:
-        size = abs(u) - self._dead
-        if size <= 0.0:
-            return 0.0
-        size /= self._reach
-        return math.copysign(size * (self._linear + self._cubic * size * size), u)
+    def _radial(self, axes: Axes) -> Axes:
+        return (*self._scaled(*axes[:3]), *self._scaled(*axes[3:]))
 
-    def _radial(self, triple: Triple) -> Triple:
-        a, b, c = triple
+    def _scaled(self, a: float, b: float, c: float) -> Triple:
         length = math.sqrt(a * a + b * b + c * c)
         if length <= self._dead:
             return _ZERO
+        if length >= 1.0:  # full deflection, and the corners beyond it
+            return (a, b, c)
         size = (length - self._dead) / self._reach
-        # In a corner the length passes 1, where the curve is flat and each axis is clamped.
-        square = min(size * size, 1.0)
-        gain = size / length * (self._linear + self._cubic * square)
-        return (_clamp(a * gain), _clamp(b * gain), _clamp(c * gain))
+        gain = size / length * (self._linear + self._cubic * size * size)
+        return (a * gain, b * gain, c * gain)
 
     def _lead(self, axes: Axes) -> Axes:
         sizes = [abs(u) for u in axes]
@@ -67,7 +74,3 @@ class Shaper:
             self._leader = sizes.index(strongest)
         x, y, z, rx, ry, rz = (u if i == self._leader else 0.0 for i, u in enumerate(axes))
         return (x, y, z, rx, ry, rz)
-
-
-def _clamp(value: float) -> float:
-    return -1.0 if value < -1.0 else 1.0 if value > 1.0 else value

@@ -250,15 +250,18 @@ def to_robot_axes(
 
     The same rotation of axes serves both vectors: v = (-Y, -X, -Z), w = (-Ry, -Rx, -Rz).
     """
-    x, y, z, rx, ry, rz = raw
-    scale = -1.0 / full_scale
+    counts: Sequence[float] = raw
+    if max(raw) > full_scale or min(raw) < -full_scale:
+        counts = [min(full_scale, max(-full_scale, count)) for count in raw]
+    x, y, z, rx, ry, rz = counts
+    # Subtracting from 0.0 instead of negating keeps rest free of negative zeros.
     return (
-        _clamp(y * scale),
-        _clamp(x * scale),
-        _clamp(z * scale),
-        _clamp(ry * scale),
-        _clamp(rx * scale),
-        _clamp(rz * scale),
+        0.0 - y / full_scale,
+        0.0 - x / full_scale,
+        0.0 - z / full_scale,
+        0.0 - ry / full_scale,
+        0.0 - rx / full_scale,
+        0.0 - rz / full_scale,
     )
 
 
@@ -277,4 +280,4 @@ def from_serial_axes(raw: Sequence[int]) -> tuple[int, int, int, int, int, int]:
 
 
 def _clamp(value: float) -> float:
-    return -1.0 if value < -1.0 else 1.0 if value > 1.0 else value + 0.0
+    return -1.0 if value < -1.0 else 1.0 if value > 1.0 else value

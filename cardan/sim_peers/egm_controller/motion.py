@@ -77,6 +77,7 @@ class Servo:
         self.planned = list(joints)
         self.speeds = [0.0] * AXES
         self.accelerations = [0.0] * AXES
+        self._demanded = self.speeds
         self._history.clear()
         self._history.extend([list(joints)] * (self._history.maxlen or 0))
 
@@ -112,6 +113,7 @@ class Servo:
         fastest = max(map(abs, speeds))
         self.utilization = max([abs(v) / top for v, top in zip(speeds, arm.velocity, strict=True)])
         shrink = min(1.0, cap_rad_s / fastest) if fastest else 1.0
+        self._demanded = [v * shrink for v in speeds]
         shrink = min(shrink, 1.0 / self.utilization) if self.utilization else shrink
         changes = [v * shrink - now for v, now in zip(speeds, self.speeds, strict=True)]
         excess = (
@@ -128,14 +130,16 @@ class Servo:
         self._tick += 1
 
     def demanded_acceleration(self, speeds: Sequence[float], cap_rad_s: float) -> float:
-        """What `drive` would need, as a multiple of the joint accelerations there are."""
+        """The jump from the last demand to this one, as a multiple of the joint accelerations."""
         fastest = max(map(abs, speeds))
         shrink = min(1.0, cap_rad_s / fastest) if fastest else 1.0
         return (
             max(
                 [
-                    abs(v * shrink - now) / top
-                    for v, now, top in zip(speeds, self.speeds, self.arm.acceleration, strict=True)
+                    abs(v * shrink - before) / top
+                    for v, before, top in zip(
+                        speeds, self._demanded, self.arm.acceleration, strict=True
+                    )
                 ]
             )
             / self.period_s

@@ -118,6 +118,7 @@ class RapidTask:
         self._run: Run | None = None
         self._path: PathMove | None = None
         self._main: dict[str, Callable[[], None]] = {}
+        self._replaying = False
         self._pending: deque[Callable[[], None]] = deque()
         self._at_main = False
         self._interrupted = False
@@ -206,8 +207,7 @@ class RapidTask:
         if self._runs("EGMSetupUC") and self._needs("EGMSetupUC", self._identity, "EGMGetId"):
             self._setup = arguments
             self._act = None
-            self._main = {name: self._main[name] for name in ("move",) if name in self._main}
-            self._main["setup"] = lambda: self.setup(arguments)
+            self._record("setup", lambda: self.setup(arguments))
 
     def act(self, arguments: Act) -> None:
         """EGMActJoint, EGMActPose or EGMActMove; the last one counts."""
@@ -217,14 +217,14 @@ class RapidTask:
             self._rapid_error(UNNUMBERED, f"SampleRate {rate} is not a multiple of 24 ms")
             return
         self._act = arguments
-        self._main["act"] = lambda: self.act(arguments)
+        self._record("act", lambda: self.act(arguments))
         if arguments.stream_start:
             self._start_streaming()
 
     def stream_start(self) -> None:
         """EGMStreamStart."""
         if self._runs("EGMStreamStart") and self._needs("EGMStreamStart", self._act, "EGMAct"):
-            self._main["stream"] = self.stream_start
+            self._record("stream", self.stream_start)
             self._start_streaming()
 
     def stream_stop(self) -> None:
@@ -237,7 +237,7 @@ class RapidTask:
         """EGMRunJoint or EGMRunPose."""
         if not self._ready_to_move("EGMRun", arguments.mode):
             return
-        self._main["motion"] = lambda: self.run(arguments)
+        self._record("motion", lambda: self.run(arguments))
         if arguments.axes:
             self._run, self._path = arguments, None
             self._start_joints = list(self.servo.planned)
@@ -247,7 +247,7 @@ class RapidTask:
         """EGMMoveL with path correction."""
         if not self._ready_to_move("EGMMoveL", Mode.PATH):
             return
-        self._main["motion"] = lambda: self.egm_move(arguments)
+        self._record("motion", lambda: self.egm_move(arguments))
         self._run, self._path = None, arguments
         self._start_joints = list(self.servo.planned)
         self._begin()
@@ -277,7 +277,7 @@ class RapidTask:
         if not self.motors_on:
             self._rapid_error(UNNUMBERED, "MoveAbsJ: motors are off")
             return
-        self._main["move"] = lambda: self.move(joints)
+        self._record("move", lambda: self.move(joints))
         self._moved = True
         here = self.servo.planned
         if joints is not None and any(abs(b - a) > 1e-9 for a, b in zip(here, joints, strict=True)):
@@ -521,6 +521,7 @@ class RapidTask:
     def _stop_program(self) -> None:
         self.program_running = False
         self._pending.clear()
+        self._replaying = False
         self.log(PROGRAM_STOPPED, "Program stopped")
 
     def _advance(self) -> None:
@@ -533,16 +534,27 @@ class RapidTask:
         ):
             self._pending.popleft()()
 
+    def _record(self, name: str, instruction: Callable[[], None]) -> None:
+        """Remember the program for `_run_main`; each EGMSetupUC begins it anew."""
+        if self._replaying:
+            return
+        if name == "setup":
+            self._main = {key: step for key, step in self._main.items() if key == "move"}
+        self._main[name] = instruction
+
     def _run_main(self) -> None:
         """Execute the program from its first instruction, as far as it came so far."""
         self._release()
-        self._pending.clear()
         main = self._main
+        steps = [main[name] for name in ("setup", "act", "stream", "motion") if name in main]
         if "move" in main:
             self._pending.append(main["move"])
-        self._pending.append(self.get_id)
-        self._pending.extend(step for name, step in main.items() if name != "move")
+        self._pending.extend([self.get_id, *steps, self._replayed])
+        self._replaying = True
         self._advance()
+
+    def _replayed(self) -> None:
+        self._replaying = False
 
     def _ready_to_move(self, instruction: str, mode: Mode) -> bool:
         if not self._runs(instruction) or not self._needs(instruction, self._act, "EGMAct"):

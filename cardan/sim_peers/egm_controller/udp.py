@@ -76,7 +76,7 @@ class EgmControllerPeer(SimulatedPeer):
                 host, port, type=socket.SOCK_DGRAM
             )[0]
             connection = socket.socket(family, kind, protocol)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             raise AddressError(f"cannot send to {host}:{port}: {error}") from None
         try:
             connection.connect(address)

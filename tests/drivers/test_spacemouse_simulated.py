@@ -1,0 +1,174 @@
+"""The core fed by the simulated device in virtual time: every model, every fault."""
+
+import pytest
+
+from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
+from cardan.protocols.connexion import MODELS, model_by_key
+from cardan.sim_peers.spacemouse import FAULTS, SimulatedSpaceMouse
+from cardan.types import DeviceLink
+
+STEP_S = 0.002
+PLAIN = SpaceMouseOptions(dead_zone=0.0)
+DEFLECTION = (0.4, -0.2, 0.6, -0.1, 0.3, -0.5)
+REST = (0.0,) * 6
+# The serial-order models' raw frame is not one that the simulated device knows.
+USUAL_MODELS = [model for model in MODELS if not model.serial_axes]
+
+
+class Bench:
+    """A simulated device wired to a core."""
+
+    def __init__(self, model, faults=None, options=PLAIN, jitter_lsb=0):
+        self.device = SimulatedSpaceMouse(model, faults=faults, jitter_lsb=jitter_lsb)
+        self.core = SpaceMouseCore(options, model)
+        self.core.on_opened(0.0, model)
+        self.now_s = 0.0
+        self.states = []
+
+    def run(self, seconds, axes=None):
+        """Hold the puck at `axes`; the state at the end."""
+        if axes is not None:
+            self.device.set_axes(axes)
+        end_s = self.now_s + seconds
+        while self.now_s < end_s:
+            was_plugged = self.device.plugged
+            self.now_s += STEP_S
+            for report in self.device.reports(self.now_s):
+                self.core.on_report(report, self.now_s)
+            if was_plugged and not self.device.plugged:
+                self.core.on_lost("unplugged", self.now_s)
+            elif self.device.plugged and not was_plugged:
+                self.core.on_opened(self.now_s, self.device.model)
+            self.states.append(self.core.state(self.now_s))
+        return self.states[-1]
+
+    def touch(self):
+        self.run(0.1, (0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
+        return self.run(0.3, REST)
+
+
+@pytest.mark.parametrize("model", USUAL_MODELS, ids=lambda m: m.key)
+def test_every_model_is_followed(model):
+    bench = Bench(model)
+    assert bench.run(5.0).link is DeviceLink.NEEDS_NEUTRAL
+    assert bench.touch().link is DeviceLink.LIVE
+    state = bench.run(2.0, DEFLECTION)
+    assert state.link is DeviceLink.LIVE
+    assert state.axes == pytest.approx(DEFLECTION, abs=0.5 / 350 + 1e-9)
+    state = bench.run(60.0, REST)
+    assert (state.link, state.axes) == (DeviceLink.LIVE, REST)
+    words = bench.core.diagnosis(bench.now_s)
+    assert words == []
+
+
+@pytest.mark.parametrize(
+    "model", [model for model in USUAL_MODELS if model.buttons], ids=lambda m: m.key
+)
+def test_every_button_is_heard(model):
+    bench = Bench(model)
+    labels = list(model.buttons.values())
+    for label in labels:
+        bench.device.press(label)
+        assert label in bench.run(0.05).buttons
+        bench.device.release(label)
+        assert not bench.run(0.05).buttons
+    edges = [(event.button, event.pressed) for event in bench.core.events()]
+    assert edges == [(label, pressed) for label in labels for pressed in (True, False)]
+    assert set(labels) <= set(bench.core.labels)
+
+
+def test_long_press():
+    bench = Bench(model_by_key("spacemouse-enterprise"))
+    bench.device.press("top")
+    assert bench.run(1.5).buttons == {"top", "bottom"}
+    bench.device.release("top")
+    assert not bench.run(0.1).buttons
+
+
+def faulty(fault, value=None, model="spacenavigator", **settings):
+    default = {switch.name: switch.default for switch in FAULTS}[fault]
+    faults = {fault: default if value is None else value}
+    return Bench(model_by_key(model), faults=faults, **settings)
+
+
+@pytest.mark.parametrize("fault", ["short-report", "unknown-id", "padded-report", "duplicate-half",
+                                   "late-half", "lost-half"])  # fmt: skip
+def test_mangled_reports_are_noted_and_survived(fault):
+    bench = faulty(fault)
+    bench.touch()
+    state = bench.run(3.0, DEFLECTION)
+    assert state.link is DeviceLink.LIVE
+    assert state.axes == pytest.approx(DEFLECTION, abs=0.002)
+    assert bench.core.diagnosis(bench.now_s)
+    assert bench.run(1.0, REST).axes == REST
+
+
+@pytest.mark.parametrize("model", ["spacenavigator", "spacemouse-wireless"])
+def test_wrong_family(model):
+    bench = faulty("wrong-family", model=model)
+    bench.touch()
+    assert bench.run(1.0, DEFLECTION).axes == pytest.approx(DEFLECTION, abs=0.002)
+    assert "unlike" in bench.core.diagnosis(bench.now_s)[0]
+
+
+def test_silence_while_deflected():
+    bench = faulty("silence", 1.0)
+    bench.touch()
+    state = bench.run(2.0, DEFLECTION)
+    assert (state.link, state.axes) == (DeviceLink.STALE, REST)
+    moving = [s for s in bench.states if any(s.axes)]
+    assert bench.states.index(moving[-1]) * STEP_S < 1.0 + 0.1 + 0.02
+
+
+def test_unplug_and_replug():
+    bench = Bench(model_by_key("spacenavigator"), faults={"unplug": 1.0, "replug": 2.0})
+    bench.touch()
+    bench.device.press("left")
+    state = bench.run(1.0, DEFLECTION)
+    assert (state.link, state.axes, state.buttons) == (DeviceLink.LOST, REST, frozenset())
+    bench.device.release("left")
+    state = bench.run(1.0)
+    assert (state.link, state.axes) == (DeviceLink.NEEDS_NEUTRAL, REST)
+    bench.run(0.5, REST)
+    assert bench.run(0.5, DEFLECTION).link is DeviceLink.LIVE
+
+
+def test_bursts_never_move_late():
+    """A stalled line stops the robot; what queued up behind the stall does not move it."""
+    bench = faulty("burst")
+    bench.touch()
+    bench.run(4.0, DEFLECTION)
+    links = [state.link for state in bench.states]
+    assert DeviceLink.STALE in links
+    first = links.index(DeviceLink.STALE)
+    assert not any(any(state.axes) for state in bench.states[first:])
+
+
+def test_drift_is_reported():
+    bench = faulty("drift", 30.0, options=SpaceMouseOptions(), jitter_lsb=1)
+    bench.run(7.0, REST)
+    assert any("re-zero" in words for words in bench.core.diagnosis(bench.now_s))
+    bench.core.rezero(bench.now_s)
+    state = bench.run(0.1)
+    assert (state.link, state.axes) == (DeviceLink.LIVE, REST)
+
+
+def test_overrange_is_clamped():
+    bench = faulty("overrange")
+    bench.touch()
+    assert bench.run(0.5, (1.0, 0.0, -1.0, 0.0, 0.0, 0.0)).axes == (1.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+
+
+def test_low_battery_is_reported():
+    bench = faulty("low-battery", model="spacemouse-pro-wireless")
+    bench.touch()
+    assert bench.core.diagnosis(bench.now_s) == ["battery at 5 %: charge it"]
+    assert bench.states[-1].battery == 0.05
+
+
+def test_jitter_at_rest_stays_at_rest():
+    bench = Bench(model_by_key("spacemouse-wireless"), options=SpaceMouseOptions(), jitter_lsb=3)
+    bench.touch()
+    axes = (0.0, 0.0, 0.02, 0.0, 0.0, 0.0)
+    assert bench.run(10.0, axes).axes == REST
+    assert bench.states[-1].link is DeviceLink.LIVE

@@ -1,0 +1,714 @@
+"""The driver's shell against a stand-in of hidapi, and against a socket."""
+
+import errno
+import os
+import re
+import socket
+import sys
+import threading
+import time
+import types
+from collections import deque
+
+import pytest
+
+from cardan.drivers import registry
+from cardan.drivers.spacemouse import (
+    SpaceMouse,
+    SpaceMouseOptions,
+    access,
+    list_devices,
+    udev_rules,
+)
+from cardan.drivers.spacemouse import device as shell
+from cardan.drivers.spacemouse.transports import HidTransport, SocketTransport
+from cardan.errors import (
+    CommandError,
+    DeviceAccessError,
+    DeviceNotFoundError,
+    DriverError,
+    NotOpenError,
+)
+from cardan.protocols.connexion import (
+    descriptor_for,
+    encode_battery,
+    encode_buttons,
+    encode_led,
+    encode_motion,
+    encode_rotation,
+    encode_translation,
+    model_by_key,
+)
+from cardan.types import DeviceFeedback, DeviceLink
+
+PATIENCE_S = 10.0
+REST = encode_motion(0, 0, 0, 0, 0, 0)
+UP = encode_motion(0, 0, -175, 0, 0, 0)
+
+
+def eventually(condition):
+    """Wait until another thread has done it; a test that gets here too early just waits longer."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    pause = threading.Event()
+    while not condition():
+        assert time.monotonic() < deadline_s, "it did not happen"
+        pause.wait(0.002)
+
+
+@pytest.fixture(autouse=True)
+def frozen_clock(monkeypatch):
+    """The driver's clock stands: a busy machine makes nothing stale."""
+    monkeypatch.setattr(shell, "time", types.SimpleNamespace(monotonic=lambda: 1000.0))
+
+
+class FakePuck:
+    """What is plugged in: one interface of a device, as hidapi shows it."""
+
+    def __init__(self, model, path=b"/dev/null", usage=(1, 8), serial="", descriptor=None):
+        self.model = model_by_key(model)
+        self.info = {
+            "path": path,
+            "vendor_id": self.model.vendor_id,
+            "product_id": self.model.product_id,
+            "serial_number": serial,
+            "product_string": self.model.name,
+            "usage_page": usage[0],
+            "usage": usage[1],
+            "interface_number": 0,
+        }
+        self.descriptor = descriptor_for(self.model) if descriptor is None else descriptor
+        self.reports = deque()
+        self.written = []
+        self.condition = threading.Condition()
+        self.plugged = True
+        self.refuses = False
+        self.opened = 0
+        self.drained = 0
+
+    def send(self, *reports):
+        """Send reports and wait until the driver has taken them all and reads on."""
+        with self.condition:
+            self.reports.extend(reports)
+            self.condition.notify_all()
+            before = self.drained
+            assert self.condition.wait_for(
+                lambda: not self.reports and self.drained > before, PATIENCE_S
+            )
+
+    def unplug(self):
+        with self.condition:
+            self.plugged = False
+            self.condition.notify_all()
+
+
+def fake_hidapi(pucks):
+    """A module with the behaviour of hidapi 0.15's, and `pucks` plugged in."""
+
+    class FakeHandle:
+        def __init__(self):
+            self._puck = None
+            self._nonblocking = False
+
+        def open_path(self, path):
+            for puck in pucks:
+                if puck.info["path"] == path and puck.plugged and not puck.refuses:
+                    self._puck = puck
+                    puck.opened += 1
+                    return
+            raise OSError("open failed")
+
+        def set_nonblocking(self, value):
+            self._nonblocking = bool(value)
+            return 0
+
+        def read(self, max_length, timeout_ms=0):
+            puck = self._opened()
+            with puck.condition:
+                if not puck.reports:
+                    puck.drained += 1
+                    puck.condition.notify_all()
+                if timeout_ms or not self._nonblocking:
+                    puck.condition.wait_for(
+                        lambda: puck.reports or not puck.plugged,
+                        timeout_ms / 1000 if timeout_ms else None,
+                    )
+                if not puck.plugged:
+                    raise OSError("read error")
+                return list(puck.reports.popleft()[:max_length]) if puck.reports else []
+
+        def write(self, data):
+            puck = self._opened()
+            if not puck.plugged or not puck.model.led:
+                return -1
+            puck.written.append(bytes(data))
+            return len(data)
+
+        def error(self):
+            return "Success"
+
+        def get_report_descriptor(self):
+            puck = self._opened()
+            if not puck.descriptor:
+                raise OSError("get report descriptor error")
+            return list(puck.descriptor)
+
+        def close(self):
+            if self._puck is not None:
+                self._puck.opened -= 1
+            self._puck = None
+
+        def _opened(self):
+            if self._puck is None:
+                raise ValueError("not open")
+            return self._puck
+
+    def enumerate_(vendor_id=0, product_id=0):
+        return [
+            dict(puck.info)
+            for puck in pucks
+            if puck.plugged
+            and vendor_id in (0, puck.info["vendor_id"])
+            and product_id in (0, puck.info["product_id"])
+        ]
+
+    module = types.ModuleType("hidraw")
+    module.device = FakeHandle
+    module.enumerate = enumerate_
+    return module
+
+
+@pytest.fixture
+def usb(monkeypatch):
+    """Plug pucks in: ``usb(FakePuck(...), ...)``; the libusb back end finds nothing."""
+    monkeypatch.setattr(shell, "RETRY_FIRST_S", 0.005)
+    monkeypatch.setattr(shell, "RETRY_LAST_S", 0.01)
+    pucks = []
+    monkeypatch.setitem(sys.modules, "hidraw", fake_hidapi(pucks))
+    monkeypatch.setitem(sys.modules, "hid", fake_hidapi([]))
+
+    def plug(*more):
+        pucks.extend(more)
+        return more[0] if len(more) == 1 else more
+
+    return plug
+
+
+@pytest.fixture
+def open_mouse():
+    """Open a SpaceMouse by its options; closed again after the test."""
+    opened = []
+
+    def open_it(**options):
+        mouse = SpaceMouse(SpaceMouseOptions(**options))
+        opened.append(mouse)
+        mouse.open()
+        return mouse
+
+    yield open_it
+    for mouse in opened:
+        mouse.close()
+        assert mouse.state().link is DeviceLink.CLOSED
+    assert not [t for t in threading.enumerate() if t.name == "cardan-spacemouse"]
+
+
+# -- hidapi ------------------------------------------------------------------------------------
+
+
+def test_the_registry_knows_it():
+    assert registry.load("spacemouse") is SpaceMouse
+    assert SpaceMouse().options == SpaceMouseOptions()
+
+
+def test_reports_become_states(usb, open_mouse):
+    puck = usb(FakePuck("spacemouse-wireless"))
+    mouse = open_mouse(dead_zone=0.0)
+    assert mouse.state().link is DeviceLink.NEEDS_NEUTRAL
+    puck.send(REST, UP, encode_buttons(1, 3), encode_battery(55, False))
+    state = mouse.state()
+    assert state.link is DeviceLink.LIVE
+    assert state.axes == (0.0, 0.0, 0.5, 0.0, 0.0, 0.0)
+    assert state.buttons == {"left"}
+    assert state.battery == 0.55
+    assert [(e.button, e.pressed) for e in mouse.button_events()] == [("left", True)]
+    assert mouse.capabilities.buttons == ("left", "right")
+    assert mouse.capabilities.battery
+    assert mouse.metrics()["rotation_age_s"] >= 0.0
+
+
+def test_a_queue_is_drained_to_the_newest_and_keeps_every_edge(usb, open_mouse):
+    puck = usb(FakePuck("spacemouse-wireless"))
+    mouse = open_mouse(dead_zone=0.0)
+    puck.send(REST)
+    backlog = []
+    for count in range(1, 101):
+        backlog += [encode_buttons(count % 2, 3), encode_motion(0, 0, -count, 0, 0, 0)]
+    puck.send(*backlog)
+    assert mouse.state().axes[2] == pytest.approx(100 / 350)
+    assert [e.pressed for e in mouse.button_events()] == [True, False] * 50
+
+
+def test_full_scale_comes_from_the_descriptor(usb, open_mouse):
+    model = model_by_key("spacemouse-wireless")
+    puck = usb(FakePuck(model.key, descriptor=descriptor_for(model._replace(full_scale=500))))
+    mouse = open_mouse(dead_zone=0.0)
+    puck.send(REST, UP)
+    assert mouse.state().axes[2] == pytest.approx(175 / 500)
+
+
+def test_an_unreadable_descriptor_is_no_obstacle(usb, open_mouse):
+    puck = usb(FakePuck("spacemouse-wireless", descriptor=b""))
+    mouse = open_mouse(dead_zone=0.0)
+    puck.send(REST, UP)
+    assert mouse.state().axes[2] == 0.5
+
+
+def test_unplug_and_replug(usb, open_mouse):
+    puck = usb(FakePuck("spacemouse-wireless"))
+    mouse = open_mouse()
+    puck.send(REST, UP, encode_buttons(2, 3))
+    puck.unplug()
+    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+    state = mouse.state()
+    assert state.axes == (0.0,) * 6
+    assert not state.buttons
+    assert [e.pressed for e in mouse.button_events()] == [True, False]
+    eventually(lambda: "plugged in" in mouse.state().reason)
+    assert puck.opened == 0
+    puck.plugged = True
+    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+    puck.send(UP)
+    assert mouse.state().link is DeviceLink.NEEDS_NEUTRAL
+    puck.send(REST, UP)
+    assert mouse.state().link is DeviceLink.LIVE
+
+
+def test_closing_releases_the_device_and_opening_again_works(usb, open_mouse):
+    puck = usb(FakePuck("spacenavigator"))
+    mouse = open_mouse()
+    mouse.open()
+    assert puck.opened == 1
+    mouse.close()
+    mouse.close()
+    assert puck.opened == 0
+    assert mouse.state().link is DeviceLink.CLOSED
+    with mouse:
+        puck.send(encode_translation(0, 0, 0), encode_rotation(0, 0, 0))
+        assert mouse.state().link is DeviceLink.LIVE
+
+
+def test_nothing_plugged_in(usb):
+    with pytest.raises(DeviceNotFoundError, match="no 3Dconnexion device is plugged in"):
+        SpaceMouse().open()
+    usb(FakePuck("spacenavigator"))
+    for options, words in (
+        ({"model": "spacemouse-pro"}, "model 'spacemouse-pro'"),
+        ({"path": "/dev/hidraw9", "serial": "7"}, "path '/dev/hidraw9' and serial '7'"),
+    ):
+        with pytest.raises(DeviceNotFoundError, match=words):
+            SpaceMouse(SpaceMouseOptions(**options)).open()
+
+
+def test_waiting_for_the_device(usb, open_mouse):
+    mouse = open_mouse(wait_for_device=True)
+    assert mouse.state().link is DeviceLink.LOST
+    assert "plugged in" in mouse.diagnosis()[0]
+    puck = usb(FakePuck("spacenavigator"))
+    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+    assert puck.opened == 1
+
+
+def test_a_device_is_chosen_by_model_path_or_serial(usb, open_mouse):
+    one, two, three = usb(
+        FakePuck("spacenavigator", path=b"/dev/zero"),
+        FakePuck("spacenavigator", path=b"/dev/full", serial="7"),
+        FakePuck("spacemouse-compact", path=b"/dev/null"),
+    )
+    for options, puck in (
+        ({"path": "/dev/full"}, two),
+        ({"serial": "7"}, two),
+        ({"model": "spacenavigator"}, one),
+        ({"model": "spacemouse-compact"}, three),
+        ({}, three),  # the vendor's own ids come first
+    ):
+        mouse = open_mouse(**options)
+        assert [p.opened for p in (one, two, three)] == [int(p is puck) for p in (one, two, three)]
+        mouse.close()
+
+
+def test_mice_and_silent_collections_are_left_alone(usb):
+    usb(FakePuck("universal-receiver", usage=(0xFF00, 1)))
+    mouse = usb(FakePuck("spacenavigator"))
+    mouse.info.update(vendor_id=0x256F, product_id=0xC650)
+    with pytest.raises(DeviceNotFoundError):
+        SpaceMouse().open()
+    assert list_devices() == []
+
+
+def test_a_receiver_is_bound_where_it_speaks(usb, open_mouse):
+    slots = usb(
+        *(FakePuck("universal-receiver", path=f"/dev/hidraw{n}".encode()) for n in range(5))
+    )
+    mouse = open_mouse(dead_zone=0.0)
+    assert [slot.opened for slot in slots] == [1] * 5
+    slots[3].send(encode_battery(50, False))  # tells nothing of a puck
+    assert slots[3].opened == 1
+    slots[1].send(UP, REST, UP, encode_buttons(1, 3))
+    assert [slot.opened for slot in slots] == [0, 1, 0, 0, 0]
+    assert mouse.state().axes[2] == 0.5
+    assert mouse.state().buttons == {"left"}
+    assert {"left", "menu", "ctrl"} <= set(mouse.capabilities.buttons)
+
+
+def test_a_receiver_that_is_unplugged_before_it_speaks(usb, open_mouse):
+    slots = usb(*(FakePuck("universal-receiver", path=f"/dev/{n}".encode()) for n in range(3)))
+    mouse = open_mouse()
+    slots[0].unplug()
+    eventually(lambda: slots[0].opened == 0)
+    assert mouse.state().link is DeviceLink.NEEDS_NEUTRAL
+    for slot in slots:
+        slot.unplug()
+    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+
+
+def test_unknown_usages_are_tried_together(usb, open_mouse):
+    usb(
+        FakePuck("spacemouse-wireless-receiver", path=b"1-2:1.0", usage=(0, 0)),
+        spoken := FakePuck("spacemouse-wireless-receiver", path=b"1-2:1.1", usage=(0, 0)),
+    )
+    mouse = open_mouse()
+    spoken.send(REST)
+    assert mouse.state().link is DeviceLink.LIVE
+
+
+def test_open_refused(usb, open_mouse):
+    puck = usb(FakePuck("spacenavigator"))
+    puck.refuses = True
+    with pytest.raises(DeviceAccessError, match="open failed; another program may hold it"):
+        SpaceMouse().open()
+    mouse = open_mouse(wait_for_device=True)
+    assert "another program" in mouse.state().reason
+    puck.refuses = False
+    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+
+
+def test_a_seized_device_is_named(usb, open_mouse, monkeypatch):
+    usb(FakePuck("spacenavigator"))
+    mouse = open_mouse()
+    assert not any("seized" in words for words in mouse.diagnosis())
+    monkeypatch.setattr(shell, "MUTE_AFTER_S", -1.0)
+    assert any("another program has seized it" in words for words in mouse.diagnosis())
+
+
+def test_the_led_follows_feedback_and_survives_a_replug(usb, open_mouse):
+    puck = usb(FakePuck("spacemouse-compact"))
+    mouse = open_mouse()
+    mouse.feedback(DeviceFeedback(led=False))
+    eventually(lambda: len(puck.written) == 2)
+    assert puck.written == [encode_led(True), encode_led(False)]  # a Compact needs both
+    mouse.feedback(DeviceFeedback(led=True))
+    mouse.feedback(DeviceFeedback())
+    eventually(lambda: len(puck.written) == 3)
+    assert puck.written[2] == encode_led(True)
+    puck.unplug()
+    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+    puck.plugged = True
+    eventually(lambda: len(puck.written) == 4)
+    assert puck.written[3] == encode_led(True)
+
+
+@pytest.mark.parametrize(
+    ("policy", "written"),
+    [("keep", []), ("on", [encode_led(True)]), ("off", [encode_led(True), encode_led(False)])],
+)
+def test_led_policy(usb, open_mouse, policy, written):
+    puck = usb(FakePuck("spacenavigator"))
+    mouse = open_mouse(led=policy)
+    mouse.close()
+    assert puck.written == written
+
+
+def test_the_led_of_the_last_moment_is_set_before_closing(usb, open_mouse):
+    puck = usb(FakePuck("spacenavigator"))
+    mouse = open_mouse(led="on")
+    eventually(lambda: puck.written)
+    mouse.feedback(DeviceFeedback(led=False))
+    mouse.close()
+    assert puck.written[-1] == encode_led(False)
+
+
+def test_an_led_that_cannot_be_set_is_said(usb, open_mouse):
+    puck = usb(FakePuck("spacenavigator"))
+    puck.model = puck.model._replace(led=False)
+    mouse = open_mouse(led="on")
+    eventually(lambda: any("LED could not" in words for words in mouse.diagnosis()))
+    assert mouse.state().link is DeviceLink.NEEDS_NEUTRAL
+
+
+def test_feedback_that_it_has_not(usb, open_mouse):
+    usb(FakePuck("spacemouse-usb"))
+    mouse = open_mouse()
+    with pytest.raises(CommandError, match="no led feedback"):
+        mouse.feedback(DeviceFeedback(led=True))
+    with pytest.raises(NotOpenError):
+        SpaceMouse().feedback(DeviceFeedback(led=True))
+
+
+def test_rezero_reaches_the_core(usb, open_mouse):
+    puck = usb(FakePuck("spacemouse-wireless"))
+    mouse = open_mouse()
+    with pytest.raises(CommandError, match="has not said"):
+        mouse.rezero()
+    puck.send(REST, UP)
+    with pytest.raises(CommandError, match="let go"):
+        mouse.rezero()
+
+
+def test_libusb_is_the_second_choice(usb, open_mouse, monkeypatch):
+    puck = FakePuck("spacenavigator", path=b"1-2:1.0")
+    monkeypatch.setitem(sys.modules, "hid", fake_hidapi([puck]))
+    open_mouse().close()
+    with pytest.raises(DeviceNotFoundError):
+        SpaceMouse(SpaceMouseOptions(transport="hidraw")).open()
+    open_mouse(transport="libusb")
+    assert puck.opened == 1
+
+
+def test_the_wrong_hid_package_is_named(monkeypatch):
+    wrong = types.ModuleType("hid")
+    wrong.Device = wrong.enumerate = object
+    monkeypatch.setitem(sys.modules, "hid", wrong)
+    with pytest.raises(DeviceAccessError, match=r"package `hid`, a different one.*uninstall"):
+        SpaceMouse(SpaceMouseOptions(transport="libusb")).open()
+
+
+def test_a_missing_hid_package_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "hid", None)
+    monkeypatch.setitem(sys.modules, "hidraw", None)
+    with pytest.raises(DeviceAccessError, match="pip install hidapi"):
+        SpaceMouse().open()
+    with pytest.raises(DriverError, match="pip install hidapi"):
+        list_devices()
+
+
+def test_half_a_hid_package_is_enough(usb, monkeypatch):
+    monkeypatch.setitem(sys.modules, "hid", None)
+    with pytest.raises(DeviceNotFoundError):
+        SpaceMouse().open()
+    assert list_devices() == []
+
+
+def test_a_device_newer_than_the_table(usb, open_mouse):
+    puck = usb(FakePuck("spacemouse-wireless"))
+    puck.info.update(product_id=0xC6FE, product_string="SpaceMouse 9000")
+    assert list_devices()[0].name == "SpaceMouse 9000"
+    mouse = open_mouse()
+    assert mouse.capabilities.buttons == ()
+    puck.send(REST, encode_buttons(1 << 23, 7))
+    assert mouse.state().link is DeviceLink.LIVE
+    assert mouse.state().buttons == {"alt"}
+
+
+def test_a_bug_in_the_reader_is_no_silent_death(usb, monkeypatch):
+    puck = usb(FakePuck("spacenavigator"))
+    mouse = SpaceMouse()
+    caught = []
+    monkeypatch.setattr(threading, "excepthook", caught.append)
+    monkeypatch.setattr(mouse._core, "on_report", lambda report, now_s: 1 / 0)
+    mouse.open()
+    with puck.condition:
+        puck.reports.append(REST)
+        puck.condition.notify_all()
+    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+    eventually(lambda: caught)
+    assert "ZeroDivisionError" in mouse.state().reason
+    assert puck.opened == 0
+    mouse.close()
+
+
+# -- what stands in the way --------------------------------------------------------------------
+
+
+def test_list_devices(usb):
+    usb(
+        FakePuck("spacemouse-pro", path=b"/dev/null", serial="7"),
+        FakePuck("spacemouse-wireless", path=b"/dev/hidraw-not-there"),
+    )
+    wireless, pro = list_devices()
+    assert (pro.name, pro.vendor_id, pro.product_id) == ("SpaceMouse Pro", 0x046D, 0xC62B)
+    assert (pro.transport, pro.path, pro.serial) == ("hidraw", "/dev/null", "7")
+    assert pro.obstacle == ""
+    assert pro.model is model_by_key("spacemouse-pro")
+    assert "gone" in wireless.obstacle
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (errno.EACCES, "no permission for .*udev rules"),
+        (errno.EPERM, "no permission"),
+        (errno.EBUSY, "another program holds"),
+        (errno.ENODEV, "is gone"),
+        (errno.EIO, "Input/output error"),
+    ],
+)
+@pytest.mark.parametrize("path", ["/dev/hidraw3", "3-1.4:1.0", "0003:0011:00"])
+def test_obstacles_by_errno(tmp_path, monkeypatch, code, words, path):
+    port = tmp_path / "sys/bus/usb/devices/3-1.4"
+    port.mkdir(parents=True)
+    (port / "busnum").write_text("3\n")
+    (port / "devnum").write_text("17\n")
+    tried = []
+
+    def refuse(node, flags):
+        tried.append(str(node))
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(access.os, "open", refuse)
+    assert re.search(words, access.obstacle(path, root=tmp_path))
+    expected = "dev/hidraw3" if path.startswith("/dev") else "dev/bus/usb/003/017"
+    assert tried == [str(tmp_path / expected)]
+
+
+def test_no_obstacle(tmp_path):
+    node = tmp_path / "dev/hidraw0"
+    node.parent.mkdir()
+    node.touch()
+    assert access.obstacle("/dev/hidraw0", root=tmp_path) == ""
+    assert "gone" in access.obstacle("/dev/hidraw1", root=tmp_path)
+    assert access.obstacle("7-7:1.0", root=tmp_path) == ""
+    assert access.obstacle("DevSrvsID:4294969", root=tmp_path) == ""
+
+
+def test_permission_is_told_from_a_busy_device(usb, monkeypatch):
+    puck = usb(FakePuck("spacenavigator", path=b"/dev/hidraw3"))
+    puck.refuses = True
+
+    def refuse(node, flags):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(access.os, "open", refuse)
+    with pytest.raises(DeviceAccessError, match=r"no permission for /dev/hidraw3.*udev"):
+        SpaceMouse().open()
+
+
+def test_refusal_on_macos(monkeypatch):
+    monkeypatch.setattr(access.sys, "platform", "darwin")
+    assert "3DconnexionHelper" in access.refusal("DevSrvsID:1", OSError("open failed"))
+
+
+def test_udev_rules_cover_both_vendors_and_both_back_ends():
+    rules = [line for line in udev_rules().splitlines() if line and not line.startswith("#")]
+    for subsystem in ("hidraw", "usb"):
+        for vendor in ("046d", "256f"):
+            assert any(f'"{subsystem}"' in rule and f'"{vendor}"' in rule for rule in rules)
+    assert all('TAG+="uaccess"' in rule for rule in rules)
+
+
+# -- socket ------------------------------------------------------------------------------------
+
+
+class Puck:
+    """The device's end of the socket."""
+
+    def __init__(self, path):
+        self.path = str(path)
+        self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.listener.settimeout(PATIENCE_S)
+        self.listener.bind(self.path)
+        self.listener.listen(1)
+        self.peer = None
+
+    def accept(self):
+        self.peer, _ = self.listener.accept()
+        self.peer.settimeout(PATIENCE_S)
+
+    def send(self, *reports):
+        for report in reports:
+            self.peer.send(report)
+
+    def close(self):
+        for sock in (self.peer, self.listener):
+            if sock is not None:
+                sock.close()
+
+
+@pytest.fixture
+def puck(tmp_path):
+    puck = Puck(tmp_path / "puck")
+    yield puck
+    puck.close()
+
+
+def test_socket_both_ways(puck, open_mouse):
+    mouse = open_mouse(transport="socket", path=puck.path, dead_zone=0.0, led="on")
+    puck.accept()
+    assert puck.peer.recv(64) == encode_led(True)
+    puck.send(
+        encode_translation(0, 0, 0), encode_rotation(0, 0, 0), encode_buttons(1, 3),
+        encode_translation(0, 0, -175), encode_rotation(0, 0, 0), encode_buttons(3, 3),
+    )  # fmt: skip
+    eventually(lambda: mouse.state().buttons == {"left", "right"})
+    assert [e.button for e in mouse.button_events()] == ["left", "right"]
+    mouse.feedback(DeviceFeedback(led=False))
+    assert puck.peer.recv(64) == encode_led(False)
+    assert mouse.capabilities.buttons == ()
+    assert mouse.capabilities.feedback == {"led"}
+    mouse.close()
+    assert puck.peer.recv(64) == b""
+
+
+def test_socket_model_names_the_buttons(puck, open_mouse):
+    mouse = open_mouse(transport="socket", path=puck.path, model="spacemouse-pro")
+    puck.accept()
+    assert mouse.capabilities.buttons[:3] == ("menu", "fit", "top")
+    puck.send(encode_buttons(1 << 26, 7))
+    eventually(lambda: mouse.state().buttons == {"rotate-lock"})
+
+
+def test_socket_unplug_and_replug(puck, tmp_path, open_mouse, monkeypatch):
+    monkeypatch.setattr(shell, "RETRY_FIRST_S", 0.005)
+    mouse = open_mouse(transport="socket", path=puck.path)
+    puck.accept()
+    puck.send(REST, encode_buttons(1, 3))
+    eventually(lambda: mouse.state().buttons)
+    puck.close()
+    os.unlink(puck.path)
+    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+    assert [e.pressed for e in mouse.button_events()] == [True, False]
+    again = Puck(puck.path)
+    again.accept()
+    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+    again.close()
+
+
+def test_socket_that_is_not_there(tmp_path):
+    path = str(tmp_path / "nothing")
+    with pytest.raises(DeviceNotFoundError, match=r"no socket at .*nothing"):
+        SpaceMouse(SpaceMouseOptions(transport="socket", path=path)).open()
+    (tmp_path / "nothing").touch()
+    with pytest.raises(DeviceAccessError, match="Connection refused; is its simulated device"):
+        SpaceMouse(SpaceMouseOptions(transport="socket", path=path)).open()
+
+
+def test_socket_keeps_packets_apart(puck):
+    transport = SocketTransport(puck.path)
+    link = transport.open(transport.find()[0])
+    puck.accept()
+    assert link.read(0.0) is None
+    assert link.read(0.001) is None
+    puck.send(b"\x03\x01\x00", b"\x2a" * 40)
+    assert link.read(1.0) == b"\x03\x01\x00"
+    assert link.read(0.0) == b"\x2a" * 40
+    assert link.descriptor() is None
+    puck.peer.close()
+    with pytest.raises(OSError, match="unplugged"):
+        link.read(1.0)
+    link.close()
+
+
+def test_transports_can_be_replaced(usb):
+    puck = usb(FakePuck("spacenavigator"))
+    mouse = SpaceMouse(transports=[HidTransport("mine", "hidraw")])
+    with mouse:
+        assert puck.opened == 1
+    assert puck.opened == 0

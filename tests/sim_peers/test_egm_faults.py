@@ -1,0 +1,171 @@
+"""Each fault switch of the simulated controller."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from cardan.errors import ScriptError
+from cardan.protocols.egm import decode_robot
+from cardan.protocols.egm.messages import EgmRobot, MCIState, MotorState
+from cardan.sim_peers.base import parse_faults
+from cardan.sim_peers.egm_controller import FAULTS, FaultyLink
+from tests.sim_peers.egm_pc import TS, Pc, echo
+
+
+def through(faults, count=2000, seed=5, garbage=False):
+    """(time, number) of datagrams sent one a cycle through a faulty link."""
+    link = FaultyLink(faults, seed, garbage)
+    arrived = []
+    for n in range(count + 100):
+        now_s = n * TS
+        if n < count:
+            link.push(now_s, b"%d" % n)
+        arrived += [(now_s, data) for data in link.pop(now_s)]
+    assert link.next_s() is None
+    return arrived
+
+
+def numbers(arrived):
+    return [int(data) for _, data in arrived]
+
+
+def test_a_link_without_faults_is_transparent():
+    assert numbers(through({})) == list(range(2000))
+    assert not FaultyLink.wanted({"estop": 3.0, "drop": 0.0})
+    assert FaultyLink.wanted({"drop": 0.1})
+
+
+def test_drop():
+    got = numbers(through({"drop": 0.05}))
+    assert got == sorted(set(got))
+    assert len(got) == pytest.approx(1900, abs=40)
+
+
+def test_duplicate():
+    got = numbers(through({"duplicate": 0.05}))
+    assert sorted(set(got)) == list(range(2000))
+    assert len(got) == pytest.approx(2100, abs=40)
+
+
+def test_reorder():
+    got = numbers(through({"reorder": 0.05}))
+    assert sorted(got) == list(range(2000))
+    swaps = [b for a, b in zip(got, got[1:], strict=False) if b < a]
+    assert len(swaps) == pytest.approx(95, abs=30)
+    assert max(abs(n - at) for at, n in enumerate(got)) == 1
+
+
+def test_delay_and_jitter():
+    arrived = through({"delay": 20.0})
+    for at, data in arrived:
+        assert at - int(data) * TS == pytest.approx(0.020, abs=TS)
+    late = [at - int(data) * TS for at, data in through({"delay": 10.0, "jitter": 8.0})]
+    assert min(late) >= 0.010
+    assert max(late) <= 0.018 + TS
+    assert max(late) - min(late) > 0.006
+    assert numbers(through({"jitter": 8.0})) == list(range(2000))
+
+
+def test_garbage_comes_between_good_datagrams():
+    pc = Pc(mode="joint")
+    pc.run(2.0, echo)
+    link = FaultyLink({"garbage": 0.2}, 1, garbage=True)
+    good = bad = 0
+    for n, data in enumerate(pc.raw):
+        link.push(n * TS, data)
+        for arrived in link.pop(n * TS):
+            if arrived in pc.raw:
+                good += 1
+            else:
+                bad += 1
+                decode_robot(arrived)  # never raises
+    assert good == len(pc.raw)
+    assert bad == pytest.approx(0.2 * len(pc.raw), rel=0.3)
+
+
+def test_faults_repeat_with_the_seed():
+    faults = {"drop": 0.1, "duplicate": 0.1, "reorder": 0.1, "jitter": 5.0}
+    assert through(faults, seed=1) == through(faults, seed=1)
+    assert through(faults, seed=1) != through(faults, seed=2)
+
+
+def test_random_bytes_from_the_pc_change_nothing():
+    pc = Pc(mode="joint", encoder_noise_deg=0.0)
+    noise = random.Random(8)
+    pc.run(0.1, echo)
+    before = pc.core.joints_rad
+    pc.run(1.0, lambda m: noise.randbytes(noise.randrange(300)) if m.header.seqno % 2 else echo(m))
+    assert pc.core.joints_rad == pytest.approx(before, abs=1e-9)
+    assert sum(pc.core.counters.ignored.values()) > 100
+    assert pc.core.events == []
+
+
+def test_pause():
+    pc = Pc(mode="joint", faults={"pause": 0.3})
+    pc.run(11.0, echo)
+    gaps = [b - a for a, b in zip(pc.times, pc.times[1:], strict=False)]
+    assert [round(g, 1) for g in gaps if g > 2 * TS] == [0.3, 0.3]
+    assert pc.core.events == []
+    assert [m.header.seqno for m in pc.received] == list(range(len(pc.received)))
+    # A pause longer than CommTimeout is one.
+    pc = Pc(mode="joint", faults={"pause": 0.3}, comm_timeout_s=0.2)
+    pc.run(5.5, echo)
+    assert pc.codes[0] == 41822
+
+
+def test_restart():
+    pc = Pc(mode="joint", faults={"restart": 1.0})
+    pc.run(4.0, echo)
+    gaps = [b - a for a, b in zip(pc.times, pc.times[1:], strict=False)]
+    assert max(gaps) == pytest.approx(2.0, abs=0.02)
+    again = gaps.index(max(gaps)) + 1
+    assert pc.received[again].header.seqno == 0
+    assert pc.received[again].header.tm_ms < 100
+    assert pc.core.port_changes == 1
+    assert pc.last.mci_state == MCIState.RUNNING
+
+
+def test_port_change():
+    pc = Pc(mode="joint", faults={"port-change": 0.5})
+    pc.run(1.8, echo)
+    assert pc.core.port_changes == 3
+    assert [m.header.seqno for m in pc.received] == list(range(len(pc.received)))
+
+
+def test_emergency_stop_and_motors_off():
+    for name, code in (("estop", 10013), ("motors-off", 10010)):
+        pc = Pc(mode="joint", faults={name: 0.5})
+        pc.run(0.6, echo)
+        assert pc.codes[0] == code
+        assert pc.core.events[0].time_s == pytest.approx(0.5, abs=TS)
+        assert pc.last.motor_state == MotorState.OFF
+        pc.run(5.0, echo)
+        assert pc.last.motor_state == MotorState.OFF
+
+
+def test_clock_step():
+    pc = Pc(mode="joint", faults={"clock-step": -100.0})
+    pc.run(3.0, echo)
+    steps = [
+        b.feed_back.time_us - a.feed_back.time_us
+        for a, b in zip(pc.received, pc.received[1:], strict=False)
+    ]
+    assert min(steps) == pytest.approx(-100e6, rel=1e-3)
+    assert sum(s < 0 for s in steps) == 1
+    ticks = [
+        b.header.tm_ms - a.header.tm_ms
+        for a, b in zip(pc.received, pc.received[1:], strict=False)
+    ]
+    assert set(ticks) == {4, 5} or set(ticks) == {4}
+
+
+def test_the_command_line_finds_every_switch():
+    words = [switch.name for switch in FAULTS]
+    faults = parse_faults(words, FAULTS)
+    assert set(faults) == set(words)
+    with pytest.raises(ScriptError, match="there are: clock-step, delay, drop"):
+        parse_faults(["gremlins"], FAULTS)
+    message = decode_robot(Pc(faults=faults).core.cycle(0.0))
+    assert isinstance(message, EgmRobot)

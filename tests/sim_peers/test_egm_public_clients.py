@@ -1,0 +1,119 @@
+"""Public EGM clients, unmodified, drive the simulated controller over loopback UDP."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer
+from tests.sim_peers.egm_public_client import (
+    CYCLES,
+    SHIFT_MM,
+    SPEED_MM_S,
+    START_DEG,
+    TARGET_DEG,
+)
+
+PROGRAM = Path(__file__).with_name("egm_public_client.py")
+AT_MOST_S = 20.0
+
+both = pytest.mark.parametrize("library", ["ABBRobotEGM", "abb-robot-client"])
+
+
+def drive(library: str, scenario: str, **options: Any) -> tuple[dict[str, Any], EgmControllerPeer]:
+    """Serve a controller while the client's program runs; what it saw, and the controller."""
+    with subprocess.Popen(
+        [sys.executable, str(PROGRAM), library, scenario], stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            port = int(process.stdout.readline())
+            peer = EgmControllerPeer(EgmControllerOptions(pc_port=port, **options))
+            peer.open()
+            end_s = time.monotonic() + AT_MOST_S
+            while process.poll() is None and (now_s := time.monotonic()) < end_s:
+                peer.step(now_s + 0.02)
+            peer.close()
+            assert process.returncode == 0
+            return json.loads(process.stdout.read()), peer
+        finally:
+            process.kill()
+
+
+def joints_deg(peer: EgmControllerPeer) -> list[float]:
+    return [math.degrees(q) for q in peer.core.joints_rad]
+
+
+@both
+@pytest.mark.parametrize("robotware", ["6", "7"])
+def test_joints(library, robotware):
+    saw, peer = drive(library, "joints", mode="joint", robotware=robotware)
+    first, last = saw["first"], saw["last"]
+    assert first["motors_on"]
+    assert first["rapid_running"]
+    assert first["joints"] == pytest.approx(START_DEG, abs=0.01)
+    assert first["joints_planned"] == pytest.approx(START_DEG, abs=0.01)
+    assert last["joints"] == pytest.approx(TARGET_DEG, abs=0.03)
+    assert joints_deg(peer) == pytest.approx(TARGET_DEG, abs=0.03)
+    assert peer.core.counters.accepted > 0.9 * CYCLES
+    assert peer.core.counters.ignored == {}
+    assert all(event.code == 41830 for event in peer.core.events)
+
+
+@both
+@pytest.mark.parametrize("robotware", ["6.08", "7.6"])
+def test_poses(library, robotware):
+    saw, peer = drive(library, "poses", mode="pose", robotware=robotware)
+    target = [a + b for a, b in zip(saw["first"]["xyz"], SHIFT_MM, strict=True)]
+    last = saw["last"]
+    assert last["xyz"] == pytest.approx(target, abs=0.1)
+    assert last["xyz_planned"] == pytest.approx(target, abs=0.1)
+    dot = sum(
+        a * b for a, b in zip(saw["first"]["orientation"], last["orientation"], strict=True)
+    )
+    assert abs(dot) == pytest.approx(1.0, abs=1e-6)
+    assert [1e3 * c for c in peer.core.tcp.position] == pytest.approx(target, abs=0.1)
+    assert peer.core.counters.ignored == {}
+
+
+@both
+def test_speeds(library):
+    saw, peer = drive(library, "speeds", mode="pose", script="speed")
+    moved_mm = saw["last"]["xyz"][1] - saw["first"]["xyz"][1]
+    assert moved_mm == pytest.approx(SPEED_MM_S * CYCLES / 2 * 0.004032, abs=3.0)
+    assert peer.core.servo.at_rest or max(map(abs, peer.core.joint_speeds_rad_s)) < 1e-3
+
+
+@both
+def test_rapid_data_and_force(library):
+    saw, _ = drive(library, "rapid_data", mode="joint", robotware="7.7", force_control=True)
+    assert saw["last"]["rapid"] == [1.0, 2.5, -3.0]
+    assert len(saw["last"]["force"]) == 6
+    assert saw["last"]["move_index"] == 1
+
+
+@both
+def test_path_correction(library):
+    saw, peer = drive(library, "path_correction", script="path", path_correction_absolute=True)
+    aside = [b - a for a, b in zip(saw["first"]["xyz"], saw["last"]["xyz"], strict=True)]
+    assert aside[1] > 20.0
+    assert math.hypot(aside[0], aside[2]) == pytest.approx(10.0, abs=0.5)
+    assert peer.core.counters.ignored == {}
+
+
+@both
+def test_a_client_that_goes_silent_meets_its_comm_timeout(library):
+    saw, peer = drive(
+        library, "silence", mode="joint", script="teleop-once", comm_timeout_s=0.1
+    )
+    assert not saw["last"]["rapid_running"]
+    # CommTimeout, then the ramp time, at 4.032 ms each.
+    assert 21 + 0.5 / 0.004032 < saw["count"] < 21 + 0.75 / 0.004032
+    assert [event.code for event in peer.core.events] == [41822, 10125]

@@ -1,0 +1,148 @@
+"""The simulated controller's socket, over loopback."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from cardan.errors import AddressError
+from cardan.protocols.egm import decode_robot, encode_sensor
+from cardan.protocols.egm.messages import EgmRobot
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer
+from tests.sim_peers.egm_pc import TS, echo
+
+
+@contextmanager
+def pc_socket():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pc:
+        pc.bind(("127.0.0.1", 0))
+        pc.settimeout(2.0)
+        yield pc
+
+
+@contextmanager
+def serving(**options):
+    """A served peer; it steps in a thread of its own."""
+    peer = EgmControllerPeer(EgmControllerOptions(**options))
+    peer.open()
+    stopping = threading.Event()
+
+    def serve():
+        while not stopping.is_set():
+            peer.step(time.monotonic() + 0.02)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield peer
+    finally:
+        stopping.set()
+        thread.join()
+        peer.close()
+
+
+def converse(pc, count, answer=True):
+    """(message, source) of `count` datagrams, each answered at once."""
+    got = []
+    while len(got) < count:
+        data, source = pc.recvfrom(2048)
+        message = decode_robot(data)
+        if not isinstance(message, EgmRobot):
+            continue
+        got.append((message, source))
+        if answer:
+            pc.sendto(encode_sensor(echo(message)), source)
+    return got
+
+
+def test_answers_are_taken_and_the_schedule_holds():
+    with pc_socket() as pc:
+        port = pc.getsockname()[1]
+        with serving(pc_port=port, mode="joint") as peer:
+            assert peer.endpoint == f"127.0.0.1:{port}"
+            got = converse(pc, 150)
+            source_port = peer.local_port
+        assert {source[1] for _, source in got} == {source_port}
+        messages = [m for m, _ in got]
+        seqnos = [m.header.seqno for m in messages]
+        assert seqnos == list(range(150))
+        # The schedule is absolute: 149 periods, however late single cycles were.
+        span_s = (messages[-1].feed_back.time_us - messages[0].feed_back.time_us) * 1e-6
+        cycles = span_s / TS
+        assert cycles == pytest.approx(round(cycles), abs=0.01)
+        assert peer.core.counters.accepted > 100
+        assert peer.local_port is None
+
+
+def test_messages_from_elsewhere_are_not_heard():
+    with pc_socket() as pc, pc_socket() as stranger:
+        with serving(pc_port=pc.getsockname()[1], mode="joint") as peer:
+            for _ in range(20):
+                data, source = pc.recvfrom(2048)
+                message = decode_robot(data)
+                stranger.sendto(encode_sensor(echo(message)), source)
+        assert peer.core.counters.accepted == 0
+        assert peer.core.counters.ignored == {}
+
+
+def test_nobody_listens_at_first():
+    with pc_socket() as pc:
+        address = pc.getsockname()
+    with serving(pc_port=address[1], mode="joint", comm_timeout_s=60.0) as peer:
+        time.sleep(0.1)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pc:
+            pc.bind(address)
+            pc.settimeout(2.0)
+            got = converse(pc, 20)
+    assert [event.code for event in peer.core.events] == [41830]
+    assert got[0][0].header.seqno > 5
+    assert peer.core.counters.accepted > 5
+
+
+def test_a_restarted_controller_has_a_new_port():
+    with pc_socket() as pc:
+        with serving(pc_port=pc.getsockname()[1], mode="joint", faults={"port-change": 0.2}):
+            got = converse(pc, 120)
+    ports = [source[1] for _, source in got]
+    assert len(set(ports)) == 3
+
+
+def test_a_bad_network_both_ways():
+    faults = {"drop": 0.1, "duplicate": 0.1, "reorder": 0.1, "delay": 5.0, "garbage": 0.2}
+    with pc_socket() as pc:
+        with serving(pc_port=pc.getsockname()[1], mode="joint", faults=faults, seed=3) as peer:
+            got = converse(pc, 150)
+    seqnos = [m.header.seqno for m, _ in got]
+    assert len(set(seqnos)) < len(seqnos)
+    assert any(b < a for a, b in zip(seqnos, seqnos[1:], strict=False))
+    assert set(range(min(seqnos), max(seqnos))) - set(seqnos)
+    assert 80 < peer.core.counters.accepted < 200
+    assert peer.core.counters.noted["seqno did not advance"] > 5
+
+
+def test_no_burst_after_a_stall():
+    with pc_socket() as pc:
+        peer = EgmControllerPeer(
+            EgmControllerOptions(pc_port=pc.getsockname()[1], mode="joint", comm_timeout_s=60.0)
+        )
+        peer.open()
+        try:
+            peer.step(time.monotonic() + 0.05)
+            before = peer.core.counters.sent
+            time.sleep(0.2)
+            peer.step(time.monotonic() + 0.05)
+            assert peer.core.counters.sent - before <= 14
+        finally:
+            peer.close()
+
+
+def test_an_address_that_cannot_be():
+    host = "a" * 70  # longer than a label may be: refused without asking any server
+    peer = EgmControllerPeer(EgmControllerOptions(pc_host=host))
+    with pytest.raises(AddressError, match="cannot send to a"):
+        peer.open()
+    peer.close()
