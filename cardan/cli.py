@@ -16,7 +16,9 @@ from rich.table import Table
 
 from cardan import __version__
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
+from cardan.gateway.snapshot import Snapshot
 from cardan.sim_peers.base import FaultSwitch, SimulatedPeer, parse_faults, serve
+from cardan.types import DeviceLink, RobotLink
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -127,7 +129,21 @@ def run(file: ConfigFile, seconds: Seconds = None) -> None:
         view.console.print(summary(outcome.last))
     if outcome.last.error:
         print(f"cardan: {outcome.last.error}", file=sys.stderr)
+    if outcome.exit_code == EXIT_OK and (lack := _lack(outcome.last)):
+        print(f"cardan: {lack}", file=sys.stderr)
+        raise typer.Exit(EXIT_INCOMPLETE)
     raise typer.Exit(outcome.exit_code)
+
+
+def _lack(last: Snapshot) -> str:
+    """What was not as it should be when a session ended as asked; empty when all was."""
+    if last.cycles == 0:
+        return f"the robot was never commanded: {last.hold_reason or 'nothing was heard'}"
+    if last.robot_link != RobotLink.LIVE.value:
+        return f"at the end the robot was {last.robot_link}: {last.hold_reason}"
+    if last.device_link in (DeviceLink.LOST.value, DeviceLink.STALE.value):
+        return f"at the end the device was {last.device_link}: {last.device_reason}"
+    return ""
 
 
 @app.command()

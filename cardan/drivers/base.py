@@ -48,6 +48,10 @@ class Driver(ABC):
     def diagnosis(self) -> tuple[str, ...]:
         """What stands in the way or deserves attention, in plain words, worst first."""
 
+    def metrics(self) -> dict[str, float]:
+        """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""
+        return {}
+
     def __enter__(self: _D) -> _D:
         self.open()
         return self
@@ -129,7 +133,3 @@ class RobotDriver(Driver):
         """
         if digital is not None or values:
             raise CommandError(f"{type(self).__name__} has no outputs")
-
-    def metrics(self) -> dict[str, float]:
-        """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""
-        return {}

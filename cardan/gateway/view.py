@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -18,6 +19,9 @@ BAR_CELLS = 9
 
 PLAIN_PERIOD_S = 1.0
 """How often a view that is not on a terminal prints a line."""
+
+_DIGITS = re.compile(r"[0-9.,]+")
+"""What may change in a message without its saying anything new."""
 
 _PHASE_STYLES = {
     "moving": "bold green",
@@ -59,7 +63,6 @@ def render(snapshot: Snapshot) -> RenderableType:
             name, _bar(deflection, 1.0), f"{deflection:+.2f}", f"{speed * 1e3:+8.1f}", unit
         )
 
-    metrics = s.metrics
     robot = Table.grid(padding=(0, 2))
     robot.add_row("TCP measured, mm", _position_mm(s.pose))
     robot.add_row("TCP commanded, mm", _position_mm(s.reference))
@@ -109,7 +112,7 @@ class SessionView:
         self.console = console or Console()
         self._live: Live | None = None
         self._next_line_s = 0.0
-        self._last_message = ""
+        self._said = ""
 
     def __enter__(self) -> SessionView:
         if self.console.is_terminal:
@@ -126,14 +129,20 @@ class SessionView:
 
     def show(self, snapshot: Snapshot) -> None:
         """Show the newest snapshot."""
+        if snapshot.error:
+            return
         if self._live is not None:
             self._live.update(render(snapshot))
             return
         due = snapshot.elapsed_s >= self._next_line_s
-        if due or snapshot.message != self._last_message:
+        said = _DIGITS.sub("", f"{snapshot.message} {snapshot.diagnosis}")
+        if due or said != self._said:
             self._next_line_s = snapshot.elapsed_s + PLAIN_PERIOD_S
-            self._last_message = snapshot.message
             print(plain(snapshot), flush=True)
+            if said != self._said:
+                for line in snapshot.diagnosis:
+                    print(f"{'':10} {line}", flush=True)
+            self._said = said
 
 
 def plain(snapshot: Snapshot) -> str:

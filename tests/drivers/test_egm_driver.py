@@ -381,7 +381,12 @@ class TestOpening:
         assert robot.endpoint == endpoint
         robot.close()
         robot.close()
-        for use in (robot.cycles, lambda: robot.send(HoldCommand()), lambda: robot.endpoint):
+        for use in (
+            robot.cycles,
+            robot.stream,
+            lambda: robot.send(HoldCommand()),
+            lambda: robot.endpoint,
+        ):
             with pytest.raises(NotOpenError):
                 use()
         robot.open()

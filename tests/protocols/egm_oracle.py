@@ -144,7 +144,7 @@ def _classes():
 CLASSES = {name.removeprefix("oracle."): cls for name, cls in _classes().items()}
 
 
-class Refused(Exception):
+class RefusedError(Exception):
     """The datagram must be refused."""
 
 
@@ -153,9 +153,9 @@ def parse(name, data):
     try:
         message = CLASSES[name].FromString(data)
     except DecodeError as error:
-        raise Refused(str(error)) from None
+        raise RefusedError(str(error)) from None
     if not message.IsInitialized():
-        raise Refused("required fields are missing")
+        raise RefusedError("required fields are missing")
     return tree(message)
 
 
@@ -170,11 +170,11 @@ def tree(message):
 
 
 def robot(data):
-    """The EgmRobot that `data` holds; Refused when it is not one."""
+    """The EgmRobot that `data` holds; RefusedError when it is not one."""
     size(data)
     t = parse("EgmRobot", data)
     if t.get("header", {}).get("mtype", 0) not in (0, 2) or not t.keys() & {"feedBack", "planned"}:
-        raise Refused("not from a controller")
+        raise RefusedError("not from a controller")
     return EgmRobot(
         header=opt(header, t.get("header")),
         feed_back=opt(motion, t.get("feedBack")),
@@ -194,25 +194,25 @@ def robot(data):
 
 
 def from_pc(data):
-    """The EgmSensor or EgmSensorPathCorr that `data` holds; Refused when it is neither."""
+    """The EgmSensor or EgmSensorPathCorr that `data` holds; RefusedError when it is neither."""
     size(data)
     # The header is the same in both, and a broken one breaks both.
     try:
         mtype = parse("EgmSensorPathCorr", data).get("header", {}).get("mtype", 0)
-    except Refused:
+    except RefusedError:
         mtype = parse("EgmSensor", data).get("header", {}).get("mtype", 0)
     if mtype == 4:
         return path_corr(data)
     if mtype != 3:
         try:
             t = parse("EgmSensorPathCorr", data)
-        except Refused:
+        except RefusedError:
             t = {}
         if "pathCorr" in t:
             return path_corr(data)
     t = parse("EgmSensor", data)
     if not t:
-        raise Refused("nothing in it")
+        raise RefusedError("nothing in it")
     return EgmSensor(
         header=opt(header, t.get("header")),
         planned=opt(motion, t.get("planned")),
@@ -224,7 +224,7 @@ def from_pc(data):
 def path_corr(data):
     t = parse("EgmSensorPathCorr", data)
     if "pathCorr" not in t:
-        raise Refused("no pathCorr")
+        raise RefusedError("no pathCorr")
     return EgmSensorPathCorr(
         opt(header, t.get("header")), position(t["pathCorr"]["pos"]), t["pathCorr"]["age"]
     )
@@ -232,7 +232,7 @@ def path_corr(data):
 
 def size(data):
     if not 0 < len(data) <= 2048:
-        raise Refused("size")
+        raise RefusedError("size")
 
 
 def opt(function, value, *more):
@@ -241,7 +241,7 @@ def opt(function, value, *more):
 
 def finite(values):
     if not all(math.isfinite(v) for v in values):
-        raise Refused("not finite")
+        raise RefusedError("not finite")
     return values
 
 
@@ -252,7 +252,7 @@ def numbers(t, name):
 def limited(t, name, most=6):
     values = numbers(t, name)
     if len(values) > most:
-        raise Refused("too many")
+        raise RefusedError("too many")
     return finite(values)
 
 
@@ -290,7 +290,7 @@ def speed_ref(t):
     def cartesians(t):
         values = limited(t, "value")
         if len(values) != 6:
-            raise Refused("not six")
+            raise RefusedError("not six")
         return (*[v * 1e-3 for v in values[:3]], *[math.radians(v) for v in values[3:]])
 
     return EgmSpeedRef(

@@ -64,19 +64,24 @@ robot = st.builds(
     rapid_exec_state=state,
 )
 
-whole_pose = st.builds(EgmPose, vector, quaternion, maybe(vector))
-whole_motion = st.builds(EgmMotion, six, whole_pose, st.none(), time)
-usual_robot = st.builds(
-    lambda later, **fields: EgmRobot(**fields, **later),
-    later=later_fields,
-    header=st.builds(EgmHeader, u32, u32, st.just(2)),
-    feed_back=whole_motion,
-    planned=whole_motion,
-    motor_state=st.integers(0, 2),
-    mci_state=st.integers(0, 3),
-    mci_convergence_met=st.booleans(),
-    rapid_exec_state=st.integers(0, 2),
-)
+
+def usual_robots(euler):
+    pose = st.builds(EgmPose, vector, quaternion, euler)
+    motion = st.builds(EgmMotion, six, pose, st.none(), time, st.none())
+    return st.builds(
+        lambda later, **fields: EgmRobot(**fields, **later),
+        later=later_fields,
+        header=st.builds(EgmHeader, u32, u32, st.just(2)),
+        feed_back=motion,
+        planned=motion,
+        motor_state=st.integers(0, 2),
+        mci_state=st.integers(0, 3),
+        mci_convergence_met=st.booleans(),
+        rapid_exec_state=st.integers(0, 2),
+    )
+
+
+usual_robot = usual_robots(st.none()) | usual_robots(vector)
 """What a controller of a six-axis robot sends in every cycle."""
 
 speed_ref = st.builds(EgmSpeedRef, maybe(up_to_six), maybe(six), maybe(up_to_six))

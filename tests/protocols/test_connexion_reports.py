@@ -102,9 +102,9 @@ def test_unusable_reports_are_named(text, value):
 def test_length_tells_the_family():
     split, one = encode_translation(1, 2, 3), encode_motion(1, 2, 3, 4, 5, 6)
     assert decode_input(split) == Translation(1, 2, 3)
-    assert decode_input(split + bytes(5)) == Translation(1, 2, 3)
+    assert decode_input(split + bytes(5)) == MalformedReport("too short", 0x01)
     assert decode_input(split + bytes(6)) == Motion(1, 2, 3, 0, 0, 0)
-    assert decode_input(one[:12]) == Translation(1, 2, 3)
+    assert decode_input(one[:12]) == MalformedReport("too short", 0x01)
     assert decode_input(one + bytes(51)) == Motion(1, 2, 3, 4, 5, 6)
 
 

@@ -207,9 +207,8 @@ def test_any_robot_comes_back(robot):
 def test_a_usual_robot_comes_back_the_short_way(robot):
     data = egm.encode_robot(robot)
     assert_close_robot(egm.decode_robot(data), robot)
-    in_the_first_16_ms = any(m.time_us % 10**6 < 1 << 14 for m in (robot.feed_back, robot.planned))
-    before_1978 = any(m.time_us < (1 << 28) * 10**6 for m in (robot.feed_back, robot.planned))
-    if not in_the_first_16_ms and not before_1978:
+    clocks = [divmod(m.time_us, 10**6) for m in (robot.feed_back, robot.planned)]
+    if all(sec >= 1 << 28 and usec >= 1 << 14 for sec, usec in clocks):
         _, end = decode_canonical_start(data)
         assert data[end:] == egm.encode_robot(EgmRobot(*[None] * 8, *robot[8:]))
 

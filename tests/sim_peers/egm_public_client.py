@@ -17,8 +17,8 @@ START_DEG = np.array([0.0, 0.0, 0.0, 0.0, 30.0, 0.0])
 TARGET_DEG = START_DEG + np.array([5.0, -3.0, 2.0, 4.0, -5.0, 10.0])
 SHIFT_MM = np.array([-20.0, 40.0, 15.0])
 SPEED_MM_S = 25.0
-CYCLES = 400
-"""1.6 s: at k = 5 a step is reached to 0.04 %."""
+CYCLES = 180
+"""0.7 s: at k = 15 a step is reached to 0.002 %, delays aside."""
 
 
 def receive(client: Any) -> Any:
@@ -90,7 +90,7 @@ def rapid_data(client: Any) -> list[Any]:
 
 def path_correction(client: Any) -> list[Any]:
     states = [receive(client)]
-    for _ in range(25):
+    for _ in range(18):
         client.send_to_robot_path_corr([0.0, 6.0, 8.0], age=1)
         states.append(receive(client))
     return states

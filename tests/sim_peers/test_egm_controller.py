@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -18,7 +19,12 @@ from cardan.protocols.egm.messages import (
     MotorState,
     RapidState,
 )
-from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, EgmState
+from cardan.sim_peers.egm_controller import (
+    SCRIPTS,
+    EgmController,
+    EgmControllerOptions,
+    EgmState,
+)
 from cardan.sim_peers.egm_controller.kinematics import GOFA
 from cardan.spatial import from_rotation_vector, multiply, norm, rotation_between, subtract
 from cardan.types import Quaternion, Vector3
@@ -129,6 +135,13 @@ def test_mode_mismatch_is_fatal(tmp_path):
     pc.run(0.1)
     assert pc.codes == [41826, 10125]
     assert pc.core.state is EgmState.CONNECTED
+
+
+def test_path_correction_has_no_run(tmp_path):
+    pc = Pc(mode="path", script=script(tmp_path, TELEOP))
+    pc.run(0.1)
+    assert "no EGMRun for path correction" in pc.core.events[0].text
+    assert Pc(mode="path").core.options.program == "path"
 
 
 def test_level_must_fit_the_mode(tmp_path):
@@ -349,6 +362,20 @@ def test_teleop_is_restarted_by_an_operator():
     assert all(m.mci_state == MCIState.RUNNING for m in again[restart:])
 
 
+def test_an_operator_also_switches_motors_on_and_jogs_back_into_range():
+    outside = Pc(mode="joint")
+    outside.run(0.1, outside.joints(0, 0, 86, 0, 30, 0))
+    outside.run(3.0, echo)
+    assert outside.codes == [0, 10010, 10125, 10011, 10151]
+    assert outside.core.state is EgmState.RUNNING
+    limit = Pc(mode="joint", joints_deg=(0, 0, 84, 0, 30, 0), pos_corr_gain=0.0)
+    limit.run(1.0, limit.joints(speeds_deg_s=(0, 0, 20, 0, 0, 0)))
+    limit.run(3.0, limit.joints(speeds_deg_s=(0, 0, 0, 0, 0, 0)))
+    assert limit.codes == [50027, 10125, 10151]
+    assert limit.joints_deg[2] == pytest.approx(85.0)
+    assert limit.core.state is EgmState.RUNNING
+
+
 def test_error_handler_retries_a_blocking_run_only(tmp_path):
     for words, recovered in (("", True), ("nowait ", False)):
         pc = Pc(
@@ -492,9 +519,7 @@ def test_motors_off_and_on(tmp_path):
     pc.run(1.0, echo)
     assert pc.codes == [10010, 10125, 0, 10011, 10151]
     assert pc.last.mci_state == MCIState.RUNNING
-    strict = Pc(
-        mode="joint", script=script(tmp_path, text), do_not_restart_after_motors_off=True
-    )
+    strict = Pc(mode="joint", script=script(tmp_path, text), do_not_restart_after_motors_off=True)
     strict.run(5.0, echo)
     assert strict.core.state is EgmState.CONNECTED
 
@@ -646,9 +671,7 @@ def test_bad_messages_are_counted_and_change_nothing():
     pc.run(0.1, pc.joints(*START_DEG))
     accepted = pc.core.counters.accepted
     good = encode_sensor(marked(pc, 1))
-    nan = encode_sensor(
-        EgmSensor(EgmHeader(1, 0, 3), EgmMotion(joints=(math.nan, 0, 0, 0, 0, 0)))
-    )
+    nan = encode_sensor(EgmSensor(EgmHeader(1, 0, 3), EgmMotion(joints=(math.nan, 0, 0, 0, 0, 0))))
     short = EgmSensor(EgmHeader(1, 0, 3), EgmMotion(joints=(0.1, 0.2, 0.3)))
     for bad in (b"", good[:-3], b"\xff" * 3000, b"GET /", nan):
         pc.send(bad)
@@ -716,7 +739,16 @@ def test_datagrams_left_in_the_queue_act_in_the_next_run(tmp_path):
     before = pc.core.counters.accepted
     pc.send(marked(pc, 300))
     pc.run(0.5)
-    assert pc.core.counters.accepted > before
+    # The answer to the last datagram of the first run waits there as well.
+    assert pc.core.counters.accepted == before + 2
+    # A new connection of the device begins with an empty queue.
+    pc = Pc(mode="joint", script=script(tmp_path, text.replace("1 run cond-time=1e6", "1 restart")))
+    pc.run(0.6, pc.joints(*START_DEG))
+    before = pc.core.counters.accepted
+    pc.send(marked(pc, 300))
+    pc.run(0.8)
+    assert pc.core.state is EgmState.RUNNING
+    assert pc.core.counters.accepted == before
 
 
 # ---------------------------------------------------------------------------------------------
@@ -739,7 +771,7 @@ def test_missed_cycles_are_made_up_for_without_datagrams():
 def test_sample_rate():
     pc = Pc(mode="joint", sample_rate_ms=16)
     pc.run(1.0, echo)
-    gaps = [b - a for a, b in zip(pc.times, pc.times[1:], strict=False)]
+    gaps = [b - a for a, b in pairwise(pc.times)]
     assert gaps == pytest.approx([4 * TS] * len(gaps))
     assert pc.core.state is EgmState.RUNNING
 
@@ -762,7 +794,7 @@ def test_path_correction_runs_the_path_and_refuses_guidance():
     pc = Pc(script="path")
     start = pc.core.tcp
     pc.run(3.0, echo)
-    gaps = [b - a for a, b in zip(pc.times, pc.times[1:], strict=False)]
+    gaps = [b - a for a, b in pairwise(pc.times)]
     assert gaps == pytest.approx([12 * TS] * len(gaps))
     assert pc.core.counters.ignored["guidance in path correction mode"] == len(pc.received) - 1
     assert pc.core.tcp.position.y == pytest.approx(0.12, abs=0.01)
@@ -833,6 +865,7 @@ def test_bad_options_name_their_key(options):
     [
         "0 setup sideways",
         "0 run axes=9",
+        "0 run path",
         "0 run pos-gain=3",
         "0 act window=wide",
         "0 act sample-rate=7",
@@ -851,11 +884,9 @@ def test_bad_script_lines_quote_the_usage(tmp_path, line):
 
 
 def test_every_built_in_script_runs():
-    from cardan.sim_peers.egm_controller import SCRIPTS
-
     for name in SCRIPTS:
         for mode in ("joint", "pose"):
             pc = Pc(script=name, mode=mode)
-            pc.run(1.0, echo)
+            pc.run(0.4, echo)
             assert pc.received, name
             assert pc.core.events == [], name

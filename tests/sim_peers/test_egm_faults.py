@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from itertools import pairwise
 
 import pytest
 
@@ -52,7 +53,7 @@ def test_duplicate():
 def test_reorder():
     got = numbers(through({"reorder": 0.05}))
     assert sorted(got) == list(range(2000))
-    swaps = [b for a, b in zip(got, got[1:], strict=False) if b < a]
+    swaps = [b for a, b in pairwise(got) if b < a]
     assert len(swaps) == pytest.approx(95, abs=30)
     assert max(abs(n - at) for at, n in enumerate(got)) == 1
 
@@ -105,7 +106,7 @@ def test_random_bytes_from_the_pc_change_nothing():
 def test_pause():
     pc = Pc(mode="joint", faults={"pause": 0.3})
     pc.run(11.0, echo)
-    gaps = [b - a for a, b in zip(pc.times, pc.times[1:], strict=False)]
+    gaps = [b - a for a, b in pairwise(pc.times)]
     assert [round(g, 1) for g in gaps if g > 2 * TS] == [0.3, 0.3]
     assert pc.core.events == []
     assert [m.header.seqno for m in pc.received] == list(range(len(pc.received)))
@@ -118,7 +119,7 @@ def test_pause():
 def test_restart():
     pc = Pc(mode="joint", faults={"restart": 1.0})
     pc.run(4.0, echo)
-    gaps = [b - a for a, b in zip(pc.times, pc.times[1:], strict=False)]
+    gaps = [b - a for a, b in pairwise(pc.times)]
     assert max(gaps) == pytest.approx(2.0, abs=0.02)
     again = gaps.index(max(gaps)) + 1
     assert pc.received[again].header.seqno == 0
@@ -148,16 +149,10 @@ def test_emergency_stop_and_motors_off():
 def test_clock_step():
     pc = Pc(mode="joint", faults={"clock-step": -100.0})
     pc.run(3.0, echo)
-    steps = [
-        b.feed_back.time_us - a.feed_back.time_us
-        for a, b in zip(pc.received, pc.received[1:], strict=False)
-    ]
+    steps = [b.feed_back.time_us - a.feed_back.time_us for a, b in pairwise(pc.received)]
     assert min(steps) == pytest.approx(-100e6, rel=1e-3)
     assert sum(s < 0 for s in steps) == 1
-    ticks = [
-        b.header.tm_ms - a.header.tm_ms
-        for a, b in zip(pc.received, pc.received[1:], strict=False)
-    ]
+    ticks = [b.header.tm_ms - a.header.tm_ms for a, b in pairwise(pc.received)]
     assert set(ticks) == {4, 5} or set(ticks) == {4}
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from itertools import pairwise
 
 import pytest
 
@@ -64,17 +65,17 @@ def test_answers_are_taken_and_the_schedule_holds():
         port = pc.getsockname()[1]
         with serving(pc_port=port, mode="joint") as peer:
             assert peer.endpoint == f"127.0.0.1:{port}"
-            got = converse(pc, 150)
+            got = converse(pc, 100)
             source_port = peer.local_port
         assert {source[1] for _, source in got} == {source_port}
         messages = [m for m, _ in got]
         seqnos = [m.header.seqno for m in messages]
-        assert seqnos == list(range(150))
+        assert seqnos == list(range(100))
         # The schedule is absolute: 149 periods, however late single cycles were.
         span_s = (messages[-1].feed_back.time_us - messages[0].feed_back.time_us) * 1e-6
         cycles = span_s / TS
         assert cycles == pytest.approx(round(cycles), abs=0.01)
-        assert peer.core.counters.accepted > 100
+        assert peer.core.counters.accepted > 80
         assert peer.local_port is None
 
 
@@ -104,23 +105,25 @@ def test_nobody_listens_at_first():
 
 
 def test_a_restarted_controller_has_a_new_port():
-    with pc_socket() as pc:
-        with serving(pc_port=pc.getsockname()[1], mode="joint", faults={"port-change": 0.2}):
-            got = converse(pc, 120)
+    faults = {"port-change": 0.2}
+    with pc_socket() as pc, serving(pc_port=pc.getsockname()[1], mode="joint", faults=faults):
+        got = converse(pc, 120)
     ports = [source[1] for _, source in got]
     assert len(set(ports)) == 3
 
 
 def test_a_bad_network_both_ways():
     faults = {"drop": 0.1, "duplicate": 0.1, "reorder": 0.1, "delay": 5.0, "garbage": 0.2}
-    with pc_socket() as pc:
-        with serving(pc_port=pc.getsockname()[1], mode="joint", faults=faults, seed=3) as peer:
-            got = converse(pc, 150)
+    with ExitStack() as stack:
+        pc = stack.enter_context(pc_socket())
+        port = pc.getsockname()[1]
+        peer = stack.enter_context(serving(pc_port=port, mode="joint", faults=faults, seed=3))
+        got = converse(pc, 100)
     seqnos = [m.header.seqno for m, _ in got]
     assert len(set(seqnos)) < len(seqnos)
-    assert any(b < a for a, b in zip(seqnos, seqnos[1:], strict=False))
+    assert any(b < a for a, b in pairwise(seqnos))
     assert set(range(min(seqnos), max(seqnos))) - set(seqnos)
-    assert 80 < peer.core.counters.accepted < 200
+    assert 50 < peer.core.counters.accepted < 150
     assert peer.core.counters.noted["seqno did not advance"] > 5
 
 

@@ -277,8 +277,9 @@ class AbbEgm(RobotDriver):
     def stream(self) -> EgmStream:
         """Let a thread answer every datagram at once, for applications slower than the robot.
 
-        To be used in `with`, instead of cycles() and send().
+        To be used in `with`, instead of cycles() and send(), on an open driver.
         """
+        self._open_socket()
         return EgmStream(self)
 
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:

@@ -26,7 +26,7 @@ from cardan.protocols.egm import (
     encode_pose_reply,
     encode_sensor,
 )
-from cardan.spatial import normalized, rotation_between
+from cardan.spatial import rotation_between
 from cardan.types import (
     ZERO3,
     ZERO_TWIST,
@@ -288,7 +288,7 @@ def _heading(state: RobotState) -> Sequence[float]:
 
 
 _NORM_TOLERANCE = 0.02
-"""Of a quaternion's squared length: rounding is repaired, anything else is a mistake."""
+"""Of a quaternion's squared length: rounding does no harm, anything else is a mistake."""
 
 
 class PoseGuidance(Guidance):
@@ -371,9 +371,6 @@ class PoseGuidance(Guidance):
             (position, orientation, _), twist, externals, _ = command
             linear, angular = (None, None) if twist is None else twist[:2]
             point.track(position, linear, dt_s)
-            qw, qx, qy, qz = orientation
-            if not -1e-9 < qw * qw + qx * qx + qy * qy + qz * qz - 1.0 < 1e-9:
-                orientation = normalized(orientation)
             turn.track(orientation, angular, dt_s)
             if self._externals.count:
                 self._externals.step(externals, dt_s)

@@ -383,8 +383,9 @@ class OrientationLimiter:
         self.orientation = orientation
 
     def track(self, target: Quaternion, velocity: Sequence[float] | None, dt_s: float) -> None:
-        """One period towards `target` (a unit quaternion), which turns as it was seen to turn.
+        """One period towards `target`, which turns as it was seen to turn.
 
+        Of a target whose length is not quite 1 the rotation counts.
         `velocity` stands in for that on the first call after a reset or a brake.
         """
         previous = self._target

@@ -143,6 +143,8 @@ class EgmSession:
         self._fresh = False
         self._seqno = 0
         self._tm_ms: int | None = None
+        self._time_us: int | None = None
+        self._jitter_s = 0.0
         self._last_s = NEVER_S
         self._session_s = NEVER_S
         self._session_first = 0
@@ -214,23 +216,24 @@ class EgmSession:
             self._session_s = now_s
             self._session_first = self.counters.accepted
         else:
-            period_s = self._period(feedback, step)
-            self.jitter.add(abs(now_s - self._last_s - period_s))
+            period_s = self._period(feedback.time_us, step)
+            self._jitter_s = abs(now_s - self._last_s - period_s)
             if self.owes_answer:
                 self.counters.superseded += 1
         self._seqno = seqno
         self._tm_ms = header.tm_ms
+        self._time_us = feedback.time_us
         self._last_s = now_s
         self._since_reply_s += period_s
         self.counters.accepted += 1
         states = (message.motor_state, message.mci_state, message.rapid_exec_state)
         if states != self._controller_states:
             self._enter(states)
+        if pose is not None:
+            self._orientation = pose.orientation
         self.message = message
         self.owes_answer = True
         self._before = self.state
-        if pose is not None:
-            self._orientation = pose.orientation
         self.state = state = self._state(message, feedback, pose, now_s, period_s)
         return state
 
@@ -313,17 +316,15 @@ class EgmSession:
             return max(clocks) > 0.0 or step < -_LATE_MAX
         return step < -_REORDERED_MAX
 
-    def _period(self, feedback: EgmMotion, step: int) -> float:
+    def _period(self, time_us: int | None, step: int) -> float:
         """Time since the message before, by the controller's clock if that is plausible, s."""
         nominal_s = self._nominal_s * step
-        last = self.message
-        if feedback.time_us is not None and last is not None and last.feed_back is not None:
-            before_us = last.feed_back.time_us
-            if before_us is not None:
-                measured_s = (feedback.time_us - before_us) * 1e-6
-                # Outside of this its clock was set.
-                if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
-                    return measured_s
+        before_us = self._time_us
+        if time_us is not None and before_us is not None:
+            measured_s = (time_us - before_us) * 1e-6
+            # Outside of this its clock was set.
+            if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
+                return measured_s
         return nominal_s
 
     def _begin(self, cause: str, source: Address) -> None:
@@ -462,8 +463,6 @@ class EgmSession:
                 guidance.step(None, state, dt_s)
             else:
                 guidance.step(command, state, dt_s)
-            if self.slow_motion.due():
-                self.slow_motion.look(guidance.progress(state), now_s)
         return self._encode(now_s)
 
     def hold(self, now_s: float) -> bytes:
@@ -472,9 +471,14 @@ class EgmSession:
         return self.reply(_HOLD, now_s)
 
     def answered(self, now_s: float) -> None:
-        """Note that the answer left at `now_s`."""
-        if self.state is not None:
-            self.reply_latency.add(now_s - self.state.stamp_s)
+        """Note that the answer left at `now_s`, and what else need not come before it."""
+        state = self.state
+        if state is None:
+            return
+        self.reply_latency.add(now_s - state.stamp_s)
+        self.jitter.add(self._jitter_s)
+        if not state.hold_reason and self.slow_motion.due():
+            self.slow_motion.look(self._guidance.progress(state), now_s)
 
     def send_failed(self, reason: str) -> None:
         """Note that the answer could not be sent."""

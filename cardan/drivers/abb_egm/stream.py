@@ -36,7 +36,6 @@ class EgmStream:
         self._newest: tuple[RobotCommand, float, int] = (HoldCommand(), 0.0, -1)
 
     def __enter__(self) -> EgmStream:
-        self._driver.open()
         self._stopping = False
         self._thread = threading.Thread(target=self._answer, name="EGM", daemon=True)
         self._thread.start()

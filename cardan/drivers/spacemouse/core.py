@@ -346,7 +346,7 @@ class SpaceMouseCore:
         if now_s - max(older.stamp_s, self._active_since_s) <= STALE_AFTER_S:
             return
         self._counts["silences"] += 1
-        what = older.name if now_s - self._motion_s <= STALE_AFTER_S else "motion"
+        what = older.name if now_s - self._motion_s <= GAP_AFTER_S else "motion"
         self._distrust(
             DeviceLink.STALE,
             f"deflected, but no {what} report for {STALE_AFTER_S:.1f} s: check radio, cable and "

@@ -89,16 +89,16 @@ def decode_from_pc(
             raise _wrong_size(data)
         mtype = _parse(schema.Envelope, data).header.mtype
         if mtype == MessageType.PATH_CORRECTION:
-            return _path_corr(_parse(schema.SensorPathCorr, data))
+            return _path_corr(_parse_complete(schema.SensorPathCorr, data))
         if mtype != MessageType.CORRECTION:
             try:
-                message = _parse(schema.SensorPathCorr, data)
+                message = _parse_complete(schema.SensorPathCorr, data)
             except _RefusedError:
                 pass
             else:
                 if message.HasField("pathCorr"):
                     return _path_corr(message)
-        return _sensor(_parse(schema.Sensor, data))
+        return _sensor(_parse_complete(schema.Sensor, data))
     except _RefusedError as refused:
         return refused.malformed
 
@@ -120,11 +120,16 @@ def _wrong_size(data: bytes) -> _RefusedError:
 
 
 def _parse(message_class: Any, data: bytes) -> Any:
-    """A complete protobuf message of `message_class`."""
+    """A protobuf message of `message_class`, which may lack required fields."""
     try:
-        message = message_class.FromString(data)
+        return message_class.FromString(data)
     except DecodeError as error:
         raise _RefusedError(Fault.TRUNCATED, str(error)) from None
+
+
+def _parse_complete(message_class: Any, data: bytes) -> Any:
+    """A protobuf message of `message_class` with all required fields."""
+    message = _parse(message_class, data)
     if not message.IsInitialized():
         missing = ", ".join(message.FindInitializationErrors())
         raise _RefusedError(Fault.WRONG_TYPE, f"required fields are missing: {missing}")
@@ -132,7 +137,7 @@ def _parse(message_class: Any, data: bytes) -> Any:
 
 
 def _robot(data: bytes) -> EgmRobot:
-    m = _parse(schema.Robot, data)
+    m = _parse_complete(schema.Robot, data)
     has = m.HasField
     header = _header(m)
     if header is not None and header.mtype not in (MessageType.DATA, MessageType.UNDEFINED):
@@ -159,7 +164,10 @@ _FIRST_FIELDS = tuple(schema.Robot.DESCRIPTOR.fields_by_name)[:8]
 
 
 def _continued(robot: EgmRobot, data: bytes, at: int) -> EgmRobot:
-    """`robot`, of which the first eight fields are known, with what `data` has from `at` on."""
+    """`robot`, of which the first eight fields are known, with what `data` has from `at` on.
+
+    None of the later fields has required ones in it.
+    """
     rest = data[at:]
     m = _parse(schema.Robot, rest)
     if any(map(m.HasField, _FIRST_FIELDS)):

@@ -97,7 +97,7 @@ class EgmController:
         self.options = options = EgmControllerOptions() if options is None else options
         self._wall_start_s = wall_start_s
         self._actions: deque[Action] = deque(
-            compile_script(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
+            compile_script(load_script(options.program, SCRIPTS, SCRIPT_VERBS))
         )
         self._profile = options.profile
         self._noted: Counter[str] = Counter()
@@ -131,6 +131,7 @@ class EgmController:
         self._port_periods = 0
         self._off_until_s: float | None = None
         self._session = 0
+        self._connections = 0
         self._seqno = options.seqno_start
         self._session_cycle = 0
         self._pc_seqno: int | None = None
@@ -298,6 +299,9 @@ class EgmController:
     def _due(self) -> bool:
         """True in the cycles in which EGM exchanges datagrams."""
         rapid = self.rapid
+        if rapid.connections != self._connections:
+            self._connections = rapid.connections
+            self._queue.clear()
         if not rapid.sending or self._off_until_s is not None:
             return False
         if rapid.session != self._session:

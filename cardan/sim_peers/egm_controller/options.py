@@ -53,7 +53,7 @@ class EgmControllerOptions:
     mode: Mode = Mode.POSE
     """For script lines that name none."""
     script: str = "teleop"
-    """A built-in name or a file."""
+    """A built-in name or a file; in mode PATH "teleop" is "path"."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by name, from `cardan.sim_peers.base.parse_faults`."""
     seed: int = 0
@@ -145,6 +145,11 @@ class EgmControllerOptions:
         check("sample_rate_ms", rate is None or (rate >= 4 and rate % 4 == 0), "a multiple of 4")
         unknown = sorted(set(self.faults) - {switch.name for switch in FAULTS})
         check("faults", not unknown, f"made of known faults (unknown: {', '.join(unknown)})")
+
+    @property
+    def program(self) -> str:
+        """The script to run."""
+        return "path" if self.mode is Mode.PATH and self.script == "teleop" else self.script
 
     @property
     def release(self) -> str:

@@ -94,6 +94,8 @@ class RapidTask:
         self.events: list[Event] = []
         self.session = 0
         """Counts the times that sending began."""
+        self.connections = 0
+        """Counts the times that the UdpUc device was opened."""
         self.move_index = 0
         self.motors_on = True
         self.program_running = True
@@ -199,8 +201,9 @@ class RapidTask:
 
     def get_id(self) -> None:
         """EGMGetId."""
-        if self._runs("EGMGetId"):
+        if self._runs("EGMGetId") and not self._identity:
             self._identity = True
+            self.connections += 1
 
     def setup(self, arguments: Setup) -> None:
         """EGMSetupUC."""
@@ -235,6 +238,9 @@ class RapidTask:
 
     def run(self, arguments: Run) -> None:
         """EGMRunJoint or EGMRunPose."""
+        if arguments.mode is Mode.PATH:
+            self._rapid_error(UNNUMBERED, "there is no EGMRun for path correction: use EGMMoveL")
+            return
         if not self._ready_to_move("EGMRun", arguments.mode):
             return
         self._record("motion", lambda: self.run(arguments))

@@ -280,6 +280,7 @@ def _egmmovel(words: Sequence[str]) -> dict[str, Any]:
 
 
 _MODES = {mode.value: {"mode": mode} for mode in Mode}
+_RUN_MODES = {name: flag for name, flag in _MODES.items() if name != Mode.PATH.value}
 _STOP_MODES = {mode.value: {"stop_mode": mode} for mode in StopMode}
 
 _PARSERS: Mapping[str, Callable[[Sequence[str]], dict[str, Any]]] = {
@@ -296,7 +297,7 @@ _PARSERS: Mapping[str, Callable[[Sequence[str]], dict[str, Any]]] = {
         },
     ),
     "run": _words(
-        {**_MODES, **_STOP_MODES, "nowait": {"no_wait": True}},
+        {**_RUN_MODES, **_STOP_MODES, "nowait": {"no_wait": True}},
         {
             "axes": _axes,
             "cond-time": _number("cond_time_s"),
