@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
-from cardan.spatial import is_finite, norm, rotation_between, scale, subtract
+from cardan.spatial import is_finite, rotation_between, scale, subtract
 from cardan.types import (
     ZERO_TWIST,
     ButtonEvent,
@@ -151,7 +151,8 @@ class TeleopEngine:
             self.reference.place(measured)
         elif self._phase is Phase.NO_ROBOT or self.reference.pose is None:
             self.reference.place(measured)
-        self._supervise(robot, device, measured)
+        self.reference.observe(measured)
+        self._supervise(robot, device)
         self._arm(device)
 
         wanted = ZERO_TWIST
@@ -161,7 +162,7 @@ class TeleopEngine:
         if self._resyncing:
             wanted = self._resync_twist(measured)
         dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
-        self.reference.advance(wanted, measured, dt_s)
+        self.reference.advance(wanted, dt_s)
         self._settle(device)
         pose = self.reference.pose
         assert pose is not None
@@ -189,12 +190,9 @@ class TeleopEngine:
         self._trip_reason = reason
         self._trips += 1
 
-    def _supervise(self, robot: RobotState, device: DeviceState, measured: Pose) -> None:
+    def _supervise(self, robot: RobotState, device: DeviceState) -> None:
         """Take the operator's hand off the robot when anything is wrong."""
-        pose = self.reference.pose
-        assert pose is not None
-        error_m = norm(subtract(pose.position, measured.position))
-        error_rad = norm(rotation_between(measured.orientation, pose.orientation))
+        error_m, error_rad = self.reference.ahead_m, self.reference.ahead_rad
         limits = self.watchdogs
         if error_m > limits.following_error_m or error_rad > limits.following_error_rad:
             if not self._resyncing:

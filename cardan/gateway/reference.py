@@ -76,9 +76,13 @@ class Reference:
         """m/s along base axes."""
         self.angular = ZERO3
         """rad/s along base axes."""
-        self.leash_used = 0.0
-        """Share of the leash that is taken up, 0..1 and above; the worse of the two."""
+        self.ahead_m = 0.0
+        """Distance from the position last observed to the reference."""
+        self.ahead_rad = 0.0
+        """Angle from the orientation last observed to the reference."""
         self.at_workspace_limit = False
+        self._ahead = self._turned_ahead = ZERO3
+        self._walled = any(limits.workspace_m)
 
     @property
     def twist(self) -> Twist:
@@ -93,11 +97,25 @@ class Reference:
     def place(self, pose: Pose) -> None:
         """Put the reference at `pose`, at rest. Only while the robot is not under command."""
         self.pose = Pose(pose.position, normalized(pose.orientation), Frame.BASE)
-        self.linear = self.angular = ZERO3
-        self.leash_used = 0.0
+        self.linear = self.angular = self._ahead = self._turned_ahead = ZERO3
+        self.ahead_m = self.ahead_rad = 0.0
         self.at_workspace_limit = False
 
-    def advance(self, target: Twist, measured: Pose, dt_s: float) -> None:
+    @property
+    def leash_used(self) -> float:
+        """Share of the leash that is taken up, 0..1 and above; the worse of the two."""
+        return max(self.ahead_m / self.limits.leash_m, self.ahead_rad / self.limits.leash_rad)
+
+    def observe(self, measured: Pose) -> None:
+        """Take note of where the robot is; the leash and `ahead_m`, `ahead_rad` follow it."""
+        pose = self.pose
+        if pose is None:
+            raise RuntimeError("the reference has not been placed")
+        self._ahead = subtract(pose.position, measured.position)
+        self._turned_ahead = rotation_between(measured.orientation, pose.orientation)
+        self.ahead_m, self.ahead_rad = norm(self._ahead), norm(self._turned_ahead)
+
+    def advance(self, target: Twist, dt_s: float) -> None:
         """Move for `dt_s`, approaching `target` (base or tool axes) as fast as limits let it."""
         pose = self.pose
         if pose is None:
@@ -110,14 +128,12 @@ class Reference:
         linear = limit_norm(linear, limits.linear_speed_m_s)
         angular = limit_norm(angular, limits.angular_speed_rad_s)
 
-        ahead = subtract(pose.position, measured.position)
-        turned_ahead = rotation_between(measured.orientation, pose.orientation)
-        linear = _leashed(linear, ahead, limits.leash_m, limits.linear_acceleration_m_s2, dt_s)
-        angular = _leashed(
-            angular, turned_ahead, limits.leash_rad, limits.angular_acceleration_rad_s2, dt_s
+        linear = _leashed(
+            linear, self._ahead, limits.leash_m, limits.linear_acceleration_m_s2, dt_s
         )
-        self.leash_used = max(norm(ahead) / limits.leash_m, norm(turned_ahead) / limits.leash_rad)
-
+        angular = _leashed(
+            angular, self._turned_ahead, limits.leash_rad, limits.angular_acceleration_rad_s2, dt_s
+        )
         self.linear = self._next_linear(linear, pose.position, dt_s)
         most = limits.angular_acceleration_rad_s2 * dt_s
         self.angular = add(self.angular, limit_norm(subtract(angular, self.angular), most))
@@ -131,6 +147,8 @@ class Reference:
         """The velocity nearest to `target` that acceleration and workspace allow."""
         budget = self.limits.linear_acceleration_m_s2 * dt_s
         now = self.linear
+        if not self._walled:
+            return add(now, limit_norm(subtract(target, now), budget))
         # Walls first: what braking at each wall demands is taken from the budget before the
         # rest. A third of the squared budget for each axis, so that a corner is no worse.
         wall_acceleration = self.limits.linear_acceleration_m_s2 / math.sqrt(3.0)

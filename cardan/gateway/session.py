@@ -27,6 +27,7 @@ from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.gateway.snapshot import Snapshot
 from cardan.histogram import LatencyHistogram
+from cardan.realtime import ask_for_real_time
 from cardan.spatial import norm, subtract
 from cardan.types import (
     CommandKind,
@@ -74,15 +75,17 @@ class Session:
 
         Raises DriverError when the device or robot cannot be opened.
         """
-        with self.device, self.robot:
+        with self.device:
             self._check()
             # The loop makes no cycles of references worth collecting, and a collection in it
-            # costs milliseconds.
+            # costs milliseconds. All this comes before the robot is opened, because its
+            # datagrams do not wait.
             gc.collect()
             gc.freeze()
             gc.disable()
             try:
-                self._loop(seconds)
+                with self.robot:
+                    self._loop(seconds)
             finally:
                 gc.enable()
                 gc.unfreeze()
@@ -252,6 +255,7 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, stop)
         last = session.snapshot
+        last.scheduling = ask_for_real_time()
         session.run(options.seconds)
         code = EXIT_OK
     except ConfigurationError as error:

@@ -44,6 +44,8 @@ class Snapshot:
     at_workspace_limit: bool = False
     gripper_closed: bool = False
     utilization: float | None = None
+    scheduling: str = ""
+    """How the system runs the loop: "real time", "raised priority" or "ordinary"."""
     cycles: int = 0
     """Control instants of the robot that were answered."""
     path_m: float = 0.0

@@ -180,6 +180,7 @@ def summary(snapshot: Snapshot) -> Table:
             "answer latency, p50 / p99 / max",
             " / ".join(map(_microseconds, (s.tick_p50_s, s.tick_p99_s, s.tick_max_s))),
         ),
+        ("scheduling of the loop", s.scheduling or "–"),
         ("hand taken off the robot", f"{s.trips} times"),
         ("last message", s.message or "–"),
     ):

@@ -18,6 +18,7 @@ from types import FrameType
 from typing import NamedTuple
 
 from cardan.errors import ScriptError
+from cardan.realtime import ask_for_real_time
 
 
 class FaultSwitch(NamedTuple):
@@ -130,6 +131,8 @@ def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
     previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         peer.open()
+        # Hardware keeps its period whatever this machine is busy with.
+        ask_for_real_time()
         print(f"READY {peer.endpoint}", flush=True)
         end_s = float("inf") if seconds is None else time.monotonic() + seconds
         while not stopping and (now_s := time.monotonic()) < end_s:

@@ -347,6 +347,17 @@ class TestSequence:
         assert bench.session.sessions == 1
         assert bench.session.counters.lost == 0
 
+    def test_the_time_of_datagrams_nobody_acted_on_is_not_lost(self) -> None:
+        bench = Bench().started()
+        for k in range(1, 4):
+            state = bench.hear()
+            assert state is not None
+            assert state.period_s == pytest.approx(k * PERIOD_S)
+        bench.session.reply(HOLD, bench.now_s)
+        state = bench.hear()
+        assert state is not None
+        assert state.period_s == pytest.approx(PERIOD_S)
+
     def test_a_wall_clock_that_is_set_does_not_make_a_long_step(self) -> None:
         bench = Bench().started()
         for change_us in (3_600_000_000, -7_200_000_000):
@@ -355,6 +366,7 @@ class TestSequence:
             assert state is not None
             assert state.session == 1
             assert state.period_s == pytest.approx(PERIOD_S)
+            bench.session.reply(HOLD, bench.now_s)
 
     @given(st.lists(st.tuples(st.integers(0, 2**32 - 1), st.floats(0.0, 0.2)), max_size=30))
     def test_whatever_the_numbers_every_first_answer_is_the_measured_position(
@@ -742,6 +754,19 @@ class TestStopping:
         assert velocity[0] == pytest.approx(0.2 - 2.0 * 4 * PERIOD_S, abs=1e-6)
         braked = 0.5 - math.radians(720.0) * 4 * PERIOD_S
         assert velocity[5] == pytest.approx(braked, abs=1e-6)
+
+    def test_a_late_command_brakes_the_external_axes_likewise(self) -> None:
+        bench = Bench(external_axes=1, linear_external_axes=(0,))
+        bench.controller.external = (0.0,)
+        bench.cycle()
+        for k in range(1, 120):
+            bench.controller.external = (1e3 * 0.05 * k * PERIOD_S,)
+            bench.hear()
+        command = JointCommand(HOME, None, (1.0,))
+        sensor = sensor_of(bench.session.reply(command, bench.now_s + 0.2))
+        assert sensor.speed_ref is not None
+        braked = 1e3 * (0.05 - 0.5 * 4 * PERIOD_S)
+        assert sensor.speed_ref.external_joints == pytest.approx((braked,), abs=1e-6)
 
     @pytest.mark.parametrize("mode", ["joint", "pose"])
     @pytest.mark.parametrize("speed_reference", ["matched", "only", "none"])

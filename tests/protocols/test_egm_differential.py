@@ -14,7 +14,7 @@ from . import egm_oracle as oracle
 from . import egm_values as values
 from .egm_wire import double, messages, spoilt, tagged, varint
 
-bounded = settings(max_examples=5000, deadline=None, derandomize=False)
+bounded = settings(max_examples=250, deadline=None, derandomize=True)
 
 
 def agree(data, decode, expect):

@@ -73,10 +73,10 @@ class Guidance(ABC):
         """Make the reference what `state` measures, at rest."""
 
     @abstractmethod
-    def resync(self, state: RobotState, before: RobotState) -> None:
+    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
         """Make the reference what the controller itself is heading for, at the speed it has.
 
-        `before` is the state received before `state`.
+        `before` is the state received `dt_s` before `state`.
         """
 
     @abstractmethod
@@ -152,15 +152,9 @@ class _Externals:
         else:
             self.limiter.brake(dt_s)
 
-    def resync(self, state: RobotState, before: RobotState) -> None:
-        self.limiter.reset(
-            state.external_axes[: self.count],
-            _speeds(
-                state.external_axes[: self.count],
-                before.external_axes[: self.count],
-                state.period_s,
-            ),
-        )
+    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
+        now, then = state.external_axes[: self.count], before.external_axes[: self.count]
+        self.limiter.reset(now, _speeds(now, then, dt_s))
 
     def on_wire(self, values: Sequence[float]) -> tuple[float, ...]:
         return tuple(v * factor for v, factor in zip(values, self.to_wire, strict=True))
@@ -173,12 +167,10 @@ def wire_factors(options: AbbEgmOptions) -> tuple[float, ...]:
     )
 
 
-def _speeds(
-    now: Sequence[float], before: Sequence[float], period_s: float
-) -> tuple[float, ...] | None:
-    if len(now) != len(before) or not period_s > 0.0:
+def _speeds(now: Sequence[float], before: Sequence[float], dt_s: float) -> tuple[float, ...] | None:
+    if len(now) != len(before) or not dt_s > 0.0:
         return None
-    return tuple((a - b) / period_s for a, b in zip(now, before, strict=True))
+    return tuple((a - b) / dt_s for a, b in zip(now, before, strict=True))
 
 
 class JointGuidance(Guidance):
@@ -222,10 +214,10 @@ class JointGuidance(Guidance):
         self._limiter.reset(state.joints)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
 
-    def resync(self, state: RobotState, before: RobotState) -> None:
+    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
         now = _heading(state)
-        self._limiter.reset(now, _speeds(now, _heading(before), state.period_s))
-        self._externals.resync(state, before)
+        self._limiter.reset(now, _speeds(now, _heading(before), dt_s))
+        self._externals.resync(state, before, dt_s)
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         if self._speed_only:
@@ -345,19 +337,19 @@ class PoseGuidance(Guidance):
         self._turn.reset(state.pose.orientation)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
 
-    def resync(self, state: RobotState, before: RobotState) -> None:
+    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
         now = state.pose_planned or state.pose
         then = before.pose_planned or before.pose
         assert now is not None
         linear = angular = ZERO3
-        if then is not None and state.period_s > 0.0:
-            speeds = _speeds(now.position, then.position, state.period_s)
+        if then is not None and dt_s > 0.0:
+            speeds = _speeds(now.position, then.position, dt_s)
             linear = Vector3(*speeds) if speeds else ZERO3
             turned = rotation_between(then.orientation, now.orientation)
-            angular = Vector3(*(angle / state.period_s for angle in turned))
+            angular = Vector3(*(angle / dt_s for angle in turned))
         self._point.reset(now.position, linear)
         self._turn.reset(now.orientation, angular)
-        self._externals.resync(state, before)
+        self._externals.resync(state, before, dt_s)
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         point = self._point
@@ -457,7 +449,7 @@ class PathGuidance(Guidance):
         self._offset.reset(ZERO3)
         self._age_ms = 0
 
-    def resync(self, state: RobotState, before: RobotState) -> None:
+    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
         self._offset.reset(self._offset.position)
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:

@@ -145,6 +145,7 @@ class EgmSession:
         self._tm_ms: int | None = None
         self._time_us: int | None = None
         self._jitter_s = 0.0
+        self._last_step_s = 0.0
         self._last_s = NEVER_S
         self._session_s = NEVER_S
         self._session_first = 0
@@ -210,6 +211,7 @@ class EgmSession:
                 cause = f"the sequence number jumped from {self._seqno} to {seqno}"
             else:
                 self.counters.lost += step - 1
+        superseded = None
         if cause:
             self._begin(cause, source)
             period_s = self._nominal_s
@@ -218,13 +220,17 @@ class EgmSession:
         else:
             period_s = self._period(feedback.time_us, step)
             self._jitter_s = abs(now_s - self._last_s - period_s)
-            if self.owes_answer:
+            superseded = self.state if self.owes_answer else None
+            if superseded is not None:
                 self.counters.superseded += 1
         self._seqno = seqno
         self._tm_ms = header.tm_ms
         self._time_us = feedback.time_us
         self._last_s = now_s
+        self._last_step_s = period_s
         self._since_reply_s += period_s
+        if superseded is not None:
+            period_s += superseded.period_s  # nobody acts on that one: its time passes here
         self.counters.accepted += 1
         states = (message.motor_state, message.mci_state, message.rapid_exec_state)
         if states != self._controller_states:
@@ -458,7 +464,7 @@ class EgmSession:
             if now_s - self._replied_s > timeout_s:
                 # The controller went on by itself: the old reference is behind it.
                 self.counters.late_commands += 1
-                guidance.resync(state, self._before or state)
+                guidance.resync(state, self._before or state, self._last_step_s)
             if now_s - state.stamp_s > timeout_s:
                 guidance.step(None, state, dt_s)
             else:

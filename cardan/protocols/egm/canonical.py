@@ -59,7 +59,7 @@ def _block(pattern: str) -> tuple[int, int, struct.Struct]:
 
 _VARIABLE = {
     "d": (bytes(8), bytes(8), "d"),
-    "?": (b"\xfe", b"\0", "?"),
+    "?": (b"\x80", b"\0", "?"),
     "n": (b"\x80", b"\0", "B"),
     "c": (b"\x80", b"\x80", "B"),
 }
