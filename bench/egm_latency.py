@@ -1,4 +1,4 @@
-"""EGM datagram in to datagram out: our driver, our whole session, two public clients, and the floor.
+"""EGM datagram in to datagram out: our driver, our session, two public clients, and the floor.
 
 One process plays the controller at 250 Hz and asks all of them in every 4 ms slot, in an order
 that rotates, so that whatever else the machine does hits all alike. The session is the real one:

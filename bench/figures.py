@@ -62,4 +62,6 @@ class Figures:
                 bound = aim.factor * self.quantile(aim.reference, aim.quantile)
                 words = f"{aim.factor:g} x {aim.reference}"
             verdict = "met" if value <= bound else "MISSED"
-            print(f"aim: {aim.name} {aim.quantile} <= {words}: {verdict} ({value / bound:.2f} of it)")
+            print(
+                f"aim: {aim.name} {aim.quantile} <= {words}: {verdict} ({value / bound:.2f} of it)"
+            )

@@ -10,8 +10,6 @@ rounds' means; ratios are PySpaceMouse's cost divided by Cardan's.
 
 from __future__ import annotations
 
-import argparse
-import platform
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -90,6 +88,10 @@ def ours(
     return run
 
 
+REPORTS = 5000
+ROUNDS = 15
+
+
 def decoding(reports: Sequence[bytes]) -> Callable[[int], float]:
     def run(count: int) -> float:
         stream = islice(cycle(reports), count)
@@ -114,11 +116,8 @@ def reports_of(spec: pyspacemouse.DeviceInfo) -> dict[str, list[bytes]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--reports", type=int, default=5000, help="reports in a round")
-    parser.add_argument("--rounds", type=int, default=15, help="rounds, taken in turns")
-    arguments = parser.parse_args()
-    print(f"Python {platform.python_version()}, {arguments.rounds} x {arguments.reports} reports")
+    """Print the table."""
+    print(f"\n3Dconnexion reports, median of {ROUNDS} x {REPORTS}, taken in turns\n")
     print("us per report         decode  on_report   +state  PySpaceMouse   ratio  ratio(+state)")
     specs = pyspacemouse.get_device_specs()
     for name in MODELS:
@@ -130,12 +129,10 @@ def main() -> None:
                 theirs(specs[name], reports),
             )
             costs: list[list[float]] = [[] for _ in runs]
-            for _ in range(arguments.rounds):
+            for _ in range(ROUNDS):
                 for run, cost in zip(runs, costs, strict=True):
-                    cost.append(run(arguments.reports))
-            decode, feed, state, other = (
-                1e6 * statistics.median(cost) / arguments.reports for cost in costs
-            )
+                    cost.append(run(REPORTS))
+            decode, feed, state, other = (1e6 * statistics.median(cost) / REPORTS for cost in costs)
             title = f"{name.removeprefix('SpaceMouse')} {kind}"
             print(
                 f"{title:21} {decode:6.2f} {feed:10.2f} {state:8.2f} {other:13.2f}"

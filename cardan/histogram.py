@@ -71,12 +71,10 @@ class LatencyHistogram:
             raise ValueError(f"percentile {p} is not allowed; it must be 0 to 100")
         if not self._count:
             return 0.0
-        rank = math.ceil(self._count * p / 100.0)
-        seen = 0
-        index = 0
-        for index, number in enumerate(self._buckets):
-            seen += number
-            if seen >= rank and number:
-                break
+        below = max(1, math.ceil(self._count * p / 100.0))
+        index = -1
+        while below > 0:
+            index += 1
+            below -= self._buckets[index]
         middle = math.exp((index + 0.5 - _OFFSET) / _SCALE)
         return min(max(middle, self._min), self._max)

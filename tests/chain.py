@@ -32,12 +32,15 @@ PUSH = """
 """
 """Touch, let go, grip, and pull back for ever: 50 mm/s, away from the singularity in front."""
 
-PUSH_AND_REGRIP = PUSH + """
+PUSH_AND_REGRIP = (
+    PUSH
+    + """
 6.0 neutral
 6.0 release left
 6.5 press left
 6.7 axes 0.5 0 0 0 0 0 over 0.1
 """
+)
 """Then let go of everything, grip anew and push forward again."""
 
 
@@ -185,4 +188,3 @@ class Chain:
     def messages(self) -> str:
         """Everything that was said, once each."""
         return "\n".join(dict.fromkeys(s.message for s in self.samples if s.message))
-

@@ -46,7 +46,9 @@ def test_imports_point_one_way(path):
             assert parts[1] in allowed, f"{path.relative_to(PACKAGE)} imports {name}"
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "protocols").rglob("*.py")), ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path", sorted((PACKAGE / "protocols").rglob("*.py")), ids=lambda p: p.stem
+)
 def test_protocols_do_no_io_and_keep_no_clock(path):
     assert not {name.split(".")[0] for name in imported(path)} & IMPURE
 

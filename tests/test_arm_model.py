@@ -28,9 +28,7 @@ def test_an_unknown_arm_is_named():
         load_arm("gofer")
 
 
-JOINT = (
-    '<joint name="{name}" type="{kind}"><parent link="{a}"/><child link="{b}"/>{limit}</joint>'
-)
+JOINT = '<joint name="{name}" type="{kind}"><parent link="{a}"/><child link="{b}"/>{limit}</joint>'
 LIMIT = '<limit lower="-1" upper="2" velocity="3" effort="0"/>'
 
 

@@ -3,7 +3,7 @@
 Protobuf leaves a writer many choices; controllers always make the same ones: each field once, in
 order of number, repeated doubles unpacked. So the datagram begins with bytes that are mostly
 constant, and one comparison under a mask and one ``struct`` call do the work of some fifty
-protobuf fields, in a quarter of the time. This runs in every control cycle.
+protobuf fields, in a third of the time. This runs in every control cycle.
 
 Anything else leaves here by NotCanonicalError, IndexError or struct.error, for the general
 decoder to judge. So does every value that it might refuse.
@@ -154,7 +154,7 @@ def _motion(values: tuple[float, ...]) -> EgmMotion:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """The number at `at`, of at most four bytes or 32 bits, and where it ends."""
+    """The number below 2^32 at `at`, in at most five bytes, and where it ends."""
     a = data[at]
     if a < 0x80:
         return a, at + 1
