@@ -1,0 +1,160 @@
+"""The command line as its users meet it: help, errors, exit codes, and the peers' contract."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cardan import __version__
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}
+
+
+def cardan(*arguments, code=0, **options):
+    """Run the command to its end; returns what it said."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cardan", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=50,
+        env=ENVIRONMENT,
+        **options,
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+class Peer:
+    """A peer that runs until the block is left; `endpoint` is what READY said."""
+
+    def __init__(self, *arguments):
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "cardan", "sim", *map(str, arguments)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def __enter__(self):
+        line = self._process.stdout.readline()
+        assert line.startswith("READY "), line + self._process.stderr.read()
+        self.endpoint = line.removeprefix("READY ").strip()
+        return self
+
+    def __exit__(self, *_exception):
+        self._process.send_signal(signal.SIGTERM)
+        self.said, self.logged = self._process.communicate(timeout=20)
+        self.code = self._process.returncode
+
+
+def test_help_leads_a_newcomer_to_the_demo():
+    text = cardan("--help")
+    assert "cardan demo" in text
+    for command in ("demo", "run", "sim", "devices", "check", "dissect"):
+        assert command in text
+
+
+def test_version():
+    assert cardan("--version") == f"cardan {__version__}\n"
+
+
+def test_check_says_what_a_configuration_would_do():
+    text = cardan("check", EXAMPLES / "spacemouse-gofa.toml")
+    assert "100 mm/s" in text
+    assert "'left' must be held" in text
+
+
+def test_check_names_the_key(tmp_path):
+    file = tmp_path / "bad.toml"
+    file.write_text(
+        '[device]\ndriver = "spacemouse"\n[robot]\ndriver = "abb_egm"\nlisten_prt = 1\n'
+    )
+    text = cardan("check", file, code=2)
+    assert "robot.listen_prt" in text
+    assert "did you mean 'listen_port'" in text
+    assert "Traceback" not in text
+
+
+def test_run_without_its_device_says_what_to_do():
+    text = cardan("run", EXAMPLES / "spacemouse-gofa-simulated.toml", code=3, cwd="/")
+    assert "start the simulated device first" in text
+
+
+def test_dissect_of_nothing():
+    assert "no such file" in cardan("dissect", "nothing.pcap", code=2)
+
+
+@pytest.mark.parametrize(
+    ("peer", "fault"), [("abb-gofa", "garbage"), ("spacemouse", "short-report")]
+)
+def test_peers_list_what_they_can(peer, fault):
+    assert fault in cardan("sim", peer, "--list-faults")
+    assert "a file has a line a step" in cardan("sim", peer, "--list-scripts")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("abb-gofa", "--fault", "nonsense"), "there is no fault 'nonsense'"),
+        (("abb-gofa", "--to", "nowhere"), "HOST:PORT"),
+        (("abb-gofa", "--mode", "fly"), "allowed: joint, pose, path"),
+        (("abb-gofa", "--robotware", "5"), "robotware"),
+        (("abb-gofa", "--script", "nope"), "teleop"),
+        (("spacemouse",), "--hid"),
+        (("spacemouse", "--hid", "x", "--model", "mouse"), "spacenavigator"),
+        (("spacemouse", "--hid", "x", "--fault", "unplug=soon"), "not a number"),
+    ],
+)
+def test_wrong_words_to_a_peer(arguments, words, tmp_path):
+    assert words in cardan("sim", *arguments, "--seconds", "0", code=2, cwd=tmp_path)
+
+
+def test_a_peer_serves_until_its_seconds_are_over(tmp_path):
+    text = cardan("sim", "spacemouse", "--hid", tmp_path / "hid", "--seconds", "0.1")
+    assert text.startswith(f"READY {tmp_path / 'hid'}\n")
+    assert not (tmp_path / "hid").exists()
+
+
+def test_a_peer_that_is_interrupted_cleans_up(tmp_path):
+    with Peer("spacemouse", "--hid", tmp_path / "hid") as peer:
+        assert peer.endpoint == str(tmp_path / "hid")
+        assert (tmp_path / "hid").is_socket()
+    assert peer.code == 0
+    assert peer.said == ""
+    assert not (tmp_path / "hid").exists()
+
+
+def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path, free_udp_port):
+    """Shown by the issue: ``cardan run`` answers a controller that starts, stops and restarts."""
+    program = tmp_path / "program.txt"
+    program.write_text(
+        "0.5 movej\n0.5 getid\n0.5 setup\n0.5 act window=1e-9 max-speed=180\n"
+        "0.5 run cond-time=1e6 nowait\n1.5 stop\n2.5 restart\n4.0 controller-restart\n"
+    )
+    config = tmp_path / "session.toml"
+    config.write_text(
+        f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{tmp_path}/hid"\n'
+        f'[robot]\ndriver = "abb_egm"\nlisten_port = {free_udp_port}\n'
+    )
+    to = f"127.0.0.1:{free_udp_port}"
+    with (
+        Peer("spacemouse", "--hid", tmp_path / "hid", "--script", "rest"),
+        Peer("abb-gofa", "--to", to, "--script", program) as robot,
+    ):
+        text = cardan("run", config, "--seconds", "9")
+    assert robot.endpoint == to
+    sessions = next(line for line in text.splitlines() if "robot sessions" in line)
+    assert int("".join(filter(str.isdigit, sessions))) >= 3
+    assert "no datagram for" in text
+
+
+@pytest.fixture
+def free_udp_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
