@@ -94,6 +94,9 @@ def supervise(
             if process.poll() is None:
                 process.kill()
                 process.wait()
+        if stopping and code == -signal.SIGTERM:
+            # It was asked before it had begun: nothing was open yet.
+            code, last.message = 0, "stopped before it began"
         if code != 0 and not last.error:
             last.error = f"the session's process ended with status {code}"
         return Outcome(code if code >= 0 else EXIT_INTERNAL, last)

@@ -35,10 +35,10 @@ def test_runs_for_the_time_it_is_given(waiting):
     assert seen[-1] == outcome.last
 
 
-def test_poll_stops_it(waiting):
+def test_poll_stops_it_even_before_it_has_begun(waiting):
     outcome = supervise(waiting, 30.0, poll=lambda: False)
     assert outcome.exit_code == 0
-    assert outcome.last.message == "stopped by SIGTERM"
+    assert outcome.last.message == "stopped before it began"
 
 
 def test_an_interrupt_stops_it(waiting):
