@@ -137,6 +137,8 @@ def run(file: ConfigFile, seconds: Seconds = None) -> None:
 
 def _lack(last: Snapshot) -> str:
     """What was not as it should be when a session ended as asked; empty when all was."""
+    if last.elapsed_s == 0.0:
+        return ""
     if last.cycles == 0:
         return f"the robot was never commanded: {last.hold_reason or 'nothing was heard'}"
     if last.robot_link != RobotLink.LIVE.value:
@@ -230,11 +232,11 @@ def _listed(
     """Print what was asked for; True when that is all there is to do."""
     if list_faults:
         for fault in faults:
-            print(f"{fault.name:14} {fault.help} (default {fault.default:g})")
+            print(f"{fault.name:16} {fault.help} (default {fault.default:g})")
     if list_scripts:
         for name, text in scripts.items():
             first = text.strip().splitlines()[0]
-            print(f"{name:14} {first.lstrip('# ') if first.startswith('#') else ''}")
+            print(f"{name:16} {first.lstrip('# ') if first.startswith('#') else ''}")
         print("\na file has a line a step, SECONDS and then one of:")
         for usage in verbs.values():
             print(f"  {usage}")

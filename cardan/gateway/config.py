@@ -12,7 +12,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictInt,
+    TypeAdapter,
+    ValidationError,
+    field_validator,
+)
 
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
@@ -20,7 +28,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.engine import Watchdogs
 from cardan.gateway.mapping import AXES, GripperAction, MappingOptions
 from cardan.gateway.reference import ReferenceLimits
-from cardan.types import Frame
+from cardan.types import CommandKind, Frame
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -79,7 +87,7 @@ class GripperTable(_Table):
     toggle: str = ""
     close: str = ""
     open: str = ""
-    output: str | int = "digital"
+    output: StrictInt | str = "digital"
     """The digital output, or the index of an analog one."""
     closed_value: Finite = 1.0
     open_value: Finite = 0.0
@@ -210,7 +218,12 @@ def driver_options(driver: type[Driver], table: Mapping[str, Any], key: str) -> 
     try:
         return TypeAdapter(driver.Options).validate_python(dict(table))
     except ValidationError as error:
-        raise _translate(error, (key,)) from None
+        wrong = _translate(error, (key,))
+        name, _, rest = str(wrong).removeprefix(f"{key}: ").partition(" ")
+        if wrong.key == key and name.rstrip(":") in fields:
+            rest = rest if name.endswith(":") else f"{name} {rest}"
+            raise ConfigurationError(f"{key}.{name.rstrip(':')}", rest) from None
+        raise wrong from None
 
 
 def _make_driver(table: DriverTable, key: str) -> Driver:
@@ -236,6 +249,11 @@ def make_robot(config: SessionConfig) -> RobotDriver:
     robot = _make_driver(config.robot, "robot")
     if not isinstance(robot, RobotDriver):
         raise ConfigurationError("robot.driver", f"{config.robot.driver!r} is not a robot")
+    if CommandKind.POSE not in robot.capabilities.commands:
+        kinds = ", ".join(sorted(kind.value for kind in robot.capabilities.commands))
+        raise ConfigurationError(
+            "robot", f"as configured it takes {kinds}; a session needs it to take poses"
+        )
     return robot
 
 

@@ -32,6 +32,10 @@ WELL_FOLLOWED_M = 0.02
 """The simulated arm keeps within this of its reference at the demo's speeds: servo delay and
 filter account for about 8 mm at 0.25 m/s."""
 
+MISSED_SHARE = 0.01
+"""More than this of all cycles missed is no longer the hiccup of a machine that has other work to
+do and does not grant real-time scheduling; a real controller would not mind it either."""
+
 
 def demo_config(hid_path: str, pc_port: int) -> SessionConfig:
     """The demo's configuration; examples/spacemouse-gofa-simulated.toml is the same as a file."""
@@ -106,8 +110,8 @@ def shortcomings(last: Snapshot) -> list[str]:
             f"the robot was up to {last.error_max_m * 1e3:.1f} mm away from its reference "
             f"(expected: {WELL_FOLLOWED_M * 1e3:.0f} mm)"
         )
-    if missed := missed_cycles(last):
-        found.append(f"{missed} cycles were missed")
+    if (missed := missed_cycles(last)) > MISSED_SHARE * last.cycles:
+        found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")
     if last.trips:
         found.append(f"the hand was taken off the robot {last.trips} times")
     return found

@@ -259,14 +259,14 @@ class TeleopEngine:
         self._message = "" if self._armed else self._what_to_do(device)
 
     def _what_to_do(self, device: DeviceState) -> str:
-        why = f"{self._trip_reason}; " if self._trip_reason else ""
+        why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""
         if self._stop_reason:
             return self._stop_reason
         if self._resyncing:
             return f"{why}bringing the reference back to the robot"
         if device.link is not DeviceLink.LIVE:
             reason = device.reason or f"the device is {device.link.value}"
-            return why + reason if reason not in why else self._trip_reason
+            return why + reason if reason not in why else reason
         deadman = self.mapping.options.deadman
         if not deadman:
             return f"{why}let go of the device to go on"

@@ -30,7 +30,6 @@ from cardan.histogram import LatencyHistogram
 from cardan.realtime import ask_for_real_time
 from cardan.spatial import norm, subtract
 from cardan.types import (
-    CommandKind,
     DeviceFeedback,
     DeviceState,
     RobotState,
@@ -93,11 +92,6 @@ class Session:
         return self.snapshot
 
     def _check(self) -> None:
-        if CommandKind.POSE not in self.robot.capabilities.commands:
-            kinds = ", ".join(sorted(k.value for k in self.robot.capabilities.commands))
-            raise ConfigurationError(
-                "robot", f"as configured it takes {kinds}; a session needs it to take poses"
-            )
         known = self.device.capabilities.buttons
         options = self.engine.mapping.options
         for key, button in (
@@ -248,8 +242,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         session = make_session(parse_config(table), channel)
 
-        def stop(number: int, _frame: FrameType | None) -> None:
-            session.stop(f"stopped by {signal.Signals(number).name}")
+        def stop(_number: int, _frame: FrameType | None) -> None:
+            session.stop("stopped on request")
 
         # A terminal's Ctrl-C reaches the supervisor, which asks with SIGTERM.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

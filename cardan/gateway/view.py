@@ -51,6 +51,11 @@ def _link(word: str) -> Text:
     return Text(word or "–", style="green" if word == "live" else "red")
 
 
+def _diagnosis(snapshot: Snapshot) -> list[str]:
+    """The diagnosis, less what the message says already."""
+    return [line for line in snapshot.diagnosis if line not in snapshot.message]
+
+
 def render(snapshot: Snapshot) -> RenderableType:
     """One frame of the live view."""
     s = snapshot
@@ -93,7 +98,7 @@ def render(snapshot: Snapshot) -> RenderableType:
     lines: list[RenderableType] = [links]
     if s.message:
         lines.append(Text(s.message, style="yellow"))
-    lines += [Text(line, style="dim") for line in s.diagnosis[:3]]
+    lines += [Text(line, style="dim") for line in _diagnosis(s)[:3]]
     columns = Table.grid(padding=(0, 4))
     columns.add_row(hand, robot)
     return Panel(Group(*lines, Text(), columns), title="cardan", subtitle="Ctrl-C: brake and stop")
@@ -113,6 +118,7 @@ class SessionView:
         self._live: Live | None = None
         self._next_line_s = 0.0
         self._said = ""
+        self._advice: set[str] = set()
 
     def __enter__(self) -> SessionView:
         if self.console.is_terminal:
@@ -135,14 +141,15 @@ class SessionView:
             self._live.update(render(snapshot))
             return
         due = snapshot.elapsed_s >= self._next_line_s
-        said = _DIGITS.sub("", f"{snapshot.message} {snapshot.diagnosis}")
+        said = _DIGITS.sub("", snapshot.message)
         if due or said != self._said:
+            self._said = said
             self._next_line_s = snapshot.elapsed_s + PLAIN_PERIOD_S
             print(plain(snapshot), flush=True)
-            if said != self._said:
-                for line in snapshot.diagnosis:
-                    print(f"{'':10} {line}", flush=True)
-            self._said = said
+        advice = {_DIGITS.sub("", line): line for line in _diagnosis(snapshot)}
+        for line in advice.keys() - self._advice:
+            print(f"{'':10} {advice[line]}", flush=True)
+        self._advice = set(advice)
 
 
 def plain(snapshot: Snapshot) -> str:

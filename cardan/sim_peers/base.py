@@ -29,20 +29,33 @@ class FaultSwitch(NamedTuple):
     """What it does and the unit of its value, one line."""
     default: float = 1.0
     """The value of a bare ``--fault NAME``."""
+    lowest: float = 0.0
+    highest: float = 1e9
+
+
+def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -> None:
+    """Raise ScriptError for a fault that is not among `switches` or whose value is out of range."""
+    known = {switch.name: switch for switch in switches}
+    for name, value in faults.items():
+        if name not in known:
+            raise ScriptError(f"there is no fault {name!r}; there are: {', '.join(sorted(known))}")
+        lowest, highest = known[name].lowest, known[name].highest
+        if not lowest <= value <= highest:
+            raise ScriptError(f"fault {name}: {value:g} is not in {lowest:g} to {highest:g}")
 
 
 def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[str, float]:
     """Turn ``NAME[=VALUE]`` words into values by name; ScriptError names what there is."""
-    known = {switch.name: switch for switch in switches}
+    switches = tuple(switches)
+    defaults = {switch.name: switch.default for switch in switches}
     faults: dict[str, float] = {}
     for word in words:
         name, equals, text = word.partition("=")
-        if name not in known:
-            raise ScriptError(f"there is no fault {name!r}; there are: {', '.join(sorted(known))}")
         try:
-            faults[name] = float(text) if equals else known[name].default
+            faults[name] = float(text) if equals else defaults.get(name, 0.0)
         except ValueError:
             raise ScriptError(f"fault {name}: {text!r} is not a number") from None
+    check_faults(faults, switches)
     return faults
 
 

@@ -66,7 +66,7 @@ def test_errors_name_the_key(change, key, words):
         ({"driver": "spacemose"}, "device.driver", "spacemouse"),
         ({"driver": "fake_robot"}, "device.driver", "not an operator device"),
         ({"driver": "fake_device", "deflexion": 1}, "device.deflexion", "'deflection'"),
-        ({"driver": "fake_device", "deflection": 7}, "device", "from -1 to 1"),
+        ({"driver": "fake_device", "deflection": 7}, "device.deflection", "from -1 to 1"),
         ({"driver": "fake_device", "deflection": "much"}, "device.deflection", "'much'"),
     ],
 )
@@ -90,3 +90,9 @@ def test_files_that_cannot_be_read(tmp_path):
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
 def test_examples_are_valid(path):
     load_config(path)
+
+
+def test_a_robot_that_takes_no_poses_is_refused_before_anything_is_opened(fake_drivers):
+    config = parse_config({**GOOD, "robot": {"driver": "fake_robot", "takes_poses": False}})
+    with pytest.raises(ConfigurationError, match="it takes joint"):
+        make_robot(config)

@@ -83,11 +83,6 @@ def test_a_session_whose_starter_is_gone_stops(fake_drivers):
     assert last.cycles < 1000
 
 
-def test_a_robot_that_takes_no_poses_is_refused(fake_drivers):
-    with pytest.raises(ConfigurationError, match="it takes joint"):
-        session(robot={"takes_poses": False}).run()
-
-
 def test_buttons_that_do_not_exist_are_refused(fake_drivers):
     with pytest.raises(ConfigurationError, match=r"mapping\.deadman: .* 'left'; it has: go, grip"):
         session(mapping={"deadman": "left"}).run()

@@ -44,7 +44,7 @@ def test_poll_stops_it_even_before_it_has_begun(waiting):
 def test_an_interrupt_stops_it(waiting):
     outcome = supervise(waiting, 30.0, lambda _snapshot: os.kill(os.getpid(), signal.SIGINT))
     assert outcome.exit_code == 0
-    assert outcome.last.message == "stopped by SIGTERM"
+    assert outcome.last.message == "stopped on request"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 

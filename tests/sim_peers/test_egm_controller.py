@@ -848,7 +848,6 @@ def test_a_path_ends_at_its_fine_point(tmp_path):
         {"level": 3},
         {"sample_rate_ms": 6},
         {"comm_timeout_s": 0.0},
-        {"faults": {"gremlins": 1.0}},
         {"joints_deg": (0.0, 0.0)},
         {"pos_corr_gain": 2.0},
     ],
@@ -858,6 +857,13 @@ def test_bad_options_name_their_key(options):
     with pytest.raises(ConfigurationError) as error:
         EgmControllerOptions(**options)
     assert error.value.key == key
+
+
+@pytest.mark.parametrize("faults", [{"gremlins": 1.0}, {"drop": -3.0}, {"garbage": 1.5}])
+def test_bad_faults_are_named(faults):
+    (name,) = faults
+    with pytest.raises(ScriptError, match=name):
+        EgmControllerOptions(faults=faults)
 
 
 @pytest.mark.parametrize(

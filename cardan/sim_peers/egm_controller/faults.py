@@ -9,21 +9,32 @@ from collections.abc import Mapping
 from cardan.sim_peers.base import FaultSwitch
 
 FAULTS: tuple[FaultSwitch, ...] = (
-    FaultSwitch("drop", "share of datagrams lost, each way (0..1)", 0.05),
-    FaultSwitch("duplicate", "share of datagrams that arrive twice, each way (0..1)", 0.05),
-    FaultSwitch("reorder", "share of datagrams overtaken by the next, each way (0..1)", 0.05),
+    FaultSwitch("drop", "share of datagrams lost, each way (0..1)", 0.05, 0.0, 1.0),
+    FaultSwitch(
+        "duplicate", "share of datagrams that arrive twice, each way (0..1)", 0.05, 0.0, 1.0
+    ),
+    FaultSwitch(
+        "reorder", "share of datagrams overtaken by the next, each way (0..1)", 0.05, 0.0, 1.0
+    ),
     FaultSwitch("delay", "added to every datagram, each way, ms", 20.0),
     FaultSwitch("jitter", "at most this much added to a datagram, order kept, each way, ms", 8.0),
-    FaultSwitch("garbage", "share of cycles with a datagram that is not EGM before it (0..1)", 0.1),
+    FaultSwitch(
+        "garbage", "share of cycles with a datagram that is not EGM before it (0..1)", 0.1, 0.0, 1.0
+    ),
     FaultSwitch("pause", "silent for this long every 5 s, s", 0.3),
     FaultSwitch("restart", "the controller restarts at this time, once: seqno 0, new port, s", 5.0),
     FaultSwitch("port-change", "the local port changes every so many s", 3.0),
     FaultSwitch("estop", "emergency stop at this time, s", 5.0),
     FaultSwitch("motors-off", "motors go off at this time, s", 5.0),
     FaultSwitch(
-        "clock-step", "the wall clock in the datagrams steps by this much after 2 s, s", 3600.0
+        "clock-step",
+        "the wall clock in the datagrams steps by this much after 2 s, s",
+        3600.0,
+        -1e9,
     ),
-    FaultSwitch("rapid-undefined", "RAPID's execution state is sent as UNDEFINED (1: yes)", 1.0),
+    FaultSwitch(
+        "rapid-undefined", "RAPID's execution state is sent as UNDEFINED (1: yes)", 1.0, 0.0, 1.0
+    ),
 )
 
 PAUSE_EVERY_S = 5.0

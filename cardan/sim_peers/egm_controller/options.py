@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from cardan.errors import ConfigurationError
+from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.egm_controller.arguments import Mode
 from cardan.sim_peers.egm_controller.faults import FAULTS
 from cardan.sim_peers.egm_controller.kinematics import AXES
@@ -143,8 +144,7 @@ class EgmControllerOptions:
             check(key, value is None or value > 0.0, "above 0")
         rate = self.sample_rate_ms
         check("sample_rate_ms", rate is None or (rate >= 4 and rate % 4 == 0), "a multiple of 4")
-        unknown = sorted(set(self.faults) - {switch.name for switch in FAULTS})
-        check("faults", not unknown, f"made of known faults (unknown: {', '.join(unknown)})")
+        check_faults(self.faults, FAULTS)
 
     @property
     def program(self) -> str:

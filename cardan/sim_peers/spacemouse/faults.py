@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from cardan.errors import ScriptError
 from cardan.protocols.connexion import Family, Model
+from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
 
 FAULTS = (
@@ -16,34 +17,35 @@ FAULTS = (
     FaultSwitch("replug", "the device that vanished is back at VALUE s", 4.0),
     FaultSwitch("silence", "nothing more comes after the first deflection past VALUE s", 3.0),
     FaultSwitch("seized", "opens, but never sends: another program holds the device"),
-    FaultSwitch("refuse", "cannot be opened for the first VALUE s (inf: never)", math.inf),
-    FaultSwitch("short-report", "every VALUE-th motion report is cut short", 10.0),
-    FaultSwitch("unknown-id", "an unknown report before every VALUE-th motion report", 10.0),
-    FaultSwitch("padded-report", "every report is zero-filled to VALUE bytes", 64.0),
-    FaultSwitch("lost-half", "every VALUE-th rotation half of a pair is lost", 10.0),
-    FaultSwitch("duplicate-half", "every VALUE-th rotation half of a pair comes twice", 10.0),
-    FaultSwitch("late-half", "every VALUE-th rotation half trails the next translation", 10.0),
-    FaultSwitch("burst", "for VALUE s in every 2·VALUE s nothing, then all of it at once", 0.5),
+    FaultSwitch(
+        "refuse", "cannot be opened for the first VALUE s (inf: never)", math.inf, 0.0, math.inf
+    ),
+    FaultSwitch("short-report", "every VALUE-th motion report is cut short", 10.0, 1.0),
+    FaultSwitch("unknown-id", "an unknown report before every VALUE-th motion report", 10.0, 1.0),
+    FaultSwitch("padded-report", "every report is zero-filled to VALUE bytes", 64.0, 1.0, 4096.0),
+    FaultSwitch("lost-half", "every VALUE-th rotation half of a pair is lost", 10.0, 1.0),
+    FaultSwitch("duplicate-half", "every VALUE-th rotation half of a pair comes twice", 10.0, 1.0),
+    FaultSwitch("late-half", "every VALUE-th rotation half trails the next translation", 10.0, 1.0),
+    FaultSwitch(
+        "burst", "for VALUE s in every 2·VALUE s nothing, then all of it at once", 0.5, 0.001
+    ),
     FaultSwitch("newest-lost", "a full queue loses the newest (Linux hidraw), not the oldest"),
     FaultSwitch("wrong-family", "motion reports of the other family than the model's"),
-    FaultSwitch("drift", "every axis rests VALUE counts off zero: never any silence", 5.0),
-    FaultSwitch("overrange", "full deflection gives VALUE counts, not the declared range", 420.0),
+    FaultSwitch(
+        "drift", "every axis rests VALUE counts off zero: never any silence", 5.0, -350.0, 350.0
+    ),
+    FaultSwitch(
+        "overrange",
+        "full deflection gives VALUE counts, not the declared range",
+        420.0,
+        1.0,
+        32767.0,
+    ),
     FaultSwitch("stuck-button", "the button of report-3 bit VALUE, once down, stays down", 0.0),
-    FaultSwitch("low-battery", "the battery reports VALUE percent", 5.0),
+    FaultSwitch("low-battery", "the battery reports VALUE percent", 5.0, 0.0, 100.0),
 )
 
 _HALF_FAULTS = ("lost-half", "duplicate-half", "late-half")
-_ANY = 1e9
-_RANGES: Mapping[str, tuple[float, float]] = {
-    "refuse": (0.0, math.inf),
-    "padded-report": (1.0, 4096.0),
-    "burst": (0.001, _ANY),
-    "drift": (-350.0, 350.0),
-    "overrange": (1.0, 32767.0),
-    "low-battery": (0.0, 100.0),
-    **dict.fromkeys(("short-report", "unknown-id", *_HALF_FAULTS), (1.0, _ANY)),
-}
-"""Values allowed, where that is not every number from 0."""
 _UNKNOWN_ID = 0x2A
 _LATE_S = 0.012
 """A late half comes between the next translation (8 ms on) and the next rotation (16 ms on)."""
@@ -51,13 +53,8 @@ _LATE_S = 0.012
 
 def check_faults(faults: Mapping[str, float], model: Model) -> None:
     """Raise ScriptError for a fault that does not exist or that `model` cannot have."""
-    names = {switch.name for switch in FAULTS}
-    for name, value in faults.items():
-        if name not in names:
-            raise ScriptError(f"there is no fault {name!r}; there are: {', '.join(sorted(names))}")
-        lowest, highest = _RANGES.get(name, (0.0, _ANY))
-        if not lowest <= value <= highest:
-            raise ScriptError(f"fault {name}: {value:g} is not in {lowest:g} to {highest:g}")
+    base.check_faults(faults, FAULTS)
+    for name in faults:
         if name in _HALF_FAULTS and _sent_family(faults, model) is not Family.SPLIT:
             raise ScriptError(
                 f"fault {name}: {model.name} sends whole reports, not pairs of halves"

@@ -36,12 +36,14 @@ lowest buttons of whatever model it is. ``silence`` stops the device's reports u
 
 SCRIPTS: Mapping[str, str] = {
     "rest": """
+        # touch the cap, let go, and leave it alone
         0.2  axes 0 0 0.2 0 0 0 over 0.1
         0.3  neutral over 0.1
     """,
     # Every axis returns to where it began: swings integrate to zero, and the stroke that the
     # dead-man interrupts at 21.4 s has the same area as the one back after the new grip.
     "demo": """
+        # 28 s of everything: translation, gripper, rotation, letting go in mid-motion
         0.2   axes 0 0 0.2 0 0 0 over 0.1              # touch and let go: shows a neutral puck
         0.3   neutral over 0.1
         1.0   press first                              # the dead-man
@@ -67,6 +69,7 @@ SCRIPTS: Mapping[str, str] = {
         27.8  release first
     """,
     "short": """
+        # 6 s of the same
         0.05  axes 0 0 0.2 0 0 0 over 0.05
         0.1   neutral over 0.05
         0.4   press first
@@ -84,6 +87,7 @@ SCRIPTS: Mapping[str, str] = {
     # A circle in x and y to the left, then the same to the right. The ramp that takes the hand
     # to the start of a cosine is dropped as the cosine begins; the two turns cancel its area.
     "circle": """
+        # a circle to the left, then one to the right
         0.2   axes 0 0 0.2 0 0 0 over 0.1
         0.3   neutral over 0.1
         1.0   press first
@@ -101,6 +105,7 @@ SCRIPTS: Mapping[str, str] = {
         13.0  release first
     """,
     "taps": """
+        # buttons only, for ever
         0.2   axes 0 0 0.2 0 0 0 over 0.1
         0.3   neutral over 0.1
         1.0   press first
@@ -114,6 +119,7 @@ SCRIPTS: Mapping[str, str] = {
         2.4   loop
     """,
     "wiggle": """
+        # small motions on all axes without any button, for ever
         0.2   axes 0 0 0.2 0 0 0 over 0.1
         0.3   neutral over 0.1
         1.0   swing 0.3 0 0 0 0 0.3 over 2

@@ -1,0 +1,250 @@
+"""The user's pages against the code: nothing missing, no wrong default, no dead link."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import re
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+import typer.main
+
+from cardan import cli
+from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
+from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
+from cardan.gateway import config
+from cardan.protocols import connexion, egm
+from cardan.sim_peers import egm_controller, spacemouse
+from cardan.types import Pose, Quaternion, Vector3
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+TABLES = {
+    "mapping": config.MappingTable,
+    "gripper": config.GripperTable,
+    "limits": config.LimitsTable,
+    "watchdogs": config.WatchdogTable,
+}
+
+
+def text(name: str) -> str:
+    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+
+
+def section(page: str, heading: str) -> str:
+    """What stands under `heading`, its own sections included."""
+    found = re.search(rf"^(#+) {re.escape(heading)}\n", page, re.MULTILINE)
+    assert found, f"there is no heading {heading!r}"
+    rest = page[found.end() :]
+    end = re.search(rf"^#{{1,{len(found[1])}}} ", rest, re.MULTILINE)
+    return rest[: end.start()] if end else rest
+
+
+def rows(markdown: str) -> dict[str, list[str]]:
+    """Table rows by the first code word of their first cell; the cells after it."""
+    found = {}
+    for line in markdown.splitlines():
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+        for word in re.findall(r"`([^`]+)`", cells[0]) if cells else ():
+            found[word.replace("\\|", "|")] = cells[1:]
+    return found
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"^ *```{language}\n(.*?)^ *```$", page, re.MULTILINE | re.DOTALL)
+
+
+def written(default: Any) -> str:
+    """A default as the tables write it."""
+    if default is None:
+        return "none"
+    if isinstance(default, bool):
+        return str(default).lower()
+    if isinstance(default, (tuple, list)):
+        items = (f'"{i}"' if isinstance(i, str) else str(i) for i in default)
+        return f"`[{', '.join(items)}]`"
+    return f'`"{default}"`' if isinstance(default, str) else str(default)
+
+
+@pytest.mark.parametrize(
+    ("page", "options"), [("abb-egm.md", AbbEgmOptions), ("spacemouse.md", SpaceMouseOptions)]
+)
+def test_every_driver_option_is_there_with_its_default(page, options):
+    table = rows(section(text(page), "Options"))
+    defaults = {field.name: written(field.default) for field in dataclasses.fields(options)}
+    assert {name: table[name][0] for name in defaults} == defaults
+    assert set(table) >= set(defaults)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_configuration_key_is_there_with_its_default(name):
+    table = rows(section(text("configuration.md"), f"`[{name}]`"))
+    fields = TABLES[name].model_fields
+    defaults = {
+        key: written(getattr(field.default, "value", field.default))
+        for key, field in fields.items()
+    }
+    assert {key: cells[0] for key, cells in table.items()} == defaults
+
+
+def test_every_table_of_the_configuration_has_its_section():
+    named = set(
+        re.findall(r"`\[(\w+)\]`", "".join(re.findall(r"^## .*", text("configuration.md"), re.M)))
+    )
+    assert named == set(config.SessionConfig.model_fields)
+    assert set(TABLES) == named - {"device", "robot"}
+
+
+def test_every_model_is_there_as_it_is():
+    lines = section(text("spacemouse.md"), "Devices").splitlines()
+    assert [line for line in lines if line.startswith("|")][2:] == [
+        f"| {model.name} | {model.vendor_id:04x}:{model.product_id:04x} | `{model.key}` "
+        f"| {model.family.value} | {len(model.buttons) or '–'} "
+        f"| {'yes' if model.led else '–'} | {'yes' if model.battery else '–'} |"
+        for model in connexion.MODELS
+    ]
+
+
+def test_every_button_name_is_there():
+    listed = section(text("spacemouse.md"), "Buttons")
+    labels = {label for model in connexion.MODELS for label in model.buttons.values()}
+    assert [label for label in labels if not label.isdecimal() and f"`{label}`" not in listed] == []
+
+
+PEERS = [
+    pytest.param("The controller: `cardan sim abb-gofa`", egm_controller, id="abb-gofa"),
+    pytest.param("The device: `cardan sim spacemouse`", spacemouse, id="spacemouse"),
+]
+
+
+@pytest.mark.parametrize(("heading", "peer"), PEERS)
+def test_every_fault_of_a_peer_is_there_with_its_default(heading, peer):
+    table = rows(section(section(text("simulated-peers.md"), heading), "Its faults"))
+    switches = {switch.name: f"{switch.default:g}" for switch in peer.FAULTS}
+    assert {name: table[name][0] for name in switches} == switches
+
+
+@pytest.mark.parametrize(("heading", "peer"), PEERS)
+def test_every_script_and_verb_of_a_peer_is_there(heading, peer):
+    table = rows(section(section(text("simulated-peers.md"), heading), "Its scripts"))
+    usages = {re.sub(r" \(.*", "", usage) for usage in peer.SCRIPT_VERBS.values()}
+    assert set(table) == {*peer.SCRIPTS, *usages}
+
+
+@pytest.mark.parametrize(("heading", "peer"), PEERS)
+def test_every_option_of_a_peer_is_there(heading, peer, request):
+    page = text("simulated-peers.md")
+    told = section(page, "What both share") + section(page, heading)
+    commands = typer.main.get_command(cli.app).commands["sim"].commands
+    offered = {
+        option
+        for parameter in commands[request.node.callspec.id].params
+        for option in parameter.opts
+    }
+    assert set(re.findall(r"--[a-z]+(?:-[a-z]+)*", told)) == offered - {"--help"}
+
+
+def test_every_metric_is_there():
+    table = rows(section(text("abb-egm.md"), "Metrics"))
+    assert set(EgmSession(AbbEgmOptions(), 0.0).metrics()) <= set(table)
+    page = text("spacemouse.md")
+    metrics = SpaceMouseCore(SpaceMouseOptions()).metrics(0.0)
+    assert [name for name in metrics if f"`{name}`" not in page] == []
+
+
+def test_every_exit_code_is_there():
+    table = section(text("first-ten-minutes.md"), "Ctrl-C, and exit codes")
+    codes = [value for name, value in vars(cli).items() if name.startswith("EXIT_")]
+    assert [code for code in codes if f"\n| {code} | " not in table] == []
+
+
+@pytest.mark.parametrize(("page", "protocol"), [("egm.md", egm), ("3dconnexion-hid.md", connexion)])
+def test_every_function_of_a_codec_is_there(page, protocol):
+    functions = [name for name in protocol.__all__ if re.match(r"(de|en)code_", name)]
+    told = section(text(f"protocols/{page}"), "Functions")
+    assert [name for name in functions if f"\n{name}(" not in told] == []
+
+
+def test_every_fault_of_a_datagram_is_there():
+    assert set(rows(section(text("protocols/egm.md"), "Malformed"))) == set(egm.Fault.__members__)
+
+
+def test_worked_reports_are_what_the_codec_says():
+    table = rows(section(text("protocols/3dconnexion-hid.md"), "Worked bytes"))
+    assert len(table) >= 10
+    for line in section(text("protocols/3dconnexion-hid.md"), "Worked bytes").splitlines():
+        if found := re.match(r"\| `([0-9a-f ]+)` \| `(.*?)`", line):
+            report, value = bytes.fromhex(found[1]), found[2].replace("\\|", "|")
+            decode = connexion.decode_output if report[0] == 4 else connexion.decode_input
+            expected = eval(value, vars(connexion))
+            assert (type(decode(report)), decode(report)) == (type(expected), expected)
+
+
+def test_worked_datagrams_are_what_the_codec_says():
+    page = section(text("protocols/egm.md"), "Worked bytes")
+    pairs = re.findall(r"^ *((?:[0-9a-f]{2}(?: |$))+)", blocks(page, "")[0], re.MULTILINE)
+    answer = bytes.fromhex("".join(pairs))
+    pose = Pose(Vector3(0.5975, 0.001, 0.83775), Quaternion(0.5, 0.0, 0.8660254037844386, 0.0))
+    assert len(answer) == 81
+    assert egm.encode_pose_reply(301, 1214, pose, None) == answer
+    names: dict[str, Any] = {}
+    exec(blocks(page, "python")[1], names)
+    robot = egm.decode_robot(names["data"])
+    assert len(names["data"]) == 80
+    assert robot.feed_back.joints == (0.0, 0.0, 0.0, 0.0, 0.5235987755982988, 0.0)
+    assert robot.mci_state is egm.MCIState.STOPPED
+    assert egm.decode_robot(names["data"][:40]).fault is egm.Fault.TRUNCATED
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_snippets_are_programs_and_settings(page):
+    content = page.read_text(encoding="utf-8")
+    for block in blocks(content, "python"):
+        ast.parse(block)
+    for block in blocks(content, "toml"):
+        table = tomllib.loads(block)
+        if "robot" in table:
+            options = {key: value for key, value in table["robot"].items() if key != "driver"}
+            config.driver_options(config.registry.load(table["robot"]["driver"]), options, "robot")
+
+
+@pytest.mark.parametrize(
+    "example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda p: p.name
+)
+def test_examples_are_fine(example):
+    config.load_config(example)
+
+
+def anchors(page: Path) -> set[str]:
+    """The names that GitHub gives to a page's headings."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+        if "://" in target:
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), target
+        if anchor:
+            assert anchor in anchors(there), target
+
+
+@pytest.mark.parametrize(
+    "image", sorted((ROOT / "docs" / "images").glob("*.svg")), ids=lambda p: p.name
+)
+def test_images_are_well_formed_and_named(image):
+    root = ElementTree.parse(image).getroot()
+    assert root.find("{http://www.w3.org/2000/svg}title").text
