@@ -173,14 +173,10 @@ class RobotState(NamedTuple):
     """Time since the control instant before this one, by the robot's clock, s."""
     joints: tuple[float, ...]
     """Measured joint positions in kinematic order, rad."""
-    joints_planned: tuple[float, ...]
-    """Joint positions the controller is heading for, rad; empty when it does not say."""
     external_axes: tuple[float, ...]
     """Measured external axes, rad (rotary) or m (linear)."""
     pose: Pose | None
     """Measured TCP pose."""
-    pose_planned: Pose | None
-    """TCP pose the controller is heading for."""
     hold_reason: str
     """Why commands would not act now, in words ("motors are off"); empty when they do."""
     wrench: Wrench | None = None

@@ -220,6 +220,23 @@ class TestLoop:
         assert peer.rest() == []
         assert robot.metrics()["superseded"] == 60
 
+    def test_what_cannot_have_waited_for_a_period_is_answered_at_once(
+        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        now_s = [1e6]
+        monkeypatch.setattr(driver_module, "_monotonic", lambda: now_s[0])
+        cycles = robot.cycles()
+        peer.say()
+        next(cycles)
+        robot.send(FAST)
+        for later_s, newest in ((0.9 * PERIOD_S, 1), (0.3 * PERIOD_S, 3)):
+            if newest == 1:
+                peer.say(3)
+            now_s[0] += later_s
+            assert next(cycles).sequence == newest
+            robot.send(FAST)
+        assert robot.metrics()["superseded"] == 1
+
     def test_only_the_first_controller_is_answered(self, robot: AbbEgm, peer: Peer) -> None:
         cycles = robot.cycles()
         peer.say()

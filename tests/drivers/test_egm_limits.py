@@ -13,7 +13,6 @@ from cardan.drivers.abb_egm.limits import (
     JointLimiter,
     OrientationLimiter,
     PointLimiter,
-    approach_speed,
 )
 from cardan.spatial import from_rotation_vector, multiply, normalized, rotation_between
 from cardan.types import IDENTITY, Quaternion, Vector3
@@ -30,20 +29,6 @@ triples = st.tuples(numbers, numbers, numbers)
 
 def length(v: Sequence[float]) -> float:
     return math.sqrt(sum(c * c for c in v))
-
-
-@given(st.floats(1e-9, 3.0), st.floats(0.05, 50.0), st.lists(periods, min_size=1, max_size=30))
-def test_approach_speed_always_leaves_the_braking_distance(
-    distance: float, acceleration: float, steps: list[float]
-) -> None:
-    speed = math.inf
-    for dt_s in steps:
-        before, speed = speed, approach_speed(distance, acceleration, dt_s)
-        distance -= speed * dt_s
-        assert distance >= speed * speed / (2.0 * acceleration) - EPSILON
-        # So that the following period can always keep to its own bound.
-        assert speed >= min(before, 1e9) - acceleration * dt_s - EPSILON or before == math.inf
-    assert approach_speed(-1.0, acceleration, PERIOD_S) == 0.0
 
 
 class TestJoints:

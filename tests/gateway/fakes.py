@@ -111,8 +111,7 @@ class FakeRobot(RobotDriver):
         pose = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
         for sequence in range(self.options.cycles):
             yield RobotState(
-                time.monotonic(), RobotLink.LIVE, 1, sequence, PERIOD_S, (0.0,) * 6, (), (), pose,
-                None, "",
+                time.monotonic(), RobotLink.LIVE, 1, sequence, PERIOD_S, (0.0,) * 6, (), pose, "",
             )  # fmt: skip
             command = self.commands[-1]
             if isinstance(command, PoseCommand):

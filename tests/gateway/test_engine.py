@@ -46,10 +46,8 @@ class Rig:
             sequence=0,
             period_s=DT_S,
             joints=(0.0,) * 6,
-            joints_planned=(),
             external_axes=(),
             pose=START,
-            pose_planned=None,
             hold_reason="",
         )
         self.device = DeviceState(self.now_s, DeviceLink.LIVE, REST, frozenset())

@@ -2,7 +2,6 @@
 
 import math
 import random
-import struct
 
 import pytest
 from hypothesis import given, settings
@@ -26,7 +25,6 @@ from cardan.protocols.egm import (
     MotorState,
     RapidState,
 )
-from cardan.protocols.egm.canonical import NotCanonicalError, decode_canonical_start
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3
 from tests.dissect.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 
@@ -200,17 +198,6 @@ def test_known_states_come_as_their_enums_and_unknown_ones_as_numbers():
 @given(values.robot)
 def test_any_robot_comes_back(robot):
     assert_close_robot(egm.decode_robot(egm.encode_robot(robot)), robot)
-
-
-@bounded
-@given(values.usual_robot)
-def test_a_usual_robot_comes_back_the_short_way(robot):
-    data = egm.encode_robot(robot)
-    assert_close_robot(egm.decode_robot(data), robot)
-    clocks = [divmod(m.time_us, 10**6) for m in (robot.feed_back, robot.planned)]
-    if all(sec >= 1 << 28 and usec >= 1 << 14 for sec, usec in clocks):
-        _, end = decode_canonical_start(data)
-        assert data[end:] == egm.encode_robot(EgmRobot(*[None] * 8, *robot[8:]))
 
 
 def assert_close_robot(found, expected):
@@ -522,18 +509,3 @@ def test_random_bytes_are_typed():
         data = source.randbytes(source.randrange(0, 80))
         assert isinstance(egm.decode_robot(data), EgmRobot | Malformed)
         assert isinstance(egm.decode_from_pc(data), EgmSensor | EgmSensorPathCorr | Malformed)
-
-
-def test_the_short_way_leaves_by_the_errors_it_names():
-    source = random.Random(21)
-    for _ in range(3000):
-        data = bytearray(R1[: source.randrange(len(R1) + 1)])
-        for _ in range(source.randrange(3)):
-            if data:
-                data[source.randrange(len(data))] = source.randrange(256)
-        decoded = egm.decode_robot(data)
-        try:
-            robot, _ = decode_canonical_start(bytes(data))
-        except (NotCanonicalError, IndexError, struct.error):
-            continue
-        assert isinstance(decoded, Malformed) or decoded[:8] == robot[:8]

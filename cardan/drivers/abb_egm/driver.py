@@ -17,7 +17,7 @@ from cardan.drivers.abb_egm.stream import EgmStream
 from cardan.drivers.base import RobotDriver
 from cardan.errors import DriverError, NotOpenError
 from cardan.protocols.egm import MAX_DATAGRAM_BYTES, EgmRapidData, EgmRobot
-from cardan.types import RobotCapabilities, RobotCommand, RobotState
+from cardan.types import NEVER_S, RobotCapabilities, RobotCommand, RobotState
 
 _WAKE_S = 0.1
 """A silent robot is reported at least this often (contract of `cycles`)."""
@@ -58,7 +58,11 @@ class AbbEgm(RobotDriver):
         self._session = EgmSession(self.options, _monotonic())
         self._socket: socket.socket | None = None
         self._poll = select.poll()
+        self._drained_s = NEVER_S
+        """When nothing was waiting; what comes out of the socket now came in after that."""
+        self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s
+        """The command that the datagram last yielded was answered with."""
         self._loop = 0
         """Counts calls of cycles(); only the newest loop goes on."""
         self._loop_thread = 0
@@ -166,7 +170,8 @@ class AbbEgm(RobotDriver):
                         yield silence
                     continue
                 now_s = _monotonic()
-                more = poll(0)
+                # Where this one cannot have waited for a period, asking for a newer one only costs.
+                more = now_s - self._drained_s > self._period_s and poll(0)
                 state = receive(data, source, now_s)
                 if more:
                     taken = session.counters.accepted
@@ -226,7 +231,10 @@ class AbbEgm(RobotDriver):
         except OSError as error:
             session.send_failed(error.strerror or str(error))
         else:
-            session.answered(_monotonic())
+            now_s = _monotonic()
+            if not self._poll.poll(0):
+                self._drained_s = now_s
+            session.answered(now_s)
 
     def _drain(self, sock: socket.socket) -> RobotState | None:
         """Take in what is waiting; the newest state, if any of it is valid."""

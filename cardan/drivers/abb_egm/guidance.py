@@ -73,10 +73,10 @@ class Guidance(ABC):
         """Make the reference what `state` measures, at rest."""
 
     @abstractmethod
-    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
-        """Make the reference what the controller itself is heading for, at the speed it has.
+    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
+        """Make the reference what the controller itself is `heading` for, at the speed it has.
 
-        `before` is the state received `dt_s` before `state`.
+        `before` is what it was heading for `dt_s` earlier.
         """
 
     @abstractmethod
@@ -93,8 +93,8 @@ class Guidance(ABC):
         """True while the reference has a speed."""
 
     @abstractmethod
-    def progress(self, state: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
-        """The reference, and what the controller has made of it so far; None without one."""
+    def progress(self, heading: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
+        """The reference, and what the controller is `heading` for; None without a reference."""
 
 
 def guidance_for(options: AbbEgmOptions) -> Guidance:
@@ -152,8 +152,8 @@ class _Externals:
         else:
             self.limiter.brake(dt_s)
 
-    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
-        now, then = state.external_axes[: self.count], before.external_axes[: self.count]
+    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
+        now, then = heading.external_axes[: self.count], before.external_axes[: self.count]
         self.limiter.reset(now, _speeds(now, then, dt_s))
 
     def on_wire(self, values: Sequence[float]) -> tuple[float, ...]:
@@ -214,10 +214,9 @@ class JointGuidance(Guidance):
         self._limiter.reset(state.joints)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
 
-    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
-        now = _heading(state)
-        self._limiter.reset(now, _speeds(now, _heading(before), dt_s))
-        self._externals.resync(state, before, dt_s)
+    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
+        self._limiter.reset(heading.joints, _speeds(heading.joints, before.joints, dt_s))
+        self._externals.resync(heading, before, dt_s)
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         if self._speed_only:
@@ -268,15 +267,8 @@ class JointGuidance(Guidance):
     def moving(self) -> bool:
         return self._limiter.moving or self._externals.limiter.moving
 
-    def progress(self, state: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
-        if self._speed_only or len(state.joints_planned) != self._count:
-            return None
-        return self._limiter.positions, state.joints_planned
-
-
-def _heading(state: RobotState) -> Sequence[float]:
-    planned = state.joints_planned
-    return planned if len(planned) == len(state.joints) else state.joints
+    def progress(self, heading: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
+        return None if self._speed_only else (self._limiter.positions, heading.joints)
 
 
 _NORM_TOLERANCE = 0.02
@@ -337,9 +329,8 @@ class PoseGuidance(Guidance):
         self._turn.reset(state.pose.orientation)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
 
-    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
-        now = state.pose_planned or state.pose
-        then = before.pose_planned or before.pose
+    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
+        now, then = heading.pose, before.pose
         assert now is not None
         linear = angular = ZERO3
         if then is not None and dt_s > 0.0:
@@ -349,7 +340,7 @@ class PoseGuidance(Guidance):
             angular = Vector3(*(angle / dt_s for angle in turned))
         self._point.reset(now.position, linear)
         self._turn.reset(now.orientation, angular)
-        self._externals.resync(state, before, dt_s)
+        self._externals.resync(heading, before, dt_s)
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         point = self._point
@@ -405,10 +396,10 @@ class PoseGuidance(Guidance):
     def moving(self) -> bool:
         return self._point.moving or self._turn.moving or self._externals.limiter.moving
 
-    def progress(self, state: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
-        if self._speed_only or state.pose_planned is None:
+    def progress(self, heading: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
+        if self._speed_only or heading.pose is None:
             return None
-        return self._point.position, state.pose_planned.position
+        return self._point.position, heading.pose.position
 
 
 def _check_twist(twist: Twist) -> None:
@@ -449,7 +440,7 @@ class PathGuidance(Guidance):
         self._offset.reset(ZERO3)
         self._age_ms = 0
 
-    def resync(self, state: RobotState, before: RobotState, dt_s: float) -> None:
+    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
         self._offset.reset(self._offset.position)
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
@@ -468,5 +459,5 @@ class PathGuidance(Guidance):
     def moving(self) -> bool:
         return self._offset.moving
 
-    def progress(self, state: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
+    def progress(self, heading: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
         return None

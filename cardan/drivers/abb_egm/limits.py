@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from cardan.braking import stopping_speed
 from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
 
 _sqrt = math.sqrt
@@ -25,14 +26,6 @@ _new = tuple.__new__
 _SQRT_3 = _sqrt(3.0)
 _TINY = 1e-12
 """Distances and speeds below this (m, rad, per s) are rounding."""
-
-
-def approach_speed(distance: float, acceleration: float, dt_s: float) -> float:
-    """The highest speed for one period of `dt_s` that leaves the braking distance; >= 0."""
-    if distance <= 0.0:
-        return 0.0
-    gain = acceleration * dt_s
-    return _sqrt(gain * gain + 2.0 * acceleration * distance) - gain
 
 
 class JointLimiter:
@@ -164,9 +157,9 @@ class JointLimiter:
             if lowest < -speed:
                 lowest = -speed
             if position > self._inner_upper[i]:
-                highest = min(highest, approach_speed(self._upper[i] - position, a, dt_s))
+                highest = min(highest, stopping_speed(self._upper[i] - position, a, dt_s))
             if position < self._inner_lower[i]:
-                lowest = max(lowest, -approach_speed(position - self._lower[i], a, dt_s))
+                lowest = max(lowest, -stopping_speed(position - self._lower[i], a, dt_s))
             velocity = desired[i]
             if velocity < lowest:
                 velocity = lowest
@@ -314,8 +307,8 @@ class PointLimiter:
         lower, upper = box
         p = self.position
         return (
-            [-approach_speed(p[i] - lower[i], share, dt_s) for i in (0, 1, 2)],
-            [approach_speed(upper[i] - p[i], share, dt_s) for i in (0, 1, 2)],
+            [-stopping_speed(p[i] - lower[i], share, dt_s) for i in (0, 1, 2)],
+            [stopping_speed(upper[i] - p[i], share, dt_s) for i in (0, 1, 2)],
         )
 
     def _confined(

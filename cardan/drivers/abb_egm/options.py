@@ -1,4 +1,4 @@
-"""What can be set about the EGM driver, and the limits of robots known by name."""
+"""What can be set about the EGM driver."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import ipaddress
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
+from cardan.arm_model import arm_names, load_arm
 from cardan.protocols.egm.messages import DNUM_MAX
 from cardan.types import JointLimits
 
@@ -19,24 +20,6 @@ CONTROLLER_PERIOD_S = 0.004032
 
 SILENT_PERIODS = 3
 """So many missed datagrams are not a hiccup of the network any more."""
-
-
-class RobotPreset(NamedTuple):
-    """Joint range and speed from a robot's data sheet."""
-
-    lower_deg: tuple[float, ...]
-    upper_deg: tuple[float, ...]
-    speed_deg_s: tuple[float, ...]
-
-
-ROBOTS = {
-    "gofa_crb15000_5": RobotPreset(
-        lower_deg=(-180.0, -180.0, -225.0, -180.0, -180.0, -180.0),
-        upper_deg=(180.0, 180.0, 85.0, 180.0, 180.0, 180.0),
-        speed_deg_s=(125.0, 125.0, 140.0, 200.0, 200.0, 200.0),
-    ),
-}
-"""GoFa CRB 15000-5/0.95: the public robot description of ros-industrial."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +165,7 @@ class AbbEgmOptions:
                 name, angles, len(angles) in (0, self.joints), f"{self.joints} angles, or none"
             )
         if self.robot is not None:
-            known = len(ROBOTS[self.robot].lower_deg)
+            known = len(load_arm(self.robot).joints)
             _require("robot", self.robot, known == self.joints, f"one with {self.joints} joints")
         else:
             _require("joint_upper_deg", upper, bool(upper) == bool(lower), "given with the lower")
@@ -197,9 +180,11 @@ class AbbEgmOptions:
         _require("workspace_lower_m", low, good, f"below the upper corner {high}")
 
     def _range_deg(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        preset = ROBOTS[self.robot] if self.robot is not None else None
-        lower = self.joint_lower_deg or (preset.lower_deg if preset else ())
-        upper = self.joint_upper_deg or (preset.upper_deg if preset else ())
+        lower, upper = self.joint_lower_deg, self.joint_upper_deg
+        if self.robot is not None:
+            arm = load_arm(self.robot)
+            lower = lower or tuple(map(math.degrees, arm.lower_rad))
+            upper = upper or tuple(map(math.degrees, arm.upper_rad))
         return (lower, upper) if lower else None
 
     @property
@@ -234,16 +219,16 @@ class AbbEgmOptions:
     @property
     def joint_speeds_rad_s(self) -> tuple[float, ...]:
         """Highest speed of each joint, rad/s."""
-        own = (self.joint_speed_deg_s,) * self.joints
-        robot = own if self.robot is None else ROBOTS[self.robot].speed_deg_s
-        return tuple(math.radians(min(pair)) for pair in zip(own, robot, strict=True))
+        own = (math.radians(self.joint_speed_deg_s),) * self.joints
+        arm = own if self.robot is None else load_arm(self.robot).velocity_rad_s
+        return tuple(map(min, own, arm))
 
 
 _CHOICES: dict[str, tuple[Any, ...]] = {
     "mode": MODES,
     "speed_reference": SPEED_REFERENCES,
     "force_frame": ("tool", "base"),
-    "robot": (None, *ROBOTS),
+    "robot": (None, *arm_names()),
 }
 _WHOLE = {
     "listen_port": (0, 65535),

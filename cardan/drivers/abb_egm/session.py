@@ -15,11 +15,10 @@ from cardan.errors import CommandError
 from cardan.histogram import LatencyHistogram
 from cardan.protocols.egm import (
     DNUM_MAX,
-    EgmHeader,
-    EgmMotion,
-    EgmPose,
+    EgmFeedback,
     EgmRapidData,
     EgmRobot,
+    FeedbackReader,
     Malformed,
     MCIState,
     MotorState,
@@ -48,6 +47,9 @@ _new = tuple.__new__
 """A named tuple in half the time of its own constructor, for what is made in every cycle."""
 _LIVE = RobotLink.LIVE
 _BASE = Frame.BASE
+
+_NO_STATES = (-1, -1, -1)
+"""No controller's: whatever comes first is a change."""
 
 _MASK = 0xFFFFFFFF
 _HALF = 0x80000000
@@ -103,8 +105,6 @@ class EgmSession:
         self.counters = EgmCounters()
         self.peer: Address | None = None
         """Where the controller sends from, and where answers go."""
-        self.message: EgmRobot | None = None
-        """The newest accepted message as it came."""
         self.state: RobotState | None = None
         """The newest accepted state."""
         self.owes_answer = False
@@ -133,6 +133,7 @@ class EgmSession:
         self._external_factors = tuple(1.0 / factor for factor in wire_factors(options))
         self._force_frame = Frame(options.force_frame)
         self._guidance = guidance_for(options)
+        self._reader = FeedbackReader()
         self._suffix = b""
         self._outputs = EgmRapidData(None, ())
         if options.digital_output is not None or options.output_values:
@@ -150,10 +151,14 @@ class EgmSession:
         self._session_s = NEVER_S
         self._session_first = 0
         self._before: RobotState | None = None
+        self._data = self._data_before = b""
+        """The datagrams that `state` and `_before` are from."""
+        self._full: tuple[bytes, EgmRobot | None] = (b"", None)
+        """A datagram and all that was in it."""
         self._since_reply_s = 0.0
         self._replied_s = NEVER_S
         self._said_speed = False
-        self._controller_states: tuple[int | None, int | None, int | None] = (None, None, None)
+        self._controller_states = _NO_STATES
         self._hold_reason = EGM_UNDEFINED
         self._orientation: Quaternion | None = None
 
@@ -166,26 +171,23 @@ class EgmSession:
             self.counters.foreign += 1
             self.last_foreign = f"{source[0]}:{source[1]}"
             return None
-        message = decode_robot(data)
-        if isinstance(message, Malformed):
-            self._refuse(message.fault.name.lower(), f"{message.fault.value}: {message.detail}")
+        feedback = self._reader.read(data)
+        if isinstance(feedback, Malformed):
+            self._refuse(feedback)
             return None
-        header = message.header
-        feedback = message.feed_back
-        if header is None or header.seqno is None or feedback is None:
-            self._refuse("incomplete", self._lack(header, feedback))
-            return None
-        seqno = header.seqno
+        seqno, tm_ms, joints, position, orientation, external, time_us, states, force, rate = (
+            feedback
+        )
         pose = None
-        if feedback.cartesian is not None:
-            pose = _pose(feedback.cartesian, self._orientation)
-        joints = feedback.joints
+        if position is not None and orientation is not None:
+            pose = _pose(position, orientation, self._orientation)
         if (
             (pose is None and self._needs_pose)
-            or (self._needs_joints and (joints is None or len(joints) != 6))
-            or (self._needs_external and len(feedback.external_joints or ()) < self._needs_external)
+            or (self._needs_joints and len(joints) != 6)
+            or (self._needs_external and len(external) < self._needs_external)
         ):
-            self._refuse("incomplete", self._lack(header, feedback))
+            self.counters.malformed["incomplete"] += 1
+            self.last_malformed = self._lack(feedback)
             return None
         step = 1
         cause = ""
@@ -194,13 +196,13 @@ class EgmSession:
         elif source != peer:
             cause = f"the controller's port changed from {peer[1]} to {source[1]}"
         elif self._silent or (
-            now_s - self._last_s > self._lost_after_s and not self._was_queued(message)
+            now_s - self._last_s > self._lost_after_s and not self._was_queued(feedback)
         ):
             cause = f"{now_s - self._last_s:.2f} s of silence"
         elif seqno != (self._seqno + 1) & _MASK:
             step = ((seqno - self._seqno + _HALF) & _MASK) - _HALF
             if step <= 0:
-                if not self._restarted(message, step):
+                if not self._restarted(feedback, step):
                     if step:
                         self.counters.old += 1
                     else:
@@ -218,29 +220,51 @@ class EgmSession:
             self._session_s = now_s
             self._session_first = self.counters.accepted
         else:
-            period_s = self._period(feedback.time_us, step)
+            period_s = self._period(time_us, step)
             self._jitter_s = abs(now_s - self._last_s - period_s)
             superseded = self.state if self.owes_answer else None
             if superseded is not None:
                 self.counters.superseded += 1
         self._seqno = seqno
-        self._tm_ms = header.tm_ms
-        self._time_us = feedback.time_us
+        self._tm_ms = tm_ms
+        self._time_us = time_us
         self._last_s = now_s
         self._last_step_s = period_s
         self._since_reply_s += period_s
         if superseded is not None:
             period_s += superseded.period_s  # nobody acts on that one: its time passes here
         self.counters.accepted += 1
-        states = (message.motor_state, message.mci_state, message.rapid_exec_state)
         if states != self._controller_states:
             self._enter(states)
         if pose is not None:
             self._orientation = pose.orientation
-        self.message = message
+        if external:
+            joints, external = self._ordered(joints, external)
+        wrench = None
+        if len(force) == 6:
+            fx, fy, fz, tx, ty, tz = force
+            wrench = Wrench(Vector3(fx, fy, fz), Vector3(tx, ty, tz), self._force_frame)
         self.owes_answer = True
         self._before = self.state
-        self.state = state = self._state(message, feedback, pose, now_s, period_s)
+        self._data_before = self._data
+        self._data = data
+        self.state = state = _new(
+            RobotState,
+            (
+                now_s,
+                _LIVE,
+                self._sessions,
+                seqno,
+                period_s,
+                joints,
+                external,
+                pose,
+                self._hold_reason or (FIRST_ANSWER if self._fresh else ""),
+                wrench,
+                None if rate is None else 0.01 * rate,
+                None if time_us is None else 1e-6 * time_us,
+            ),
+        )
         return state
 
     def tick(self, now_s: float) -> RobotState | None:
@@ -250,7 +274,7 @@ class EgmSession:
         """
         if self.state is None:
             reason = f"no datagram in {now_s - self.opened_s:.1f} s"
-            return RobotState(now_s, RobotLink.WAITING, 0, 0, 0.0, (), (), (), None, None, reason)
+            return RobotState(now_s, RobotLink.WAITING, 0, 0, 0.0, (), (), None, reason)
         silence_s = now_s - self._last_s
         if silence_s < self._lost_after_s:
             return None
@@ -278,46 +302,40 @@ class EgmSession:
         silence_s = now_s - self._last_s
         return source[0] == self.peer[0] and silence_s >= SILENT_PERIODS * self._nominal_s
 
-    def _refuse(self, kind: str, detail: str) -> None:
-        self.counters.malformed[kind] += 1
-        self.last_malformed = detail
+    def _refuse(self, malformed: Malformed) -> None:
+        self.counters.malformed[malformed.fault.name.lower()] += 1
+        self.last_malformed = f"{malformed.fault.value}: {malformed.detail}"
 
-    def _lack(self, header: EgmHeader | None, feedback: EgmMotion | None) -> str:
+    def _lack(self, feedback: EgmFeedback) -> str:
         """What an incomplete message must have and has not."""
-        if header is None or header.seqno is None:
-            return "it has no sequence number"
-        if feedback is None:
-            return "it has no feedBack"
-        external = len(feedback.external_joints or ())
+        external = len(feedback.external_joints)
         if external < self._needs_external:
             return (
                 f"feedBack has {external} externalJoints, the options need {self._needs_external}"
             )
         if self._needs_joints:
-            return f"joint mode needs 6 joints in feedBack, it has {len(feedback.joints or ())}"
-        return f"pose mode needs position and orientation in feedBack, it has {feedback.cartesian}"
+            return f"joint mode needs 6 joints in feedBack, it has {len(feedback.joints)}"
+        return (
+            "pose mode needs position and orientation in feedBack, it has "
+            f"{feedback.pos} and {feedback.orient}"
+        )
 
-    def _clock_steps_ms(self, message: EgmRobot) -> list[float]:
+    def _clock_steps_ms(self, feedback: EgmFeedback) -> list[float]:
         """How far the controller's clocks, as far as it sends them, are past the last message."""
-        last = self.message
         steps: list[float] = []
-        if last is None or last.header is None or message.header is None:
-            return steps
-        tm, last_tm = message.header.tm_ms, last.header.tm_ms
-        if tm is not None and last_tm is not None:
-            steps.append(((tm - last_tm + _HALF) & _MASK) - _HALF)
-        now, before = message.feed_back, last.feed_back
-        if now and before and now.time_us is not None and before.time_us is not None:
-            steps.append((now.time_us - before.time_us) * 1e-3)
+        if feedback.tm_ms is not None and self._tm_ms is not None:
+            steps.append(((feedback.tm_ms - self._tm_ms + _HALF) & _MASK) - _HALF)
+        if feedback.time_us is not None and self._time_us is not None:
+            steps.append((feedback.time_us - self._time_us) * 1e-3)
         return steps
 
-    def _was_queued(self, message: EgmRobot) -> bool:
-        """Whether `message` waited here, unread, rather than that the controller was silent."""
-        return any(0.0 < step < 1e3 * self._lost_after_s for step in self._clock_steps_ms(message))
+    def _was_queued(self, feedback: EgmFeedback) -> bool:
+        """Whether `feedback` waited here, unread, rather than that the controller was silent."""
+        return any(0.0 < step < 1e3 * self._lost_after_s for step in self._clock_steps_ms(feedback))
 
-    def _restarted(self, message: EgmRobot, step: int) -> bool:
+    def _restarted(self, feedback: EgmFeedback, step: int) -> bool:
         """Whether a sequence number that did not rise means a new start, not a late datagram."""
-        clocks = [ms for ms in self._clock_steps_ms(message) if ms]
+        clocks = [ms for ms in self._clock_steps_ms(feedback) if ms]
         if clocks:
             return max(clocks) > 0.0 or step < -_LATE_MAX
         return step < -_REORDERED_MAX
@@ -343,7 +361,7 @@ class EgmSession:
         self._fresh = True
         self._since_reply_s = 0.0
         self._replied_s = NEVER_S
-        self._controller_states = (None, None, None)
+        self._controller_states = _NO_STATES
         self._hold_reason = EGM_UNDEFINED
 
     def _note_end(self) -> None:
@@ -352,7 +370,7 @@ class EgmSession:
         if message and message.mci_convergence_met and message.mci_state == MCIState.RUNNING:
             self.counters.ended_by_convergence += 1
 
-    def _enter(self, states: tuple[int | None, int | None, int | None]) -> None:
+    def _enter(self, states: tuple[int, int, int]) -> None:
         motors, mci, rapid = states
         if (
             self._controller_states[1] == MCIState.RUNNING
@@ -365,53 +383,40 @@ class EgmSession:
         self.slow_motion.reset()
         self._hold_reason = hold_reason(motors, mci, rapid)
 
-    def _state(
-        self,
-        message: EgmRobot,
-        feedback: EgmMotion,
-        pose: Pose | None,
-        now_s: float,
-        period_s: float,
-    ) -> RobotState:
-        joints = feedback.joints or ()
-        externals: tuple[float, ...] = ()
-        joints_planned: tuple[float, ...] = ()
-        pose_planned = None
-        if feedback.external_joints:
-            joints, externals = self._ordered(joints, feedback.external_joints)
-        planned = message.planned
-        if planned is not None:
-            joints_planned = planned.joints or ()
-            if planned.external_joints and self._joints == 7:
-                joints_planned, _ = self._ordered(joints_planned, planned.external_joints)
-            if planned.cartesian is not None:
-                pose_planned = _pose(planned.cartesian, self._orientation)
-        wrench = None
-        force = message.measured_force
-        if force is not None and len(force.force) == 6:
-            fx, fy, fz, tx, ty, tz = force.force
-            wrench = Wrench(Vector3(fx, fy, fz), Vector3(tx, ty, tz), self._force_frame)
-        utilization = message.utilization_rate
-        clock_us = feedback.time_us
-        return _new(
-            RobotState,
-            (
-                now_s,
-                _LIVE,
-                self._sessions,
-                self._seqno,
-                period_s,
-                joints,
-                joints_planned,
-                externals,
-                pose,
-                pose_planned,
-                self._hold_reason or (FIRST_ANSWER if self._fresh else ""),
-                wrench,
-                None if utilization is None else 0.01 * utilization,
-                None if clock_us is None else 1e-6 * clock_us,
-            ),
-        )
+    def _heading(self, message: EgmRobot | None, state: RobotState | None) -> RobotState | None:
+        """`state` with what the controller is heading for in place of what it measures.
+
+        None where its message does not say that in full.
+        """
+        planned = message and message.planned
+        if not planned or state is None:
+            return None
+        joints, pose = planned.joints or (), None
+        if planned.external_joints:
+            joints, _ = self._ordered(joints, planned.external_joints)
+        if planned.cartesian is not None:
+            position, orientation, euler = planned.cartesian
+            if orientation is None and euler is not None:
+                orientation = from_euler_zyx(*euler)
+            if position is not None and orientation is not None:
+                pose = _pose(position, orientation, self._orientation)
+        if (self._needs_pose and pose is None) or (
+            self._needs_joints and len(joints) != self._joints
+        ):
+            return None
+        return state._replace(joints=joints, pose=pose)
+
+    def _resync(self, state: RobotState) -> None:
+        """Take up the motion that the controller went on with by itself."""
+        before = self._before or state
+        heading = self._heading(self.message, state)
+        message = decode_robot(self._data_before)
+        heading_before = None
+        if not isinstance(message, Malformed):
+            heading_before = self._heading(message, before)
+        if heading is None or heading_before is None:
+            heading, heading_before = state, before
+        self._guidance.resync(heading, heading_before, self._last_step_s)
 
     def _ordered(
         self, joints: tuple[float, ...], outside: tuple[float, ...]
@@ -464,7 +469,7 @@ class EgmSession:
             if now_s - self._replied_s > timeout_s:
                 # The controller went on by itself: the old reference is behind it.
                 self.counters.late_commands += 1
-                guidance.resync(state, self._before or state, self._last_step_s)
+                self._resync(state)
             if now_s - state.stamp_s > timeout_s:
                 guidance.step(None, state, dt_s)
             else:
@@ -483,8 +488,10 @@ class EgmSession:
             return
         self.reply_latency.add(now_s - state.stamp_s)
         self.jitter.add(self._jitter_s)
+        self._reader.learn()
         if not state.hold_reason and self.slow_motion.due():
-            self.slow_motion.look(self._guidance.progress(state), now_s)
+            heading = self._heading(self.message, state)
+            self.slow_motion.look(heading and self._guidance.progress(heading), now_s)
 
     def send_failed(self, reason: str) -> None:
         """Note that the answer could not be sent."""
@@ -543,6 +550,23 @@ class EgmSession:
     # -- insight --------------------------------------------------------------------------------
 
     @property
+    def message(self) -> EgmRobot | None:
+        """All of the newest accepted message. None before the first, and where a part that no
+        answer depends on is malformed (which is noticed and counted here, by looking at it).
+        """
+        data = self._data
+        known, message = self._full
+        if data and known is not data:
+            decoded = decode_robot(data)
+            message = None
+            if isinstance(decoded, Malformed):
+                self._refuse(decoded)
+            else:
+                message = decoded
+            self._full = (data, message)
+        return message
+
+    @property
     def sessions(self) -> int:
         """Sessions so far."""
         return self._sessions
@@ -598,13 +622,8 @@ class EgmSession:
 _HOLD = HoldCommand()
 
 
-def _pose(wire: EgmPose, previous: Quaternion | None) -> Pose | None:
-    """`wire` with a unit quaternion on the side of `previous`; None where it is incomplete."""
-    position, orientation, euler = wire
-    if orientation is None and euler is not None:
-        orientation = from_euler_zyx(*euler)
-    if position is None or orientation is None:
-        return None
+def _pose(position: Vector3, orientation: Quaternion, previous: Quaternion | None) -> Pose | None:
+    """A pose with a unit quaternion on the side of `previous`; None where it is no rotation."""
     w, x, y, z = orientation
     squared = w * w + x * x + y * y + z * z
     if not -_ROUNDING < squared - 1.0 < _ROUNDING:

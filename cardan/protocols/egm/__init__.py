@@ -4,7 +4,7 @@ Source: ABB Application manual, Externally Guided Motion, RobotWare 7.16 (3HAC07
 published ``egm.proto`` of RobotWare 6.08 to 7.16.
 """
 
-from cardan.protocols.egm.decode import decode_from_pc, decode_robot
+from cardan.protocols.egm.decode import decode_feedback, decode_from_pc, decode_robot
 from cardan.protocols.egm.encode import (
     encode_path_corr,
     encode_rapid_to_robot,
@@ -15,6 +15,7 @@ from cardan.protocols.egm.messages import (
     DNUM_MAX,
     MAX_DATAGRAM_BYTES,
     EgmCollisionInfo,
+    EgmFeedback,
     EgmHeader,
     EgmMeasuredForce,
     EgmMotion,
@@ -31,12 +32,14 @@ from cardan.protocols.egm.messages import (
     MotorState,
     RapidState,
 )
+from cardan.protocols.egm.reader import FeedbackReader
 from cardan.protocols.egm.replies import encode_joint_reply, encode_pose_reply
 
 __all__ = [
     "DNUM_MAX",
     "MAX_DATAGRAM_BYTES",
     "EgmCollisionInfo",
+    "EgmFeedback",
     "EgmHeader",
     "EgmMeasuredForce",
     "EgmMotion",
@@ -47,11 +50,13 @@ __all__ = [
     "EgmSensorPathCorr",
     "EgmSpeedRef",
     "Fault",
+    "FeedbackReader",
     "MCIState",
     "Malformed",
     "MessageType",
     "MotorState",
     "RapidState",
+    "decode_feedback",
     "decode_from_pc",
     "decode_robot",
     "encode_joint_reply",

@@ -1,8 +1,7 @@
 """EGM datagrams to values.
 
 protobuf decides what a datagram means; here its messages become values in SI units, and what no
-robot or hand may be moved by is refused. A robot's usual datagram takes the short way of
-:mod:`cardan.protocols.egm.canonical`, to the same values.
+robot or hand may be moved by is refused.
 
 Numbers that move a robot, a hand or a RAPID program (joints, poses, speeds, forces, dnum) must be
 finite and no more than the protocol allows. What only informs (test signals, collision quotas,
@@ -15,24 +14,17 @@ protocol".
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Sequence
 from typing import Any
 
 from google.protobuf.message import DecodeError
 
 from cardan.protocols.egm import schema
-from cardan.protocols.egm.canonical import (
-    MCI_STATES,
-    MOTOR_STATES,
-    RAPID_STATES,
-    NotCanonicalError,
-    decode_canonical_start,
-)
 from cardan.protocols.egm.messages import (
     DNUM_MAX,
     MAX_DATAGRAM_BYTES,
     EgmCollisionInfo,
+    EgmFeedback,
     EgmHeader,
     EgmMeasuredForce,
     EgmMotion,
@@ -44,15 +36,29 @@ from cardan.protocols.egm.messages import (
     EgmSpeedRef,
     Fault,
     Malformed,
+    MCIState,
     MessageType,
+    MotorState,
+    RapidState,
 )
-from cardan.protocols.egm.units import MM_PER_M, radians
+from cardan.protocols.egm.units import MM_PER_M, RAD_PER_DEG, radians
+from cardan.spatial import from_euler_zyx
 from cardan.types import Quaternion, Vector3
 
 AXES_MAX = 6
 """Most values of a group of axes, and of a force."""
 
 _MESSAGE_TYPES = {member.value: member for member in MessageType}
+_MOTOR_STATES = tuple(MotorState)
+_MCI_STATES = tuple(MCIState)
+_RAPID_STATES = tuple(RapidState)
+"""The members by number."""
+
+_FROM_CONTROLLER = (2, 0)
+"""MessageType DATA and UNDEFINED, as the plain numbers they are compared with in every cycle."""
+
+_new = tuple.__new__
+_isfinite = math.isfinite
 
 
 def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | Malformed:
@@ -63,13 +69,70 @@ def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | Malformed:
     """
     data = bytes(data)
     try:
-        if not 0 < len(data) <= MAX_DATAGRAM_BYTES:
-            raise _wrong_size(data)
-        try:
-            robot, end = decode_canonical_start(data)
-        except (NotCanonicalError, IndexError, struct.error):
-            return _robot(data)
-        return robot if end == len(data) else _continued(robot, data, end)
+        return _robot(data)
+    except _RefusedError as refused:
+        return refused.malformed
+
+
+def decode_feedback(data: bytes) -> EgmFeedback | Malformed:
+    """What an answer depends on, out of what a controller sends. Never raises.
+
+    All of the datagram must be protobuf; of its values those that are not returned are not looked
+    at. Refused as WRONG_TYPE, beyond what `decode_robot` refuses: no sequence number, no feedBack.
+    This runs before every answer, so it makes no value and asks no question it can do without.
+    """
+    try:
+        m = _parse_robot(data)
+        has = m.HasField
+        header = m.header
+        seqno = header.seqno
+        if not seqno and not header.HasField("seqno"):
+            raise _RefusedError(Fault.WRONG_TYPE, "it has no sequence number")
+        if not has("feedBack"):
+            raise _RefusedError(Fault.WRONG_TYPE, "it has no feedBack")
+        tm_ms: int | None = header.tm
+        if not tm_ms and not header.HasField("tm"):
+            tm_ms = None
+        feedback = m.feedBack
+        joints = feedback.joints.joints[:]
+        if len(joints) > AXES_MAX or not _isfinite(sum(joints)):
+            _axes(joints, "feedBack", "joints")
+        cartesian = feedback.cartesian
+        pos: Vector3 | None = None
+        orient: Quaternion | None = None
+        p = cartesian.pos
+        x, y, z = p.x, p.y, p.z
+        q = cartesian.orient
+        u0, u1, u2, u3 = q.u0, q.u1, q.u2, q.u3
+        if _isfinite(x + y + z + u0 + u1 + u2 + u3) and (u0 or u1 or u2 or u3) and (x or y or z):
+            pos = _new(Vector3, (x / MM_PER_M, y / MM_PER_M, z / MM_PER_M))
+            orient = _new(Quaternion, (u0, u1, u2, u3))
+        elif feedback.HasField("cartesian"):
+            pos, orient, euler = _pose(cartesian, "feedBack")
+            if orient is None and euler is not None:
+                orient = from_euler_zyx(*euler)
+        external: tuple[float, ...] = ()
+        if feedback.HasField("externalJoints"):
+            external = _axes(feedback.externalJoints.joints, "feedBack", "externalJoints")
+        time = feedback.time
+        time_us: int | None = time.sec * 1_000_000 + time.usec
+        if not time_us and not feedback.HasField("time"):
+            time_us = None
+        return _new(
+            EgmFeedback,
+            (
+                seqno,
+                tm_ms,
+                tuple([value * RAD_PER_DEG for value in joints]),
+                pos,
+                orient,
+                external,
+                time_us,
+                (m.motorState.state, m.mciState.state, m.rapidExecState.state),
+                _force(m.measuredForce, data).force if has("measuredForce") else (),
+                m.utilizationRate if has("utilizationRate") else None,
+            ),
+        )
     except _RefusedError as refused:
         return refused.malformed
 
@@ -136,49 +199,33 @@ def _parse_complete(message_class: Any, data: bytes) -> Any:
     return message
 
 
-def _robot(data: bytes) -> EgmRobot:
+def _parse_robot(data: bytes) -> Any:
+    """A protobuf EgmRobot with all required fields, from a controller."""
+    if not 0 < len(data) <= MAX_DATAGRAM_BYTES:
+        raise _wrong_size(data)
     m = _parse_complete(schema.Robot, data)
-    has = m.HasField
-    header = _header(m)
-    if header is not None and header.mtype not in (MessageType.DATA, MessageType.UNDEFINED):
+    mtype = m.header.mtype
+    if mtype not in _FROM_CONTROLLER:
         raise _RefusedError(
-            Fault.WRONG_TYPE,
-            f"mtype {header.mtype} is not a controller's ({MessageType.DATA:d}, DATA)",
+            Fault.WRONG_TYPE, f"mtype {mtype} is not a controller's ({MessageType.DATA:d}, DATA)"
         )
+    return m
+
+
+def _robot(data: bytes) -> EgmRobot:
+    m = _parse_robot(data)
+    has = m.HasField
     if not has("feedBack") and not has("planned"):
         raise _RefusedError(Fault.WRONG_TYPE, "there is neither feedBack nor planned")
     return EgmRobot(
-        header,
+        _header(m),
         _motion(m.feedBack, "feedBack") if has("feedBack") else None,
         _motion(m.planned, "planned") if has("planned") else None,
-        _state(m.motorState.state, MOTOR_STATES) if has("motorState") else None,
-        _state(m.mciState.state, MCI_STATES) if has("mciState") else None,
+        _state(m.motorState.state, _MOTOR_STATES) if has("motorState") else None,
+        _state(m.mciState.state, _MCI_STATES) if has("mciState") else None,
         m.mciConvergenceMet if has("mciConvergenceMet") else None,
         _list(m.testSignals.signals) if has("testSignals") else None,
-        _state(m.rapidExecState.state, RAPID_STATES) if has("rapidExecState") else None,
-        *_later_fields(m, data),
-    )
-
-
-_FIRST_FIELDS = tuple(schema.Robot.DESCRIPTOR.fields_by_name)[:8]
-
-
-def _continued(robot: EgmRobot, data: bytes, at: int) -> EgmRobot:
-    """`robot`, of which the first eight fields are known, with what `data` has from `at` on.
-
-    None of the later fields has required ones in it.
-    """
-    rest = data[at:]
-    m = _parse(schema.Robot, rest)
-    if any(map(m.HasField, _FIRST_FIELDS)):
-        return _robot(data)
-    return EgmRobot(*robot[:8], *_later_fields(m, rest))
-
-
-def _later_fields(m: Any, data: bytes) -> tuple[Any, ...]:
-    """EgmRobot's fields from measuredForce on; `m` is what `data` holds."""
-    has = m.HasField
-    return (
+        _state(m.rapidExecState.state, _RAPID_STATES) if has("rapidExecState") else None,
         _force(m.measuredForce, data) if has("measuredForce") else None,
         m.utilizationRate if has("utilizationRate") else None,
         m.moveIndex if has("moveIndex") else None,

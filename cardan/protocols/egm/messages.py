@@ -139,6 +139,28 @@ class EgmRobot(NamedTuple):
     """As it travels."""
 
 
+class EgmFeedback(NamedTuple):
+    """Of an EgmRobot, what an answer to it depends on."""
+
+    seqno: int
+    tm_ms: int | None
+    joints: tuple[float, ...]
+    """rad; empty where absent."""
+    pos: Vector3 | None
+    """m."""
+    orient: Quaternion | None
+    """Made of the Euler angles where only they came; not normalised here."""
+    external_joints: tuple[float, ...]
+    """As they travel; empty where absent."""
+    time_us: int | None
+    states: tuple[int, int, int]
+    """Motors, MCI, RAPID execution; UNDEFINED where absent."""
+    force: tuple[float, ...]
+    """Empty where absent."""
+    utilization_rate: float | None
+    """Percent, as it travels."""
+
+
 class EgmSpeedRef(NamedTuple):
     """Speed reference."""
 

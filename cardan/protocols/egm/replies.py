@@ -9,10 +9,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from cardan.protocols.egm.units import MM_PER_M, RAD_PER_DEG, SNAP, degrees
+from cardan.protocols.egm.units import MM_PER_M, RAD_PER_DEG, SNAP
 from cardan.types import Pose, Twist
 
 _POSE = struct.Struct("<7sd1sd1sd3sd1sd1sd1sd")
+_POSE_AND_SPEED = struct.Struct("<7sd1sd1sd3sd1sd1sd1sd5sd1sd1sd1sd1sd1sd")
 _SIX = struct.Struct("<5sd1sd1sd1sd1sd1sd")
 
 # What comes before the first double of each part: tags and lengths down to it.
@@ -33,19 +34,22 @@ def encode_pose_reply(
     `suffix` ends the message (see `encode_rapid_to_robot`).
     """
     (x, y, z), (u0, u1, u2, u3), _ = pose
-    planned = _POSE.pack(
+    if twist is None:
+        planned = _POSE.pack(
+            _PLANNED_POSE, x * MM_PER_M, _2, y * MM_PER_M, _3, z * MM_PER_M,
+            _ORIENT, u0, _2, u1, _3, u2, _4, u3,
+        )  # fmt: skip
+        return _header(seqno, tm_ms) + planned + suffix
+    (vx, vy, vz), (wx, wy, wz), _ = twist
+    planned = _POSE_AND_SPEED.pack(
         _PLANNED_POSE, x * MM_PER_M, _2, y * MM_PER_M, _3, z * MM_PER_M,
         _ORIENT, u0, _2, u1, _3, u2, _4, u3,
-    )  # fmt: skip
-    if twist is None:
-        return _header(seqno, tm_ms) + planned + suffix
-    (vx, vy, vz), angular, _ = twist
-    wx, wy, wz = degrees(angular)
-    speed = _SIX.pack(
         _SPEED_CARTESIANS, vx * MM_PER_M, _1, vy * MM_PER_M, _1, vz * MM_PER_M,
-        _1, wx, _1, wy, _1, wz,
+        _1, wx / RAD_PER_DEG + SNAP - SNAP,
+        _1, wy / RAD_PER_DEG + SNAP - SNAP,
+        _1, wz / RAD_PER_DEG + SNAP - SNAP,
     )  # fmt: skip
-    return _header(seqno, tm_ms) + planned + speed + suffix
+    return _header(seqno, tm_ms) + planned + suffix
 
 
 def encode_joint_reply(
