@@ -32,6 +32,7 @@ from cardan.protocols.egm import (
     encode_rapid_to_robot,
     encode_robot,
 )
+from cardan.protocols.egm.reader import FeedbackReader
 from cardan.types import Pose, Quaternion, Twist, Vector3
 
 BATCH = 200
@@ -63,6 +64,9 @@ def robot(euler: Vector3 | None) -> EgmRobot:
 def cases() -> dict[str, Callable[[], object]]:
     """What is timed, by name; protobuf's parser first."""
     usual = encode_robot(robot(EULER))
+    reader = FeedbackReader()
+    reader.read(usual)
+    reader.learn()
     without_euler = encode_robot(robot(None))
     full = encode_robot(
         robot(EULER)._replace(
@@ -100,6 +104,7 @@ def cases() -> dict[str, Callable[[], object]]:
         "protobuf parse alone": parse,
         "ABBRobotEGM parse to state": lambda: client._parse_robot_message(parse()),
         "ABBRobotEGM encode joints": client_encode,
+        "read feedback (driver)": lambda: reader.read(usual),
         "decode robot": lambda: decode_robot(usual),
         "decode robot, no Euler": lambda: decode_robot(without_euler),
         "decode robot, all of RW 7": lambda: decode_robot(full),

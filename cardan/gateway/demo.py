@@ -20,7 +20,7 @@ from cardan.errors import DriverError
 from cardan.gateway.config import SessionConfig, parse_config
 from cardan.gateway.session import EXIT_OK
 from cardan.gateway.snapshot import Snapshot
-from cardan.gateway.supervisor import supervise
+from cardan.gateway.supervisor import KILL_AFTER_S, supervise
 from cardan.gateway.view import SessionView, missed_cycles, summary
 
 EXIT_INCOMPLETE = 4
@@ -120,14 +120,16 @@ def shortcomings(last: Snapshot) -> list[str]:
 def run_demo(seconds: float) -> int:
     """Run it; returns the exit code of the command."""
     port = _free_udp_port()
+    # Should this process be killed, its peers still end by themselves.
+    until = ("--seconds", str(seconds + READY_WITHIN_S + KILL_AFTER_S))
     with tempfile.TemporaryDirectory(prefix="cardan-demo-") as folder, SessionView() as view:
         hid_path = str(Path(folder) / "spacemouse")
         view.console.print(
             "simulated SpaceMouse (HID reports) -> gateway -> simulated GoFa (EGM, 250 Hz)"
         )
         with (
-            simulated_peer("spacemouse", "--hid", hid_path, "--script", "demo"),
-            simulated_peer("abb-gofa", "--to", f"127.0.0.1:{port}"),
+            simulated_peer("spacemouse", "--hid", hid_path, "--script", "demo", *until),
+            simulated_peer("abb-gofa", "--to", f"127.0.0.1:{port}", *until),
         ):
             outcome = supervise(demo_config(hid_path, port), seconds, view.show)
     view.console.print(summary(outcome.last))
