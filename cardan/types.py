@@ -286,3 +286,7 @@ class RobotCapabilities(NamedTuple):
     digital_outputs: int
     analog_outputs: int
     """Numbers that travel to the controller's program with each command."""
+    linear_speed_m_s: float | None = None
+    """The fastest the driver lets the TCP move; None: it has no such limit."""
+    angular_speed_rad_s: float | None = None
+    """The fastest the driver lets the TCP turn; None: it has no such limit."""

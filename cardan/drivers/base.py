@@ -133,3 +133,7 @@ class RobotDriver(Driver):
         """
         if digital is not None or values:
             raise CommandError(f"{type(self).__name__} has no outputs")
+
+    def output_values(self) -> Sequence[float]:
+        """The values that travel to the controller's program now."""
+        return ()

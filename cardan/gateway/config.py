@@ -20,6 +20,7 @@ from pydantic import (
     TypeAdapter,
     ValidationError,
     field_validator,
+    model_validator,
 )
 
 from cardan.drivers import registry
@@ -28,7 +29,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.engine import Watchdogs
 from cardan.gateway.mapping import AXES, GripperAction, MappingOptions
 from cardan.gateway.reference import ReferenceLimits
-from cardan.types import CommandKind, Frame
+from cardan.types import CommandKind, Frame, RobotCapabilities
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -138,6 +139,18 @@ class SessionConfig(_Table):
     gripper: GripperTable = GripperTable()
     limits: LimitsTable = LimitsTable()
     watchdogs: WatchdogTable = WatchdogTable()
+
+    @model_validator(mode="after")
+    def _leash_trips_first(self) -> SessionConfig:
+        for unit in ("m", "rad"):
+            leash = getattr(self.limits, f"leash_{unit}")
+            error = getattr(self.watchdogs, f"following_error_{unit}")
+            if leash > error:
+                raise ValueError(
+                    f"limits.leash_{unit} is {leash:g}; it must not be longer than "
+                    f"watchdogs.following_error_{unit}, which is {error:g}"
+                )
+        return self
 
     def mapping_options(self) -> MappingOptions:
         """The mapping's options."""
@@ -254,7 +267,22 @@ def make_robot(config: SessionConfig) -> RobotDriver:
         raise ConfigurationError(
             "robot", f"as configured it takes {kinds}; a session needs it to take poses"
         )
+    _check_speeds(config.limits, robot.capabilities)
     return robot
+
+
+def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
+    """A reference that is faster than its robot runs into the leash; better to say so."""
+    for name, asked, most in (
+        ("linear_speed_m_s", limits.linear_speed_m_s, robot.linear_speed_m_s),
+        ("angular_speed_rad_s", limits.angular_speed_rad_s, robot.angular_speed_rad_s),
+    ):
+        if most is not None and asked > most:
+            raise ConfigurationError(
+                f"limits.{name}",
+                f"{asked:g} is more than the robot's driver lets out ({most:g}): lower it, or "
+                "raise the driver's own limit in [robot]",
+            )
 
 
 def parse_config(table: Mapping[str, Any]) -> SessionConfig:

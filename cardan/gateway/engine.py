@@ -20,6 +20,7 @@ from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.spatial import is_finite, rotation_between, scale, subtract
 from cardan.types import (
+    ZERO3,
     ZERO_TWIST,
     ButtonEvent,
     DeviceLink,
@@ -36,9 +37,17 @@ from cardan.types import (
 
 NO_DEFLECTION = (0.0,) * 6
 
-RESYNC_TIME_S = 0.5
+RESYNC_TIME_S = 0.2
 """Time constant with which a reference that lost its robot glides back to it: slow enough to be
 watched, fast enough not to be waited for."""
+
+EASE_ABOVE = 0.5
+"""Share of the leash beyond which a reference that nobody drives is brought back to its robot, so
+that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the hand lets go and not
+a leash further on. Gravity sag is far below it and never creeps in."""
+
+EASE_BELOW = 0.1
+"""Share of the leash at which that is enough."""
 
 
 class Phase(enum.Enum):
@@ -103,6 +112,7 @@ class TeleopEngine:
         self._armed = False
         self._deadman_was_up = False
         self._resyncing = False
+        self._easing = False
         self._stop_reason = ""
 
     @property
@@ -159,7 +169,12 @@ class TeleopEngine:
         if self._armed and self.mapping.deadman_held(device):
             wanted = self.mapping.twist(device.axes)
         self._target = wanted
-        if self._resyncing:
+        asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
+        used = self.reference.leash_used
+        self._easing = (not asked or self._resyncing) and used > (
+            EASE_BELOW if self._easing else EASE_ABOVE
+        )
+        if self._easing:
             wanted = self._resync_twist(measured)
         dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
         self.reference.advance(wanted, dt_s)
@@ -178,7 +193,7 @@ class TeleopEngine:
             )
         self._phase = Phase.NO_ROBOT
         self._target = ZERO_TWIST
-        self._resyncing = False
+        self._resyncing = self._easing = False
         if self.reference.pose is not None:
             self.reference.place(self.reference.pose)
         self._message = robot.hold_reason or "the robot reports no pose"
@@ -202,7 +217,7 @@ class TeleopEngine:
                     "reference: something else holds it"
                 )
                 self._trip(reason)
-        elif self._resyncing and self.reference.leash_used < 0.5 and not self.reference.moving:
+        elif self._resyncing and not self._easing and not self.reference.moving:
             self._resyncing = False
         if not self._armed:
             return
@@ -237,8 +252,6 @@ class TeleopEngine:
         pose = self.reference.pose
         assert pose is not None
         gain = 1.0 / RESYNC_TIME_S
-        if self.reference.leash_used < 0.25:
-            return ZERO_TWIST
         return Twist(
             scale(subtract(measured.position, pose.position), gain),
             scale(rotation_between(pose.orientation, measured.orientation), gain),
@@ -247,9 +260,7 @@ class TeleopEngine:
 
     def _settle(self, device: DeviceState) -> None:
         """Name the phase and say what stands in the way."""
-        asked = self._target.linear != ZERO_TWIST.linear or (
-            self._target.angular != ZERO_TWIST.angular
-        )
+        asked = self._target.linear != ZERO3 or self._target.angular != ZERO3
         if self.reference.moving and (asked and self._armed):
             self._phase = Phase.MOVING
         elif self.reference.moving:

@@ -159,7 +159,8 @@ class Session:
         if isinstance(table.output, str):
             self.robot.set_outputs(digital=(table.closed_value if closed else table.open_value) > 0)
         else:
-            values = [0.0] * (table.output + 1)
+            values = list(self.robot.output_values())
+            values += [0.0] * (table.output + 1 - len(values))
             values[table.output] = table.closed_value if closed else table.open_value
             self.robot.set_outputs(values=values)
 

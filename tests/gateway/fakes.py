@@ -123,5 +123,8 @@ class FakeRobot(RobotDriver):
     def set_outputs(self, digital: bool | None = None, values: tuple[float, ...] = ()) -> None:
         self.outputs.append((digital, tuple(values)))
 
+    def output_values(self) -> tuple[float, ...]:
+        return self.outputs[-1][1] if self.outputs else (7.0,)
+
     def metrics(self) -> dict[str, float]:
         return {"lost": 0.0}

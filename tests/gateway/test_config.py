@@ -96,3 +96,16 @@ def test_a_robot_that_takes_no_poses_is_refused_before_anything_is_opened(fake_d
     config = parse_config({**GOOD, "robot": {"driver": "fake_robot", "takes_poses": False}})
     with pytest.raises(ConfigurationError, match="it takes joint"):
         make_robot(config)
+
+
+def test_limits_that_the_driver_would_cut_are_refused():
+    table = {**GOOD, "robot": {"driver": "abb_egm"}, "limits": {"linear_speed_m_s": 0.5}}
+    with pytest.raises(ConfigurationError, match=r"limits\.linear_speed_m_s: 0\.5 is more than"):
+        make_robot(parse_config(table))
+    table["robot"] = {"driver": "abb_egm", "linear_speed_m_s": 0.5}
+    assert make_robot(parse_config(table)).options.linear_speed_m_s == 0.5
+
+
+def test_a_leash_longer_than_the_following_error_is_refused():
+    with pytest.raises(ConfigurationError, match=r"limits\.leash_m is 0\.2; .* which is 0\.1"):
+        parse_config({**GOOD, "limits": {"leash_m": 0.2}})

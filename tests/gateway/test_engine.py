@@ -293,6 +293,20 @@ def test_a_robot_held_by_something_else_gets_its_reference_back_gently():
     assert max(rig.speeds) <= ReferenceLimits().linear_speed_m_s * (1 + 1e-9)
 
 
+def test_an_arm_that_lags_stops_when_the_hand_lets_go():
+    rig = Rig().drive(0.3)
+    stuck = rig.robot.pose
+    for _ in range(200):
+        rig.run(pose=stuck)
+    assert rig.status.leash_used > 0.9
+    rig.hand(FORWARD)
+    for _ in range(300):
+        rig.run(pose=stuck)
+    assert rig.engine.at_rest
+    assert rig.status.leash_used < 0.15
+    assert rig.status.trips == 0
+
+
 def test_stopping_brakes_and_stays():
     rig = Rig().drive()
     rig.engine.request_stop("stopped by SIGTERM")

@@ -42,7 +42,8 @@ def test_a_session_from_rest_to_motion(fake_drivers):
 def test_gripper_on_an_analog_output(fake_drivers):
     s = session(gripper={"output": 2, "closed_value": 7.5})
     s.run()
-    assert s.robot.outputs == [(None, (0.0, 0.0, 7.5))]
+    # what the program gets in the other outputs stays
+    assert s.robot.outputs == [(None, (7.0, 0.0, 7.5))]
 
 
 def test_stop_brakes_before_it_leaves(fake_drivers):

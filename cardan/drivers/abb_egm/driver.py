@@ -293,6 +293,9 @@ class AbbEgm(RobotDriver):
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
         self._session.set_outputs(digital, values)
 
+    def output_values(self) -> tuple[float, ...]:
+        return self._session.outputs.dnum
+
     def metrics(self) -> dict[str, float]:
         return self._session.metrics()
 

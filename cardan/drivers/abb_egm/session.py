@@ -442,7 +442,14 @@ class EgmSession:
             self.options.joint_limits,
             1 if outputs else 0,
             DNUM_MAX if outputs else 0,
+            self.options.linear_speed_m_s if self._needs_pose else None,
+            math.radians(self.options.angular_speed_deg_s) if self._needs_pose else None,
         )
+
+    @property
+    def outputs(self) -> EgmRapidData:
+        """What travels to the RAPID program with every answer."""
+        return self._outputs
 
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError, saying what is allowed, unless `reply` can take `command`."""
