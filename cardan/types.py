@@ -184,6 +184,8 @@ class RobotState(NamedTuple):
     """Share of the robot's ability the last reference needed; above 1 it was shortened."""
     clock_s: float | None = None
     """The controller's own clock, s since the Unix epoch."""
+    alarm: str = ""
+    """Why nobody should be driving although commands act, in words (the port is flooded)."""
 
     @property
     def ready(self) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from cardan.gateway.engine import Phase
 from cardan.sim_peers.egm_controller import FAULTS as ROBOT_FAULTS
 from cardan.sim_peers.spacemouse import FAULTS as HAND_FAULTS
-from tests.chain import PUSH, PUSH_AND_REGRIP, Chain
+from tests.chain import PC_ADDRESS, PUSH, PUSH_AND_REGRIP, Chain
 
 SPEED_M_S = 0.05
 FIRST_PULL_M = 0.0424
@@ -184,6 +184,28 @@ def test_motors_on_again_makes_no_step(tmp_path):
     within_limits(chain)
     assert chain.samples[-1].phase is Phase.DISARMED
     assert chain.travelled_m(3.3, 6.0) <= 2e-4
+
+
+@pytest.mark.parametrize("source", [PC_ADDRESS, ("127.0.0.1", 6666)], ids=["forged", "foreign"])
+def test_a_flooded_port(source):
+    chain = Chain(PUSH_AND_REGRIP).run(3.0)
+    receive = chain.egm.receive
+
+    def flooded(data, address, now_s):
+        if 3.0 <= now_s < 4.0:
+            for _ in range(20):
+                assert receive(b"garbage", source, now_s) is None
+        return receive(data, address, now_s)
+
+    chain.egm.receive = flooded
+    within_limits(chain.run(6.0))
+    # noticed within a few cycles, then 50 ms of braking and the arm's own delay
+    assert chain.travelled_m(3.1, 6.7) <= 0.003
+    assert "is flooded with datagrams that are not the controller's" in chain.messages()
+    assert chain.engine.status().trips == 1
+    # every datagram of the controller was answered all the while
+    assert sum(s.sent for s in chain.between(3.0, 6.0)) == len(chain.between(3.0, 6.0))
+    assert chain.travelled_m(7.0, 8.5) == pytest.approx(0.071, rel=0.05)
 
 
 @pytest.mark.parametrize("comm_timeout_s", [0.1, 0.5])

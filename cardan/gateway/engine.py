@@ -163,7 +163,7 @@ class TeleopEngine:
             self.reference.place(measured)
         self.reference.observe(measured)
         self._supervise(robot, device)
-        self._arm(device)
+        self._arm(robot, device)
 
         wanted = ZERO_TWIST
         if self._armed and self.mapping.deadman_held(device):
@@ -178,7 +178,7 @@ class TeleopEngine:
             wanted = self._resync_twist(measured)
         dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
         self.reference.advance(wanted, dt_s)
-        self._settle(device)
+        self._settle(robot, device)
         pose = self.reference.pose
         assert pose is not None
         return PoseCommand(pose, self.reference.twist)
@@ -223,6 +223,8 @@ class TeleopEngine:
             return
         if self._stop_reason:
             self._armed = False
+        elif robot.alarm:
+            self._trip(robot.alarm)
         elif device.link is not DeviceLink.LIVE:
             self._trip(device.reason or f"the device is {device.link.value}")
         elif not is_finite(device.axes):
@@ -231,11 +233,11 @@ class TeleopEngine:
             age_s = robot.stamp_s - device.stamp_s
             self._trip(f"the device is deflected but silent for {age_s:.2f} s")
 
-    def _arm(self, device: DeviceState) -> None:
+    def _arm(self, robot: RobotState, device: DeviceState) -> None:
         """Arm after the deliberate act: device at rest, dead-man up, dead-man pressed anew."""
         if self._armed or self._stop_reason or self._resyncing:
             return
-        if device.link is not DeviceLink.LIVE or not is_finite(device.axes):
+        if robot.alarm or device.link is not DeviceLink.LIVE or not is_finite(device.axes):
             self._deadman_was_up = False
             return
         if not self.mapping.options.deadman:
@@ -258,7 +260,7 @@ class TeleopEngine:
             Frame.BASE,
         )
 
-    def _settle(self, device: DeviceState) -> None:
+    def _settle(self, robot: RobotState, device: DeviceState) -> None:
         """Name the phase and say what stands in the way."""
         asked = self._target.linear != ZERO3 or self._target.angular != ZERO3
         if self.reference.moving and (asked and self._armed):
@@ -267,12 +269,14 @@ class TeleopEngine:
             self._phase = Phase.BRAKING
         else:
             self._phase = Phase.HOLDING if self._armed else Phase.DISARMED
-        self._message = "" if self._armed else self._what_to_do(device)
+        self._message = "" if self._armed else self._what_to_do(robot, device)
 
-    def _what_to_do(self, device: DeviceState) -> str:
+    def _what_to_do(self, robot: RobotState, device: DeviceState) -> str:
         why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""
         if self._stop_reason:
             return self._stop_reason
+        if robot.alarm:
+            return robot.alarm
         if self._resyncing:
             return f"{why}bringing the reference back to the robot"
         if device.link is not DeviceLink.LIVE:

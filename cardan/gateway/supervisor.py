@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import NamedTuple
@@ -73,12 +74,19 @@ def supervise(
         )
         theirs.close()
         stopping = False
+        give_up_s = math.inf
 
         def stop() -> None:
-            nonlocal stopping
+            nonlocal stopping, give_up_s
             if not stopping:
                 stopping = True
+                give_up_s = time.monotonic() + KILL_AFTER_S
                 process.terminate()
+
+        def go_on() -> bool:
+            if not poll():
+                stop()
+            return time.monotonic() < give_up_s
 
         last = Snapshot()
         try:
@@ -86,14 +94,15 @@ def supervise(
             with contextlib.suppress(BrokenPipeError), process.stdin as stdin:
                 stdin.write(json.dumps(config.model_dump(mode="json")).encode())
             with _on_interrupt(stop):
-                for snapshot in _snapshots(ours, stop, poll):
+                for snapshot in _snapshots(ours, go_on):
                     last = snapshot
                     show(snapshot)
-            code = process.wait(KILL_AFTER_S)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(0.0 if time.monotonic() >= give_up_s else KILL_AFTER_S)
         finally:
             if process.poll() is None:
                 process.kill()
-                process.wait()
+            code = process.wait()
         if stopping and code == -signal.SIGTERM:
             # It was asked before it had begun: nothing was open yet.
             code, last.message = 0, "stopped before it began"
@@ -102,15 +111,11 @@ def supervise(
         return Outcome(code if code >= 0 else EXIT_INTERNAL, last)
 
 
-def _snapshots(
-    channel: socket.socket, stop: Callable[[], None], poll: Callable[[], bool]
-) -> Iterator[Snapshot]:
-    """Snapshots as they come, until the session closes its end."""
+def _snapshots(channel: socket.socket, go_on: Callable[[], bool]) -> Iterator[Snapshot]:
+    """Snapshots as they come, until the session closes its end or `go_on` says no."""
     with selectors.DefaultSelector() as selector:
         selector.register(channel, selectors.EVENT_READ)
-        while True:
-            if not poll():
-                stop()
+        while go_on():
             if not selector.select(IDLE_S):
                 continue
             try:

@@ -5,6 +5,7 @@ import signal
 
 import pytest
 
+from cardan.gateway import supervisor
 from cardan.gateway.config import parse_config
 from cardan.gateway.supervisor import supervise
 
@@ -48,19 +49,32 @@ def test_an_interrupt_stops_it(waiting):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def signal_session(number):
+    """Send a signal to the session's process, which is a child of this one."""
+    pid = os.getpid()
+    with open(f"/proc/{pid}/task/{pid}/children", encoding="ascii") as file:
+        children = file.read().split()
+    for child in children:
+        with open(f"/proc/{child}/cmdline", encoding="utf-8") as file:
+            if "cardan.gateway.session" in file.read():
+                os.kill(int(child), number)
+
+
 def test_a_session_that_dies_is_an_error(waiting):
-    children = []
+    outcome = supervise(waiting, 30.0, lambda _snapshot: signal_session(signal.SIGKILL))
+    assert outcome.exit_code == 1
+    assert "ended with status -9" in outcome.last.error
 
-    def kill(_snapshot):
-        pid = os.getpid()
-        with open(f"/proc/{pid}/task/{pid}/children", encoding="ascii") as file:
-            children[:] = file.read().split()
-        for child in children:
-            with open(f"/proc/{child}/cmdline", encoding="utf-8") as file:
-                if "cardan.gateway.session" in file.read():
-                    os.kill(int(child), signal.SIGKILL)
 
-    outcome = supervise(waiting, 30.0, kill)
+def test_a_session_that_does_not_react_is_ended_by_force(waiting, monkeypatch):
+    monkeypatch.setattr(supervisor, "KILL_AFTER_S", 0.3)
+    seen = []
+
+    def hang(snapshot):
+        seen.append(snapshot)
+        signal_session(signal.SIGSTOP)
+
+    outcome = supervise(waiting, 30.0, hang, lambda: not seen)
     assert outcome.exit_code == 1
     assert "ended with status -9" in outcome.last.error
 

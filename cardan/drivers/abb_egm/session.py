@@ -63,6 +63,10 @@ _REORDERED_MAX = 16
 _LATE_MAX = 250
 """A datagram further back than this (1 s) is a new start, whatever its clock says."""
 
+FLOOD_DATAGRAMS = 50
+"""So many more datagrams refused than accepted are somebody's doing and not a bad line: a tenth of
+all cycles with garbage never gets there, a flood does within a cycle or two."""
+
 
 @dataclass(slots=True)
 class EgmCounters:
@@ -143,6 +147,9 @@ class EgmSession:
         self._silent = False
         self._fresh = False
         self._seqno = 0
+        self._flood = 0
+        """Refused datagrams, less one for each that was accepted."""
+        self._alarm = ""
         self._tm_ms: int | None = None
         self._time_us: int | None = None
         self._jitter_s = 0.0
@@ -169,6 +176,7 @@ class EgmSession:
         peer = self.peer
         if source != peer and not self._admissible(source, now_s):
             self.counters.foreign += 1
+            self._flood += 1
             self.last_foreign = f"{source[0]}:{source[1]}"
             return None
         feedback = self._reader.read(data)
@@ -234,6 +242,8 @@ class EgmSession:
         if superseded is not None:
             period_s += superseded.period_s  # nobody acts on that one: its time passes here
         self.counters.accepted += 1
+        if self._flood:
+            self._abate()
         if states != self._controller_states:
             self._enter(states)
         if pose is not None:
@@ -263,9 +273,20 @@ class EgmSession:
                 wrench,
                 None if rate is None else 0.01 * rate,
                 None if time_us is None else 1e-6 * time_us,
+                self._alarm,
             ),
         )
         return state
+
+    def _abate(self) -> None:
+        """Weigh the datagrams that were refused against the one that was not."""
+        self._flood = min(self._flood, 2 * FLOOD_DATAGRAMS) - 1
+        if self._flood >= FLOOD_DATAGRAMS:
+            self._alarm = (
+                f"port {self.port} is flooded with datagrams that are not the controller's"
+            )
+        elif not self._flood:
+            self._alarm = ""
 
     def tick(self, now_s: float) -> RobotState | None:
         """The state of a controller that is silent: WAITING or LOST; None while it is not.
@@ -304,6 +325,7 @@ class EgmSession:
 
     def _refuse(self, malformed: Malformed) -> None:
         self.counters.malformed[malformed.fault.name.lower()] += 1
+        self._flood += 1
         self.last_malformed = f"{malformed.fault.value}: {malformed.detail}"
 
     def _lack(self, feedback: EgmFeedback) -> str:
