@@ -94,13 +94,16 @@ def test_nobody_listens_at_first():
     with pc_socket() as pc:
         address = pc.getsockname()
     with serving(pc_port=address[1], mode="joint", comm_timeout_s=60.0) as peer:
-        time.sleep(0.1)
+        give_up_s = time.monotonic() + 10.0
+        while not peer.core.events and time.monotonic() < give_up_s:
+            time.sleep(0.001)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pc:
             pc.bind(address)
             pc.settimeout(2.0)
             got = converse(pc, 20)
-    assert [event.code for event in peer.core.events] == [41830]
-    assert got[0][0].header.seqno > 5
+            codes = [event.code for event in peer.core.events]
+    assert codes == [41830]
+    assert got[0][0].header.seqno > 0
     assert peer.core.counters.accepted > 5
 
 
@@ -136,7 +139,7 @@ def test_no_burst_after_a_stall():
         try:
             peer.step(time.monotonic() + 0.05)
             before = peer.core.counters.sent
-            time.sleep(0.2)
+            peer._next_s -= 0.2  # as if nobody had called for so long
             peer.step(time.monotonic() + 0.05)
             assert peer.core.counters.sent - before <= 14
         finally:
