@@ -1,8 +1,11 @@
 """Arm models as data."""
 
+import contextlib
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cardan.arm_model import arm_names, load_arm, parse_urdf
 from cardan.errors import ConfigurationError
@@ -65,4 +68,10 @@ def test_order_is_from_base_to_tip_and_fixed_joints_do_not_count():
 )
 def test_errors_say_what_is_wrong(text, words):
     with pytest.raises(ConfigurationError, match=words):
+        parse_urdf(text)
+
+
+@given(st.text(max_size=80) | st.text('<>/ robotjinlkmefprchd="01-.', max_size=120))
+def test_any_text_is_an_arm_or_an_error(text):
+    with contextlib.suppress(ConfigurationError):
         parse_urdf(text)

@@ -77,6 +77,8 @@ def render(snapshot: Snapshot) -> RenderableType:
         f"{'closed' if s.gripper_closed else 'open'}, {s.leash_used:.0%}"
         + (", at the workspace's edge" if s.at_workspace_limit else ""),
     )
+    if s.utilization is not None:
+        robot.add_row("utilization", f"{s.utilization:.0%}")
     robot.add_row("answered, missed", f"{s.cycles:,}, {missed_cycles(s):,}")
     robot.add_row(
         "answer latency p50, p99",

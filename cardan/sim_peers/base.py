@@ -7,6 +7,7 @@ virtual time; a thin shell serves it over the real kind of transport. Peers neve
 from __future__ import annotations
 
 import contextlib
+import math
 import shlex
 import signal
 import sys
@@ -74,13 +75,18 @@ def parse_script(text: str, verbs: Mapping[str, str]) -> tuple[ScriptStep, ...]:
     """
     steps: list[ScriptStep] = []
     for number, line in enumerate(text.splitlines(), 1):
-        words = shlex.split(line, comments=True)
+        try:
+            words = shlex.split(line, comments=True)
+        except ValueError as error:
+            raise ScriptError(f"line {number}: {error}") from None
         if not words:
             continue
         try:
             time_s = float(words[0])
         except ValueError:
-            raise ScriptError(f"line {number}: {words[0]!r} is not a time in seconds") from None
+            time_s = math.nan
+        if not 0.0 <= time_s < math.inf:
+            raise ScriptError(f"line {number}: {words[0]!r} is not a time in seconds")
         if len(words) < 2 or words[1] not in verbs:
             raise ScriptError(
                 f"line {number}: after the time comes one of: " + "; ".join(verbs.values())

@@ -21,6 +21,7 @@ MOVING = Snapshot(
     joints_rad=[0.1] * 6,
     cycles=3000,
     tick_p50_s=42e-6,
+    utilization=0.37,
     metrics={"lost": 2, "superseded": 1, "sessions": 1, "period_s": 0.004032},
     diagnosis=["the motion is capped"],
 )
@@ -34,7 +35,17 @@ def shown(renderable):
 
 def test_the_live_view_shows_hand_robot_and_trouble():
     text = shown(render(MOVING))
-    for words in ("+0.50", "-400.0 mrad/s", "500.0", "501.0", "left", "55%", "42 µs", "3,000, 3"):
+    for words in (
+        "+0.50",
+        "-400.0 mrad/s",
+        "500.0",
+        "501.0",
+        "left",
+        "55%",
+        "42 µs",
+        "37%",
+        "3,000, 3",
+    ):
         assert words in text
     assert "the motion is capped" in text
 

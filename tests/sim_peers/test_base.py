@@ -1,0 +1,83 @@
+"""Scripts and fault switches: what is read, and what is refused with a reason."""
+
+import contextlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cardan.errors import ScriptError
+from cardan.sim_peers.base import (
+    FaultSwitch,
+    ScriptStep,
+    check_faults,
+    load_script,
+    parse_faults,
+    parse_script,
+)
+
+VERBS = {"go": "go SPEED", "stop": "stop"}
+SWITCHES = (FaultSwitch("drop", "share lost", 0.05, 0.0, 1.0), FaultSwitch("late", "s"))
+
+
+def test_a_script():
+    text = "# a comment\n\n0.5 go 3   # fast\n1 go 'a b'\n1 stop\n"
+    assert parse_script(text, VERBS) == (
+        ScriptStep(0.5, "go", ("3",)),
+        ScriptStep(1.0, "go", ("a b",)),
+        ScriptStep(1.0, "stop", ()),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("soon go", "line 1: 'soon' is not a time"),
+        ("1 fly", "go SPEED; stop"),
+        ("1", "after the time comes one of"),
+        ("2 stop\n1 stop", "line 2: time 1.0 s is before"),
+        ("nan stop", "'nan' is not a time"),
+        ("-1 stop", "'-1' is not a time"),
+        ("1 go 'open", "line 1"),
+    ],
+)
+def test_what_is_no_script(text, words):
+    with pytest.raises(ScriptError, match=words):
+        parse_script(text, VERBS)
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_a_script_or_a_script_error(text):
+    with contextlib.suppress(ScriptError):
+        assert all(step.verb in VERBS for step in parse_script(text, VERBS))
+
+
+def test_scripts_by_name_and_by_file(tmp_path):
+    file = tmp_path / "mine"
+    file.write_text("1 stop")
+    assert load_script("one", {"one": "1 stop"}, VERBS) == load_script(str(file), {}, VERBS)
+    with pytest.raises(ScriptError, match=r"'two' is neither a file .* nor one of: one"):
+        load_script("two", {"one": ""}, VERBS)
+
+
+def test_faults():
+    assert parse_faults(["drop", "late=0.5"], SWITCHES) == {"drop": 0.05, "late": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("word", "words"),
+    [
+        ("lose", "there is no fault 'lose'; there are: drop, late"),
+        ("drop=2", "2 is not in 0 to 1"),
+        ("drop=nan", "nan is not in"),
+        ("drop=", "'' is not a number"),
+    ],
+)
+def test_wrong_faults(word, words):
+    with pytest.raises(ScriptError, match=words):
+        parse_faults([word], SWITCHES)
+
+
+def test_values_that_did_not_come_from_words_are_checked_too():
+    with pytest.raises(ScriptError, match="late"):
+        check_faults({"late": -1.0}, SWITCHES)
