@@ -1,8 +1,11 @@
 """Configuration errors name the key, the value and what is allowed; good files are taken whole."""
 
+import contextlib
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.config import load_config, make_device, make_robot, parse_config
@@ -109,3 +112,29 @@ def test_limits_that_the_driver_would_cut_are_refused():
 def test_a_leash_longer_than_the_following_error_is_refused():
     with pytest.raises(ConfigurationError, match=r"limits\.leash_m is 0\.2; .* which is 0\.1"):
         parse_config({**GOOD, "limits": {"leash_m": 0.2}})
+
+
+scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+values = st.recursive(scalars, lambda v: st.lists(v, max_size=6), max_leaves=8)
+keys = st.sampled_from(
+    "driver frame axes scale deadman toggle output leash_m device_age_s workspace_x_m "
+    "listen_port path robot dead_zone mode unknown".split()
+)
+tables = st.dictionaries(
+    st.sampled_from(["device", "robot", "mapping", "gripper", "limits", "watchdogs", "else"]),
+    st.dictionaries(keys, values, max_size=5) | values,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(tables)
+def test_any_table_is_a_configuration_or_an_error(table):
+    table.setdefault("device", {})
+    table.setdefault("robot", {})
+    for name, driver in (("device", "spacemouse"), ("robot", "abb_egm")):
+        if isinstance(table[name], dict):
+            table[name] = {**table[name], "driver": driver}
+    with contextlib.suppress(ConfigurationError):
+        config = parse_config(table)
+        make_device(config)
+        make_robot(config)
