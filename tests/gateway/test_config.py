@@ -117,8 +117,24 @@ def test_a_leash_longer_than_the_following_error_is_refused():
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 values = st.recursive(scalars, lambda v: st.lists(v, max_size=6), max_leaves=8)
 keys = st.sampled_from(
-    "driver frame axes scale deadman toggle output leash_m device_age_s workspace_x_m "
-    "listen_port path robot dead_zone mode unknown".split()
+    [
+        "driver",
+        "frame",
+        "axes",
+        "scale",
+        "deadman",
+        "toggle",
+        "output",
+        "leash_m",
+        "device_age_s",
+        "workspace_x_m",
+        "listen_port",
+        "path",
+        "robot",
+        "dead_zone",
+        "mode",
+        "unknown",
+    ]
 )
 tables = st.dictionaries(
     st.sampled_from(["device", "robot", "mapping", "gripper", "limits", "watchdogs", "else"]),
