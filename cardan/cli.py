@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import logging
 import math
 import sys
@@ -67,11 +68,14 @@ ListFaults = Annotated[bool, typer.Option("--list-faults", help="Print the fault
 ListScripts = Annotated[
     bool, typer.Option("--list-scripts", help="Print the built-in scripts, then end.")
 ]
-Seed = Annotated[int, typer.Option(help="Seed of everything random.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
 
 
 def main() -> None:
     """Run the command line; errors become one line and an exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
     except (ConfigurationError, ScriptError, CaptureError) as error:
@@ -207,7 +211,9 @@ def dissect(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A pcap or pcapng file.")],
     port: Annotated[
         list[int] | None,
-        typer.Option(metavar="PORT", help="Another UDP port that carries EGM (repeatable)."),
+        typer.Option(
+            metavar="PORT", min=1, max=65535, help="Another UDP port of EGM (repeatable)."
+        ),
     ] = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Print at most this many packets.")

@@ -36,13 +36,16 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 Bounds = tuple[Finite, Finite]
 
 LONGEST_DEVICE_AGE_S = 0.5
 """A hand cannot be stale for longer: at 0.25 m/s that is already 12 cm of unwanted motion."""
 
+
+LONGEST_STOP_S = 2.0
+"""An arm that needs longer to stop is not under anybody's hand."""
 
 MAX_OUTPUT = 39
 """Highest analog output: EGM carries 40 values."""
@@ -93,10 +96,11 @@ class GripperTable(_Table):
     closed_value: Finite = 1.0
     open_value: Finite = 0.0
 
-    @field_validator("output")
+    @field_validator("output", mode="before")
     @classmethod
-    def _known_output(cls, output: str | int) -> str | int:
-        if output != "digital" and not (isinstance(output, int) and 0 <= output <= MAX_OUTPUT):
+    def _known_output(cls, output: object) -> object:
+        whole = isinstance(output, int) and not isinstance(output, bool)
+        if output != "digital" and not (whole and output in range(MAX_OUTPUT + 1)):
             raise ValueError(f'{output!r} is no output; allowed: "digital", or 0 to {MAX_OUTPUT}')
         return output
 
@@ -139,6 +143,30 @@ class SessionConfig(_Table):
     gripper: GripperTable = GripperTable()
     limits: LimitsTable = LimitsTable()
     watchdogs: WatchdogTable = WatchdogTable()
+
+    @model_validator(mode="after")
+    def _one_meaning_a_button(self) -> SessionConfig:
+        buttons = {"mapping.deadman": self.mapping.deadman}
+        buttons |= {f"gripper.{a.value}": getattr(self.gripper, a.value) for a in GripperAction}
+        for key, button in buttons.items():
+            for other, same in buttons.items():
+                if button and button == same and key < other:
+                    raise ValueError(f"{key} and {other} are the same button, {button!r}")
+        return self
+
+    @model_validator(mode="after")
+    def _stops_soon(self) -> SessionConfig:
+        table = self.limits
+        for kind, time_s in (
+            ("linear", table.linear_speed_m_s / table.linear_acceleration_m_s2),
+            ("angular", table.angular_speed_rad_s / table.angular_acceleration_rad_s2),
+        ):
+            if time_s > LONGEST_STOP_S:
+                raise ValueError(
+                    f"limits.{kind}_acceleration: stopping from full speed takes {time_s:.3g} s; "
+                    f"it must not take more than {LONGEST_STOP_S:g} s"
+                )
+        return self
 
     @model_validator(mode="after")
     def _leash_trips_first(self) -> SessionConfig:
@@ -300,7 +328,7 @@ def load_config(path: Path) -> SessionConfig:
             table = tomllib.load(file)
     except OSError as error:
         raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigurationError("", f"{path} is not TOML: {error}") from None
     config = parse_config(table)
     make_device(config)

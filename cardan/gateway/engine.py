@@ -20,6 +20,7 @@ from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.spatial import is_finite, rotation_between, scale, subtract
 from cardan.types import (
+    NEVER_S,
     ZERO3,
     ZERO_TWIST,
     ButtonEvent,
@@ -72,6 +73,8 @@ class Watchdogs:
     """Oldest report that may still drive motion: six missed reports of a 62 Hz device."""
     longest_step_s: float = 0.05
     """Longest time one tick may advance: after a stall the reference resumes, it never leaps."""
+    stall_s: float = 0.1
+    """Longest time between two ticks: after more, the robot is no longer where it was left."""
     following_error_m: float = 0.1
     """Distance between reference and robot beyond which something else holds the arm."""
     following_error_rad: float = 0.6
@@ -113,6 +116,7 @@ class TeleopEngine:
         self._deadman_was_up = False
         self._resyncing = False
         self._easing = False
+        self._ticked_s = NEVER_S
         self._stop_reason = ""
 
     @property
@@ -148,9 +152,8 @@ class TeleopEngine:
         self, robot: RobotState, device: DeviceState, events: Sequence[ButtonEvent] = ()
     ) -> RobotCommand:
         """Decide the command for the control instant that `robot` reports."""
-        if events and self._armed:
-            self.mapping.take_gripper(events)
         measured = robot.pose
+        stalled_s, self._ticked_s = robot.stamp_s - self._ticked_s, robot.stamp_s
         if not robot.ready or measured is None:
             return self._without_robot(robot)
         if robot.session != self._session:
@@ -161,9 +164,15 @@ class TeleopEngine:
             self.reference.place(measured)
         elif self._phase is Phase.NO_ROBOT or self.reference.pose is None:
             self.reference.place(measured)
+        elif stalled_s > self.watchdogs.stall_s:
+            if self._armed:
+                self._trip(f"this computer stalled for {stalled_s:.1f} s")
+            self.reference.place(measured)
         self.reference.observe(measured)
         self._supervise(robot, device)
         self._arm(robot, device)
+        if events and self._armed and self.mapping.deadman_held(device):
+            self.mapping.take_gripper(events)
 
         wanted = ZERO_TWIST
         if self._armed and self.mapping.deadman_held(device):
@@ -186,11 +195,12 @@ class TeleopEngine:
     def _without_robot(self, robot: RobotState) -> RobotCommand:
         """No robot to command: whoever was moving it must take it up anew."""
         if self._armed:
-            self._trip(
-                robot.hold_reason
-                if robot.link is RobotLink.LIVE
-                else "the robot's controller fell silent"
-            )
+            if robot.link is not RobotLink.LIVE:
+                self._trip("the robot's controller fell silent")
+            elif robot.session != self._session:
+                self._trip("the robot's controller started a new session")
+            else:
+                self._trip(robot.hold_reason or "the robot reports no pose")
         self._phase = Phase.NO_ROBOT
         self._target = ZERO_TWIST
         self._resyncing = self._easing = False

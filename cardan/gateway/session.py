@@ -92,6 +92,10 @@ class Session:
         return self.snapshot
 
     def _check(self) -> None:
+        able, output = self.robot.capabilities, self._gripper.output
+        outputs = able.digital_outputs if isinstance(output, str) else able.analog_outputs - output
+        if self.engine.mapping.options.gripper and outputs < 1:
+            raise ConfigurationError("gripper.output", f"the robot has no output {output!r}")
         known = self.device.capabilities.buttons
         options = self.engine.mapping.options
         for key, button in (

@@ -26,6 +26,10 @@ IDLE_S = 0.25
 """How often a supervisor looks around when its session says nothing."""
 
 
+_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
+"""SIGTSTP too: Ctrl-Z would leave a moving robot with nobody at the terminal."""
+
+
 class Outcome(NamedTuple):
     """How a session ended."""
 
@@ -38,7 +42,7 @@ def _on_interrupt(action: Callable[[], None]) -> Iterator[None]:
     def handler(_number: int, _frame: FrameType | None) -> None:
         action()
 
-    previous = {n: signal.signal(n, handler) for n in (signal.SIGINT, signal.SIGTERM)}
+    previous = {number: signal.signal(number, handler) for number in _ENDING_SIGNALS}
     try:
         yield
     finally:
@@ -54,8 +58,8 @@ def supervise(
 ) -> Outcome:
     """Run a session as configured until it ends; `show` gets each snapshot.
 
-    SIGINT and SIGTERM ask it to brake, hold and leave; so does `poll`, called several times a
-    second, by returning False.
+    SIGINT, SIGTERM, SIGHUP and SIGTSTP ask it to brake, hold and leave; so does `poll`, called
+    several times a second, by returning False, and an exception in `show`, which goes on after.
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
@@ -89,25 +93,32 @@ def supervise(
             return time.monotonic() < give_up_s
 
         last = Snapshot()
-        try:
-            assert process.stdin is not None
-            with contextlib.suppress(BrokenPipeError), process.stdin as stdin:
-                stdin.write(json.dumps(config.model_dump(mode="json")).encode())
-            with _on_interrupt(stop):
+        with _on_interrupt(stop):
+            try:
+                assert process.stdin is not None
+                with contextlib.suppress(BrokenPipeError), process.stdin as stdin:
+                    stdin.write(json.dumps(config.model_dump(mode="json")).encode())
                 for snapshot in _snapshots(ours, go_on):
                     last = snapshot
                     show(snapshot)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(0.0 if time.monotonic() >= give_up_s else KILL_AFTER_S)
-        finally:
-            if process.poll() is None:
-                process.kill()
-            code = process.wait()
+            except BaseException:
+                # A view that fails must not cost the robot its braking ramp.
+                stop()
+                raise
+            finally:
+                patience_s = min(KILL_AFTER_S, give_up_s - time.monotonic())
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(max(0.0, patience_s))
+                if process.poll() is None:
+                    process.kill()
+                code = process.wait()
         if stopping and code == -signal.SIGTERM:
             # It was asked before it had begun: nothing was open yet.
             code, last.message = 0, "stopped before it began"
         if code != 0 and not last.error:
             last.error = f"the session's process ended with status {code}"
+            if code < 0:
+                last.error += "; a robot that moved goes on until its own timeout (CommTimeout)"
         return Outcome(code if code >= 0 else EXIT_INTERNAL, last)
 
 

@@ -7,6 +7,7 @@ import re
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
+from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -109,7 +110,7 @@ def render(snapshot: Snapshot) -> RenderableType:
 def missed_cycles(snapshot: Snapshot) -> int:
     """Control instants that never arrived here, or that had passed before they were answered."""
     metrics = snapshot.metrics
-    return int(metrics.get("lost", 0) + metrics.get("superseded", 0))
+    return int((metrics.get("lost") or 0) + (metrics.get("superseded") or 0))
 
 
 class SessionView:
@@ -191,7 +192,7 @@ def summary(snapshot: Snapshot) -> Table:
         ),
         ("scheduling of the loop", s.scheduling or "–"),
         ("hand taken off the robot", f"{s.trips} times"),
-        ("last message", s.message or "–"),
+        ("last message", escape(s.message) or "–"),
     ):
         table.add_row(name, value)
     return table

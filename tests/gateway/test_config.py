@@ -54,6 +54,10 @@ def test_survives_the_way_to_the_session_process():
         ({"speed": 1}, "speed", "allowed: device, robot"),
         ({"robot": {}}, "robot.driver", "missing"),
         ({"gripper": {"output": 99}}, "gripper.output", "39"),
+        ({"gripper": {"output": True}}, "gripper.output", "True is no output"),
+        ({"mapping": {"linear_speed_m_s": True}}, "mapping.linear_speed_m_s", "True"),
+        ({"gripper": {"toggle": "go"}}, "", "gripper.toggle and mapping.deadman are the same"),
+        ({"limits": {"linear_acceleration_m_s2": 1e-3}}, "", "limits.linear_acceleration"),
     ],
 )
 def test_errors_name_the_key(change, key, words):

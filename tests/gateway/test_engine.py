@@ -257,13 +257,33 @@ def test_a_restarted_controller_voids_the_reference():
     assert "new session" in rig.status.message
 
 
-def test_a_stall_does_not_make_the_reference_leap():
+def test_a_late_tick_does_not_make_the_reference_leap():
     rig = Rig().drive()
     before = rig.engine.reference.pose.position
-    rig.now_s += 1.0
-    rig.run(period_s=1.0)
+    rig.now_s += 0.06
+    rig.run(period_s=0.06)
     moved = norm(subtract(rig.engine.reference.pose.position, before))
     assert moved <= 0.1 * Watchdogs().longest_step_s + 1e-9
+    assert rig.engine.phase is Phase.MOVING
+
+
+def test_after_a_stall_the_reference_is_where_the_robot_is():
+    rig = Rig().drive()
+    elsewhere = Pose(subtract(rig.robot.pose.position, Vector3(0.006, 0, 0)), IDENTITY)
+    rig.now_s += 0.6
+    state = rig.robot._replace(stamp_s=rig.now_s, pose=elsewhere, period_s=0.6)
+    device = rig.device._replace(stamp_s=rig.now_s)
+    assert rig.engine.tick(state, device) == PoseCommand(elsewhere, ZERO_TWIST)
+    assert rig.engine.phase is Phase.DISARMED
+    assert "stalled for 0.6 s" in rig.status.message
+
+
+def test_gripper_needs_the_dead_man():
+    rig = Rig(gripper=(("right", GripperAction.TOGGLE),)).arm()
+    rig.hand()
+    rig.run(events=[ButtonEvent(0.0, "right", True)])
+    assert rig.engine.phase is Phase.HOLDING
+    assert not rig.status.gripper_closed
 
 
 def test_gravity_sag_does_not_creep_into_the_reference():

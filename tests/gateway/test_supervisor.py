@@ -96,3 +96,16 @@ def test_a_configuration_that_only_the_open_device_can_judge(waiting):
     assert outcome.exit_code == 2
     assert "mapping.deadman" in outcome.last.error
     assert "left" in outcome.last.error
+
+
+def test_a_view_that_fails_does_not_cost_the_braking_ramp(waiting):
+    def fail(_snapshot):
+        raise BrokenPipeError("nobody reads")
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(BrokenPipeError):
+        supervise(waiting, 30.0, fail)
+    assert signal.getsignal(signal.SIGTERM) is before
+    pid = os.getpid()
+    with open(f"/proc/{pid}/task/{pid}/children", encoding="ascii") as file:
+        assert file.read().split() == []
