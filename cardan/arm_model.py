@@ -1,85 +1,626 @@
-"""Reads the arm models under ``cardan/robots``: what each joint can do, from its URDF."""
+"""Reads arm models: a URDF of primitives and, beside it, a few lines of TOML.
+
+`cardan/robots` holds ours, and :func:`load_arm` takes the path of anybody's. Joints are in
+kinematic order, angles in rad, lengths in m. Body 0 is the base, body i is what joint i moves;
+fixed joints are folded into the bodies they weld together.
+"""
 
 from __future__ import annotations
 
+import enum
 import math
+import sys
 import xml.etree.ElementTree as ET
 from functools import cache
 from importlib import resources
-from typing import NamedTuple
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from cardan.errors import ConfigurationError
+from cardan.spatial import (
+    add,
+    compose,
+    from_euler_zyx,
+    norm,
+    rotate,
+    scale,
+    subtract,
+    transform,
+)
+from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, Pose, Vector3
 
-_FOLDER = resources.files("cardan").joinpath("robots")
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
+
+TIME_TO_FULL_SPEED_S = 0.2
+"""Makers rarely publish joint accelerations. Where the arm's file gives none, a joint is taken to
+reach full speed in this time: within what industrial arms of this size do at full load."""
+
+_END_CAP_TOLERANCE_M = 1e-4
+"""A sphere that sticks out of a cylinder's rounded end by less is the end of that capsule."""
+
+
+class JointKind(enum.Enum):
+    """How a joint moves, named as in URDF."""
+
+    REVOLUTE = "revolute"
+    CONTINUOUS = "continuous"
+    """Turns for ever; its range is infinite."""
+    PRISMATIC = "prismatic"
+
+
+class ArmJoint(NamedTuple):
+    """One joint: T(placement) and then the motion along or about `axis`."""
+
+    name: str
+    kind: JointKind
+    placement: Pose
+    """Of the joint in the body before it, at zero."""
+    axis: Vector3
+    """Unit vector in the joint's frame."""
+    lower: float
+    """rad or m; -inf for a continuous joint."""
+    upper: float
+    velocity: float
+    """rad/s or m/s."""
+    acceleration: float
+    """rad/s² or m/s²."""
+    effort: float
+    """N·m or N; infinite where it is not published."""
+
+
+class Inertia(NamedTuple):
+    """Mass of one body, in the body's frame."""
+
+    mass_kg: float
+    centre_m: Vector3
+    moments: Moments
+    """xx, xy, xz, yy, yz, zz about the centre of mass, body axes, kg·m²."""
+
+
+class Capsule(NamedTuple):
+    """All points within `radius_m` of a segment; a sphere when its ends coincide."""
+
+    start: Vector3
+    end: Vector3
+    radius_m: float
+
+
+class Box(NamedTuple):
+    """A box about its `pose`."""
+
+    pose: Pose
+    size_m: Vector3
+
+
+Shape = Capsule | Box
+Moments = tuple[float, float, float, float, float, float]
+SixWeights = tuple[float, float, float, float, float, float]
+
+
+class BodyShape(NamedTuple):
+    """A collision shape fixed to a body, in the body's frame."""
+
+    name: str
+    body: int
+    shape: Shape
+
+
+class Task(NamedTuple):
+    """Which of the six directions the arm is asked to follow, and how much they count."""
+
+    in_tcp_axes: bool = True
+    """Axes of the weights: the TCP's, or else the base's."""
+    weights: SixWeights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    """x y z rx ry rz; 0 leaves a direction free."""
 
 
 class ArmModel(NamedTuple):
-    """Joints of one arm in kinematic order: rad and rad/s, as on its data sheet."""
+    """A serial arm: kinematics, limits, masses and collision shapes."""
 
     name: str
-    joints: tuple[str, ...]
-    lower_rad: tuple[float, ...]
-    upper_rad: tuple[float, ...]
-    velocity_rad_s: tuple[float, ...]
+    joints: tuple[ArmJoint, ...]
+    flange: Pose
+    """In the last body."""
+    tcp: Pose
+    """Tool centre point without any further tool, in the last body."""
+    inertias: tuple[Inertia, ...]
+    """Of bodies 1 to n; zero where the URDF gives none."""
+    shapes: tuple[BodyShape, ...]
+    """Of the arm, and of what is fixed to its base (body 0)."""
+    ignored_pairs: frozenset[tuple[int, int]]
+    """Bodies that always touch besides neighbours, lower index first."""
+    home: tuple[float, ...]
+    """A configuration to start from, rad or m: inside limits, not singular."""
+    task: Task
+    urdf: str
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names in kinematic order."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def lower(self) -> tuple[float, ...]:
+        """rad or m."""
+        return tuple(joint.lower for joint in self.joints)
+
+    @property
+    def upper(self) -> tuple[float, ...]:
+        """rad or m."""
+        return tuple(joint.upper for joint in self.joints)
+
+    @property
+    def velocity(self) -> tuple[float, ...]:
+        """rad/s or m/s."""
+        return tuple(joint.velocity for joint in self.joints)
+
+
+# ---------------------------------------------------------------------------------------------
+# The TOML beside a URDF
+
+_Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+_Weight = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+_Point = tuple[_Number, _Number, _Number]
+_Weights = tuple[_Weight, _Weight, _Weight, _Weight, _Weight, _Weight]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _TaskTable(_Table):
+    axes: Literal["tcp", "base"] = "tcp"
+    weights: _Weights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+
+
+class _ShapeTable(_Table):
+    """A capsule or a box, fixed to `link` (the base when it is left out)."""
+
+    name: str = ""
+    link: str = ""
+    capsule: tuple[_Point, _Point, _Positive] | None = None
+    """Ends and radius, m."""
+    box: tuple[_Point, _Point] | None = None
+    """Lowest and highest corner, m, along the link's axes."""
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> _ShapeTable:
+        if (self.capsule is None) is (self.box is None):
+            raise ValueError("give either capsule = [end, end, radius] or box = [corner, corner]")
+        return self
+
+
+class _CollisionTable(_Table):
+    ignore: list[tuple[str, str]] = []
+    """Pairs of links that always touch, besides neighbours."""
+    meshes: Literal["refuse", "ignore"] = "refuse"
+    shape: list[_ShapeTable] = []
+
+
+class _ArmFile(_Table):
+    urdf: str
+    tcp: str = ""
+    """Link whose frame is the TCP; default: the last one."""
+    flange: str = ""
+    home_deg: list[_Number] | None = None
+    """Revolute joints in deg, prismatic ones in m."""
+    acceleration_deg_s2: _Positive | list[_Positive] | None = None
+    """One for all joints or one each; prismatic ones in m/s²."""
+    task: _TaskTable = _TaskTable()
+    collision: _CollisionTable = _CollisionTable()
 
 
 def arm_names() -> tuple[str, ...]:
     """The arms there are, sorted."""
-    names = (file.name for file in _FOLDER.iterdir())
-    return tuple(sorted(name.removesuffix(".urdf") for name in names if name.endswith(".urdf")))
+    return tuple(sorted(file.stem for file in _FOLDER.glob("*.urdf")))
 
 
 @cache
-def load_arm(name: str) -> ArmModel:
-    """The arm called `name`; ConfigurationError names the ones there are."""
-    if name not in arm_names():
-        raise ConfigurationError("", f"there is no arm {name!r}; allowed: {', '.join(arm_names())}")
-    return parse_urdf(_FOLDER.joinpath(f"{name}.urdf").read_text("utf-8"))
+def load_arm(name_or_file: str) -> ArmModel:
+    """One of our arms by name, or one from the path of a ``.toml`` or ``.urdf`` file.
+
+    Raises ConfigurationError that names the file, what is wrong in it, and what is allowed.
+    """
+    if name_or_file in arm_names():
+        path = _FOLDER / f"{name_or_file}.toml"
+        return _read(path if path.exists() else path.with_suffix(".urdf"))
+    if not name_or_file.endswith((".toml", ".urdf")):
+        raise ConfigurationError(
+            "",
+            f"there is no arm {name_or_file!r}; allowed: {', '.join(arm_names())}, "
+            "or the path of a .toml or .urdf file",
+        )
+    return _read(Path(name_or_file))
+
+
+def _read(path: Path) -> ArmModel:
+    try:
+        if path.suffix == ".urdf":
+            return parse_urdf(_text(path))
+        try:
+            file = _ArmFile.model_validate(tomllib.loads(_text(path)))
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigurationError("", f"not TOML: {error}") from None
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            key = ".".join(str(part) for part in first["loc"])
+            message = first["msg"].removeprefix("Value error, ")
+            raise ConfigurationError(key, f"{message}; found {first['input']!r}") from None
+        return _build(_text(path.parent / file.urdf), file)
+    except ConfigurationError as error:
+        raise ConfigurationError("", f"{path.name}: {error}") from None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError("", f"{path.name} cannot be read: {error}") from None
 
 
 def parse_urdf(text: str) -> ArmModel:
-    """The moving joints of a serial chain described in URDF, from base to tip.
+    """The arm that a URDF describes, from base to tip, with defaults for all it cannot say.
 
-    Continuous joints have no range: theirs is infinite. Raises ConfigurationError for text that
-    is not URDF, branches, or leaves a limit out.
+    Raises ConfigurationError for text that is not URDF, branches, lacks a limit, has numbers
+    that are none, or has meshes where primitives are needed.
     """
+    return _build(text, _ArmFile(urdf=""))
+
+
+# ---------------------------------------------------------------------------------------------
+# URDF
+
+
+def _build(text: str, file: _ArmFile) -> ArmModel:
     try:
         robot = ET.fromstring(text)
     except ET.ParseError as error:
         raise ConfigurationError("", f"the arm's URDF is not XML: {error}") from None
+    if robot.tag != "robot":
+        raise ConfigurationError("", f"the arm's URDF is a <{robot.tag}>, not a <robot>")
+    accelerations = file.acceleration_deg_s2
+    joints: list[ArmJoint] = []
+    links: dict[str, tuple[int, Pose]] = {}
+    weld, chain = IDENTITY_POSE, _chain(robot)
+    last = _root(chain)
+    links[last] = (0, weld)
+    while last in chain:
+        element = chain.pop(last)
+        last = _link_of(element, "child")
+        placement = compose(weld, _origin(element))
+        kind = element.get("type", "")
+        if kind == "fixed":
+            weld = placement
+        elif kind in {k.value for k in JointKind}:
+            joints.append(_joint(element, JointKind(kind), placement))
+            weld = IDENTITY_POSE
+        else:
+            raise ConfigurationError(
+                "",
+                f"joint {element.get('name')!r} is {kind!r}; allowed: fixed, "
+                + ", ".join(k.value for k in JointKind),
+            )
+        links[last] = (len(joints), weld)
+    if not joints:
+        raise ConfigurationError("", "the arm's URDF has no moving joint")
+    if accelerations is not None:
+        joints = _accelerated(joints, accelerations)
+    frames = {}
+    for key, name in (("tcp", file.tcp or last), ("flange", file.flange or file.tcp or last)):
+        if name not in links:
+            raise ConfigurationError(key, f"there is no link {name!r}; {_allowed(links)}")
+        if links[name][0] != len(joints):
+            raise ConfigurationError(key, f"link {name!r} is not moved by the last joint")
+        frames[key] = links[name][1]
+    return ArmModel(
+        name=robot.get("name", ""),
+        joints=tuple(joints),
+        flange=frames["flange"],
+        tcp=frames["tcp"],
+        inertias=_inertias(robot, links, len(joints)),
+        shapes=(*_shapes(robot, links, file.collision), *_own_shapes(links, file.collision)),
+        ignored_pairs=_pairs(links, file.collision),
+        home=_home(joints, file.home_deg),
+        task=Task(file.task.axes == "tcp", file.task.weights),
+        urdf=text,
+    )
+
+
+def _allowed(links: dict[str, tuple[int, Pose]]) -> str:
+    return f"allowed: {', '.join(links)}"
+
+
+def _link_of(joint: ET.Element, tag: str) -> str:
+    element = joint.find(tag)
+    if element is None:
+        raise ConfigurationError("", f"joint {joint.get('name')!r} lacks its parent or child")
+    return element.get("link", "")
+
+
+def _chain(robot: ET.Element) -> dict[str, ET.Element]:
+    """Joints by the link they start from."""
     by_parent: dict[str, ET.Element] = {}
-    children = set()
     for joint in robot.iterfind("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is None or child is None:
-            raise ConfigurationError("", f"joint {joint.get('name')!r} lacks its parent or child")
-        if parent.get("link", "") in by_parent:
-            raise ConfigurationError("", f"link {parent.get('link')!r} branches: not one arm")
-        by_parent[parent.get("link", "")] = joint
-        children.add(child.get("link", ""))
-    roots = set(by_parent) - children
+        parent = _link_of(joint, "parent")
+        if parent in by_parent:
+            raise ConfigurationError("", f"link {parent!r} branches: not one arm")
+        by_parent[parent] = joint
+    return by_parent
+
+
+def _root(by_parent: dict[str, ET.Element]) -> str:
+    roots = set(by_parent) - {_link_of(joint, "child") for joint in by_parent.values()}
     if len(roots) != 1:
         raise ConfigurationError("", f"an arm has one base link, not {sorted(roots)}")
-    link = roots.pop()
-    moving: list[tuple[str, float, float, float]] = []
-    while link in by_parent:
-        joint = by_parent.pop(link)
-        if joint.get("type") in ("revolute", "prismatic", "continuous"):
-            moving.append(_limits(joint))
-        child = joint.find("child")
-        link = "" if child is None else child.get("link", "")
-    names, lower, upper, velocity = zip(*moving, strict=True) if moving else ((),) * 4
-    return ArmModel(robot.get("name", ""), names, lower, upper, velocity)
+    return roots.pop()
 
 
-def _limits(joint: ET.Element) -> tuple[str, float, float, float]:
-    name, limit = joint.get("name", ""), joint.find("limit")
+def _numbers(element: ET.Element | None, attribute: str, default: Vector3, of: str) -> Vector3:
+    text = None if element is None else element.get(attribute)
+    if text is None:
+        return default
+    try:
+        x, y, z = (float(word) for word in text.split())
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ConfigurationError("", f"{attribute} of {of}: {text!r} is not three numbers")
+    return Vector3(x, y, z)
+
+
+def _origin(element: ET.Element) -> Pose:
+    origin = element.find("origin")
+    of = f"the origin of {element.tag} {element.get('name', '')!r}"
+    rpy = _numbers(origin, "rpy", ZERO3, of)
+    return Pose(_numbers(origin, "xyz", ZERO3, of), from_euler_zyx(*rpy))
+
+
+def _joint(element: ET.Element, kind: JointKind, placement: Pose) -> ArmJoint:
+    name, limit = element.get("name", ""), element.find("limit")
+    axis = _numbers(element.find("axis"), "xyz", Vector3(1.0, 0.0, 0.0), f"the axis of {name!r}")
+    if norm(axis) < 1e-6:
+        raise ConfigurationError("", f"the axis of joint {name!r} has no direction")
     try:
         if limit is None:
             raise ValueError("no <limit>")
         velocity = float(limit.get("velocity", ""))
-        if joint.get("type") == "continuous":
-            return name, -math.inf, math.inf, velocity
-        return name, float(limit.get("lower", "")), float(limit.get("upper", "")), velocity
+        effort = float(limit.get("effort", "0"))
+        lower, upper = -math.inf, math.inf
+        if kind is not JointKind.CONTINUOUS:
+            lower, upper = float(limit.get("lower", "")), float(limit.get("upper", ""))
+            if not -math.inf < lower < upper < math.inf:
+                raise ValueError(f"lower {lower:g} and upper {upper:g} are no range")
+        if not 0.0 < velocity < math.inf:
+            raise ValueError(f"velocity {velocity:g} is not a speed")
     except ValueError as error:
         raise ConfigurationError("", f"limits of joint {name!r}: {error}") from None
+    return ArmJoint(
+        name,
+        kind,
+        placement,
+        scale(axis, 1.0 / norm(axis)),
+        lower,
+        upper,
+        velocity,
+        velocity / TIME_TO_FULL_SPEED_S,
+        effort if effort > 0.0 else math.inf,
+    )
+
+
+def _unit(joint: ArmJoint) -> float:
+    """What one deg (m for a prismatic joint) of the arm's file is."""
+    return 1.0 if joint.kind is JointKind.PRISMATIC else math.pi / 180.0
+
+
+def _each(key: str, values: list[float], joints: list[ArmJoint]) -> list[float]:
+    if len(values) != len(joints):
+        raise ConfigurationError(key, f"has {len(values)} values for {len(joints)} joints")
+    return [value * _unit(joint) for value, joint in zip(values, joints, strict=True)]
+
+
+def _accelerated(joints: list[ArmJoint], given: float | list[float]) -> list[ArmJoint]:
+    values = given if isinstance(given, list) else [given] * len(joints)
+    accelerations = _each("acceleration_deg_s2", values, joints)
+    return [j._replace(acceleration=a) for j, a in zip(joints, accelerations, strict=True)]
+
+
+def _home(joints: list[ArmJoint], given: list[float] | None) -> tuple[float, ...]:
+    if given is None:
+        return tuple(
+            0.0 if joint.lower == -math.inf else 0.5 * (joint.lower + joint.upper)
+            for joint in joints
+        )
+    home = _each("home_deg", given, joints)
+    for joint, value in zip(joints, home, strict=True):
+        if not joint.lower <= value <= joint.upper:
+            raise ConfigurationError(
+                "home_deg",
+                f"{joint.name} at {value / _unit(joint):g} is outside "
+                f"{joint.lower / _unit(joint):g} to {joint.upper / _unit(joint):g}",
+            )
+    return tuple(home)
+
+
+def _inertias(
+    robot: ET.Element, links: dict[str, tuple[int, Pose]], bodies: int
+) -> tuple[Inertia, ...]:
+    """Masses of the links, those of welded links put together; tensors are added as they are
+    turned, about their common centre."""
+    parts: list[list[Inertia]] = [[] for _ in range(bodies + 1)]
+    for link in robot.iterfind("link"):
+        element = link.find("inertial")
+        if element is None or link.get("name", "") not in links:
+            continue
+        body, pose = links[link.get("name", "")]
+        parts[body].append(_inertia(element, pose, link.get("name", "")))
+    return tuple(_joined(each) for each in parts[1:])
+
+
+def _inertia(element: ET.Element, pose: Pose, link: str) -> Inertia:
+    mass, tensor = element.find("mass"), element.find("inertia")
+    try:
+        mass_kg = float("nan" if mass is None else mass.get("value", ""))
+        entries = [
+            0.0 if tensor is None else float(tensor.get(name, "0"))
+            for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        ]
+        if not (mass_kg >= 0.0 and all(map(math.isfinite, (mass_kg, *entries)))):
+            raise ValueError("not finite, or a negative mass")
+    except ValueError as error:
+        raise ConfigurationError("", f"the inertial of link {link!r}: {error}") from None
+    placed = compose(pose, _origin(element))
+    xx, xy, xz, yy, yz, zz = entries
+    rows = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+    # R·I·Rᵀ: turn the columns, then the rows.
+    turned = [rotate(placed.orientation, Vector3(*column)) for column in zip(*rows, strict=True)]
+    full = [rotate(placed.orientation, Vector3(*row)) for row in zip(*turned, strict=True)]
+    moments = (full[0].x, full[0].y, full[0].z, full[1].y, full[1].z, full[2].z)
+    return Inertia(mass_kg, placed.position, moments)
+
+
+def _joined(parts: list[Inertia]) -> Inertia:
+    mass_kg = math.fsum(part.mass_kg for part in parts)
+    if mass_kg == 0.0:
+        return Inertia(0.0, ZERO3, (0.0,) * 6)
+    centre = ZERO3
+    for part in parts:
+        centre = add(centre, scale(part.centre_m, part.mass_kg / mass_kg))
+    total = [0.0] * 6
+    for part in parts:
+        x, y, z = subtract(part.centre_m, centre)
+        steiner = (y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y)
+        for i in range(6):
+            total[i] += part.moments[i] + part.mass_kg * steiner[i]
+    return Inertia(mass_kg, centre, (total[0], total[1], total[2], total[3], total[4], total[5]))
+
+
+# ---------------------------------------------------------------------------------------------
+# Collision shapes
+
+
+def _shapes(
+    robot: ET.Element, links: dict[str, tuple[int, Pose]], table: _CollisionTable
+) -> list[BodyShape]:
+    found: list[BodyShape] = []
+    given = {shape.link for shape in table.shape}
+    for link in robot.iterfind("link"):
+        name = link.get("name", "")
+        if name not in links or name in given:
+            continue
+        body, pose = links[name]
+        capsules: list[Capsule] = []
+        for element in link.iterfind("collision"):
+            shape = _shape(element, compose(pose, _origin(element)), name, table.meshes)
+            if isinstance(shape, Capsule):
+                capsules.append(shape)
+            elif shape is not None:
+                found.append(BodyShape(name, body, shape))
+        found += (BodyShape(name, body, capsule) for capsule in _without_end_caps(capsules))
+    return found
+
+
+def _own_shapes(links: dict[str, tuple[int, Pose]], table: _CollisionTable) -> list[BodyShape]:
+    found = []
+    base = next(iter(links))
+    for shape in table.shape:
+        link = shape.link or base
+        if link not in links:
+            raise ConfigurationError(
+                "collision.shape.link", f"there is no link {link!r}; {_allowed(links)}"
+            )
+        body, pose = links[link]
+        name = shape.name or link
+        if shape.capsule is not None:
+            start, end, radius = shape.capsule
+            ends = (transform(pose, Vector3(*start)), transform(pose, Vector3(*end)))
+            found.append(BodyShape(name, body, Capsule(*ends, radius)))
+        elif shape.box is not None:
+            low, high = Vector3(*shape.box[0]), Vector3(*shape.box[1])
+            size = subtract(high, low)
+            if min(size) <= 0.0:
+                raise ConfigurationError(
+                    "collision.shape.box", f"{name}: lowest corner first, then the highest"
+                )
+            centre = Pose(scale(add(low, high), 0.5), IDENTITY)
+            found.append(BodyShape(name, body, Box(compose(pose, centre), size)))
+    return found
+
+
+def _shape(element: ET.Element, pose: Pose, link: str, meshes: str) -> Shape | None:
+    """A cylinder counts as the capsule around it: 500 times cheaper than a mesh, and safe."""
+    geometry = element.find("geometry")
+    primitive = None if geometry is None else next(iter(geometry), None)
+    if primitive is None:
+        raise ConfigurationError("", f"a collision element of link {link!r} has no geometry")
+    try:
+        if primitive.tag == "sphere":
+            return Capsule(pose.position, pose.position, _positive(primitive, "radius"))
+        if primitive.tag in ("cylinder", "capsule"):
+            half = Vector3(0.0, 0.0, 0.5 * _positive(primitive, "length"))
+            ends = (transform(pose, scale(half, -1.0)), transform(pose, half))
+            return Capsule(*ends, _positive(primitive, "radius"))
+    except ValueError as error:
+        raise ConfigurationError("", f"{primitive.tag} of link {link!r}: {error}") from None
+    if primitive.tag == "box":
+        size = _numbers(primitive, "size", ZERO3, f"the box of link {link!r}")
+        if min(size) <= 0.0:
+            raise ConfigurationError("", f"the box of link {link!r} has no size")
+        return Box(pose, size)
+    if primitive.tag == "mesh" and meshes == "ignore":
+        return None
+    raise ConfigurationError(
+        "",
+        f"the collision geometry of link {link!r} is a {primitive.tag}; allowed: sphere, cylinder, "
+        "capsule, box. In the arm's .toml give it a [[collision.shape]], or set "
+        'collision.meshes = "ignore"',
+    )
+
+
+def _positive(element: ET.Element, attribute: str) -> float:
+    value = float(element.get(attribute, "nan"))
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"{attribute} {element.get(attribute)!r} is not a length")
+    return value
+
+
+def _without_end_caps(capsules: list[Capsule]) -> list[Capsule]:
+    """URDF has no capsule: one is written as a cylinder and two spheres, which it swallows."""
+    long = [c for c in capsules if c.start != c.end]
+
+    def swallowed(sphere: Capsule) -> bool:
+        return any(
+            _segment_distance(c, sphere.start) + sphere.radius_m
+            <= c.radius_m + _END_CAP_TOLERANCE_M
+            for c in long
+        )
+
+    return [c for c in capsules if c.start != c.end or not swallowed(c)]
+
+
+def _segment_distance(capsule: Capsule, point: Vector3) -> float:
+    along, to = subtract(capsule.end, capsule.start), subtract(point, capsule.start)
+    share = (along.x * to.x + along.y * to.y + along.z * to.z) / norm(along) ** 2
+    return norm(subtract(to, scale(along, max(0.0, min(1.0, share)))))
+
+
+def _pairs(
+    links: dict[str, tuple[int, Pose]], table: _CollisionTable
+) -> frozenset[tuple[int, int]]:
+    pairs = set()
+    for pair in table.ignore:
+        for name in pair:
+            if name not in links:
+                raise ConfigurationError(
+                    "collision.ignore", f"there is no link {name!r}; {_allowed(links)}"
+                )
+        first, second = sorted(links[name][0] for name in pair)
+        pairs.add((first, second))
+    return frozenset(pairs)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from cardan.types import Quaternion, Vector3
+from cardan.types import Pose, Quaternion, Vector3
 
 _SMALL_ANGLE = 1e-8
 """Below this angle (rad) sin(x)/x is 1 to the last bit of a double."""
@@ -147,3 +147,20 @@ def to_euler_zyx(q: Quaternion) -> Vector3:
         math.asin(sine),
         math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
     )
+
+
+def transform(pose: Pose, point: Vector3) -> Vector3:
+    """`point`, given in the frame that is at `pose`, in the outer frame."""
+    return add(pose.position, rotate(pose.orientation, point))
+
+
+def compose(outer: Pose, inner: Pose) -> Pose:
+    """`inner`, given in the frame that is at `outer`, in the frame of `outer`."""
+    orientation = normalized(multiply(outer.orientation, inner.orientation))
+    return Pose(transform(outer, inner.position), orientation, outer.frame)
+
+
+def inverse(pose: Pose) -> Pose:
+    """The outer frame as seen from the frame that is at `pose`."""
+    turned_back = conjugate(pose.orientation)
+    return Pose(scale(rotate(turned_back, pose.position), -1.0), turned_back, pose.frame)

@@ -54,6 +54,9 @@ class Pose(NamedTuple):
     frame: Frame = Frame.BASE
 
 
+IDENTITY_POSE = Pose(ZERO3, IDENTITY)
+
+
 class Twist(NamedTuple):
     """Velocity of the TCP: linear in m/s, angular in rad/s, both along the axes of `frame`.
 
@@ -186,6 +189,10 @@ class RobotState(NamedTuple):
     """The controller's own clock, s since the Unix epoch."""
     alarm: str = ""
     """Why nobody should be driving although commands act, in words (the port is flooded)."""
+    velocities: tuple[float, ...] = ()
+    """Measured joint velocities, rad/s or m/s; empty where the robot does not report them."""
+    torques: tuple[float, ...] = ()
+    """Measured joint torques, N·m or N; empty where the robot does not report them."""
 
     @property
     def ready(self) -> bool:
@@ -201,6 +208,7 @@ class CommandKind(enum.Enum):
     POSE = "pose"
     JOINT_VELOCITY = "joint velocity"
     TWIST = "twist"
+    TORQUE = "torque"
     PATH_CORRECTION = "path correction"
 
 
@@ -245,6 +253,14 @@ class TwistCommand(NamedTuple):
     kind: CommandKind = CommandKind.TWIST
 
 
+class TorqueCommand(NamedTuple):
+    """Exert `torques` at the joints, gravity not compensated by anybody else."""
+
+    torques: tuple[float, ...]
+    """N·m (N for a prismatic joint), kinematic order."""
+    kind: CommandKind = CommandKind.TORQUE
+
+
 class PathCorrectionCommand(NamedTuple):
     """Shift the programmed path sideways; only y and z of the path frame act."""
 
@@ -261,6 +277,7 @@ RobotCommand = (
     | PoseCommand
     | JointVelocityCommand
     | TwistCommand
+    | TorqueCommand
     | PathCorrectionCommand
 )
 

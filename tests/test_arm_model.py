@@ -13,17 +13,17 @@ from cardan.errors import ConfigurationError
 
 def test_gofa():
     arm = load_arm("gofa_crb15000_5")
-    assert arm.joints == tuple(f"joint_{i}" for i in range(1, 7))
-    assert [round(math.degrees(q)) for q in arm.lower_rad] == [-180, -180, -225, -180, -180, -180]
-    assert [round(math.degrees(q)) for q in arm.upper_rad] == [180, 180, 85, 180, 180, 180]
-    assert [round(math.degrees(v)) for v in arm.velocity_rad_s] == [125, 125, 140, 200, 200, 200]
+    assert arm.joint_names == tuple(f"joint_{i}" for i in range(1, 7))
+    assert [round(math.degrees(q)) for q in arm.lower] == [-180, -180, -225, -180, -180, -180]
+    assert [round(math.degrees(q)) for q in arm.upper] == [180, 180, 85, 180, 180, 180]
+    assert [round(math.degrees(v)) for v in arm.velocity] == [125, 125, 140, 200, 200, 200]
 
 
 @pytest.mark.parametrize("name", arm_names())
 def test_every_arm_loads_under_its_own_name(name):
     arm = load_arm(name)
     assert arm.name == name
-    assert all(low < high for low, high in zip(arm.lower_rad, arm.upper_rad, strict=True))
+    assert all(low < high for low, high in zip(arm.lower, arm.upper, strict=True))
 
 
 def test_an_unknown_arm_is_named():
@@ -51,8 +51,8 @@ def test_order_is_from_base_to_tip_and_fixed_joints_do_not_count():
             joint("shoulder"),
         )
     )
-    assert arm.joints == ("shoulder", "wrist")
-    assert arm.lower_rad == (-1.0, -math.inf)
+    assert arm.joint_names == ("shoulder", "wrist")
+    assert arm.lower == (-1.0, -math.inf)
 
 
 @pytest.mark.parametrize(

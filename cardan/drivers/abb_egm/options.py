@@ -183,8 +183,8 @@ class AbbEgmOptions:
         lower, upper = self.joint_lower_deg, self.joint_upper_deg
         if self.robot is not None:
             arm = load_arm(self.robot)
-            lower = lower or tuple(map(math.degrees, arm.lower_rad))
-            upper = upper or tuple(map(math.degrees, arm.upper_rad))
+            lower = lower or tuple(map(math.degrees, arm.lower))
+            upper = upper or tuple(map(math.degrees, arm.upper))
         return (lower, upper) if lower else None
 
     @property
@@ -220,7 +220,7 @@ class AbbEgmOptions:
     def joint_speeds_rad_s(self) -> tuple[float, ...]:
         """Highest speed of each joint, rad/s."""
         own = (math.radians(self.joint_speed_deg_s),) * self.joints
-        arm = own if self.robot is None else load_arm(self.robot).velocity_rad_s
+        arm = own if self.robot is None else load_arm(self.robot).velocity
         return tuple(map(min, own, arm))
 
 
