@@ -117,6 +117,11 @@ class Reference:
 
     def advance(self, target: Twist, dt_s: float) -> None:
         """Move for `dt_s`, approaching `target` (base or tool axes) as fast as limits let it."""
+        self.shape(target, dt_s)
+        self.move(self.linear, self.angular, dt_s)
+
+    def shape(self, target: Twist, dt_s: float) -> None:
+        """Bring the twist nearer to `target`, as `advance` does, but stay where it is."""
         pose = self.pose
         if pose is None:
             raise RuntimeError("the reference has not been placed")
@@ -137,9 +142,15 @@ class Reference:
         self.linear = self._next_linear(linear, pose.position, dt_s)
         most = limits.angular_acceleration_rad_s2 * dt_s
         self.angular = add(self.angular, limit_norm(subtract(angular, self.angular), most))
+
+    def move(self, linear: Vector3, angular: Vector3, dt_s: float) -> None:
+        """Move for `dt_s` at a velocity in base axes, m/s and rad/s, whatever the own twist is."""
+        pose = self.pose
+        if pose is None:
+            raise RuntimeError("the reference has not been placed")
         self.pose = Pose(
-            add(pose.position, scale(self.linear, dt_s)),
-            normalized(multiply(from_rotation_vector(scale(self.angular, dt_s)), pose.orientation)),
+            add(pose.position, scale(linear, dt_s)),
+            normalized(multiply(from_rotation_vector(scale(angular, dt_s)), pose.orientation)),
             Frame.BASE,
         )
 

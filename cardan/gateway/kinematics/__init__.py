@@ -1,0 +1,1 @@
+"""Kinematics: forward, Jacobian, inverse and distances of any arm, on Pinocchio and Coal."""

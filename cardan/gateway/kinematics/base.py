@@ -1,0 +1,54 @@
+"""What the servo knows about an arm: where its TCP is, and how each joint moves it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from cardan.types import Frame, Pose, Quaternion, Vector3
+
+FloatArray = npt.NDArray[np.float64]
+SE3 = Any
+"""pinocchio.SE3; Pinocchio has no type stubs."""
+
+
+class Kinematics(Protocol):
+    """An arm, or whatever else has joints that move one TCP. Angles in rad, lengths in m."""
+
+    joints: int
+    names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    continuous: npt.NDArray[np.bool_]
+    placement: SE3
+    """Of the TCP in the base, where `update` was last called."""
+    jacobian: FloatArray
+    """6×n: twist of the TCP along its own axes, linear part first, a column a joint."""
+
+    def update(self, q: FloatArray) -> None:
+        """Set `placement` and `jacobian` for the joint positions `q` (n)."""
+
+    def forward(self, q: FloatArray) -> SE3:
+        """The TCP in the base for `q`; leaves `placement` and `jacobian` alone."""
+
+    def inverse(self, placement: SE3, near: FloatArray) -> FloatArray | None:
+        """Joint positions inside the limits that put the TCP at `placement`, on the branch
+        nearest to `near`; None where there is none."""
+
+
+def to_se3(pose: Pose) -> SE3:
+    """A pose as Pinocchio has it."""
+    x, y, z = pose.position
+    w, i, j, k = pose.orientation
+    return pin.XYZQUATToSE3(np.array((x, y, z, i, j, k, w)))
+
+
+def to_pose(placement: SE3) -> Pose:
+    """A placement in the base as a value."""
+    x, y, z, i, j, k, w = pin.SE3ToXYZQUAT(placement).tolist()
+    return Pose(Vector3(x, y, z), Quaternion(w, i, j, k), Frame.BASE)

@@ -1,0 +1,64 @@
+"""Joint velocities from which every limit can still be kept: bounds that are never empty."""
+
+from __future__ import annotations
+
+import math
+
+from cardan.gateway.kinematics.base import FloatArray, Kinematics
+
+
+class JointBounds:
+    """Lower and upper velocity of each joint for the next period.
+
+    Speed, acceleration and position limits hold together by construction: from any velocity that
+    these bounds allow, the joint can stop at its limit with its acceleration (v·dt + v²/2a = d,
+    as in :func:`cardan.braking.stopping_speed`). A joint that is outside its range anyway may
+    only move inwards. Plain floats: for six joints numpy would cost twice as much.
+    """
+
+    def __init__(self, kinematics: Kinematics, speed_share: float, acceleration_share: float):
+        self.lower = kinematics.lower.tolist()
+        self.upper = kinematics.upper.tolist()
+        self.velocity = [speed_share * v for v in kinematics.velocity.tolist()]
+        self.acceleration = [acceleration_share * a for a in kinematics.acceleration.tolist()]
+        self._joints = tuple(
+            zip(self.lower, self.upper, self.velocity, self.acceleration, strict=True)
+        )
+
+    def fill(
+        self,
+        q: list[float],
+        v: list[float],
+        dt_s: float,
+        lowest: FloatArray,
+        highest: FloatArray,
+    ) -> None:
+        """Write the bounds into the first entries of `lowest` and `highest`."""
+        sqrt = math.sqrt
+        for index, (lower, upper, fastest, acceleration) in enumerate(self._joints):
+            position, speed = q[index], v[index]
+            gain = acceleration * dt_s
+            slowed, sped = speed - gain, speed + gain
+            top = fastest if fastest < sped else sped
+            bottom = -fastest if -fastest > slowed else slowed
+            room = upper - position
+            if room * acceleration < fastest * (fastest + gain):
+                stop = sqrt(gain * gain + 2.0 * acceleration * room) - gain if room > 0 else 0.0
+                if top > stop:
+                    top = stop
+            room = position - lower
+            if room * acceleration < fastest * (fastest + gain):
+                stop = gain - sqrt(gain * gain + 2.0 * acceleration * room) if room > 0 else 0.0
+                if bottom < stop:
+                    bottom = stop
+            # Braking harder than the joint can is no use, and no programme may be infeasible.
+            highest[index] = top if top > slowed else slowed
+            lowest[index] = bottom if bottom < sped else sped
+
+    def limiting(self, lowest: FloatArray, highest: FloatArray, v: FloatArray) -> list[int]:
+        """Joints whose velocity is at a bound."""
+        return [
+            index
+            for index in range(len(self.velocity))
+            if v[index] >= highest[index] - 1e-9 or v[index] <= lowest[index] + 1e-9
+        ]

@@ -1,0 +1,455 @@
+"""The control tick: from where the TCP should be to what every joint does for the next period.
+
+Unknowns are the joint velocities v and the path speed s. Each tick solves
+
+    min  ½‖W(J·v - feedback - s·feed-forward)‖² + ½λ‖v‖² + ½μ‖v - posture‖² + ½ρ(1 - s)²
+    s.t. bounds on v that hold speed, acceleration and range (hard), 0 <= s <= 1,
+         closing speed of every near pair of bodies (soft)
+
+in TCP axes. The loop closes on the commanded joint positions, never on the measured ones: gravity
+sag and servo error cannot creep into the path (Łukawski, Victores and Balaguer 2023, section 4).
+With s an arm that cannot keep up slows along its path instead of leaving it. Damping by the
+smallest singular value follows Nakamura and Hanafusa 1986 (doi:10.1115/1.3143764), dampers between
+bodies Faverjon and Tournassoud 1987 (doi:10.1109/ROBOT.1987.1087982).
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import daqp
+import eigenpy
+import numpy as np
+import pinocchio as pin
+
+from cardan.arm_model import SixWeights
+from cardan.braking import stopping_speed
+from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics
+from cardan.gateway.kinematics.collision import CollisionModel
+from cardan.gateway.servo.bounds import JointBounds
+
+UNBOUNDED = 1e30
+"""What daqp takes for infinity."""
+
+SOFT = 8
+"""daqp's mark of a constraint that may be violated rather than leave no solution."""
+
+MAX_ROWS = 16
+"""Closing pairs in one programme, the most urgent first: more cannot act on seven joints."""
+
+TIGHT_M_S = 1e-4
+"""A pair this near to its closing speed is what ends the motion."""
+
+FREE_DIRECTION = 1e-9
+"""Regularises projections onto what an arm can do; far below any real direction."""
+
+
+class Policy(enum.Enum):
+    """What to give up where an arm cannot follow: no controller can keep both."""
+
+    PATH = "path"
+    """Hold the line: slow along it, and wait where it cannot be continued."""
+    REACH = "reach"
+    """Keep the pace: go around what is in the way and leave the line."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoOptions:
+    """How the servo weighs and limits."""
+
+    policy: Policy = Policy.PATH
+    length_m: float = 0.3
+    """Weighs rad against m, so that nothing depends on the unit of length."""
+    gain_1_s: float = 60.0
+    """Of the pose error; the reference is our own and without noise, so it can be high."""
+    linear_speed_m_s: float = 1.0
+    """Most that the feedback may ask for."""
+    angular_speed_rad_s: float = 3.0
+    linear_deceleration_m_s2: float = 2.0
+    """With which the feedback expects to stop, so that it does not overshoot."""
+    angular_deceleration_rad_s2: float = 8.0
+    joint_gain_1_s: float = 60.0
+    """Of the error of a joint target."""
+    speed_share: float = 1.0
+    """Of the arm's joint speeds that may be used."""
+    acceleration_share: float = 1.0
+    damping: float = 0.01
+    """Largest damping, at a singularity, as the singular value it stands for."""
+    singular_below: float = 0.06
+    """Smallest singular value (length-weighed) below which damping sets in."""
+    damping_floor: float = 1e-7
+    path_stiffness: float = 0.1
+    """How dearly slowing along the path is paid under Policy.PATH: the share of the commanded
+    speed that may be lost sideways before all of the pace is given up, squared."""
+    posture_gain_1_s: float = 1.0
+    posture_weight: float = 1e-4
+    """Pull of the preferred posture where the task leaves freedom. It costs a redundant arm
+    micrometres of accuracy."""
+    safety_distance_m: float = 0.01
+    """Obstacles are kept this far away."""
+    self_distance_m: float = 0.002
+    """The arm's own bodies are kept this far apart: their capsules contain them with more room
+    than that, and some pass each other closely in every posture."""
+    influence_distance_m: float = 0.1
+    """Pairs nearer than this, or than they need to stop, are watched in the programme."""
+    closing_deceleration_m_s2: float = 2.0
+    """With which bodies that close in are expected to be stopped."""
+
+
+class ServoStatus(NamedTuple):
+    """Numbers of the last tick. Lengths in m, angles in rad."""
+
+    path_speed: float
+    """Share of the commanded speed along the path that was possible, 0..1."""
+    smallest_singular_value: float
+    damping: float
+    limiting_joints: tuple[str, ...]
+    """Joints at a bound of speed, acceleration or range."""
+    distance_m: float
+    """Of the nearest pair of bodies; infinite without any."""
+    nearest_pair: tuple[str, str]
+    active_pairs: int
+    error_m: float
+    """From the commanded TCP to the reference."""
+    error_rad: float
+    unreachable_m_s: float
+    """Part of the commanded motion that this arm cannot do anywhere, for want of joints."""
+    unreachable_rad_s: float
+    failures: int
+    """Ticks without a solution so far; each braked."""
+
+
+class Servo:
+    """Commanded joint positions `q` and velocities `v`, moved one period at a time."""
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        collision: CollisionModel | None = None,
+        options: ServoOptions | None = None,
+        weights: SixWeights = (1.0,) * 6,
+    ) -> None:
+        """`weights` of x y z rx ry rz along TCP axes; 0 leaves a direction free."""
+        self.kinematics = kinematics
+        self.collision = collision
+        self.options = options = options or ServoOptions()
+        n = self.joints = kinematics.joints
+        self.bounds = JointBounds(kinematics, options.speed_share, options.acceleration_share)
+        self.q: FloatArray = np.zeros(n)
+        """Commanded joint positions, rad or m."""
+        self.v: FloatArray = np.zeros(n)
+        """Commanded joint velocities, rad/s or m/s."""
+        self.posture: FloatArray | None = None
+        """Where joints should be as far as the task leaves them free; None: nowhere."""
+        self.policy = options.policy
+        self.twist: FloatArray = np.zeros((2, 3))
+        """By which the reference moves in this period: linear, angular; base axes."""
+        self.path_speed = 1.0
+        length = options.length_m
+        self._weights = np.array(weights) * (1.0, 1.0, 1.0, length, length, length)
+        self._column_weights = self._weights[:, None]
+        rank = min(int(np.count_nonzero(self._weights)), n)
+        self._full_rank = rank == 6
+        self._smallest = n - rank
+        self._singular = eigenpy.SelfAdjointEigenSolver(n)
+        self._solver = eigenpy.LLT(n)
+        self._task = np.zeros((6, n + 1))
+        self._task_of_joints, self._task_of_path = self._task[:, :n], self._task[:, n]
+        self._normal = np.zeros((n + 1, n + 1))
+        self._diagonal = np.einsum("ii->i", self._normal)
+        self._joint_block = self._normal[:n, :n]
+        self._linear = np.zeros(n + 1)
+        self._feedback = np.zeros(6)
+        self._wanted = np.zeros(6)
+        self._own_axes = self._wanted.reshape(2, 3)
+        self._rows = np.zeros((MAX_ROWS, n + 1))
+        self._rows_of_joints = self._rows[:, :n]
+        self._highest = np.full(n + 1 + MAX_ROWS, UNBOUNDED)
+        self._lowest = np.zeros(n + 1 + MAX_ROWS)
+        self._sense = np.zeros(n + 1 + MAX_ROWS, dtype=np.int32)
+        self._sense[n + 1 :] = SOFT
+        self._sigma = math.inf
+        self._lambda = 0.0
+        self._error_m = self._error_rad = 0.0
+        self._unreachable = (0.0, 0.0)
+        self._active = 0
+        self._failures = 0
+        self._safety: list[float] = []
+        if collision is not None:
+            self._safety = np.where(
+                collision.with_obstacle, options.safety_distance_m, options.self_distance_m
+            ).tolist()
+
+    def place(self, q: FloatArray) -> None:
+        """Start from the joint positions `q`, at rest. Only while nothing is commanded."""
+        self.q = np.array(q, dtype=float)
+        self.v = np.zeros(self.joints)
+        self.kinematics.update(self.q)
+        self.path_speed = 1.0
+        self._error_m = self._error_rad = 0.0
+        self._active = 0
+        if self.collision is not None:
+            self.collision.update()
+
+    @property
+    def placement(self) -> SE3:
+        """The commanded TCP in the base."""
+        return self.kinematics.forward(self.q)
+
+    @property
+    def moving(self) -> bool:
+        """True until all joints are at rest."""
+        return bool(self.v.any())
+
+    def tick(
+        self,
+        goal: SE3,
+        twist: FloatArray,
+        dt_s: float,
+        joint_rate: FloatArray | None = None,
+        slide: bool = False,
+    ) -> float:
+        """Move for `dt_s` towards the TCP `goal` (in the base), which itself moves at `twist`.
+
+        `twist` is 2×3: linear, angular; base axes, at the TCP. `joint_rate` (n) is what the
+        operator asks of single joints beside it; it adds to the twist (Baklouti et al. 2021,
+        equation 7). With `slide` an obstacle takes away only the part of the twist that points
+        into it; without, the line is held and the motion ends there. Returns the path speed s: the goal is to be moved by `self.twist` · dt_s,
+        which is s times what was asked for, less what the arm cannot do at all.
+        """
+        kinematics, options, n = self.kinematics, self.options, self.joints
+        kinematics.update(self.q)
+        jacobian, placement = kinematics.jacobian, kinematics.placement
+        difference = placement.actInv(goal)
+        feedback, wanted, rotation = self._feedback, self._wanted, placement.rotation
+        feedback[:3] = difference.translation
+        feedback[3:] = pin.log3(difference.rotation)
+        np.dot(twist, rotation, out=self._own_axes)
+        if joint_rate is not None:
+            wanted += jacobian.dot(joint_rate)
+        self._unreachable = (0.0, 0.0)
+        if not self._full_rank:
+            self._project(jacobian)
+        self._limit_feedback(dt_s)
+
+        task, normal, linear = self._task, self._normal, self._linear
+        np.multiply(jacobian, self._column_weights, out=self._task_of_joints)
+        weighed = wanted * self._weights
+        np.negative(weighed, out=self._task_of_path)
+        np.dot(task.T, task, out=normal)
+        self._singular.compute(self._joint_block)
+        sigma2 = float(self._singular.eigenvalues()[self._smallest])
+        np.dot(self._weights * feedback, task, out=linear)
+        np.negative(linear, out=linear)
+        self._sigma = sigma = math.sqrt(sigma2) if sigma2 > 0.0 else 0.0
+        damping = options.damping_floor
+        if sigma < options.singular_below:
+            share = sigma / options.singular_below
+            damping += options.damping**2 * (1.0 - share * share)
+        self._lambda = damping
+        posture, weight = self.posture, options.posture_weight
+        diagonal = self._diagonal
+        if posture is not None:
+            pull = options.posture_gain_1_s * (posture - self.q)
+            if joint_rate is not None:
+                pull += joint_rate
+            linear[:n] -= weight * pull
+            diagonal += damping + weight
+        else:
+            diagonal += damping
+        # The price of slowing is a share of the speed itself, so it acts alike at any pace.
+        speed2 = float(weighed.dot(weighed))
+        stiffness = options.path_stiffness * speed2 + 1e-9
+        normal[n, n] += stiffness
+        linear[n] -= stiffness
+        highest, lowest = self._highest, self._lowest
+        highest[n] = 1.0
+        lowest[n] = 1.0 if self.policy is Policy.REACH else 0.0
+        rows = self._rows_near(dt_s)
+        v = self._solve(dt_s, rows)
+        if slide and rows and self._blocked(v[:n], rows):
+            if v[n] < 1.0:
+                lowest[n] = 1.0
+                v = self._solve(dt_s, rows)
+            # What the obstacle leaves of the twist; without it the goal would run into the wall.
+            np.dot(jacobian, v[:n], out=wanted)
+            wanted -= feedback
+            v[n] = 1.0
+        self.path_speed = s = float(v[n])
+        np.multiply(wanted, s, out=wanted)
+        np.dot(self._own_axes, rotation.T, out=self.twist)
+        self._step(v[:n], dt_s)
+        return s
+
+    def tick_joints(self, goal: FloatArray, rate: FloatArray, dt_s: float) -> float:
+        """Move for `dt_s` towards the joint positions `goal`, which move at `rate` (n each).
+
+        Returns the path speed s: the goal is to be moved by s·rate·dt_s.
+        """
+        n, options = self.joints, self.options
+        self.kinematics.update(self.q)
+        error = goal - self.q
+        feedback = np.zeros(n)
+        for i, (e, a) in enumerate(zip(error.tolist(), self.bounds.acceleration, strict=True)):
+            speed = min(options.joint_gain_1_s * abs(e), stopping_speed(abs(e), a, dt_s))
+            feedback[i] = math.copysign(speed, e)
+        normal, linear = self._normal, self._linear
+        normal[:] = 0.0
+        self._diagonal[:] = 1.0
+        normal[:n, n] = -rate
+        normal[n, :n] = -rate
+        speed2 = float(rate.dot(rate))
+        stiffness = options.path_stiffness * speed2 + 1e-9
+        normal[n, n] = speed2 + stiffness
+        linear[:n] = -feedback
+        linear[n] = float(rate.dot(feedback)) - stiffness
+        self._highest[n] = 1.0
+        self._lowest[n] = 1.0 if self.policy is Policy.REACH else 0.0
+        v = self._solve(dt_s, self._rows_near(dt_s))
+        self.path_speed = s = float(v[n])
+        self._error_m = self._error_rad = 0.0
+        self._step(v[:n], dt_s)
+        return s
+
+    def brake(self, dt_s: float) -> None:
+        """Slow every joint down as fast as it can, obstacles in the braking path included."""
+        n = self.joints
+        self.kinematics.update(self.q)
+        self._normal[:] = 0.0
+        self._diagonal[:] = 1.0
+        self._linear[:] = 0.0
+        self._highest[n], self._lowest[n] = 0.0, 0.0
+        v = self._solve(dt_s, self._rows_near(dt_s))
+        self.path_speed = 0.0
+        self.twist[:] = 0.0
+        self._step(v[:n], dt_s)
+
+    def status(self) -> ServoStatus:
+        """What the last tick met."""
+        n, collision = self.joints, self.collision
+        distance, pair = (math.inf, ("", "")) if collision is None else collision.closest()
+        limiting = self.bounds.limiting(self._lowest[:n], self._highest[:n], self.v)
+        return ServoStatus(
+            self.path_speed,
+            self._sigma,
+            math.sqrt(self._lambda),
+            tuple(self.kinematics.names[i] for i in limiting) if self.moving else (),
+            distance,
+            pair,
+            self._active,
+            self._error_m,
+            self._error_rad,
+            *self._unreachable,
+            self._failures,
+        )
+
+    def _project(self, jacobian: FloatArray) -> None:
+        """Drop what an arm with few joints cannot do from what is asked, and keep its size."""
+        weighed = jacobian * self._column_weights
+        normal = weighed.T.dot(weighed)
+        normal[np.diag_indices(self.joints)] += FREE_DIRECTION
+        self._solver.compute(normal)
+        weights = self._weights
+        rest = self._wanted.copy()
+        for part in (self._wanted, self._feedback):
+            part[:] = jacobian.dot(self._solver.solve(weighed.T.dot(weights * part)))
+        rest -= self._wanted
+        x, y, z, rx, ry, rz = rest.tolist()
+        self._unreachable = (
+            math.sqrt(x * x + y * y + z * z),
+            math.sqrt(rx * rx + ry * ry + rz * rz),
+        )
+
+    def _limit_feedback(self, dt_s: float) -> None:
+        """From the pose error in `_feedback` to the velocity that takes it away and can stop."""
+        options, feedback = self.options, self._feedback
+        x, y, z, rx, ry, rz = feedback.tolist()
+        error = self._error_m = math.sqrt(x * x + y * y + z * z)
+        if error > 0.0:
+            speed = min(
+                options.gain_1_s * error,
+                stopping_speed(error, options.linear_deceleration_m_s2, dt_s),
+                options.linear_speed_m_s,
+            )
+            feedback[:3] *= speed / error
+        error = self._error_rad = math.sqrt(rx * rx + ry * ry + rz * rz)
+        if error > 0.0:
+            speed = min(
+                options.gain_1_s * error,
+                stopping_speed(error, options.angular_deceleration_rad_s2, dt_s),
+                options.angular_speed_rad_s,
+            )
+            feedback[3:] *= speed / error
+
+    def _rows_near(self, dt_s: float) -> int:
+        """Fill in a row for each pair of bodies that could meet; returns how many."""
+        collision = self.collision
+        self._active = 0
+        if collision is None or not collision.pairs:
+            return 0
+        options = self.options
+        distances = collision.update()
+        influence = options.influence_distance_m
+        deceleration = options.closing_deceleration_m_s2
+        safety = self._safety
+        closing = collision.sweep(self.v)
+        fastest = float(closing.max())
+        stop = fastest * (fastest / (2.0 * deceleration) + dt_s)
+        farthest = max(influence, options.safety_distance_m + stop)
+        near = [pair for pair, distance in enumerate(distances) if distance < farthest]
+        if farthest > influence:
+            near = [
+                pair
+                for pair in near
+                if distances[pair] < influence
+                or distances[pair] - safety[pair]
+                < closing[pair] * (closing[pair] / (2.0 * deceleration) + dt_s)
+            ]
+        if not near:
+            return 0
+        if len(near) > MAX_ROWS:
+            near.sort(key=distances.__getitem__)
+            del near[MAX_ROWS:]
+        collision.gradients(near, self._rows_of_joints)
+        first = self.joints + 1
+        self._lowest[first : first + len(near)] = [
+            -stopping_speed(distances[pair] - safety[pair], deceleration, dt_s) for pair in near
+        ]
+        self._active = len(near)
+        return len(near)
+
+    def _blocked(self, v: FloatArray, rows: int) -> bool:
+        """True when a pair of bodies closes as fast as it may."""
+        closing = self._rows_of_joints[:rows].dot(v)
+        closing -= self._lowest[self.joints + 1 : self.joints + 1 + rows]
+        return bool(closing.min() < TIGHT_M_S)
+
+    def _solve(self, dt_s: float, rows: int) -> FloatArray:
+        """The programme's solution, v and s; a braking ramp where there is none."""
+        n = self.joints
+        highest, lowest = self._highest, self._lowest
+        self.bounds.fill(self.q.tolist(), self.v.tolist(), dt_s, lowest, highest)
+        end = n + 1 + rows
+        x: FloatArray
+        x, _, flag, _ = daqp.solve(
+            self._normal,
+            self._linear,
+            self._rows[:rows],
+            highest[:end],
+            lowest[:end],
+            self._sense[:end],
+        )
+        if flag < 1 or not math.isfinite(x.dot(x)):
+            self._failures += 1
+            x = np.zeros(n + 1)
+        # The solver's tolerance must not push a joint past its limit.
+        np.minimum(x, highest[: n + 1], out=x)
+        np.maximum(x, lowest[: n + 1], out=x)
+        return x
+
+    def _step(self, v: FloatArray, dt_s: float) -> None:
+        np.copyto(self.v, v)
+        self.q += v * dt_s

@@ -1,0 +1,152 @@
+"""Distances, their gradients, and the sweep that no thin wall escapes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cardan.arm_model import BodyShape, Capsule, load_arm
+from cardan.errors import ConfigurationError
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import (
+    CollisionModel,
+    HalfSpace,
+    Obstacle,
+    box_obstacle,
+)
+from cardan.types import Vector3
+
+FLOOR = Obstacle("floor", HalfSpace(Vector3(0.0, 0.0, 1.0), -0.4))
+POST = Obstacle("post", Capsule(Vector3(0.6, 0.5, -0.2), Vector3(0.6, 0.5, 0.9), 0.05))
+WALL = box_obstacle("wall", Vector3(0.7, -0.6, -0.3), Vector3(0.705, 0.6, 1.2))
+BALL = Obstacle("ball", Capsule(Vector3(-0.5, 0.0, 0.9), Vector3(-0.5, 0.0, 0.9), 0.1))
+
+
+def world(name="ur5", obstacles=(FLOOR, POST, WALL, BALL), tool=()):
+    kinematics = ArmKinematics(load_arm(name))
+    return kinematics, CollisionModel(kinematics, obstacles, tool)
+
+
+def segment_distance(p, q, a, b):
+    """Distance of the segments p-q and a-b by brute force over both parameters."""
+    s = np.linspace(0.0, 1.0, 401)
+    one = p + np.outer(s, q - p)
+    two = a + np.outer(s, b - a)
+    return np.sqrt(((one[:, None, :] - two[None, :, :]) ** 2).sum(axis=2).min())
+
+
+@pytest.mark.parametrize("name", ["ur5", "gofa_crb15000_5", "amor"])
+def test_distances_of_capsules_equal_brute_force(name):
+    kinematics, collision = world(name, (POST,))
+    shapes = [s for s in kinematics.arm.shapes if isinstance(s.shape, Capsule) and s.body > 0]
+    post = POST.shape
+    generator = np.random.default_rng(0)
+    for _ in range(5):
+        q = generator.uniform(np.maximum(kinematics.lower, -3), np.minimum(kinematics.upper, 3))
+        distances = dict(zip(collision.pairs, collision.at(q), strict=True))
+        kinematics.update(q)
+        for shape in shapes:
+            body = kinematics._data.oMi[shape.body]
+            ends = [body.act(np.array(end)) for end in shape.shape[:2]]
+            expected = segment_distance(*ends, np.array(post.start), np.array(post.end))
+            expected -= shape.shape.radius_m + post.radius_m
+            named = [p for p in collision.pairs if set(p) == {shape.name, "post"}]
+            if len(named) == 1 and expected > 0.0:
+                assert distances[named[0]] == pytest.approx(expected, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ["ur5", "pr2_right_arm", "gp8", "asibot"])
+def test_gradients_equal_differences(name):
+    kinematics, collision = world(name)
+    pairs = list(range(len(collision.pairs)))
+    gradients = np.zeros((len(pairs), kinematics.joints))
+    generator = np.random.default_rng(1)
+    wrong = 0
+    for _ in range(40):
+        q = generator.uniform(np.maximum(kinematics.lower, -3), np.minimum(kinematics.upper, 3))
+        kinematics.update(q)
+        collision.update()
+        collision.gradients(pairs, gradients)
+        step = generator.normal(size=kinematics.joints)
+        step *= 1e-6 / np.linalg.norm(step)
+        ahead, behind = np.array(collision.at(q + step)), np.array(collision.at(q - step))
+        wrong += int((np.abs(0.5 * (ahead - behind) - gradients @ step) > 1e-9).sum())
+    # Where the nearest feature changes within the step the distance has no derivative.
+    assert wrong <= 0.01 * 40 * len(pairs)
+
+
+def test_neighbours_and_ignored_pairs_are_left_out_and_obstacles_meet_every_body():
+    kinematics, collision = world("ur5", (FLOOR,))
+    bodies = {shape.name: shape.body for shape in kinematics.arm.shapes}
+    for first, second in collision.pairs:
+        if "floor" in (first, second):
+            continue
+        low, high = sorted((bodies[first], bodies[second]))
+        assert high - low > 1
+        assert (low, high) not in kinematics.arm.ignored_pairs
+    moved = {shape.name for shape in kinematics.arm.shapes if shape.body > 0}
+    assert {p for pair in collision.pairs if "floor" in pair for p in pair} == moved | {"floor"}
+
+
+def test_home_is_free_and_the_nearest_pair_is_named():
+    kinematics, collision = world("ur5", (WALL,))
+    home = np.array(kinematics.arm.home)
+    kinematics.update(home)
+    distances = collision.update()
+    nearest = collision.closest()
+    assert nearest.distance_m == min(distances) > 0.0
+    assert nearest.names == collision.pairs[distances.index(min(distances))]
+
+
+def test_a_tool_is_part_of_the_last_body():
+    long = Capsule(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 0.2), 0.02)
+    bare_kinematics, bare = world("ur5", (WALL,))
+    _, tooled = world("ur5", (WALL,), (BodyShape("pen", 6, long),))
+    home = np.array(bare_kinematics.arm.home)
+    with_pen = dict(zip(tooled.pairs, tooled.at(home), strict=True))
+    assert any("pen" in pair for pair in with_pen)
+    assert all("pen" not in pair for pair in bare.pairs)
+
+
+def test_a_thin_wall_is_found_however_far_the_jump():
+    kinematics, collision = world("ur5", (WALL,))
+    home = np.array(kinematics.arm.home)
+    beyond = home.copy()
+    before = kinematics.forward(home).translation[0]
+    beyond[1] += 0.9  # leans forward, through the wall
+    assert before < 0.7 < kinematics.forward(beyond).translation[0]
+    share, pair = collision.free_share(home, beyond, 0.01)
+    assert 0.0 < share < 1.0
+    assert "wall" in pair
+    stop = dict(zip(collision.pairs, collision.at(home + share * (beyond - home)), strict=True))
+    # Each sample gains less than a thousandth when it stops: nearly at the margin, never beyond.
+    assert 0.01 - 1e-9 <= stop[pair] < 0.02
+    assert collision.free_share(home, home, 0.01) == (1.0, None)
+    assert collision.free_share(home, home - (0, 0.05, 0, 0, 0, 0), 0.01) == (1.0, None)
+
+
+def test_the_sweep_bounds_what_any_motion_does_to_any_distance():
+    kinematics, collision = world("pr2_right_arm")
+    generator = np.random.default_rng(4)
+    low = np.where(kinematics.continuous, -math.pi, kinematics.lower)
+    high = np.where(kinematics.continuous, math.pi, kinematics.upper)
+    for _ in range(60):
+        q = generator.uniform(low, high)
+        step = generator.normal(size=kinematics.joints) * generator.choice((0.01, 0.3))
+        change = np.array(collision.at(q)) - np.array(collision.at(q + step))
+        assert (change <= collision.sweep(step) + 1e-6).all()
+
+
+def test_a_pair_that_is_too_near_already_may_only_part():
+    kinematics, collision = world("ur5", (WALL,))
+    home = np.array(kinematics.arm.home)
+    beyond = home + (0, 0.9, 0, 0, 0, 0)
+    share, _ = collision.free_share(home, beyond, 0.01)
+    at_wall = home + share * (beyond - home)
+    assert collision.free_share(at_wall, home, 0.05) == (1.0, None)
+    assert collision.free_share(at_wall, beyond, 0.05)[0] < 0.05
+
+
+def test_a_box_needs_its_corners_in_order():
+    with pytest.raises(ConfigurationError, match=r"lowest corner .* first"):
+        box_obstacle("crate", Vector3(0.0, 0.0, 0.0), Vector3(0.1, -0.1, 0.1))

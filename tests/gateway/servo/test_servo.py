@@ -1,0 +1,291 @@
+"""The control tick: lines through singularities, limits, obstacles, arms with too few joints."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cardan.arm_model import load_arm
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
+from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
+from cardan.types import Vector3
+
+DT_S = 0.002
+ACCELERATION = 15.0
+"""rad/s², that of the published prototype's lines."""
+
+
+def servo(name="ur5", obstacles=(), q_deg=None, **options):
+    kinematics = ArmKinematics(load_arm(name))
+    kinematics.acceleration[:] = ACCELERATION
+    collision = CollisionModel(kinematics, obstacles) if obstacles else None
+    weights = kinematics.arm.task.weights
+    made = Servo(kinematics, collision, ServoOptions(**options), weights)
+    home = kinematics.arm.home if q_deg is None else np.radians(q_deg)
+    made.place(np.array(home))
+    return made
+
+
+class Drive:
+    """Twists for a servo, its goal kept as a session keeps it; remembers the worst of all."""
+
+    def __init__(self, made):
+        self.servo = made
+        self.goal = made.placement
+        self.acceleration = 0.0
+        self.clearance_m = math.inf
+
+    def run(self, linear, seconds, angular=(0, 0, 0), ramp_s=0.1, **how):
+        made, steps = self.servo, round(seconds / DT_S)
+        progress = 0.0
+        for i in range(steps):
+            share = min(1.0, (i + 1) * DT_S / ramp_s)
+            twist = share * np.array((linear, angular), dtype=float)
+            before = made.v.copy()
+            progress += share * made.tick(self.goal, twist, DT_S, **how) * DT_S
+            self.goal.translation = self.goal.translation + made.twist[0] * DT_S
+            self.goal.rotation = pin.exp3(made.twist[1] * DT_S) @ self.goal.rotation
+            self.acceleration = max(self.acceleration, np.abs(made.v - before).max() / DT_S)
+            assert (made.q <= made.kinematics.upper + 1e-5).all()
+            assert (made.q >= made.kinematics.lower - 1e-5).all()
+            assert (np.abs(made.v) <= made.kinematics.velocity + 1e-9).all()
+            if made.collision is not None:
+                self.clearance_m = min(self.clearance_m, *wall_distances(made))
+        assert self.acceleration <= ACCELERATION * (1 + 1e-6)
+        assert made.status().failures == 0
+        return progress
+
+    @property
+    def error(self):
+        difference = self.servo.placement.actInv(self.goal)
+        return np.linalg.norm(difference.translation), np.linalg.norm(pin.log3(difference.rotation))
+
+
+def wall_distances(made):
+    distances = made.collision.at(made.q)
+    pairs = zip(made.collision.pairs, distances, strict=True)
+    return [distance for pair, distance in pairs if "wall" in pair]
+
+
+def test_a_twist_is_followed_at_once_and_exactly():
+    drive = Drive(servo())
+    start = drive.servo.placement.translation.copy()
+    drive.run((0.0, 0.1, -0.05), 1.0, (0.0, 0.0, 0.2))
+    moved = drive.servo.placement.translation - start
+    assert moved == pytest.approx((0.0, 0.0951, -0.04755), abs=2e-4)
+    assert drive.error == pytest.approx((0.0, 0.0), abs=1e-4)
+    assert drive.servo.path_speed > 0.999
+
+
+@pytest.mark.parametrize("policy", Policy)
+def test_a_line_through_the_wrist_singularity_passes(policy):
+    made = servo(q_deg=(0, -80, 100, -20, 20, 0), policy=policy)
+    beyond = np.radians((4.0, -78.0, 98.0, -20.0, -20.0, 0.0))
+    start, end = made.placement, made.kinematics.forward(beyond)
+    line = end.translation - start.translation
+    length = float(np.linalg.norm(line))
+    turn = pin.log3(end.rotation @ start.rotation.T)
+    speed, drive = 0.1, Drive(made)
+    smallest, offset_m, offset_rad, progress = 1.0, 0.0, 0.0, 0.0
+    for _ in range(600):
+        if progress * speed >= length:
+            break
+        progress += drive.run(line / length * speed, DT_S, turn / length * speed, ramp_s=DT_S)
+        smallest = min(smallest, made.status().smallest_singular_value)
+        here = made.placement
+        on_line = start.translation + line / length * speed * progress
+        ideal = pin.exp3(turn * speed * progress / length) @ start.rotation
+        offset_m = max(offset_m, float(np.linalg.norm(here.translation - on_line)))
+        offset_rad = max(offset_rad, float(np.linalg.norm(pin.log3(ideal.T @ here.rotation))))
+    assert progress * speed >= length  # passed
+    assert smallest < 1e-3  # it is one
+    assert offset_m < 3e-3
+    assert offset_rad < math.radians(1.0)
+
+
+def test_holding_the_line_stops_at_the_end_of_reach_and_comes_back():
+    drive = Drive(servo(q_deg=(0, -60, 60, -90, -90, 0)))
+    outward = drive.servo.placement.translation * (1, 1, 0)
+    outward /= np.linalg.norm(outward)
+    start = drive.servo.placement.translation.copy()
+    drive.run(0.1 * outward, 5.0)
+    there = drive.servo.placement.translation - start
+    across = there - outward * (there @ outward)
+    assert np.linalg.norm(across) < 1e-3
+    assert drive.servo.path_speed < 0.1
+    assert drive.error[0] < 5e-3  # nothing wound up
+    drive.run(-0.1 * outward, 1.0)
+    back = (drive.servo.placement.translation - start) @ outward
+    assert there @ outward - back > 0.08
+
+
+@pytest.mark.parametrize("name", ["ur5", "gp8", "pr2_right_arm", "asibot", "amor"])
+def test_random_commands_never_break_a_limit_nor_the_programme(name):
+    drive = Drive(servo(name))
+    generator = np.random.default_rng(5)
+    for _ in range(12):
+        linear, angular = generator.normal(size=(2, 3)) * generator.choice((0.1, 1.0, 5.0))
+        rate = generator.normal(size=drive.servo.joints) * generator.choice((0.0, 3.0))
+        drive.servo.policy = generator.choice(tuple(Policy))
+        drive.run(linear, 0.25, angular, joint_rate=rate)
+        drive.goal = drive.servo.placement
+
+
+def test_into_both_limits_of_every_joint_the_full_range_is_used():
+    made = servo("gofa_crb15000_5")
+    for end in (made.kinematics.upper, made.kinematics.lower):
+        for _ in range(2500):
+            made.tick_joints(end, np.zeros(made.joints), DT_S)
+        assert made.q == pytest.approx(end, abs=1e-5)
+
+
+# ---------------------------------------------------------------------------------------------
+# Obstacles
+
+
+def wall(made_q_deg=(0, -90, 100, -100, -90, 0)):
+    """A wall 5 mm thick, 25 cm in front of the TCP, and the servo before it."""
+    probe = servo(q_deg=made_q_deg)
+    x = float(probe.placement.translation[0]) + 0.25
+    obstacle = box_obstacle("wall", Vector3(x, -0.5, -0.2), Vector3(x + 0.005, 0.5, 1.2))
+    return Drive(servo(obstacles=(obstacle,), q_deg=made_q_deg))
+
+
+@pytest.mark.parametrize("policy", Policy)
+@pytest.mark.parametrize("speed", [0.1, 0.5, 1.0])
+def test_a_thin_wall_is_not_touched_slid_along_and_left_without_hesitation(policy, speed):
+    drive = wall()
+    made = drive.servo
+    made.policy = policy
+    drive.run((speed, 0, 0), 0.5 + 0.4 / speed, ramp_s=0.5, slide=True)
+    assert 0.009 < drive.clearance_m < 0.0105
+    before = made.placement.translation.copy()
+    drive.run((0.1, 0.1, 0), 1.0, ramp_s=DT_S, slide=True)
+    assert drive.clearance_m > 0.009
+    assert (made.placement.translation - before)[1] > 0.95 * 0.1
+    before = made.placement.translation.copy()
+    drive.run((-0.1, 0, 0), 0.5 / 0.95, ramp_s=DT_S, slide=True)
+    assert (made.placement.translation - before)[0] < -0.95 * 0.1 * 0.5
+
+
+def test_without_sliding_the_line_ends_at_the_wall():
+    drive = wall()
+    drive.run((0.25, 0.1, 0), 3.0)
+    before = drive.servo.placement.translation.copy()
+    drive.run((0.25, 0.1, 0), 0.5)
+    assert np.linalg.norm(drive.servo.placement.translation - before) < 1e-3
+    assert drive.error[0] < 5e-3
+    status = drive.servo.status()
+    assert status.active_pairs > 0
+    assert "wall" in status.nearest_pair
+    assert status.path_speed < 0.05
+
+
+def test_nothing_is_pushed_away_from_an_obstacle_that_nobody_moves_at():
+    drive = wall()
+    drive.run((0.5, 0, 0), 1.5, slide=True)
+    near = drive.servo.q.copy()
+    drive.servo.options = ServoOptions(safety_distance_m=0.05)  # suddenly too near
+    drive.servo._safety = [0.05] * len(drive.servo.collision.pairs)
+    drive.goal = drive.servo.placement
+    drive.servo.place(near)
+    drive.run((0, 0, 0), 0.5)
+    assert drive.servo.q == pytest.approx(near, abs=1e-6)
+
+
+def test_braking_minds_the_obstacle_in_its_path():
+    drive = wall()
+    drive.run((1.0, 0, 0), 0.3, ramp_s=0.3, slide=True)
+    made = drive.servo
+    while made.moving:
+        before = made.v.copy()
+        made.brake(DT_S)
+        assert np.abs(made.v - before).max() <= ACCELERATION * DT_S * (1 + 1e-6)
+        assert min(wall_distances(made)) > 0.009
+
+
+# ---------------------------------------------------------------------------------------------
+# Few joints, many joints, joints beside axes
+
+
+def test_an_arm_of_five_joints_keeps_position_and_tells_what_it_cannot_do():
+    drive = Drive(servo("asibot"))
+    made = drive.servo
+    before = made.placement.translation.copy()
+    sideways = made.placement.rotation @ (1.0, 0.0, 0.0)  # a tilt out of the arm's plane
+    drive.run((0, 0, 0), 1.0, 0.3 * sideways)
+    assert np.linalg.norm(made.placement.translation - before) < 2e-3
+    assert made.status().unreachable_rad_s > 0.05
+    drive.run((0, 0, -0.05), 1.0)
+    assert made.status().unreachable_m_s < 0.01
+    assert (made.placement.translation - before)[2] == pytest.approx(-0.0475, abs=3e-3)
+
+
+def test_seven_joints_drift_to_their_posture_without_moving_the_tcp():
+    made = servo("pr2_right_arm")
+    made.posture = made.q.copy()
+    made.posture[2] -= 0.3
+    goal = made.placement
+    start = made.q.copy()
+    for _ in range(3000):
+        made.tick(goal, np.zeros((2, 3)), DT_S)
+        difference = made.placement.actInv(goal)
+        assert np.linalg.norm(difference.translation) < 1e-4
+    assert np.linalg.norm(made.posture - made.q) < np.linalg.norm(made.posture - start)
+
+
+def test_joint_rates_add_to_the_twist():
+    """Equation 7 of Baklouti et al. 2021: some axes move joints, others the TCP."""
+    drive = Drive(servo())
+    made, rate = drive.servo, np.zeros(6)
+    rate[0] = 0.2
+    start = made.q.copy()
+    for _ in range(250):
+        made.tick(drive.goal, np.zeros((2, 3)), DT_S, rate)
+        drive.goal.translation = drive.goal.translation + made.twist[0] * DT_S
+        drive.goal.rotation = pin.exp3(made.twist[1] * DT_S) @ drive.goal.rotation
+    moved = made.q - start
+    assert moved[0] == pytest.approx(0.1, abs=2e-3)
+    assert moved[1:] == pytest.approx(np.zeros(5), abs=2e-3)
+
+
+@pytest.mark.parametrize("turns", [10, -10])
+def test_a_continuous_wrist_turns_ten_times_without_a_refusal(turns):
+    drive = Drive(servo("pr2_right_arm"))
+    made = drive.servo
+    axis = made.placement.rotation @ (1.0, 0.0, 0.0)
+    start = made.q[6]
+    seconds = 10 * 2 * math.pi / 3.0
+    progress = drive.run((0, 0, 0), seconds, math.copysign(3.0, turns) * axis)
+    assert progress > 0.97 * seconds
+    assert (made.q[6] - start) / (2 * math.pi) == pytest.approx(turns, abs=0.5)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_placing_it_anew_never_moves_it(seed):
+    made = servo()
+    generator = np.random.default_rng(seed)
+    q = generator.uniform(made.kinematics.lower, made.kinematics.upper)
+    made.place(q)
+    made.tick(made.placement, np.zeros((2, 3)), DT_S)
+    assert np.abs(made.q - q).max() <= 1e-6
+
+
+def test_a_variable_period_is_no_harm():
+    made = servo()
+    generator = np.random.default_rng(3)
+    goal = made.placement
+    for _ in range(800):
+        dt_s = float(generator.choice((0.001, 0.002, 0.008, 0.05)))
+        before = made.v.copy()
+        made.tick(goal, np.array(((0.2, 0.1, 0.3), (0.5, 0.0, 0.0))), dt_s)
+        goal.translation = goal.translation + made.twist[0] * dt_s
+        goal.rotation = pin.exp3(made.twist[1] * dt_s) @ goal.rotation
+        assert (np.abs(made.v - before) <= ACCELERATION * dt_s * (1 + 1e-6)).all()
+        assert (made.q <= made.kinematics.upper + 1e-5).all()
+        assert (made.q >= made.kinematics.lower - 1e-5).all()
