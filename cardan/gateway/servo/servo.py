@@ -40,6 +40,9 @@ SOFT = 8
 MAX_ROWS = 16
 """Closing pairs in one programme, the most urgent first: more cannot act on seven joints."""
 
+AT_REST = 1e-5
+"""rad/s or m/s: the tail of an exponential approach that no drive resolves."""
+
 TIGHT_M_S = 1e-4
 """A pair this near to its closing speed is what ends the motion."""
 
@@ -202,7 +205,7 @@ class Servo:
     @property
     def moving(self) -> bool:
         """True until all joints are at rest."""
-        return bool(self.v.any())
+        return float(np.abs(self.v).max()) > AT_REST
 
     def tick(
         self,
@@ -217,8 +220,10 @@ class Servo:
         `twist` is 2×3: linear, angular; base axes, at the TCP. `joint_rate` (n) is what the
         operator asks of single joints beside it; it adds to the twist (Baklouti et al. 2021,
         equation 7). With `slide` an obstacle takes away only the part of the twist that points
-        into it; without, the line is held and the motion ends there. Returns the path speed s: the goal is to be moved by `self.twist` · dt_s,
-        which is s times what was asked for, less what the arm cannot do at all.
+        into it; without, the line is held and the motion ends there.
+
+        Returns the path speed s: the goal is to be moved by `self.twist` · dt_s, which is s times
+        what was asked for, less what the arm cannot do at all.
         """
         kinematics, options, n = self.kinematics, self.options, self.joints
         kinematics.update(self.q)

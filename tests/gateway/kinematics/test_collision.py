@@ -122,7 +122,7 @@ def test_a_thin_wall_is_found_however_far_the_jump():
     # Each sample gains less than a thousandth when it stops: nearly at the margin, never beyond.
     assert 0.01 - 1e-9 <= stop[pair] < 0.02
     assert collision.free_share(home, home, 0.01) == (1.0, None)
-    assert collision.free_share(home, home - (0, 0.05, 0, 0, 0, 0), 0.01) == (1.0, None)
+    assert collision.free_share(home, home - 0.02, 0.01) == (1.0, None)
 
 
 def test_the_sweep_bounds_what_any_motion_does_to_any_distance():
@@ -140,7 +140,8 @@ def test_the_sweep_bounds_what_any_motion_does_to_any_distance():
 def test_a_pair_that_is_too_near_already_may_only_part():
     kinematics, collision = world("ur5", (WALL,))
     home = np.array(kinematics.arm.home)
-    beyond = home + (0, 0.9, 0, 0, 0, 0)
+    beyond = home.copy()
+    beyond[1] += 0.9
     share, _ = collision.free_share(home, beyond, 0.01)
     at_wall = home + share * (beyond - home)
     assert collision.free_share(at_wall, home, 0.05) == (1.0, None)

@@ -1,0 +1,124 @@
+"""Joins a session's reference to the servo: the arm's share of a control tick."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
+from cardan.gateway.reference import Reference
+from cardan.gateway.servo.servo import Servo, ServoStatus
+from cardan.spatial import norm, subtract
+from cardan.types import (
+    CommandKind,
+    JointCommand,
+    JointVelocityCommand,
+    Pose,
+    PoseCommand,
+    RobotCommand,
+    RobotState,
+    Twist,
+    Vector3,
+)
+
+PREFERRED = (CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE)
+"""What a robot is sent, best first: joint positions leave nothing to anybody else's kinematics."""
+
+VELOCITY_GAIN_1_S = 10.0
+"""Of the position error of a robot that only takes velocities. It is what keeps such an arm from
+sinking under its own weight; higher gains ring with the delay of real velocity loops."""
+
+SAME_TCP_M = 0.002
+"""A controller whose TCP is farther from the model's than this has another tool or base."""
+
+SINGULAR = 0.03
+"""Smallest singular value below which a slow arm is called singular."""
+
+
+class ArmFollower:
+    """Moves the commanded joints of one arm after a reference pose."""
+
+    def __init__(self, servo: Servo, kinds: frozenset[CommandKind]) -> None:
+        """`kinds` are the commands that the robot takes; at least one of PREFERRED."""
+        self.servo = servo
+        self._kind = next(kind for kind in PREFERRED if kind in kinds)
+        self._twist = np.zeros((2, 3))
+        self._highest = servo.kinematics.velocity
+
+    def measured(self, state: RobotState) -> Pose:
+        """The measured TCP, by the model, in its base frame."""
+        return to_pose(self.servo.kinematics.forward(np.array(state.joints)))
+
+    def obstacle(self, state: RobotState) -> str:
+        """Why the model does not fit what the robot reports, in words; empty when it does."""
+        joints = self.servo.joints
+        if len(state.joints) != joints:
+            return f"the robot reports {len(state.joints)} joints, the arm's model has {joints}"
+        if self._kind is CommandKind.POSE and state.pose is not None:
+            apart_m = norm(subtract(state.pose.position, self.measured(state).position))
+            if apart_m > SAME_TCP_M:
+                return (
+                    f"the controller's TCP is {apart_m * 1e3:.0f} mm away from the arm model's: "
+                    "set [arm] tool to the controller's tool, and use its base frame"
+                )
+        return ""
+
+    def place(self, state: RobotState) -> None:
+        """Start from the measured joints, at rest."""
+        self.servo.place(np.array(state.joints))
+
+    def advance(self, reference: Reference, dt_s: float) -> None:
+        """Move joints and reference for `dt_s`; the reference's own twist is what is wanted."""
+        assert reference.pose is not None
+        twist = self._twist
+        twist[0], twist[1] = reference.linear, reference.angular
+        servo = self.servo
+        servo.tick(to_se3(reference.pose), twist, dt_s, slide=True)
+        linear, angular = servo.twist.tolist()
+        reference.move(Vector3(*linear), Vector3(*angular), dt_s)
+
+    def command(self, state: RobotState) -> RobotCommand:
+        """What the robot is sent."""
+        servo = self.servo
+        if self._kind is CommandKind.JOINT:
+            return JointCommand(tuple(servo.q.tolist()), tuple(servo.v.tolist()))
+        if self._kind is CommandKind.JOINT_VELOCITY:
+            error: FloatArray = servo.q - np.array(state.joints)
+            v = servo.v + VELOCITY_GAIN_1_S * error
+            np.minimum(np.maximum(v, -self._highest, out=v), self._highest, out=v)
+            return JointVelocityCommand(tuple(v.tolist()))
+        kinematics = servo.kinematics
+        kinematics.update(servo.q)
+        lines = kinematics.placement.rotation @ (kinematics.jacobian @ servo.v).reshape(2, 3).T
+        linear, angular = lines.T.tolist()
+        return PoseCommand(
+            to_pose(kinematics.placement), Twist(Vector3(*linear), Vector3(*angular))
+        )
+
+    @property
+    def moving(self) -> bool:
+        """True until the commanded joints are at rest."""
+        return self.servo.moving
+
+    def status(self) -> ServoStatus:
+        """What the last tick met."""
+        return self.servo.status()
+
+
+def in_words(status: ServoStatus) -> list[str]:
+    """What limits the arm now, for people; empty while nothing does."""
+    found = []
+    if status.active_pairs and status.path_speed < 0.9:
+        first, second = status.nearest_pair
+        found.append(f"{first} is {status.distance_m * 1e3:.0f} mm from {second}")
+    if status.smallest_singular_value < SINGULAR and status.path_speed < 0.9:
+        found.append(f"singular (smallest singular value {status.smallest_singular_value:.3f})")
+    if status.limiting_joints and status.path_speed < 0.9:
+        found.append(f"limit of {', '.join(status.limiting_joints)}")
+    if status.unreachable_m_s > 1e-3 or status.unreachable_rad_s > 1e-2:
+        found.append(
+            f"this arm cannot do {status.unreachable_m_s * 1e3:.0f} mm/s and "
+            f"{status.unreachable_rad_s:.2f} rad/s of what is asked"
+        )
+    if found:
+        found.insert(0, f"{status.path_speed * 100:.0f} % of the speed")
+    return found
