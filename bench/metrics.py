@@ -45,7 +45,11 @@ def delay_by_correlation(dt_s: float, commanded: Array, measured: Array, longest
     most = round(longest_s / dt_s)
     one, two = np.gradient(commanded, axis=0), np.gradient(measured, axis=0)
     count = len(one) - most
-    scores = np.array([float((one[:count] * two[k : k + count]).sum()) for k in range(most + 1)])
+    one = one[:count]
+    scores = np.empty(most + 1)
+    for k in range(most + 1):
+        window = two[k : k + count]
+        scores[k] = float((one * window).sum() / (np.linalg.norm(window) + 1e-12))
     best = int(np.argmax(scores))
     return (best + _parabola(scores, best)) * dt_s
 
