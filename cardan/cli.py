@@ -19,7 +19,7 @@ from cardan import __version__
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.snapshot import Snapshot
 from cardan.sim_peers.base import FaultSwitch, SimulatedPeer, parse_faults, serve
-from cardan.types import DeviceLink, RobotLink
+from cardan.types import DeviceLink, RobotLink, Vector3
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -155,7 +155,7 @@ def _lack(last: Snapshot) -> str:
 @app.command()
 def check(file: ConfigFile) -> None:
     """Check a configuration file without opening anything, and say what it would do."""
-    from cardan.gateway.config import load_config
+    from cardan.gateway.config import load_config, make_filters
 
     config = load_config(file)
     mapping, limits = config.mapping, config.limits
@@ -166,6 +166,8 @@ def check(file: ConfigFile) -> None:
         f"  mapping  full deflection is {mapping.linear_speed_m_s * 1e3:.0f} mm/s and "
         f"{math.degrees(mapping.angular_speed_rad_s):.0f} deg/s, {mapping.frame.value} axes"
     )
+    for each in make_filters(config):
+        print(f"  filter   {each.name}: {each.describe()}")
     print(
         f"  limits   {limits.linear_speed_m_s * 1e3:.0f} mm/s, "
         f"{math.degrees(limits.angular_speed_rad_s):.0f} deg/s"
@@ -371,3 +373,78 @@ def sim_spacemouse(
         seed=seed,
     )
     _serve(spacemouse.SpaceMousePeer(options), seconds)
+
+
+@sim.command("arm", epilog="Prints READY and the address it listens on once it serves.")
+def sim_arm(
+    robot: Annotated[
+        str, typer.Option(metavar="NAME|FILE", help="Which arm: a name, a .toml or a .urdf file.")
+    ] = "ur5",
+    listen: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Where it takes commands; port 0: any.")
+    ] = "127.0.0.1:6520",
+    drive: Annotated[
+        str, typer.Option(metavar="dynamic|ideal", help="ideal: exactly where commanded.")
+    ] = "dynamic",
+    period: Annotated[float, typer.Option(metavar="S", help="A state is sent this often.")] = 0.002,
+    gravity_feedforward: Annotated[
+        bool, typer.Option("--gravity-feedforward", help="Its servo knows gravity.")
+    ] = False,
+    plane: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y,Z,NX,NY,NZ", help="Solid below this plane, m (repeatable)."),
+    ] = None,
+    sphere: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y,Z,R", help="A solid sphere, m (repeatable).")
+    ] = None,
+    payload: Annotated[float, typer.Option(metavar="KG", help="A mass at the TCP.")] = 0.0,
+    seconds: Seconds = None,
+    fault: Fault = None,
+    list_faults: ListFaults = False,
+    seed: Seed = 0,
+) -> None:
+    """An arm with rigid-body dynamics and joint control (joint stream on UDP, 500 Hz)."""
+    from cardan.sim_peers import arm
+
+    if _listed(list_faults, arm.FAULTS, False, {}, {}):
+        return
+    host, colon, port = listen.rpartition(":")
+    if not (colon and host and port.isdecimal() and int(port) < 65536):
+        raise ConfigurationError("--listen", f"{listen!r} is not HOST:PORT, as 127.0.0.1:6520")
+    planes, balls = [], []
+    for x, y, z, *normal in _points("--plane", plane, 6):
+        planes.append(arm.Plane(Vector3(x, y, z), Vector3(*normal)))
+    for x, y, z, radius_m in _points("--sphere", sphere, 4):
+        balls.append(arm.Ball(Vector3(x, y, z), radius_m))
+    if drive not in arm.DRIVES:
+        raise ConfigurationError("--drive", f"{drive!r} is none; allowed: {', '.join(arm.DRIVES)}")
+    options = arm.SimulatedArmOptions(
+        robot=robot,
+        plant=arm.PlantOptions(
+            drive="ideal" if drive == "ideal" else "dynamic",
+            gravity_feedforward=gravity_feedforward,
+            payload_kg=payload,
+            planes=tuple(planes),
+            balls=tuple(balls),
+        ),
+        host=host,
+        port=int(port),
+        period_s=period,
+        faults=parse_faults(fault or (), arm.FAULTS),
+        seed=seed,
+    )
+    _serve(arm.SimulatedArmPeer(options), seconds)
+
+
+def _points(option: str, texts: list[str] | None, count: int) -> list[list[float]]:
+    """Comma-separated numbers, so many in each text."""
+    found = []
+    for text in texts or ():
+        try:
+            numbers = [float(word) for word in text.split(",")]
+        except ValueError:
+            numbers = []
+        if len(numbers) != count:
+            raise ConfigurationError(option, f"{text!r} is not {count} numbers with commas")
+        found.append(numbers)
+    return found

@@ -12,6 +12,11 @@
     |   +-- CommandError          a command this robot or device cannot take
     +-- ScriptError           a simulated peer's script or fault switch is wrong
     +-- CaptureError          a capture file cannot be read
+    +-- MotionRefusedError    a verb of the Cartesian interface was refused; nothing changed
+    |   +-- OutOfReachError       no joint positions put the TCP there
+    |   +-- JointLimitError       a joint would have to leave its range
+    |   +-- CollisionError        two bodies would meet on the way
+    +-- MotionLoopError       the loop that drives the arm has ended
 """
 
 from __future__ import annotations
@@ -59,3 +64,39 @@ class ScriptError(CardanError):
 
 class CaptureError(CardanError):
     """A capture file cannot be read."""
+
+
+class MotionRefusedError(CardanError):
+    """A verb of the Cartesian interface was refused before anything moved; says why."""
+
+
+class OutOfReachError(MotionRefusedError):
+    """No joint positions put the TCP there: the arm comes no nearer than these numbers."""
+
+    def __init__(self, message: str, distance_m: float, angle_rad: float) -> None:
+        super().__init__(message)
+        self.distance_m = distance_m
+        self.angle_rad = angle_rad
+
+
+class JointLimitError(MotionRefusedError):
+    """A joint would have to leave its range (rad, or m for a prismatic joint)."""
+
+    def __init__(self, message: str, joint: str, value: float, limit: float) -> None:
+        super().__init__(message)
+        self.joint = joint
+        self.value = value
+        self.limit = limit
+
+
+class CollisionError(MotionRefusedError):
+    """Two bodies would meet, or come too near, after `share` (0..1) of the way."""
+
+    def __init__(self, message: str, pair: tuple[str, str], share: float) -> None:
+        super().__init__(message)
+        self.pair = pair
+        self.share = share
+
+
+class MotionLoopError(CardanError):
+    """The loop that drives the arm has ended, so nothing can be commanded any more."""

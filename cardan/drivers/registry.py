@@ -13,6 +13,7 @@ ENTRY_POINT_GROUP = "cardan.drivers"
 BUILT_IN = {
     "spacemouse": "cardan.drivers.spacemouse:SpaceMouse",
     "abb_egm": "cardan.drivers.abb_egm:AbbEgm",
+    "sim_arm": "cardan.drivers.sim_arm:SimArm",
 }
 """Our own drivers. Other packages add theirs by an entry point of the same form."""
 

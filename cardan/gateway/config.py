@@ -27,6 +27,8 @@ from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.errors import ConfigurationError
 from cardan.gateway.engine import Watchdogs
+from cardan.gateway.filters import registry as filter_registry
+from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import AXES, GripperAction, MappingOptions
 from cardan.gateway.reference import ReferenceLimits
 from cardan.types import CommandKind, Frame, RobotCapabilities
@@ -60,6 +62,13 @@ class DriverTable(BaseModel):
 
     model_config = ConfigDict(extra="allow", frozen=True)
     driver: str
+
+
+class FilterTable(BaseModel):
+    """One of ``[[filters]]``: a filter's name; all other keys are that filter's options."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    filter: str
 
 
 class MappingTable(_Table):
@@ -140,6 +149,8 @@ class SessionConfig(_Table):
     device: DriverTable
     robot: DriverTable
     mapping: MappingTable = MappingTable()
+    filters: tuple[FilterTable, ...] = ()
+    """Shared control, applied in this order."""
     gripper: GripperTable = GripperTable()
     limits: LimitsTable = LimitsTable()
     watchdogs: WatchdogTable = WatchdogTable()
@@ -299,6 +310,21 @@ def make_robot(config: SessionConfig) -> RobotDriver:
     return robot
 
 
+def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
+    """The filters of a session in their order, not opened yet."""
+    made = []
+    for index, table in enumerate(config.filters):
+        key = f"filters.{index}"
+        try:
+            kind = filter_registry.load(table.filter)
+        except ConfigurationError as error:
+            reason = str(error).removeprefix("filter: ")
+            raise ConfigurationError(f"{key}.filter", reason) from None
+        made.append(kind(driver_options(kind, table.model_extra or {}, key)))
+        made[-1].name = table.filter
+    return tuple(made)
+
+
 def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
     """A reference that is faster than its robot runs into the leash; better to say so."""
     for name, asked, most in (
@@ -322,7 +348,7 @@ def parse_config(table: Mapping[str, Any]) -> SessionConfig:
 
 
 def load_config(path: Path) -> SessionConfig:
-    """Read and check a configuration file, its driver options included."""
+    """Read and check a configuration file, the options of drivers and filters included."""
     try:
         with path.open("rb") as file:
             table = tomllib.load(file)
@@ -333,4 +359,5 @@ def load_config(path: Path) -> SessionConfig:
     config = parse_config(table)
     make_device(config)
     make_robot(config)
+    make_filters(config)
     return config

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.spatial import is_finite, rotation_between, scale, subtract
@@ -87,7 +88,7 @@ class EngineStatus(NamedTuple):
     message: str
     """Why nothing moves and what to do about it; empty when all is well."""
     target: Twist
-    """What the operator asks for, along `target.frame`."""
+    """What is asked for, along `target.frame`: the operator's twist after the filters."""
     twist: Twist
     """What is commanded, base axes."""
     pose: Pose | None
@@ -97,15 +98,26 @@ class EngineStatus(NamedTuple):
     gripper_closed: bool
     trips: int
     """How often a watchdog or fault took the operator's hand off the robot."""
+    filters: tuple[str, ...] = ()
+    """What the filters do to the operator's motion, in words; those that do nothing are silent."""
 
 
 class TeleopEngine:
     """Rate control of a TCP with a virtual reference point."""
 
-    def __init__(self, mapping: TwistMapping, reference: Reference, watchdogs: Watchdogs) -> None:
+    def __init__(
+        self,
+        mapping: TwistMapping,
+        reference: Reference,
+        watchdogs: Watchdogs,
+        filters: Sequence[TwistFilter] = (),
+    ) -> None:
         self.mapping = mapping
         self.reference = reference
         self.watchdogs = watchdogs
+        self.filters = tuple(filters)
+        """Shared control: applied in this order between mapping and reference."""
+        self._filter_fault = ""
         self._phase = Phase.NO_ROBOT
         self._session: int | None = None
         self._target = ZERO_TWIST
@@ -142,6 +154,7 @@ class TeleopEngine:
             reference.at_workspace_limit,
             self.mapping.gripper_closed,
             self._trips,
+            tuple(words for each in self.filters if (words := each.status())),
         )
 
     def request_stop(self, reason: str) -> None:
@@ -177,6 +190,8 @@ class TeleopEngine:
         wanted = ZERO_TWIST
         if self._armed and self.mapping.deadman_held(device):
             wanted = self.mapping.twist(device.axes)
+        if self.filters:
+            wanted = self._filter(wanted, robot)
         self._target = wanted
         asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
         used = self.reference.leash_used
@@ -192,6 +207,28 @@ class TeleopEngine:
         assert pose is not None
         return PoseCommand(pose, self.reference.twist)
 
+    def _filter(self, wanted: Twist, robot: RobotState) -> Twist:
+        """What the filters make of `wanted`; none can start a motion, or go on when it fails."""
+        self._filter_fault = ""
+        filtered = wanted
+        for each in self.filters:
+            wrong = ""
+            try:
+                filtered = each.apply(filtered, robot)
+                if not (is_finite(filtered.linear) and is_finite(filtered.angular)):
+                    wrong = "gives values that are not numbers"
+            except Exception as error:  # Whatever it is, the arm must still brake in a ramp.
+                wrong = f"failed: {error!r}"
+            if wrong:
+                filtered = ZERO_TWIST
+                self._filter_fault = self._filter_fault or f"the filter {each.name} {wrong}"
+        if self._filter_fault:
+            if self._armed:
+                self._trip(self._filter_fault)
+            return ZERO_TWIST
+        asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
+        return filtered if asked else wanted
+
     def _without_robot(self, robot: RobotState) -> RobotCommand:
         """No robot to command: whoever was moving it must take it up anew."""
         if self._armed:
@@ -202,6 +239,8 @@ class TeleopEngine:
             else:
                 self._trip(robot.hold_reason or "the robot reports no pose")
         self._phase = Phase.NO_ROBOT
+        if self.filters:
+            self._filter(ZERO_TWIST, robot)
         self._target = ZERO_TWIST
         self._resyncing = self._easing = False
         if self.reference.pose is not None:
@@ -247,7 +286,8 @@ class TeleopEngine:
         """Arm after the deliberate act: device at rest, dead-man up, dead-man pressed anew."""
         if self._armed or self._stop_reason or self._resyncing:
             return
-        if robot.alarm or device.link is not DeviceLink.LIVE or not is_finite(device.axes):
+        obstacle = robot.alarm or self._filter_fault
+        if obstacle or device.link is not DeviceLink.LIVE or not is_finite(device.axes):
             self._deadman_was_up = False
             return
         if not self.mapping.options.deadman:
@@ -285,8 +325,8 @@ class TeleopEngine:
         why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""
         if self._stop_reason:
             return self._stop_reason
-        if robot.alarm:
-            return robot.alarm
+        if robot.alarm or self._filter_fault:
+            return robot.alarm or self._filter_fault
         if self._resyncing:
             return f"{why}bringing the reference back to the robot"
         if device.link is not DeviceLink.LIVE:

@@ -21,7 +21,13 @@ from typing import Any
 
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import CardanError, ConfigurationError, DriverError
-from cardan.gateway.config import SessionConfig, make_device, make_robot, parse_config
+from cardan.gateway.config import (
+    SessionConfig,
+    make_device,
+    make_filters,
+    make_robot,
+    parse_config,
+)
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
@@ -72,10 +78,13 @@ class Session:
     def run(self, seconds: float = math.inf) -> Snapshot:
         """Run until stopped or until `seconds` are over; returns the last snapshot.
 
-        Raises DriverError when the device or robot cannot be opened.
+        Raises DriverError when the device, a filter or the robot cannot be opened.
         """
-        with self.device:
+        with contextlib.ExitStack() as opened:
+            opened.enter_context(self.device)
             self._check()
+            for each in self.engine.filters:
+                opened.enter_context(each)
             # The loop makes no cycles of references worth collecting, and a collection in it
             # costs milliseconds. All this comes before the robot is opened, because its
             # datagrams do not wait.
@@ -198,7 +207,10 @@ class Session:
         s.tick_p50_s, s.tick_p99_s = self._ticks.percentile(50), self._ticks.percentile(99)
         s.tick_max_s = self._ticks.max
         s.metrics = self.robot.metrics()
+        s.filters = list(status.filters)
         s.diagnosis = [*self.robot.diagnosis(), *self.device.diagnosis()]
+        for each in self.engine.filters:
+            s.diagnosis += each.diagnosis()
         self._show_led(status.phase in (Phase.HOLDING, Phase.MOVING))
         self._tell(s)
 
@@ -220,6 +232,7 @@ def make_session(config: SessionConfig, channel: socket.socket | None = None) ->
         TwistMapping(config.mapping_options()),
         Reference(config.reference_limits()),
         config.watchdog_limits(),
+        make_filters(config),
     )
     return Session(make_device(config), make_robot(config), engine, config, channel)
 

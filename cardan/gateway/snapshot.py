@@ -42,6 +42,8 @@ class Snapshot:
     """Commanded: m/s, then rad/s, base axes."""
     leash_used: float = 0.0
     at_workspace_limit: bool = False
+    filters: list[str] = field(default_factory=list)
+    """What shared control does to the operator's motion, in words."""
     gripper_closed: bool = False
     utilization: float | None = None
     scheduling: str = ""
@@ -60,7 +62,7 @@ class Snapshot:
     metrics: dict[str, float] = field(default_factory=dict)
     """The robot driver's own figures."""
     diagnosis: list[str] = field(default_factory=list)
-    """What stands in the way, worst first: robot, then device."""
+    """What stands in the way, worst first: robot, device, then filters."""
     error: str = ""
     """Why the session ended, when it did not end as asked."""
 

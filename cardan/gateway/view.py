@@ -52,6 +52,11 @@ def _link(word: str) -> Text:
     return Text(word or "–", style="green" if word == "live" else "red")
 
 
+def _said(snapshot: Snapshot) -> str:
+    """What engine and filters say."""
+    return "; ".join(filter(None, (snapshot.message, *snapshot.filters)))
+
+
 def _diagnosis(snapshot: Snapshot) -> list[str]:
     """The diagnosis, less what the message says already."""
     return [line for line in snapshot.diagnosis if line not in snapshot.message]
@@ -101,6 +106,8 @@ def render(snapshot: Snapshot) -> RenderableType:
     lines: list[RenderableType] = [links]
     if s.message:
         lines.append(Text(s.message, style="yellow"))
+    if s.filters:
+        lines.append(Text("; ".join(s.filters), style="cyan"))
     lines += [Text(line, style="dim") for line in _diagnosis(s)[:3]]
     columns = Table.grid(padding=(0, 4))
     columns.add_row(hand, robot)
@@ -144,7 +151,7 @@ class SessionView:
             self._live.update(render(snapshot))
             return
         due = snapshot.elapsed_s >= self._next_line_s
-        said = _DIGITS.sub("", snapshot.message)
+        said = _DIGITS.sub("", _said(snapshot))
         if due or said != self._said:
             self._said = said
             self._next_line_s = snapshot.elapsed_s + PLAIN_PERIOD_S
@@ -165,7 +172,8 @@ def plain(snapshot: Snapshot) -> str:
         f"answers {s.cycles}, missed {missed_cycles(s)}, "
         f"p99 {_microseconds(s.tick_p99_s)}"
     )
-    return f"{text}  | {s.message}" if s.message else text
+    said = _said(s)
+    return f"{text}  | {said}" if said else text
 
 
 def summary(snapshot: Snapshot) -> Table:
