@@ -25,7 +25,7 @@ def test_a_shifted_motion_has_that_delay(delay_s):
     for measure in (delay_by_correlation, delay_by_least_error):
         assert measure(DT_S, commanded, measured, 1.0) == pytest.approx(delay_s, abs=DT_S)
     found = errors(DT_S, commanded, measured, delay_s)
-    assert found.max_without_delay_m < 2e-3
+    assert found.max_without_delay_m < 4e-3
     assert delay_s <= found.max_m <= 3.0 * delay_s
 
 
