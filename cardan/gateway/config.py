@@ -155,6 +155,13 @@ class SessionConfig(_Table):
     limits: LimitsTable = LimitsTable()
     watchdogs: WatchdogTable = WatchdogTable()
 
+    @field_validator("filters", mode="before")
+    @classmethod
+    def _array_of_tables(cls, filters: object) -> object:
+        if not isinstance(filters, (list, tuple)):
+            raise ValueError("one table for each filter, under the heading [[filters]]")
+        return filters
+
     @model_validator(mode="after")
     def _one_meaning_a_button(self) -> SessionConfig:
         buttons = {"mapping.deadman": self.mapping.deadman}

@@ -19,6 +19,8 @@ from typing import NamedTuple
 from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
+from cardan.gateway.servo.follower import ArmFollower
+from cardan.gateway.servo.servo import ServoStatus
 from cardan.spatial import is_finite, rotation_between, scale, subtract
 from cardan.types import (
     NEVER_S,
@@ -79,6 +81,9 @@ class Watchdogs:
     following_error_m: float = 0.1
     """Distance between reference and robot beyond which something else holds the arm."""
     following_error_rad: float = 0.6
+    following_error_joint: float = 0.5
+    """rad or m; between commanded and measured joints, where sessions command joints. At the full
+    speed of an arm's wrist a position loop lags by 0.3 rad."""
 
 
 class EngineStatus(NamedTuple):
@@ -100,6 +105,8 @@ class EngineStatus(NamedTuple):
     """How often a watchdog or fault took the operator's hand off the robot."""
     filters: tuple[str, ...] = ()
     """What the filters do to the operator's motion, in words; those that do nothing are silent."""
+    arm: ServoStatus | None = None
+    """What the servo met, where the session has an arm's model."""
 
 
 class TeleopEngine:
@@ -111,12 +118,16 @@ class TeleopEngine:
         reference: Reference,
         watchdogs: Watchdogs,
         filters: Sequence[TwistFilter] = (),
+        arm: ArmFollower | None = None,
     ) -> None:
+        """With `arm` the joints are commanded by its model, and keep its limits."""
         self.mapping = mapping
         self.reference = reference
         self.watchdogs = watchdogs
         self.filters = tuple(filters)
         """Shared control: applied in this order between mapping and reference."""
+        self.arm = arm
+        self._misfit = ""
         self._filter_fault = ""
         self._phase = Phase.NO_ROBOT
         self._session: int | None = None
@@ -139,7 +150,11 @@ class TeleopEngine:
     @property
     def at_rest(self) -> bool:
         """True when nothing is commanded to move."""
-        return not self.reference.moving
+        return not self._moving
+
+    @property
+    def _moving(self) -> bool:
+        return self.reference.moving or (self.arm is not None and self.arm.moving)
 
     def status(self) -> EngineStatus:
         """A snapshot for views and recorders."""
@@ -155,6 +170,7 @@ class TeleopEngine:
             self.mapping.gripper_closed,
             self._trips,
             tuple(words for each in self.filters if (words := each.status())),
+            None if self.arm is None or self.reference.pose is None else self.arm.status(),
         )
 
     def request_stop(self, reason: str) -> None:
@@ -165,22 +181,22 @@ class TeleopEngine:
         self, robot: RobotState, device: DeviceState, events: Sequence[ButtonEvent] = ()
     ) -> RobotCommand:
         """Decide the command for the control instant that `robot` reports."""
-        measured = robot.pose
         stalled_s, self._ticked_s = robot.stamp_s - self._ticked_s, robot.stamp_s
-        if not robot.ready or measured is None:
+        measured = self._measured(robot) if robot.ready else None
+        if measured is None:
             return self._without_robot(robot)
         if robot.session != self._session:
             if self._session is not None and self._armed:
                 self._trip("the robot's controller started a new session")
             self._session = robot.session
             self._armed = False
-            self.reference.place(measured)
+            self._place(measured, robot)
         elif self._phase is Phase.NO_ROBOT or self.reference.pose is None:
-            self.reference.place(measured)
+            self._place(measured, robot)
         elif stalled_s > self.watchdogs.stall_s:
             if self._armed:
                 self._trip(f"this computer stalled for {stalled_s:.1f} s")
-            self.reference.place(measured)
+            self._place(measured, robot)
         self.reference.observe(measured)
         self._supervise(robot, device)
         self._arm(robot, device)
@@ -191,7 +207,9 @@ class TeleopEngine:
         if self._armed and self.mapping.deadman_held(device):
             wanted = self.mapping.twist(device.axes)
         if self.filters:
-            wanted = self._filter(wanted, robot)
+            # A robot may report joints alone, or another tool's pose: filters get the model's.
+            seen = robot if self.arm is None else robot._replace(pose=measured)
+            wanted = self._filter(wanted, seen)
         self._target = wanted
         asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
         used = self.reference.leash_used
@@ -201,11 +219,32 @@ class TeleopEngine:
         if self._easing:
             wanted = self._resync_twist(measured)
         dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
-        self.reference.advance(wanted, dt_s)
+        if self.arm is None:
+            self.reference.advance(wanted, dt_s)
+        elif self._resyncing:
+            self.reference.place(self.arm.glide(robot, RESYNC_TIME_S, dt_s))
+        else:
+            self.reference.shape(wanted, dt_s)
+            self.arm.advance(self.reference, dt_s)
         self._settle(robot, device)
+        if self.arm is not None:
+            return self.arm.command(robot)
         pose = self.reference.pose
         assert pose is not None
         return PoseCommand(pose, self.reference.twist)
+
+    def _measured(self, robot: RobotState) -> Pose | None:
+        """The TCP's measured pose, by the arm's model where there is one."""
+        if self.arm is None:
+            return robot.pose
+        if robot.session != self._session or self._phase is Phase.NO_ROBOT:
+            self._misfit = self.arm.obstacle(robot)
+        return None if self._misfit else self.arm.measured(robot)
+
+    def _place(self, measured: Pose, robot: RobotState) -> None:
+        self.reference.place(measured)
+        if self.arm is not None:
+            self.arm.place(robot)
 
     def _filter(self, wanted: Twist, robot: RobotState) -> Twist:
         """What the filters make of `wanted`; none can start a motion, or go on when it fails."""
@@ -237,7 +276,7 @@ class TeleopEngine:
             elif robot.session != self._session:
                 self._trip("the robot's controller started a new session")
             else:
-                self._trip(robot.hold_reason or "the robot reports no pose")
+                self._trip(robot.hold_reason or self._misfit or "the robot reports no pose")
         self._phase = Phase.NO_ROBOT
         if self.filters:
             self._filter(ZERO_TWIST, robot)
@@ -245,7 +284,7 @@ class TeleopEngine:
         self._resyncing = self._easing = False
         if self.reference.pose is not None:
             self.reference.place(self.reference.pose)
-        self._message = robot.hold_reason or "the robot reports no pose"
+        self._message = robot.hold_reason or self._misfit or "the robot reports no pose"
         return HoldCommand()
 
     def _trip(self, reason: str) -> None:
@@ -258,15 +297,23 @@ class TeleopEngine:
         """Take the operator's hand off the robot when anything is wrong."""
         error_m, error_rad = self.reference.ahead_m, self.reference.ahead_rad
         limits = self.watchdogs
-        if error_m > limits.following_error_m or error_rad > limits.following_error_rad:
+        joint, joint_error = "", 0.0
+        if self.arm is not None:
+            joint, joint_error = self.arm.worst_joint(robot)
+        if (
+            error_m > limits.following_error_m
+            or error_rad > limits.following_error_rad
+            or joint_error > limits.following_error_joint
+        ):
             if not self._resyncing:
                 self._resyncing = True
+                joints = f" ({joint} by {joint_error:.2f})" if joint else ""
                 reason = (
                     f"the robot is {error_m * 1e3:.0f} mm and {error_rad:.2f} rad away from its "
-                    "reference: something else holds it"
+                    f"reference{joints}: something else holds it"
                 )
                 self._trip(reason)
-        elif self._resyncing and not self._easing and not self.reference.moving:
+        elif self._resyncing and not self._easing and not self._moving:
             self._resyncing = False
         if not self._armed:
             return
@@ -313,9 +360,9 @@ class TeleopEngine:
     def _settle(self, robot: RobotState, device: DeviceState) -> None:
         """Name the phase and say what stands in the way."""
         asked = self._target.linear != ZERO3 or self._target.angular != ZERO3
-        if self.reference.moving and (asked and self._armed):
+        if self._moving and (asked and self._armed):
             self._phase = Phase.MOVING
-        elif self.reference.moving:
+        elif self._moving:
             self._phase = Phase.BRAKING
         else:
             self._phase = Phase.HOLDING if self._armed else Phase.DISARMED

@@ -118,7 +118,7 @@ class Session:
 
     def _loop(self, seconds: float) -> None:
         robot, device, engine = self.robot, self.device, self.engine
-        mapping, reference = engine.mapping, engine.reference
+        mapping = engine.mapping
         monotonic, tick_cost = time.monotonic, self._ticks.add
         gripper_closed = mapping.gripper_closed
         start_s = monotonic()
@@ -145,7 +145,7 @@ class Session:
                 if give_up_s == math.inf:
                     engine.request_stop(self._stop_reason or "the session's time is over")
                     give_up_s = now_s + BRAKE_TIMEOUT_S
-                if not reference.moving or not state.ready or now_s >= give_up_s:
+                if engine.at_rest or not state.ready or now_s >= give_up_s:
                     break
             if now_s >= next_snapshot_s:
                 next_snapshot_s = now_s + SNAPSHOT_PERIOD_S

@@ -8,7 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.config import load_config, make_device, make_robot, parse_config
+from cardan.gateway.config import (
+    load_config,
+    make_device,
+    make_filters,
+    make_robot,
+    parse_config,
+)
 from cardan.gateway.mapping import GripperAction
 from cardan.types import Frame
 
@@ -20,6 +26,10 @@ GOOD = {
     "mapping": {"frame": "tool", "deadman": "go", "axes": ["y", "-x", "z", "rx", "fixed", "rz"]},
     "gripper": {"toggle": "grip", "output": 3},
     "limits": {"workspace_z_m": [0.1, 0.9]},
+    "filters": [
+        {"filter": "camera", "camera_rpy_deg": [0, 0, 90]},
+        {"filter": "proximity", "alert_high": 700},
+    ],
 }
 
 
@@ -32,6 +42,14 @@ def test_a_good_table(fake_drivers):
     assert config.reference_limits().workspace_m == (None, None, (0.1, 0.9))
     assert make_device(config).options.deflection == 0.5
     assert make_robot(config).options.cycles == 500
+    camera, proximity = make_filters(config)
+    assert (camera.name, proximity.name) == ("camera", "proximity")
+    assert camera.options.camera_rpy_deg == (0, 0, 90)
+    assert proximity.options.alert_high == 700
+
+
+def test_without_filters_there_are_none():
+    assert make_filters(parse_config({**GOOD, "filters": []})) == ()
 
 
 def test_survives_the_way_to_the_session_process():
@@ -85,6 +103,35 @@ def test_driver_errors_name_the_key(fake_drivers, table, key, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("tables", "key", "words"),
+    [
+        ([{"filter": "proximaty"}], "filters.0.filter", "allowed: camera, proximity"),
+        ([{"filter": "camera"}, {"port": 1}], "filters.1.filter", "is missing"),
+        ([{"filter": "camera", "prot": 1}], "filters.0.prot", "did you mean 'port'"),
+        ([{"filter": "camera", "port": 0}], "filters.0.port", "1 to 65535"),
+        ([{"filter": "camera", "port": "x"}], "filters.0.port", "'x'"),
+        ([{"filter": "proximity", "alert_low": 900}], "filters.0.alert_low", "which is 800"),
+        ({"filter": "camera"}, "filters", "[[filters]]"),
+    ],
+)
+def test_filter_errors_name_the_key(tables, key, words):
+    with pytest.raises(ConfigurationError) as caught:
+        make_filters(parse_config({**GOOD, "filters": tables}))
+    assert caught.value.key == key
+    assert words in str(caught.value)
+
+
+def test_a_file_with_a_wrong_filter_is_refused_whole(tmp_path):
+    path = tmp_path / "session.toml"
+    path.write_text(
+        '[device]\ndriver = "spacemouse"\n[robot]\ndriver = "abb_egm"\n'
+        '[[filters]]\nfilter = "camera"\ngain_rad_s = -1\n'
+    )
+    with pytest.raises(ConfigurationError, match=r"filters\.0\.gain_rad_s: gain_rad_s is -1"):
+        load_config(path)
+
+
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(ConfigurationError, match="cannot read"):
         load_config(tmp_path / "none.toml")
@@ -133,6 +180,9 @@ keys = st.sampled_from(
         "device_age_s",
         "workspace_x_m",
         "listen_port",
+        "port",
+        "alert_high",
+        "when_stale",
         "path",
         "robot",
         "dead_zone",
@@ -141,8 +191,12 @@ keys = st.sampled_from(
     ]
 )
 tables = st.dictionaries(
-    st.sampled_from(["device", "robot", "mapping", "gripper", "limits", "watchdogs", "else"]),
-    st.dictionaries(keys, values, max_size=5) | values,
+    st.sampled_from(
+        ["device", "robot", "mapping", "gripper", "limits", "watchdogs", "filters", "else"]
+    ),
+    st.dictionaries(keys, values, max_size=5)
+    | st.lists(st.dictionaries(keys, values, max_size=5), max_size=2)
+    | values,
 )
 
 
@@ -154,7 +208,11 @@ def test_any_table_is_a_configuration_or_an_error(table):
     for name, driver in (("device", "spacemouse"), ("robot", "abb_egm")):
         if isinstance(table[name], dict):
             table[name] = {**table[name], "driver": driver}
+    if isinstance(table.get("filters"), list):
+        named = [{**t, "filter": "proximity"} for t in table["filters"] if isinstance(t, dict)]
+        table["filters"] = named or table["filters"]
     with contextlib.suppress(ConfigurationError):
         config = parse_config(table)
         make_device(config)
         make_robot(config)
+        make_filters(config)

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from cardan.gateway.engine import Phase, TeleopEngine, Watchdogs
+from cardan.gateway.filters import TwistFilter
 from cardan.gateway.mapping import GripperAction, MappingOptions, TwistMapping
 from cardan.gateway.reference import Reference, ReferenceLimits
 from cardan.spatial import norm, subtract
@@ -20,6 +21,7 @@ from cardan.types import (
     PoseCommand,
     RobotLink,
     RobotState,
+    Twist,
     Vector3,
 )
 
@@ -32,11 +34,12 @@ REST = (0.0,) * 6
 class Rig:
     """An engine, a device set by hand and an ideal robot that is where it is told."""
 
-    def __init__(self, deadman="left", gripper=(), limits=None):
+    def __init__(self, deadman="left", gripper=(), limits=None, filters=()):
         self.engine = TeleopEngine(
             TwistMapping(MappingOptions(deadman=deadman, gripper=gripper)),
             Reference(limits or ReferenceLimits()),
             Watchdogs(),
+            filters,
         )
         self.now_s = 100.0
         self.robot = RobotState(
@@ -358,3 +361,162 @@ def test_a_device_never_heard_keeps_everything_still():
     rig.run(0.5)
     assert rig.command == PoseCommand(START, ZERO_TWIST)
     assert rig.status.message == "touch the cap once"
+
+
+class Rule(TwistFilter):
+    """A filter made of a function of the twist; notes what it was given."""
+
+    def __init__(self, rule, name="rule"):
+        self.rule, self.name, self.given, self.words = rule, name, [], ""
+
+    def open(self):
+        pass
+
+    def close(self):
+        pass
+
+    def apply(self, twist, robot):
+        self.given.append(twist)
+        return self.rule(twist)
+
+    def status(self):
+        return self.words
+
+
+def faster(twist):
+    return Twist(Vector3(99.0, 0, 0), twist.angular, twist.frame)
+
+
+def sideways(twist):
+    return Twist(Vector3(0, twist.linear.x, 0), twist.angular, twist.frame)
+
+
+def halved(twist):
+    return twist._replace(linear=Vector3(*(0.5 * v for v in twist.linear)))
+
+
+def test_filters_are_applied_in_their_order_and_shown():
+    first, second = Rule(sideways), Rule(halved)
+    rig = Rig(filters=(first, second)).drive()
+    assert rig.engine.reference.linear == pytest.approx((0, 0.05, 0))
+    assert second.given[-1].linear == pytest.approx((0, 0.1, 0))
+    assert rig.status.target.linear == pytest.approx((0, 0.05, 0))
+    assert rig.status.filters == ()
+    second.words = "half speed"
+    assert rig.status.filters == ("half speed",)
+
+
+def test_a_filter_is_called_once_a_tick_whatever_happens():
+    rule = Rule(halved)
+    rig = Rig(filters=(rule,)).drive(0.1)
+    rig.run(0.1, link=RobotLink.LOST, hold_reason="silent", pose=None)
+    assert len(rule.given) == rig.robot.sequence
+    assert rule.given[-1] == ZERO_TWIST
+
+
+def test_every_limit_holds_after_a_filter():
+    rig = Rig(filters=(Rule(faster),)).drive()
+    assert max(rig.speeds) == pytest.approx(ReferenceLimits().linear_speed_m_s)
+
+
+def test_a_filter_cannot_start_a_motion():
+    rig = Rig(filters=(Rule(faster),))
+    rig.run(0.1)
+    rig.arm().run(0.5)
+    assert rig.engine.phase is Phase.HOLDING
+    assert rig.engine.at_rest
+    assert rig.command.pose == START
+
+
+def test_a_filter_that_stops_brakes_in_a_ramp_and_lets_go_on():
+    rule = Rule(lambda twist: twist)
+    rig = Rig(filters=(rule,)).drive()
+    rule.rule = lambda twist: ZERO_TWIST
+    rig.run()
+    assert rig.engine.phase is Phase.BRAKING
+    rig.braked_within(0.1)
+    assert rig.engine.phase is Phase.HOLDING
+    assert rig.status.trips == 0
+    rule.rule = lambda twist: twist
+    rig.run(0.5)
+    assert rig.engine.phase is Phase.MOVING
+
+
+def raises(_twist):
+    raise ZeroDivisionError("0 targets")
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        (lambda t: t._replace(linear=Vector3(math.nan, 0, 0)), "not numbers"),
+        (lambda t: t._replace(angular=Vector3(0, math.inf, 0)), "not numbers"),
+        (raises, "0 targets"),
+        (lambda t: None, "failed"),
+    ],
+)
+def test_a_filter_that_fails_takes_the_hand_off_the_robot(rule, words):
+    good, bad, last = Rule(halved), Rule(lambda t: t, "mine"), Rule(halved)
+    rig = Rig(filters=(good, bad, last)).drive()
+    bad.rule = rule
+    rig.run()
+    assert rig.engine.phase is Phase.BRAKING
+    assert last.given[-1] == ZERO_TWIST
+    rig.braked_within(0.05)
+    assert rig.engine.phase is Phase.DISARMED
+    assert rig.status.message.startswith("the filter mine ")
+    assert words in rig.status.message
+    rig.arm().run(0.1)
+    assert rig.engine.phase is Phase.DISARMED
+    assert rig.status.trips == 1
+    bad.rule = lambda t: t
+    rig.run(0.1)
+    assert rig.engine.phase is Phase.DISARMED
+    rig.drive()
+
+
+def test_without_a_deadman_a_failing_filter_trips_once():
+    rule = Rule(halved)
+    rig = Rig(deadman="", filters=(rule,)).run()
+    rule.rule = raises
+    rig.run(0.5)
+    assert rig.status.trips == 1
+    rule.rule = halved
+    rig.run()
+    assert rig.engine.phase is Phase.DISARMED
+    rig.run()
+    assert rig.engine.phase is Phase.HOLDING
+
+
+class Model:
+    """An arm's model that is at START whatever its joints, and moves as the reference does."""
+
+    moving = False
+
+    def obstacle(self, robot):
+        return ""
+
+    def measured(self, robot):
+        return START
+
+    def place(self, robot):
+        pass
+
+    def worst_joint(self, robot):
+        return "joint 1", 0.0
+
+    def advance(self, reference, dt_s):
+        pass
+
+    def command(self, robot):
+        return HoldCommand()
+
+
+def test_filters_see_the_pose_of_the_arms_model_where_there_is_one():
+    seen = []
+    rule = Rule(halved)
+    rule.apply = lambda twist, robot: seen.append(robot.pose) or twist
+    rig = Rig(filters=(rule,))
+    rig.engine.arm = Model()
+    rig.run(pose=None)
+    assert seen == [START]

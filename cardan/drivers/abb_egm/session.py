@@ -274,6 +274,8 @@ class EgmSession:
                 None if rate is None else 0.01 * rate,
                 None if time_us is None else 1e-6 * time_us,
                 self._alarm,
+                (),
+                (),
             ),
         )
         return state

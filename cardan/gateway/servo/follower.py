@@ -66,6 +66,19 @@ class ArmFollower:
         """Start from the measured joints, at rest."""
         self.servo.place(np.array(state.joints))
 
+    def worst_joint(self, state: RobotState) -> tuple[str, float]:
+        """The joint farthest from where it is commanded, and by how much, rad or m."""
+        error = np.abs(self.servo.q - np.array(state.joints))
+        worst = int(error.argmax())
+        return self.servo.kinematics.names[worst], float(error[worst])
+
+    def glide(self, state: RobotState, time_s: float, dt_s: float) -> Pose:
+        """Bring the commanded joints back to the measured ones with a time constant of `time_s`;
+        returns the commanded TCP."""
+        servo = self.servo
+        servo.tick_joints(servo.q.copy(), (np.array(state.joints) - servo.q) / time_s, dt_s)
+        return to_pose(servo.placement)
+
     def advance(self, reference: Reference, dt_s: float) -> None:
         """Move joints and reference for `dt_s`; the reference's own twist is what is wanted."""
         assert reference.pose is not None

@@ -154,6 +154,9 @@ class Servo:
         length = options.length_m
         self._weights = np.array(weights) * (1.0, 1.0, 1.0, length, length, length)
         self._column_weights = self._weights[:, None]
+        # Priorities among directions must not make an arm look singular.
+        self._alike = len({w for w in weights if w}) == 1 and max(weights) == 1.0
+        self._scales = (self._weights != 0.0) * np.array((1.0, 1.0, 1.0, length, length, length))
         rank = min(int(np.count_nonzero(self._weights)), n)
         self._full_rank = rank == 6
         self._smallest = n - rank
@@ -245,7 +248,11 @@ class Servo:
         weighed = wanted * self._weights
         np.negative(weighed, out=self._task_of_path)
         np.dot(task.T, task, out=normal)
-        self._singular.compute(self._joint_block)
+        if self._alike:
+            self._singular.compute(self._joint_block)
+        else:
+            scaled = jacobian * self._scales[:, None]
+            self._singular.compute(scaled.T.dot(scaled))
         sigma2 = float(self._singular.eigenvalues()[self._smallest])
         np.dot(self._weights * feedback, task, out=linear)
         np.negative(linear, out=linear)

@@ -113,7 +113,7 @@ def test_a_thin_wall_is_found_however_far_the_jump():
     home = np.array(kinematics.arm.home)
     beyond = home.copy()
     before = kinematics.forward(home).translation[0]
-    beyond[1] += 0.9  # leans forward, through the wall
+    beyond[1:3] += 0.9, -0.9  # leans forward and stretches, through the wall
     assert before < 0.7 < kinematics.forward(beyond).translation[0]
     share, pair = collision.free_share(home, beyond, 0.01)
     assert 0.0 < share < 1.0
@@ -141,7 +141,7 @@ def test_a_pair_that_is_too_near_already_may_only_part():
     kinematics, collision = world("ur5", (WALL,))
     home = np.array(kinematics.arm.home)
     beyond = home.copy()
-    beyond[1] += 0.9
+    beyond[1:3] += 0.9, -0.9
     share, _ = collision.free_share(home, beyond, 0.01)
     at_wall = home + share * (beyond - home)
     assert collision.free_share(at_wall, home, 0.05) == (1.0, None)

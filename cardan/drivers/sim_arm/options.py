@@ -1,0 +1,144 @@
+"""What can be set about the simulated arm's driver."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from cardan.arm_model import load_arm
+from cardan.errors import CardanError
+from cardan.sim_peers.arm import FAULTS, Ball, Plane, PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.base import parse_faults
+from cardan.types import JointLimits, Vector3
+
+SILENT_PERIODS = 3
+"""So many missed states are not a hiccup any more."""
+
+
+@dataclass(frozen=True)
+class SimArmOptions:
+    """Options of :class:`SimArm`. With transport "udp" the arm's own are the served peer's:
+    `robot` and `period_s` must then agree with it, and drive, planes, spheres, payload, start,
+    faults and seed must be left alone."""
+
+    robot: str = "ur5"
+    """An arm's name, or the path of a .toml or .urdf file."""
+    transport: Literal["in-process", "udp"] = "in-process"
+    endpoint: str = "127.0.0.1:6520"
+    """HOST:PORT of a served arm (`cardan sim arm`), for transport "udp"."""
+    pacing: Literal["real-time", "virtual"] = "real-time"
+    """virtual: cycles come as fast as they are taken, with stamps that count from 0 s; for tests
+    and benchmarks whose other parts take their time from the states. In-process only."""
+    period_s: float = 0.002
+    drive: Literal["dynamic", "ideal"] = "dynamic"
+    """ideal: the joints are exactly where they are commanded to be."""
+    gravity_feedforward: bool = False
+    """The servo knows gravity: hardly any sag."""
+    planes: tuple[tuple[float, float, float, float, float, float], ...] = ()
+    """Solid half spaces: x y z of a point in m and the outward normal, base frame."""
+    spheres: tuple[tuple[float, float, float, float], ...] = ()
+    """Solid spheres: centre x y z and radius, m, base frame."""
+    payload_kg: float = 0.0
+    start: tuple[float, ...] = ()
+    """Joints at the start, rad or m; empty: the arm's home."""
+    faults: tuple[str, ...] = ()
+    """NAME or NAME=VALUE, as `cardan sim arm --list-faults` names them."""
+    seed: int = 0
+    command_timeout_s: float = 0.1
+    """The simulated controller brakes after so long without a command."""
+    silence_s: float = 0.1
+    """Without a state for so long (or three periods, if that is longer) the link is LOST."""
+
+    def __post_init__(self) -> None:
+        _choice("transport", self.transport, ("in-process", "udp"))
+        _choice("pacing", self.pacing, ("real-time", "virtual"))
+        for name in ("period_s", "command_timeout_s", "silence_s"):
+            value = getattr(self, name)
+            if not (isinstance(value, (int, float)) and 0.0 < value < math.inf):
+                raise ValueError(f"{name}: {value!r} is not allowed; it must be above 0")
+        for name, length in (("planes", 6), ("spheres", 4)):
+            for values in getattr(self, name):
+                if len(values) != length:
+                    raise ValueError(f"{name}: {values!r} is not allowed; it must be {length} long")
+        _ = self.address
+        try:
+            _ = self.arm_options
+            joints = len(load_arm(self.robot).joints)
+        except CardanError as error:
+            raise ValueError(str(error)) from None
+        if self.start and len(self.start) != joints:
+            raise ValueError(f"start: {self.start!r} is not allowed; it must be {joints} joints")
+        if not all(map(math.isfinite, self.start)):
+            raise ValueError(f"start: {self.start!r} is not allowed; it must be finite")
+        if self.transport == "udp":
+            if self.pacing == "virtual":
+                raise ValueError("pacing: 'virtual' is not allowed; over udp it must be real-time")
+            for name in _OF_THE_PEER:
+                if getattr(self, name) != SimArmOptions.__dataclass_fields__[name].default:
+                    raise ValueError(
+                        f"{name}: {getattr(self, name)!r} is not allowed; over udp it must be "
+                        "left out: it is set at the served peer"
+                    )
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port of `endpoint`; ValueError when it is none."""
+        host, colon, port = self.endpoint.rpartition(":")
+        if not (colon and host and port.isdecimal() and 0 < int(port) < 65536):
+            raise ValueError(
+                f"endpoint: {self.endpoint!r} is not allowed; it must be HOST:PORT, as "
+                "127.0.0.1:6520"
+            )
+        return host, int(port)
+
+    @property
+    def arm_options(self) -> SimulatedArmOptions:
+        """Those of the simulated arm in this process. Raises a CardanError for a bad one."""
+        return SimulatedArmOptions(
+            robot=self.robot,
+            plant=PlantOptions(
+                drive=self.drive,
+                gravity_feedforward=self.gravity_feedforward,
+                planes=tuple(Plane(Vector3(*p[:3]), Vector3(*p[3:])) for p in self.planes),
+                balls=tuple(Ball(Vector3(*s[:3]), s[3]) for s in self.spheres),
+                payload_kg=self.payload_kg,
+                start=self.start or None,
+            ),
+            period_s=self.period_s,
+            command_timeout_s=self.command_timeout_s,
+            faults=parse_faults(self.faults, FAULTS),
+            seed=self.seed,
+        )
+
+    @property
+    def lost_after_s(self) -> float:
+        """The silence after which the controller counts as lost, s."""
+        return max(self.silence_s, SILENT_PERIODS * self.period_s)
+
+    @property
+    def joint_limits(self) -> JointLimits:
+        """The arm's."""
+        arm = load_arm(self.robot)
+        return JointLimits(
+            arm.lower, arm.upper, arm.velocity, tuple(j.acceleration for j in arm.joints)
+        )
+
+
+_OF_THE_PEER = (
+    "drive",
+    "gravity_feedforward",
+    "planes",
+    "spheres",
+    "payload_kg",
+    "start",
+    "faults",
+    "seed",
+    "command_timeout_s",
+)
+
+
+def _choice(name: str, value: object, choice: tuple[str, ...]) -> None:
+    if value not in choice:
+        allowed = ", ".join(choice)
+        raise ValueError(f"{name}: {value!r} is not allowed; it must be one of {allowed}")

@@ -1,0 +1,239 @@
+"""The client's side of the joint stream, sans I/O: datagrams to states, commands to datagrams."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+from cardan.arm_model import load_arm
+from cardan.drivers.sim_arm.options import SimArmOptions
+from cardan.errors import CommandError
+from cardan.protocols.joint_stream import (
+    ArmCommand,
+    ArmState,
+    ControlMode,
+    Malformed,
+    decode_state,
+    encode_command,
+    is_newer,
+)
+from cardan.types import (
+    NEVER_S,
+    CommandKind,
+    HoldCommand,
+    JointCommand,
+    JointVelocityCommand,
+    Pose,
+    Quaternion,
+    RobotCapabilities,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+    TorqueCommand,
+    Vector3,
+    Wrench,
+)
+
+_FLOOD = 50
+"""So many more bad datagrams than good ones, and nobody should be driving."""
+_TOLERANCE = 1e-9
+_SEQUENCES = 1 << 32
+
+
+class SimArmSession:
+    """One connection to a simulated arm.
+
+    `receive` takes datagrams, `command` makes them; both get the local monotonic time. A newer
+    session of the controller voids what was commanded before; an older one is not heard unless
+    the link is lost.
+    """
+
+    def __init__(self, options: SimArmOptions) -> None:
+        self.options = options
+        arm = load_arm(options.robot)
+        self._joints = n = len(arm.joints)
+        self._limits = options.joint_limits
+        self._efforts = tuple(joint.effort for joint in arm.joints)
+        kinds = {CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY}
+        if options.drive != "ideal":
+            kinds.add(CommandKind.TORQUE)
+        self.capabilities = RobotCapabilities(
+            commands=frozenset(kinds),
+            period_s=options.period_s,
+            joints=n,
+            limits=self._limits,
+            digital_outputs=0,
+            analog_outputs=0,
+        )
+        self.ignored: Counter[str] = Counter()
+        """Datagrams without effect, by reason."""
+        self.accepted = 0
+        self._newest: ArmState | None = None
+        self._heard_s = NEVER_S
+        self._sessions = 0
+        self._sequence = 0
+        self._flood = 0
+
+    # -- states ---------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_s: float) -> RobotState | None:
+        """The state in `data`, stamped `now_s`; None when it is none, late or double."""
+        state = decode_state(data)
+        if isinstance(state, Malformed):
+            self._ignore(state.reason)
+            return None
+        if len(state.positions) != self._joints:
+            self._ignore(f"a state of {len(state.positions)} joints, not {self._joints}")
+            return None
+        before = self._newest
+        period_s = state.period_s
+        if before is not None and state.session == before.session:
+            if not is_newer(state.sequence, before.sequence):
+                self.ignored["late or double"] += 1
+                return None
+            period_s = max(state.stamp_s - before.stamp_s, 0.0)
+        else:
+            if before is not None and not (
+                is_newer(state.session, before.session) or self.lost(now_s)
+            ):
+                self.ignored["an earlier session"] += 1
+                return None
+            self._sessions += 1
+        self._newest, self._heard_s = state, now_s
+        self.accepted += 1
+        self._flood = max(self._flood - 1, 0)
+        x, y, z, *turn = state.pose
+        alarm = "" if self._flood < _FLOOD else "the port is flooded with other datagrams"
+        return RobotState(
+            stamp_s=now_s,
+            link=RobotLink.LIVE,
+            session=self._sessions,
+            sequence=state.sequence,
+            period_s=period_s,
+            joints=state.positions,
+            external_axes=(),
+            pose=Pose(Vector3(x, y, z), Quaternion(*turn)),
+            hold_reason=state.reason,
+            wrench=Wrench(Vector3(*state.wrench[:3]), Vector3(*state.wrench[3:])),
+            alarm=alarm,
+            velocities=state.velocities,
+            torques=state.torques,
+        )
+
+    def _ignore(self, reason: str) -> None:
+        self.ignored[reason] += 1
+        self._flood = min(self._flood + 1, 2 * _FLOOD)
+
+    def lost(self, now_s: float) -> bool:
+        """True when the newest state is too old (or there is none)."""
+        return now_s - self._heard_s > self.options.lost_after_s
+
+    def silence(self, now_s: float) -> RobotState:
+        """The state to report while nothing is heard."""
+        last = self._newest
+        return RobotState(
+            stamp_s=now_s,
+            link=RobotLink.WAITING if last is None else RobotLink.LOST,
+            session=self._sessions,
+            sequence=0 if last is None else last.sequence,
+            period_s=0.0,
+            joints=() if last is None else last.positions,
+            external_axes=(),
+            pose=None,
+            hold_reason="the simulated arm is silent",
+        )
+
+    # -- commands -------------------------------------------------------------------------------
+
+    def greeting(self, now_s: float) -> bytes:
+        """A hold that asks to be sent states."""
+        return self._encode(0, now_s, ControlMode.HOLD)
+
+    def command(self, command: RobotCommand, now_s: float) -> bytes | None:
+        """The datagram of `command`; None before any state. CommandError for one that cannot be."""
+        self.check(command)
+        if self._newest is None:
+            return None
+        values: tuple[float, ...] = ()
+        speeds: tuple[float, ...] = ()
+        mode = ControlMode.HOLD
+        if isinstance(command, JointCommand):
+            mode, values = ControlMode.POSITION, command.positions
+            speeds = command.velocities or ()
+        elif isinstance(command, JointVelocityCommand):
+            mode, values = ControlMode.VELOCITY, command.velocities
+        elif isinstance(command, TorqueCommand):
+            mode, values = ControlMode.TORQUE, command.torques
+        return self._encode(self._newest.session, now_s, mode, values, speeds)
+
+    def _encode(
+        self,
+        session: int,
+        now_s: float,
+        mode: ControlMode,
+        values: tuple[float, ...] = (),
+        speeds: tuple[float, ...] = (),
+    ) -> bytes:
+        self._sequence = (self._sequence + 1) % _SEQUENCES
+        command = ArmCommand(session, self._sequence, now_s, mode, values, speeds)
+        return encode_command(command, self._joints)
+
+    def check(self, command: RobotCommand) -> None:
+        """Raise CommandError for a command of a wrong kind or length, or beyond the limits."""
+        limits = self._limits
+        speed = limits.velocity
+        if isinstance(command, HoldCommand):
+            return
+        if command.kind not in self.capabilities.commands:
+            allowed = ", ".join(sorted(kind.value for kind in self.capabilities.commands))
+            raise CommandError(
+                f"the simulated arm takes no {command.kind.value}; it takes {allowed}"
+            )
+        if isinstance(command, JointCommand):
+            if command.external_axes:
+                raise CommandError("external_axes: the simulated arm has none")
+            self._within("positions", command.positions, limits.lower, limits.upper)
+            if command.velocities is not None:
+                self._within("velocities", command.velocities, tuple(-v for v in speed), speed)
+        elif isinstance(command, JointVelocityCommand):
+            self._within("velocities", command.velocities, tuple(-v for v in speed), speed)
+        elif isinstance(command, TorqueCommand):
+            most = self._efforts
+            self._within("torques", command.torques, tuple(-t for t in most), most)
+
+    def _within(
+        self,
+        name: str,
+        values: tuple[float, ...],
+        lower: tuple[float, ...],
+        upper: tuple[float, ...],
+    ) -> None:
+        if len(values) != self._joints:
+            raise CommandError(f"{name}: {len(values)} values for {self._joints} joints")
+        for joint, (value, low, high) in enumerate(zip(values, lower, upper, strict=True), 1):
+            if not (math.isfinite(value) and low - _TOLERANCE <= value <= high + _TOLERANCE):
+                raise CommandError(
+                    f"{name}: joint {joint} at {value:g}; allowed: {low:.6g} to {high:.6g}"
+                )
+
+    # -- for whoever watches --------------------------------------------------------------------
+
+    def metrics(self) -> dict[str, float]:
+        """Counts so far."""
+        return {
+            "states": float(self.accepted),
+            "ignored": float(sum(self.ignored.values())),
+            "sessions": float(self._sessions),
+        }
+
+    def diagnosis(self, now_s: float) -> tuple[str, ...]:
+        """What stands in the way, worst first."""
+        found = []
+        if self._newest is None:
+            found.append("nothing was heard of the simulated arm; is `cardan sim arm` running?")
+        elif self.lost(now_s):
+            found.append(f"the simulated arm is silent for {now_s - self._heard_s:.1f} s")
+        elif self._newest.reason:
+            found.append(self._newest.reason)
+        found += [f"{count} datagrams ignored: {why}" for why, count in self.ignored.most_common()]
+        return tuple(found)

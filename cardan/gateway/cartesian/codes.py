@@ -1,0 +1,122 @@
+"""The codes of the interface: up to four ASCII characters in an integer, first one lowest."""
+
+from __future__ import annotations
+
+import enum
+
+
+def vocab(text: str) -> int:
+    """The integer of a code of one to four ASCII characters. Raises ValueError for others."""
+    data = text.encode("ascii", "strict")
+    if not 1 <= len(data) <= 4:
+        raise ValueError(f"a code has one to four characters, not {text!r}")
+    return int.from_bytes(data, "little")
+
+
+def vocab_text(code: int) -> str:
+    """The characters of a code. Raises ValueError for an integer that is none."""
+    if not 0 < code < 1 << 32:
+        raise ValueError(f"{code} is no code: it takes one to four characters")
+    return code.to_bytes(4, "little").rstrip(b"\0").decode("ascii", "strict")
+
+
+class Generic(enum.IntEnum):
+    """Words that answer or introduce others."""
+
+    OK = vocab("ok")
+    FAIL = vocab("fail")
+    SET = vocab("set")
+    GET = vocab("get")
+
+
+class Verb(enum.IntEnum):
+    """Requests."""
+
+    STAT = vocab("stat")
+    INV = vocab("inv")
+    MOVJ = vocab("movj")
+    RELJ = vocab("relj")
+    MOVL = vocab("movl")
+    MOVV = vocab("movv")
+    GCMP = vocab("gcmp")
+    FORC = vocab("forc")
+    STOP = vocab("stop")
+    WAIT = vocab("wait")
+    TOOL = vocab("tool")
+    ACT = vocab("act")
+
+
+class Stream(enum.IntEnum):
+    """Streaming commands; values of the parameter cpsc."""
+
+    NONE = vocab("nset")
+    """No streaming command is chosen."""
+    POSE = vocab("pose")
+    TWIST = vocab("twst")
+    WRENCH = vocab("wrnc")
+
+
+class State(enum.IntEnum):
+    """What the controller is doing."""
+
+    NOT_CONTROLLING = vocab("ccnc")
+    """At rest, stopping, or streaming."""
+    MOVJ = vocab("ccjc")
+    MOVL = vocab("cclc")
+    MOVV = vocab("ccvc")
+    GRAVITY = vocab("ccgc")
+    FORCE = vocab("ccfc")
+
+
+class Action(enum.IntEnum):
+    """What a gripper is told."""
+
+    NONE = vocab("acn")
+    CLOSE = vocab("accg")
+    OPEN = vocab("acog")
+    STOP = vocab("acsg")
+    GENERIC = vocab("acg")
+
+
+class FrameCode(enum.IntEnum):
+    """Values of the parameter cpf."""
+
+    BASE = vocab("cpfb")
+    TCP = vocab("cpft")
+
+
+class ProfileCode(enum.IntEnum):
+    """Values of the parameter cppf: how a line gains and loses speed."""
+
+    TRAPEZOID = vocab("trap")
+    JERK = vocab("jerk")
+
+
+class PolicyCode(enum.IntEnum):
+    """Values of the parameter cppo: what is given up where the arm cannot follow."""
+
+    PATH = vocab("path")
+    REACH = vocab("rech")
+
+
+class Parameter(enum.IntEnum):
+    """Keys of parameters; the last nine are Cardan's own."""
+
+    ALL = vocab("prms")
+    GAIN = vocab("cpcg")
+    TRAJECTORY_DURATION = vocab("cptd")
+    TRAJECTORY_SPEED = vocab("cpts")
+    TRAJECTORY_ACCELERATION = vocab("cpta")
+    CONTROL_PERIOD = vocab("cpcp")
+    WAIT_PERIOD = vocab("cpwp")
+    FRAME = vocab("cpf")
+    STREAM = vocab("cpsc")
+    ROTATION_SPEED = vocab("cprs")
+    ROTATION_ACCELERATION = vocab("cpra")
+    TRAJECTORY_JERK = vocab("cptj")
+    ROTATION_JERK = vocab("cprj")
+    PROFILE = vocab("cppf")
+    POLICY = vocab("cppo")
+    STREAM_TIMEOUT = vocab("cpst")
+    JOINT_SPEED = vocab("cpjs")
+    JOINT_ACCELERATION = vocab("cpja")

@@ -1,0 +1,51 @@
+"""The interface of a filter: all that the engine knows about shared control.
+
+A filter stands between the mapping and the reference. It sees what the operator asks for and gives
+what is to be asked instead; every limit, the leash and the workspace come after it, so it can make
+a motion wrong but never unsafe in speed, acceleration or place. Filters are found by name like
+drivers; third parties add theirs through the entry-point group ``cardan.filters``.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any
+
+from cardan.drivers.base import Driver
+from cardan.types import RobotState, Twist
+
+
+class TwistFilter(Driver):
+    """Changes the operator's twist, usually by what a sensor of its own says.
+
+    It has a driver's options, open(), close() and diagnosis(). It may be trusted only while its
+    sensor is fresh: what it does without must be safe, and status() must say it.
+    """
+
+    def __init__(self, options: Any = None) -> None:
+        super().__init__(options)
+        self.name = type(self).__name__
+        """What people know it by; a session sets the name that its configuration uses."""
+
+    @abstractmethod
+    def apply(self, twist: Twist, robot: RobotState) -> Twist:
+        """What to ask for instead of `twist` (base or tool axes), once in every control tick.
+
+        It is called when nobody drives or the robot is silent too, with a twist of zero and
+        perhaps without `robot.pose`, so that the sensor is always read; what it then returns is
+        not used, because a filter cannot start a motion. Now is `robot.stamp_s`. Never blocks,
+        never raises, never gives a value that is not finite: any of the last two takes the
+        operator's hand off the robot.
+        """
+
+    @abstractmethod
+    def status(self) -> str:
+        """What it does to the operator's motion now, in words; empty when it does nothing."""
+
+    def describe(self) -> str:
+        """What it would do as configured, in one line; works without open()."""
+        return ""
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What stands in the way or deserves attention, in plain words, worst first."""
+        return ()

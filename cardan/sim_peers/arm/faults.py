@@ -1,0 +1,32 @@
+"""Faults the simulated arm, its controller and the network can be told to have."""
+
+from __future__ import annotations
+
+from cardan.sim_peers.base import FaultSwitch
+
+FAULTS: tuple[FaultSwitch, ...] = (
+    FaultSwitch("drop", "share of datagrams lost, each way (0..1)", 0.05, 0.0, 1.0),
+    FaultSwitch(
+        "duplicate", "share of datagrams that arrive twice, each way (0..1)", 0.05, 0.0, 1.0
+    ),
+    FaultSwitch(
+        "reorder", "share of datagrams overtaken by the next, each way (0..1)", 0.05, 0.0, 1.0
+    ),
+    FaultSwitch("delay", "added to every datagram, each way, ms", 20.0),
+    FaultSwitch("jitter", "at most this much added to a datagram, order kept, each way, ms", 8.0),
+    FaultSwitch("garbage", "share of states with a datagram of junk before it (0..1)", 0.1, 0, 1),
+    FaultSwitch("silence", "silent for this long every 5 s, s", 0.3),
+    FaultSwitch("restart", "the controller restarts at this time, once: a new session, s", 5.0),
+    FaultSwitch("estop", "emergency stop at this time, s", 5.0),
+    FaultSwitch(
+        "offset-deg", "every joint rests this far from where it is commanded, deg", 1.0, -30.0, 30.0
+    ),
+    FaultSwitch("jam", "this joint (1: the first) does not move any more from 2 s on", 2.0, 1, 16),
+    FaultSwitch("slow", "the drives reach only this share of the speed (0..1)", 0.2, 0.0, 1.0),
+    FaultSwitch("noise-deg", "standard deviation of the measured joints, deg", 0.01, 0.0, 10.0),
+)
+
+SILENCE_EVERY_S = 5.0
+JAM_AT_S = 2.0
+RESTART_SILENCE_S = 1.0
+"""A real controller takes minutes; to the other side only the silence counts."""

@@ -1,0 +1,121 @@
+"""The simulated arm's socket, over loopback."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from cardan import cli
+from cardan.arm_model import load_arm
+from cardan.errors import AddressError
+from cardan.protocols.joint_stream import ArmCommand, ControlMode, decode_state, encode_command
+from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
+
+HELLO = encode_command(ArmCommand(0, 1, 0.0, ControlMode.HOLD), 6)
+
+
+def options(**changes):
+    plant = PlantOptions(drive="ideal")
+    return SimulatedArmOptions(**{"robot": "gofa_crb15000_5", "plant": plant, "port": 0, **changes})
+
+
+@contextmanager
+def serving(**changes):
+    peer = SimulatedArmPeer(options(**changes))
+    peer.open()
+    stopping = threading.Event()
+
+    def serve():
+        while not stopping.is_set():
+            peer.step(time.monotonic() + 0.02)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield peer
+    finally:
+        stopping.set()
+        thread.join()
+        peer.close()
+
+
+@contextmanager
+def client(peer):
+    host, port = peer.endpoint.split(":")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.settimeout(2.0)
+        link.connect((host, int(port)))
+        yield link
+
+
+def test_a_client_is_served_and_another_is_not():
+    with serving(period_s=0.004) as peer, client(peer) as link, client(peer) as other:
+        link.send(b"nonsense")
+        link.send(HELLO)
+        states = [decode_state(link.recv(4096)) for _ in range(50)]
+        numbers = [state.sequence for state in states]
+        assert numbers == list(range(numbers[0], numbers[0] + 50))
+        assert states[-1].stamp_s - states[0].stamp_s == pytest.approx(49 * 0.004, abs=0.05)
+        other.send(HELLO)
+        other.settimeout(0.1)
+        with pytest.raises(TimeoutError):
+            other.recv(4096)
+
+
+def test_a_taken_port_is_named():
+    peer = SimulatedArmPeer(options())
+    peer.open()
+    peer.open()
+    port = int(peer.endpoint.split(":")[1])
+    try:
+        with pytest.raises(AddressError, match=f"cannot listen on 127.0.0.1:{port}"):
+            SimulatedArmPeer(options(port=port)).open()
+    finally:
+        peer.close()
+        peer.close()
+    with pytest.raises(AddressError, match=r"cannot listen on nowhere\.invalid"):
+        SimulatedArmPeer(options(host="nowhere.invalid")).open()
+    peer.step(time.monotonic() + 0.1)
+
+
+def test_the_command_serves_it():
+    command = (sys.executable, "-m", "cardan", "sim", "arm")
+    arguments = ("--listen", "127.0.0.1:0", "--seconds", "20", "--drive", "ideal")
+    surroundings = ("--plane", "0,0,0,0,0,1", "--sphere=-1,0,0,0.1", "--payload", "0.5")
+    with subprocess.Popen(
+        [*command, *arguments, *surroundings], stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            ready, endpoint = process.stdout.readline().split()
+            assert ready == "READY"
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+                link.settimeout(5.0)
+                host, port = endpoint.split(":")
+                link.sendto(HELLO, (host, int(port)))
+                assert decode_state(link.recv(4096)).positions == load_arm("ur5").home
+        finally:
+            process.terminate()
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--plane", "1,2"), "--plane: '1,2' is not 6 numbers with commas"),
+        (("--listen", "5"), "--listen: '5' is not HOST:PORT"),
+        (("--drive", "no"), "--drive: 'no' is none; allowed: dynamic, ideal"),
+        (("--fault", "no"), "there is no fault 'no'"),
+    ],
+)
+def test_a_wrong_command_is_told(arguments, said, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["cardan", "sim", "arm", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == cli.EXIT_USAGE
+    assert said in capsys.readouterr().err
