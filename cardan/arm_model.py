@@ -42,6 +42,11 @@ TIME_TO_FULL_SPEED_S = 0.2
 """Makers rarely publish joint accelerations. Where the arm's file gives none, a joint is taken to
 reach full speed in this time: within what industrial arms of this size do at full load."""
 
+LARGEST_NUMBER = 1e6
+"""No length, angle, speed or mass of an arm is larger: a mistake, and products would overflow."""
+
+_SHORTEST_M = 1e-9
+
 _END_CAP_TOLERANCE_M = 1e-4
 """A sphere that sticks out of a cylinder's rounded end by less is the end of that capsule."""
 
@@ -165,8 +170,10 @@ class ArmModel(NamedTuple):
 # ---------------------------------------------------------------------------------------------
 # The TOML beside a URDF
 
-_Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+_Number = Annotated[
+    float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER, allow_inf_nan=False, strict=True)
+]
+_Positive = Annotated[float, Field(gt=0, le=LARGEST_NUMBER, allow_inf_nan=False, strict=True)]
 _Weight = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
 _Point = tuple[_Number, _Number, _Number]
 _Weights = tuple[_Weight, _Weight, _Weight, _Weight, _Weight, _Weight]
@@ -179,6 +186,12 @@ class _Table(BaseModel):
 class _TaskTable(_Table):
     axes: Literal["tcp", "base"] = "tcp"
     weights: _Weights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+
+    @model_validator(mode="after")
+    def _something_to_follow(self) -> _TaskTable:
+        if not any(self.weights):
+            raise ValueError("one weight at least is above 0")
+        return self
 
 
 class _ShapeTable(_Table):
@@ -251,7 +264,8 @@ def _read(path: Path) -> ArmModel:
             raise ConfigurationError("", f"not TOML: {error}") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            key = ".".join(str(part) for part in first["loc"])
+            # The alternatives of a union are among its parts, named "constrained-float".
+            key = ".".join(str(part) for part in first["loc"] if "-" not in str(part))
             message = first["msg"].removeprefix("Value error, ")
             raise ConfigurationError(key, f"{message}; found {first['input']!r}") from None
         return _build(_text(path.parent / file.urdf), file)
@@ -262,7 +276,8 @@ def _read(path: Path) -> ArmModel:
 def _text(path: Path) -> str:
     try:
         return path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
+        # ValueError: not UTF-8, or a path that is none.
         raise ConfigurationError("", f"{path.name} cannot be read: {error}") from None
 
 
@@ -282,7 +297,7 @@ def parse_urdf(text: str) -> ArmModel:
 def _build(text: str, file: _ArmFile) -> ArmModel:
     try:
         robot = ET.fromstring(text)
-    except ET.ParseError as error:
+    except (ET.ParseError, ValueError) as error:
         raise ConfigurationError("", f"the arm's URDF is not XML: {error}") from None
     if robot.tag != "robot":
         raise ConfigurationError("", f"the arm's URDF is a <{robot.tag}>, not a <robot>")
@@ -295,7 +310,9 @@ def _build(text: str, file: _ArmFile) -> ArmModel:
     while last in chain:
         element = chain.pop(last)
         last = _link_of(element, "child")
-        placement = compose(weld, _origin(element))
+        if last in links:
+            raise ConfigurationError("", f"link {last!r} is reached twice: not one arm")
+        placement = compose(weld, _origin(element, f"joint {element.get('name')!r}"))
         kind = element.get("type", "")
         if kind == "fixed":
             weld = placement
@@ -309,8 +326,13 @@ def _build(text: str, file: _ArmFile) -> ArmModel:
                 + ", ".join(k.value for k in JointKind),
             )
         links[last] = (len(joints), weld)
+    if chain:
+        raise ConfigurationError("", f"links {sorted(chain)} are not joined to the base")
     if not joints:
         raise ConfigurationError("", "the arm's URDF has no moving joint")
+    names = [joint.name for joint in joints]
+    if len(set(names)) < len(names) or "" in names:
+        raise ConfigurationError("", f"every joint has a name of its own, not {names}")
     if accelerations is not None:
         joints = _accelerated(joints, accelerations)
     frames = {}
@@ -340,9 +362,10 @@ def _allowed(links: dict[str, tuple[int, Pose]]) -> str:
 
 def _link_of(joint: ET.Element, tag: str) -> str:
     element = joint.find(tag)
-    if element is None:
+    link = "" if element is None else element.get("link", "")
+    if not link:
         raise ConfigurationError("", f"joint {joint.get('name')!r} lacks its parent or child")
-    return element.get("link", "")
+    return link
 
 
 def _chain(robot: ET.Element) -> dict[str, ET.Element]:
@@ -371,16 +394,29 @@ def _numbers(element: ET.Element | None, attribute: str, default: Vector3, of: s
         x, y, z = (float(word) for word in text.split())
     except ValueError:
         x = y = z = math.nan
-    if not all(map(math.isfinite, (x, y, z))):
-        raise ConfigurationError("", f"{attribute} of {of}: {text!r} is not three numbers")
+    if not all(abs(number) <= LARGEST_NUMBER for number in (x, y, z)):
+        raise ConfigurationError(
+            "",
+            f"{attribute} of {of}: {text!r} is not three numbers of at most {LARGEST_NUMBER:g}",
+        )
     return Vector3(x, y, z)
 
 
-def _origin(element: ET.Element) -> Pose:
-    origin = element.find("origin")
-    of = f"the origin of {element.tag} {element.get('name', '')!r}"
+def _origin(element: ET.Element, of: str) -> Pose:
+    origin, of = element.find("origin"), f"the origin of {of}"
     rpy = _numbers(origin, "rpy", ZERO3, of)
     return Pose(_numbers(origin, "xyz", ZERO3, of), from_euler_zyx(*rpy))
+
+
+def _attribute(element: ET.Element, name: str, default: str | None = None) -> float:
+    """Raises ValueError that names the attribute and what it is."""
+    text = element.get(name, default)
+    if text is None:
+        raise ValueError(f"no {name}")
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{name} {text!r} is not a number") from None
 
 
 def _joint(element: ET.Element, kind: JointKind, placement: Pose) -> ArmJoint:
@@ -391,14 +427,16 @@ def _joint(element: ET.Element, kind: JointKind, placement: Pose) -> ArmJoint:
     try:
         if limit is None:
             raise ValueError("no <limit>")
-        velocity = float(limit.get("velocity", ""))
-        effort = float(limit.get("effort", "0"))
+        velocity = _attribute(limit, "velocity")
+        effort = _attribute(limit, "effort", "0")
+        if not effort >= 0.0:
+            raise ValueError(f"effort {effort:g} is not a torque or force")
         lower, upper = -math.inf, math.inf
         if kind is not JointKind.CONTINUOUS:
-            lower, upper = float(limit.get("lower", "")), float(limit.get("upper", ""))
-            if not -math.inf < lower < upper < math.inf:
+            lower, upper = _attribute(limit, "lower"), _attribute(limit, "upper")
+            if not -LARGEST_NUMBER <= lower < upper <= LARGEST_NUMBER:
                 raise ValueError(f"lower {lower:g} and upper {upper:g} are no range")
-        if not 0.0 < velocity < math.inf:
+        if not 0.0 < velocity <= LARGEST_NUMBER:
             raise ValueError(f"velocity {velocity:g} is not a speed")
     except ValueError as error:
         raise ConfigurationError("", f"limits of joint {name!r}: {error}") from None
@@ -467,16 +505,22 @@ def _inertias(
 def _inertia(element: ET.Element, pose: Pose, link: str) -> Inertia:
     mass, tensor = element.find("mass"), element.find("inertia")
     try:
-        mass_kg = float("nan" if mass is None else mass.get("value", ""))
+        if mass is None:
+            raise ValueError("no <mass>")
+        mass_kg = _attribute(mass, "value")
         entries = [
-            0.0 if tensor is None else float(tensor.get(name, "0"))
+            0.0 if tensor is None else _attribute(tensor, name, "0")
             for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         ]
-        if not (mass_kg >= 0.0 and all(map(math.isfinite, (mass_kg, *entries)))):
-            raise ValueError("not finite, or a negative mass")
+        if not 0.0 <= mass_kg <= LARGEST_NUMBER:
+            raise ValueError(f"mass {mass_kg:g} kg is not 0 to {LARGEST_NUMBER:g}")
+        if not all(abs(entry) <= LARGEST_NUMBER for entry in entries):
+            raise ValueError(f"moments {entries} are not numbers of at most {LARGEST_NUMBER:g}")
+        if min(entries[0], entries[3], entries[5]) < 0.0:
+            raise ValueError(f"moments {entries} have a negative ixx, iyy or izz")
     except ValueError as error:
         raise ConfigurationError("", f"the inertial of link {link!r}: {error}") from None
-    placed = compose(pose, _origin(element))
+    placed = compose(pose, _origin(element, f"the inertial of link {link!r}"))
     xx, xy, xz, yy, yz, zz = entries
     rows = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     # R·I·Rᵀ: turn the columns, then the rows.
@@ -518,7 +562,8 @@ def _shapes(
         body, pose = links[name]
         capsules: list[Capsule] = []
         for element in link.iterfind("collision"):
-            shape = _shape(element, compose(pose, _origin(element)), name, table.meshes)
+            origin = _origin(element, f"a collision element of link {name!r}")
+            shape = _shape(element, compose(pose, origin), name, table.meshes)
             if isinstance(shape, Capsule):
                 capsules.append(shape)
             elif shape is not None:
@@ -585,8 +630,8 @@ def _shape(element: ET.Element, pose: Pose, link: str, meshes: str) -> Shape | N
 
 
 def _positive(element: ET.Element, attribute: str) -> float:
-    value = float(element.get(attribute, "nan"))
-    if not 0.0 < value < math.inf:
+    value = _attribute(element, attribute)
+    if not _SHORTEST_M <= value <= LARGEST_NUMBER:
         raise ValueError(f"{attribute} {element.get(attribute)!r} is not a length")
     return value
 

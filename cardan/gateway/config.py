@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
+import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -19,10 +21,12 @@ from pydantic import (
     StrictInt,
     TypeAdapter,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
 
+from cardan.arm_model import Capsule, load_arm
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.errors import ConfigurationError
@@ -31,7 +35,13 @@ from cardan.gateway.filters import registry as filter_registry
 from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import AXES, GripperAction, MappingOptions
 from cardan.gateway.reference import ReferenceLimits
-from cardan.types import CommandKind, Frame, RobotCapabilities
+from cardan.spatial import from_euler_zyx, norm, scale
+from cardan.types import CommandKind, Frame, Pose, RobotCapabilities, Vector3
+
+if TYPE_CHECKING:
+    from cardan.gateway.kinematics.arm import ArmKinematics
+    from cardan.gateway.kinematics.collision import Obstacle
+    from cardan.gateway.servo.follower import ArmFollower
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -41,6 +51,11 @@ else:
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 Bounds = tuple[Finite, Finite]
+Point = tuple[Finite, Finite, Finite]
+Share = Annotated[float, Field(gt=0, le=1, strict=True)]
+
+ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
+"""What a robot must take, one of them, for a session to drive it by the model of its arm."""
 
 LONGEST_DEVICE_AGE_S = 0.5
 """A hand cannot be stale for longer: at 0.25 m/s that is already 12 cm of unwanted motion."""
@@ -143,11 +158,60 @@ class WatchdogTable(_Table):
     following_error_rad: Positive = 0.6
 
 
+class ArmTable(_Table):
+    """``[arm]``: the model by which joints are commanded; without it the robot is sent poses."""
+
+    model: str
+    """One of our arms, or the path of a .toml or .urdf file."""
+    policy: Literal["path", "reach"] = "path"
+    tool_xyz_m: Point = (0.0, 0.0, 0.0)
+    tool_rpy_deg: Point = (0.0, 0.0, 0.0)
+    speed_share: Share = 1.0
+    """Of the joints' speeds."""
+    acceleration_share: Share = 1.0
+    collisions: bool = True
+    """Whether the arm keeps away from itself and from the obstacles."""
+    safety_distance_m: Positive = 0.01
+
+    def tool(self) -> Pose:
+        """The TCP in the model's own."""
+        x, y, z = (math.radians(angle) for angle in self.tool_rpy_deg)
+        return Pose(Vector3(*self.tool_xyz_m), from_euler_zyx(x, y, z))
+
+
+class ObstacleTable(_Table):
+    """One of ``[[obstacles]]``: something solid in the arm's base frame."""
+
+    name: str
+    box: tuple[Point, Point] | None = None
+    """Lowest and highest corner, m."""
+    capsule: tuple[Point, Point, Positive] | None = None
+    """Ends and radius, m; the same point twice: a sphere."""
+    plane: tuple[Point, Finite] | None = None
+    """Normal out of the solid, and how far along it the surface is, m."""
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> ObstacleTable:
+        given = [n for n in ("box", "capsule", "plane") if getattr(self, n) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"{self.name!r} has {' and '.join(given) or 'no shape'}; give one of "
+                "box = [corner, corner], capsule = [end, end, radius], plane = [normal, offset]"
+            )
+        if self.box is not None and not all(a < b for a, b in zip(*self.box, strict=True)):
+            raise ValueError(f"box of {self.name!r}: lowest corner first, then the highest")
+        if self.plane is not None and norm(Vector3(*self.plane[0])) == 0.0:
+            raise ValueError(f"plane of {self.name!r}: its normal has no direction")
+        return self
+
+
 class SessionConfig(_Table):
     """A whole configuration file."""
 
     device: DriverTable
     robot: DriverTable
+    arm: ArmTable | None = None
+    obstacles: tuple[ObstacleTable, ...] = ()
     mapping: MappingTable = MappingTable()
     filters: tuple[FilterTable, ...] = ()
     """Shared control, applied in this order."""
@@ -155,12 +219,22 @@ class SessionConfig(_Table):
     limits: LimitsTable = LimitsTable()
     watchdogs: WatchdogTable = WatchdogTable()
 
-    @field_validator("filters", mode="before")
+    @field_validator("filters", "obstacles", mode="before")
     @classmethod
-    def _array_of_tables(cls, filters: object) -> object:
-        if not isinstance(filters, (list, tuple)):
-            raise ValueError("one table for each filter, under the heading [[filters]]")
-        return filters
+    def _array_of_tables(cls, tables: object, info: ValidationInfo) -> object:
+        if not isinstance(tables, (list, tuple)):
+            name = info.field_name
+            raise ValueError(f"one table for each of them, under the heading [[{name}]]")
+        return tables
+
+    @model_validator(mode="after")
+    def _obstacles_need_an_arm(self) -> SessionConfig:
+        if self.obstacles and (self.arm is None or not self.arm.collisions):
+            raise ValueError(
+                "obstacles: only an arm's model keeps away from them: add [arm] with its model, "
+                "and leave arm.collisions on"
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_meaning_a_button(self) -> SessionConfig:
@@ -242,8 +316,16 @@ def _suggestion(word: str, allowed: list[str]) -> str:
 def _allowed_keys(path: tuple[str | int, ...]) -> list[str]:
     model: type[BaseModel] = SessionConfig
     for part in path:
-        model = type(model.model_fields[str(part)].get_default())
+        if isinstance(part, str):
+            model = _table_of(model.model_fields[part].annotation)
     return list(model.model_fields)
+
+
+def _table_of(annotation: Any) -> type[BaseModel]:
+    """The table behind an annotation: its own class, one that may be None, one of many."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(_table_of(each) for each in get_args(annotation) if each is not type(None))
 
 
 def _translate(error: ValidationError, prefix: tuple[str, ...] = ()) -> ConfigurationError:
@@ -308,10 +390,18 @@ def make_robot(config: SessionConfig) -> RobotDriver:
     robot = _make_driver(config.robot, "robot")
     if not isinstance(robot, RobotDriver):
         raise ConfigurationError("robot.driver", f"{config.robot.driver!r} is not a robot")
-    if CommandKind.POSE not in robot.capabilities.commands:
-        kinds = ", ".join(sorted(kind.value for kind in robot.capabilities.commands))
+    kinds = ", ".join(sorted(kind.value for kind in robot.capabilities.commands))
+    if config.arm is None and CommandKind.POSE not in robot.capabilities.commands:
         raise ConfigurationError(
-            "robot", f"as configured it takes {kinds}; a session needs it to take poses"
+            "robot",
+            f"as configured it takes {kinds}; without an [arm] table, which names the arm's model, "
+            "a session needs it to take poses",
+        )
+    if config.arm is not None and not ARM_COMMANDS & robot.capabilities.commands:
+        raise ConfigurationError(
+            "robot",
+            f"as configured it takes {kinds}; a session with an [arm] needs one of "
+            + ", ".join(sorted(kind.value for kind in ARM_COMMANDS)),
         )
     _check_speeds(config.limits, robot.capabilities)
     return robot
@@ -330,6 +420,71 @@ def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
         made.append(kind(driver_options(kind, table.model_extra or {}, key)))
         made[-1].name = table.filter
     return tuple(made)
+
+
+def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
+    """The arm's share of a session; None without an ``[arm]`` table.
+
+    Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
+    imported here: sessions without an arm's model start without it.
+    """
+    table = config.arm
+    if table is None:
+        return None
+    from cardan.gateway.kinematics.arm import ArmKinematics
+    from cardan.gateway.kinematics.collision import CollisionModel
+    from cardan.gateway.servo.follower import ArmFollower
+    from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
+
+    try:
+        model = load_arm(table.model)
+    except ConfigurationError as error:
+        raise ConfigurationError("arm.model", str(error)) from None
+    able = robot.capabilities
+    if able.joints != len(model.joints):
+        raise ConfigurationError(
+            "arm.model",
+            f"{model.name!r} has {len(model.joints)} joints, the robot as configured {able.joints}",
+        )
+    kinematics = ArmKinematics(model, table.tool())
+    _take_limits(kinematics, able)
+    collision = None
+    if table.collisions:
+        collision = CollisionModel(kinematics, [_obstacle(each) for each in config.obstacles])
+    options = ServoOptions(
+        policy=Policy(table.policy),
+        speed_share=table.speed_share,
+        acceleration_share=table.acceleration_share,
+        safety_distance_m=table.safety_distance_m,
+    )
+    servo = Servo(kinematics, collision, options, model.task.weights)
+    if len(model.joints) > 6:
+        servo.posture = np.array(model.home)
+    return ArmFollower(servo, able.commands)
+
+
+def _take_limits(kinematics: ArmKinematics, robot: RobotCapabilities) -> None:
+    limits = robot.limits
+    if limits is None:
+        return
+    np.maximum(kinematics.lower, limits.lower, out=kinematics.lower)
+    np.minimum(kinematics.upper, limits.upper, out=kinematics.upper)
+    np.minimum(kinematics.velocity, limits.velocity, out=kinematics.velocity)
+    np.minimum(kinematics.acceleration, limits.acceleration, out=kinematics.acceleration)
+
+
+def _obstacle(table: ObstacleTable) -> Obstacle:
+    from cardan.gateway.kinematics.collision import HalfSpace, Obstacle, box_obstacle
+
+    if table.box is not None:
+        return box_obstacle(table.name, Vector3(*table.box[0]), Vector3(*table.box[1]))
+    if table.capsule is not None:
+        start, end, radius = table.capsule
+        return Obstacle(table.name, Capsule(Vector3(*start), Vector3(*end), radius))
+    assert table.plane is not None
+    normal = Vector3(*table.plane[0])
+    unit = scale(normal, 1.0 / norm(normal))
+    return Obstacle(table.name, HalfSpace(unit, table.plane[1]))
 
 
 def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
@@ -365,6 +520,6 @@ def load_config(path: Path) -> SessionConfig:
         raise ConfigurationError("", f"{path} is not TOML: {error}") from None
     config = parse_config(table)
     make_device(config)
-    make_robot(config)
+    make_arm(config, make_robot(config))
     make_filters(config)
     return config

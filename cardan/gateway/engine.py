@@ -14,13 +14,11 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
-from cardan.gateway.servo.follower import ArmFollower
-from cardan.gateway.servo.servo import ServoStatus
 from cardan.spatial import is_finite, rotation_between, scale, subtract
 from cardan.types import (
     NEVER_S,
@@ -38,6 +36,10 @@ from cardan.types import (
     RobotState,
     Twist,
 )
+
+if TYPE_CHECKING:  # Both import Pinocchio, which sessions without an arm's model do without.
+    from cardan.gateway.servo.follower import ArmFollower
+    from cardan.gateway.servo.servo import ServoStatus
 
 NO_DEFLECTION = (0.0,) * 6
 

@@ -23,6 +23,7 @@ from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import CardanError, ConfigurationError, DriverError
 from cardan.gateway.config import (
     SessionConfig,
+    make_arm,
     make_device,
     make_filters,
     make_robot,
@@ -157,9 +158,14 @@ class Session:
     def _account(self, state: RobotState) -> None:
         """Keep the figures of the summary: path, and how well the robot is where it is told."""
         reference = self.engine.reference
-        if reference.pose is None or state.pose is None:
+        if reference.pose is None or (state.pose is None and self.engine.arm is None):
             return
-        error_m = norm(subtract(reference.pose.position, state.pose.position))
+        # An arm's model may have a tool that the robot's own pose does not know of.
+        error_m = (
+            norm(subtract(reference.pose.position, state.pose.position))
+            if self.engine.arm is None
+            else reference.ahead_m
+        )
         self._square_sum_m2 += error_m * error_m
         self._moving_cycles += 1
         snapshot = self.snapshot
@@ -202,6 +208,13 @@ class Session:
         s.twist = [*status.twist.linear, *status.twist.angular]
         s.leash_used, s.at_workspace_limit = status.leash_used, status.at_workspace_limit
         s.gripper_closed, s.utilization = status.gripper_closed, state.utilization
+        if status.arm is not None:
+            s.path_speed, s.singular_value = (
+                status.arm.path_speed,
+                status.arm.smallest_singular_value,
+            )
+            s.clearance_m, s.nearest_pair = status.arm.distance_m, list(status.arm.nearest_pair)
+            s.arm_limits = status.arm.in_words()
         if self._moving_cycles:
             s.error_rms_m = math.sqrt(self._square_sum_m2 / self._moving_cycles)
         s.tick_p50_s, s.tick_p99_s = self._ticks.percentile(50), self._ticks.percentile(99)
@@ -228,13 +241,15 @@ class Session:
 
 def make_session(config: SessionConfig, channel: socket.socket | None = None) -> Session:
     """A session as configured, nothing opened yet."""
+    robot = make_robot(config)
     engine = TeleopEngine(
         TwistMapping(config.mapping_options()),
         Reference(config.reference_limits()),
         config.watchdog_limits(),
         make_filters(config),
+        make_arm(config, robot),
     )
-    return Session(make_device(config), make_robot(config), engine, config, channel)
+    return Session(make_device(config), robot, engine, config, channel)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -46,6 +46,15 @@ class Snapshot:
     """What shared control does to the operator's motion, in words."""
     gripper_closed: bool = False
     utilization: float | None = None
+    path_speed: float | None = None
+    """Share of the asked speed that the arm can do; None without an arm's model."""
+    singular_value: float | None = None
+    """Smallest one of the arm's Jacobian, rotation weighed by 0.3 m."""
+    clearance_m: float | None = None
+    """Distance of the nearest pair of bodies."""
+    nearest_pair: list[str] = field(default_factory=list)
+    arm_limits: list[str] = field(default_factory=list)
+    """What limits the arm now, in words; empty while nothing does."""
     scheduling: str = ""
     """How the system runs the loop: "real time", "raised priority" or "ordinary"."""
     cycles: int = 0

@@ -12,6 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from cardan.gateway.engine import Phase
 from cardan.gateway.mapping import AXES
 from cardan.gateway.snapshot import Snapshot
 
@@ -85,6 +86,9 @@ def render(snapshot: Snapshot) -> RenderableType:
     )
     if s.utilization is not None:
         robot.add_row("utilization", f"{s.utilization:.0%}")
+    if s.path_speed is not None:
+        clearance = "–" if s.clearance_m is None else f"{s.clearance_m * 1e3:.0f} mm"
+        robot.add_row("arm's speed, clearance", f"{s.path_speed:.0%}, {clearance}")
     robot.add_row("answered, missed", f"{s.cycles:,}, {missed_cycles(s):,}")
     robot.add_row(
         "answer latency p50, p99",
@@ -106,6 +110,8 @@ def render(snapshot: Snapshot) -> RenderableType:
     lines: list[RenderableType] = [links]
     if s.message:
         lines.append(Text(s.message, style="yellow"))
+    if s.arm_limits and s.phase == Phase.MOVING.value:
+        lines.append(Text("; ".join(s.arm_limits), style="magenta"))
     if s.filters:
         lines.append(Text("; ".join(s.filters), style="cyan"))
     lines += [Text(line, style="dim") for line in _diagnosis(s)[:3]]

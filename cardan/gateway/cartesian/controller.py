@@ -11,7 +11,7 @@ import math
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -51,11 +51,11 @@ from cardan.gateway.cartesian.motions import (
     TorqueLimits,
     TorqueMotion,
 )
-from cardan.gateway.cartesian.paths import JointPath, LineLimits, LinePath
 from cardan.gateway.cartesian.planner import Margins, Planner
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
 from cardan.gateway.reference import ReferenceLimits
 from cardan.gateway.servo.servo import Policy, Servo, ServoOptions, ServoStatus
 from cardan.spatial import (
@@ -440,7 +440,7 @@ class CartesianController:
 
     def gcmp(self) -> Motion:
         """Carry the arm's own weight and nothing more: it can be led by hand."""
-        return self._launch("gcmp", False, lambda q: self._plan_torque(State.GRAVITY, None))
+        return self._launch("gcmp", False, lambda q: self._plan_torque(State.GRAVITY, None, q))
 
     def forc(self, fd: Sequence[float]) -> Motion:
         """Exert the wrench `fd` (N, N·m; base axes, at the TCP) on the world."""
@@ -455,7 +455,7 @@ class CartesianController:
                     activity.set_wrench(wrench)
                     assert self._motion is not None
                     return self._motion
-        return self._launch("forc", False, lambda q: self._plan_torque(State.FORCE, wrench))
+        return self._launch("forc", False, lambda q: self._plan_torque(State.FORCE, wrench, q))
 
     def stop(self) -> None:
         """Brake along the path, then hold. Always works, also without a robot."""
@@ -579,10 +579,11 @@ class CartesianController:
             self._require_torque(verb)
         else:
             self._require_drive(verb)
-        self._start(verb)
+        start = self._start(verb)
         activity: Activity | TorqueMotion
         if kind is Stream.WRENCH:
             activity = self._torque_motion(State.NOT_CONTROLLING)
+            activity.check_weight(start)
             self._engage()
         else:
             self._engage()
@@ -814,7 +815,6 @@ class CartesianController:
         elif self._pending is not None:
             self._drop_pending(reason)
         self._activity, self._braking = None, False
-        self.servo.posture = None
         self.servo.v[:] = 0.0
 
     def _measure(self, state: RobotState) -> None:
@@ -1004,7 +1004,7 @@ class CartesianController:
         goal = self.planner.joint_goal(verb, target, start, speeds)
         if float(np.abs(goal - start).max()) < ALREADY_THERE_RAD:
             return _Plan(None, 0.0, "the arm is there already")
-        # The goal's turns are chosen, so no joint is to be taken the short way round again.
+        # Not `continuous`: the goal's turns are chosen already.
         path = JointPath(start, goal, speeds, accelerations)
         return _Plan(FollowJoints(self.servo, path, self._deceleration), path.duration_s)
 
@@ -1023,9 +1023,7 @@ class CartesianController:
         if rehearsed.pace < 1.0:
             slow = f"{rehearsed.slowest} allows {rehearsed.pace:.0%} of the speed in places"
             note = f"{note}; {slow}" if note else slow
-        activity = FollowLine(
-            self.servo, path, rehearsed, self.planner.followed, self._deceleration
-        )
+        activity = FollowLine(self.servo, path, self.planner.followed, self._deceleration)
         return _Plan(activity, path.duration_s, note)
 
     def _line(self, begin: Pose, target: Pose) -> tuple[LinePath, str]:
@@ -1034,20 +1032,22 @@ class CartesianController:
         jerk = values[Parameter.PROFILE] == ProfileCode.JERK
         cap_m_s = self.capabilities.linear_speed_m_s or math.inf
         cap_rad_s = self.capabilities.angular_speed_rad_s or math.inf
-        limits = LineLimits(
-            min(values[Parameter.TRAJECTORY_SPEED], cap_m_s),
-            values[Parameter.TRAJECTORY_ACCELERATION],
-            min(values[Parameter.ROTATION_SPEED], cap_rad_s),
-            values[Parameter.ROTATION_ACCELERATION],
-            values[Parameter.TRAJECTORY_JERK] if jerk else math.inf,
-            values[Parameter.ROTATION_JERK] if jerk else math.inf,
+        limits = PathLimits(
+            linear_speed_m_s=min(values[Parameter.TRAJECTORY_SPEED], cap_m_s),
+            linear_acceleration_m_s2=values[Parameter.TRAJECTORY_ACCELERATION],
+            linear_jerk_m_s3=values[Parameter.TRAJECTORY_JERK],
+            angular_speed_rad_s=min(values[Parameter.ROTATION_SPEED], cap_rad_s),
+            angular_acceleration_rad_s2=values[Parameter.ROTATION_ACCELERATION],
+            angular_jerk_rad_s3=values[Parameter.ROTATION_JERK],
         )
+        profile: Literal["jerk", "trapezoid"] = "jerk" if jerk else "trapezoid"
+        path = LinePath(begin, target, limits, profile=profile)
         wanted_s = values[Parameter.TRAJECTORY_DURATION]
-        path = LinePath(begin, target, limits, wanted_s)
-        note = ""
-        if 0.0 < wanted_s < path.duration_s:
-            note = f"{wanted_s:g} s is too short: it takes {path.duration_s:.2f} s"
-        return path, note
+        if wanted_s > path.duration_s:
+            path = LinePath(begin, target, limits, profile=profile, duration_s=wanted_s)
+        elif wanted_s > 0.0:
+            return path, f"{wanted_s:g} s is too short: it takes {path.duration_s:.2f} s"
+        return path, ""
 
     def _plan_twist(self, linear: Vector3, angular: Vector3, start: FloatArray) -> _Plan:
         self._require_drive("movv")
@@ -1069,10 +1069,10 @@ class CartesianController:
             activity = FollowTwist(self.servo, limits, self._deceleration, twist)
         return _Plan(activity, math.inf, note)
 
-    def _plan_torque(self, state: State, wrench: Wrench | None) -> _Plan:
-        verb = "gcmp" if wrench is None else "forc"
-        self._require_torque(verb)
+    def _plan_torque(self, state: State, wrench: Wrench | None, start: FloatArray) -> _Plan:
+        self._require_torque("gcmp" if wrench is None else "forc")
         activity = self._torque_motion(state)
+        activity.check_weight(start)
         if wrench is not None:
             activity.set_wrench(wrench)
         return _Plan(activity, math.inf)
@@ -1153,7 +1153,8 @@ class CartesianController:
                 if isinstance(self._activity, Recover):
                     raise MotionRefusedError(f"{verb}: coming back to the arm; {self._message}")
             if self._engaged:
-                return self.servo.q.copy()
+                commanded: FloatArray = self.servo.q.copy()
+                return commanded
             if verb != "inv":
                 self._check_measured(verb, robot)
             return np.array(robot.joints)

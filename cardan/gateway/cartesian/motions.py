@@ -7,7 +7,6 @@ where the arm cannot keep up, and braking slows it to a stop, so the TCP stops o
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -18,7 +17,7 @@ from cardan.arm_model import ArmModel
 from cardan.braking import stopping_speed
 from cardan.errors import MotionRefusedError
 from cardan.gateway.cartesian.codes import State
-from cardan.gateway.cartesian.planner import DryRun, Line
+from cardan.gateway.cartesian.planner import Line
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
 from cardan.gateway.reference import Reference, ReferenceLimits
@@ -51,12 +50,19 @@ SETTLE_S = 1.0
 ARRIVED_RAD = 1e-5
 """A joint motion has arrived when no joint is farther off, rad or m."""
 
-AT_REST_RAD_S = 1e-3
+AT_REST_RAD_S = 2e-4
 """All joints slower than this can stop within one period."""
 
 TOLERANCE_M = 1e-3
 TOLERANCE_RAD = 5e-3
 """A line that ends farther from its goal than this has failed."""
+
+CREEP_M_S = 5e-3
+"""Below this speed (rad counts 0.3 m, and alike for joints) the servo's programme has too little
+to weigh, and the share it gives says nothing: the reference goes on, and feedback follows it."""
+
+CREEP_LAG = 1e-3
+"""As long as the arm is not farther behind, m or rad."""
 
 STUCK_SHARE = 0.01
 """Of the wanted speed: an arm that gets no more than this is stuck."""
@@ -165,10 +171,12 @@ class Braking:
 class JointMotionPath(Protocol):
     """What a joint motion follows."""
 
-    duration_s: float
+    @property
+    def duration_s(self) -> float:
+        """Time until rest, s."""
 
-    def at(self, t: float) -> tuple[FloatArray, FloatArray]:
-        """Joint positions and velocities at time `t` from the start."""
+    def at(self, t_s: float, /) -> tuple[FloatArray, FloatArray]:
+        """Joint positions and velocities at `t_s` since the start; the next call may reuse them."""
 
 
 class FollowJoints:
@@ -196,9 +204,12 @@ class FollowJoints:
             servo.brake(dt_s)
             return GOING if servo.moving else Progress(True, self._reason)
         step_s = clock.next_step(dt_s)
-        goal = self._path.at(clock.time_s)[0]
+        goal = self._path.at(clock.time_s)[0].copy()
         rate = (self._path.at(clock.time_s + step_s)[0] - goal) / dt_s
+        lag = float(np.abs(goal - servo.q).max())
         share = servo.tick_joints(goal, rate, dt_s)
+        if lag < CREEP_LAG and float(np.abs(rate).max()) < CREEP_M_S:
+            share = 1.0
         clock.advance(step_s, share, dt_s)
         if clock.over:
             self._over_s += dt_s
@@ -222,12 +233,11 @@ class FollowLine:
         self,
         servo: Servo,
         path: Line,
-        rehearsed: DryRun,
         followed: npt.NDArray[np.bool_],
         deceleration: Deceleration,
     ) -> None:
         """`followed` (6): directions that the arm follows, x y z rx ry rz along TCP axes."""
-        self._servo, self._path, self._rehearsed = servo, path, rehearsed
+        self._servo, self._path = servo, path
         self._followed = followed
         self._deceleration = deceleration
         self._clock = PathClock(path.duration_s)
@@ -235,8 +245,6 @@ class FollowLine:
         self._resting = False
         self._over_s = 0.0
         self._reason = ""
-        self._posture_before = servo.posture
-        self._redundant = servo.joints > 6
 
     def brake(self) -> None:
         """Stop along the line."""
@@ -252,7 +260,6 @@ class FollowLine:
         """Move on by one period."""
         servo, clock = self._servo, self._clock
         if self._resting:
-            servo.posture = self._posture_before
             servo.brake(dt_s)
             return GOING if servo.moving else Progress(True, self._reason)
         step_s = clock.next_step(dt_s)
@@ -261,10 +268,9 @@ class FollowLine:
         gain = 1.0 / dt_s
         self._twist[0] = scale(subtract(there.position, here.position), gain)
         self._twist[1] = scale(rotation_between(here.orientation, there.orientation), gain)
-        if self._redundant:
-            servo.posture = self._rehearsed_at(clock.time_s)
-        goal = to_se3(here)
-        share = servo.tick(goal, self._twist, dt_s)
+        share = servo.tick(to_se3(here), self._twist, dt_s)
+        if _creeps(servo, self._twist):
+            share = 1.0
         clock.advance(step_s, share, dt_s)
         if clock.over:
             self._over_s += dt_s
@@ -286,14 +292,15 @@ class FollowLine:
                 "the goal"
             )
 
-    def _rehearsed_at(self, time_s: float) -> FloatArray:
-        positions = self._rehearsed.positions
-        last = len(positions) - 1
-        along = last * min(1.0, time_s / self._clock.duration_s)
-        index = min(int(along), last - 1)
-        share = along - index
-        between: FloatArray = (1.0 - share) * positions[index] + share * positions[index + 1]
-        return between
+
+def _creeps(servo: Servo, twist: FloatArray) -> bool:
+    """True at a speed and so near to the reference that the servo's share says nothing."""
+    vx, vy, vz, wx, wy, wz = twist.ravel().tolist()
+    squared = vx * vx + vy * vy + vz * vz + 0.09 * (wx * wx + wy * wy + wz * wz)
+    if squared >= CREEP_M_S * CREEP_M_S:
+        return False
+    status = servo.status()
+    return status.error_m < CREEP_LAG and status.error_rad < CREEP_LAG
 
 
 def _stuck(servo: Servo, share: float) -> str:
@@ -348,8 +355,11 @@ class _ReferenceMotion:
         reference.observe(to_pose(servo.placement))
         reference.advance(ZERO_TWIST if self.braking else wanted, dt_s)
         self._twist[0], self._twist[1] = reference.linear, reference.angular
-        share = self.share = servo.tick(to_se3(before), self._twist, dt_s)
+        share = servo.tick(to_se3(before), self._twist, dt_s)
         linear, angular = (Vector3(*row) for row in servo.twist.tolist())
+        if _creeps(servo, self._twist):
+            share, linear, angular = 1.0, reference.linear, reference.angular
+        self.share = share
         turn = from_rotation_vector(scale(angular, dt_s))
         reference.pose = Pose(
             add(before.position, scale(linear, dt_s)),
@@ -553,6 +563,18 @@ class TorqueMotion:
     def driven(self) -> bool:
         """True while silence would let a wrench go on."""
         return self.target.force != ZERO3 or self.target.torque != ZERO3
+
+    def check_weight(self, q: FloatArray) -> None:
+        """Raises MotionRefusedError where a joint cannot hold the arm's weight at `q`."""
+        model = self._kinematics.model
+        gravity = pin.computeGeneralizedGravity(model, model.createData(), q)
+        excess = np.abs(gravity) - self._effort
+        worst = int(np.argmax(excess))
+        if excess[worst] > 0.0:
+            raise MotionRefusedError(
+                f"{self._kinematics.names[worst]} would need {gravity[worst]:.1f} N·m to hold "
+                f"the arm's weight; it has {self._effort[worst]:.1f} N·m"
+            )
 
     def set_wrench(self, wrench: Wrench) -> None:
         """Exert `wrench` on the world; it is approached by the slew limits.

@@ -95,13 +95,15 @@ def find_rule(key: Key) -> ParameterRule:
 
 
 def checked_value(rule: ParameterRule, value: Value) -> float:
-    """`value` as the double that travels. Raises ConfigurationError for one that is not accepted."""
+    """`value` as the double that travels. Raises ConfigurationError where it is not accepted."""
     error = ConfigurationError(rule.name, f"accepts {rule.allowed}, not {value!r}")
     if not isinstance(rule.accepted, _Bound):
         try:
-            number = vocab(value) if isinstance(value, str) else value
-            return float(rule.accepted(number))
-        except (ValueError, TypeError):
+            code = vocab(value) if isinstance(value, str) else int(value)
+            if not isinstance(value, str) and code != value:
+                raise error
+            return float(rule.accepted(code))
+        except (ValueError, TypeError, OverflowError):
             raise error from None
     if isinstance(value, (bool, str)) or not isinstance(value, (int, float)):
         raise error

@@ -56,10 +56,12 @@ BOUNDLESS = 1e3
 class Line(Protocol):
     """What the planner needs of a straight path."""
 
-    duration_s: float
+    @property
+    def duration_s(self) -> float:
+        """Time until rest, s."""
 
-    def at(self, t: float) -> tuple[Pose, Twist]:
-        """Pose and twist (base axes) at time `t` from the start, s."""
+    def at(self, t_s: float, /) -> tuple[Pose, Twist]:
+        """Pose and twist (base axes) at `t_s` since the start."""
 
 
 @dataclass(frozen=True, kw_only=True)

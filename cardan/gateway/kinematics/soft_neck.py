@@ -104,9 +104,11 @@ def load_soft_neck(name_or_file: str = "teo_soft_neck") -> SoftNeckData:
     own = not name_or_file.endswith(".toml")
     path = _FOLDER / f"{name_or_file}.toml" if own else Path(name_or_file)
     try:
-        return SoftNeckData.model_validate(tomllib.loads(path.read_text("utf-8")))
-    except (OSError, UnicodeDecodeError) as error:
+        text = path.read_text("utf-8")
+    except (OSError, ValueError) as error:
         raise ConfigurationError("", f"{path.name} cannot be read: {error}") from None
+    try:
+        return SoftNeckData.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise ConfigurationError("", f"{path.name}: not TOML: {error}") from None
     except ValidationError as error:
@@ -114,7 +116,7 @@ def load_soft_neck(name_or_file: str = "teo_soft_neck") -> SoftNeckData:
         key = ".".join(str(part) for part in first["loc"])
         message = first["msg"].removeprefix("Value error, ")
         raise ConfigurationError(
-            key, f"{path.name}: {message}; found {first['input']!r}"
+            "", f"{path.name}: {key}: {message}; found {first['input']!r}"
         ) from None
 
 
@@ -314,7 +316,7 @@ class SoftNeck:
         return found
 
     def _bend(self, q: FloatArray) -> tuple[float, float, float]:
-        """Inclination x and y, and the co-contraction, by Newton from the first-order shape.
+        """Inclination x and y, and the co-contraction, by Newton from straight up.
 
         Steps end at the inclination's limit; from there on the tendons are met in the sense of
         least squares.

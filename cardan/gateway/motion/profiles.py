@@ -1,4 +1,4 @@
-"""Motion along a length: how far, how fast, at any time, with speed and its rates of change bounded.
+"""Motion along a length in time, with speed and its rates of change bounded.
 
 A profile is a chain of phases of constant jerk. The length has whatever unit its user gives it
 (m, rad, the share of a path), and speed, acceleration and jerk the same unit per s, s² and s³.
@@ -7,6 +7,7 @@ A profile is a chain of phases of constant jerk. The length has whatever unit it
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 
@@ -68,6 +69,13 @@ def stopping_phases(
     )
 
 
+def _ways(speed: float, phases: tuple[Phase, ...]) -> Iterator[float]:
+    """Way covered in each phase, from `speed` on."""
+    for time, a, jerk in phases:
+        yield time * (speed + time * (0.5 * a + time * jerk / 6.0))
+        speed += time * (a + time * 0.5 * jerk)
+
+
 class Profile:
     """Phases one after the other, then the last speed for ever (0 where the motion ends).
 
@@ -80,9 +88,9 @@ class Profile:
         acceleration: float,
         jerk: float,
         start: ProfileState,
-        end: tuple[float, float] | None = None,
+        end: tuple[float, float],
     ) -> None:
-        """`end`: way and speed after the last phase, where they are known better than by sums."""
+        """`end`: way and speed after the last phase, free of the rounding of sums."""
         self.acceleration = acceleration
         """Bound of |dds| when braking."""
         self.jerk = jerk
@@ -100,7 +108,7 @@ class Profile:
             ds = max(0.0, ds + length * (dds + length * 0.5 * ddds))
             time += length
         self._settled_s = time
-        self._end_s, self._end_ds = (s, ds) if end is None else end
+        self._end_s, self._end_ds = end
         self.duration_s = time if self._end_ds == 0.0 else math.inf
         """Time until rest, s; infinite for a motion without end."""
 
@@ -144,11 +152,10 @@ class Profile:
             limits.append(value)
         state = self.at(t_s)
         phases = stopping_phases(state.ds, state.dds, *limits)
-        stop = Profile(phases, limits[0], limits[1], state)
-        end = stop._end_s if self._end_ds > 0.0 else min(stop._end_s, self._end_s)
-        stop._end_s, stop._end_ds = end, 0.0
-        stop.duration_s = stop._settled_s
-        return stop
+        way = state.s + sum(_ways(state.ds, phases))
+        if self._end_ds == 0.0:
+            way = min(way, self._end_s)
+        return Profile(phases, limits[0], limits[1], state, (way, 0.0))
 
 
 def _ramp(speed: float, acceleration: float, jerk: float) -> tuple[float, float]:
@@ -167,12 +174,10 @@ def _peak_speed(length: float, acceleration: float, jerk: float) -> float:
     if math.isfinite(acceleration) and length * jerk * jerk >= 2.0 * acceleration**3:
         knee = acceleration * acceleration / jerk
         return 0.5 * (math.sqrt(knee * knee + 4.0 * acceleration * length) - knee)
-    return math.cbrt(0.25 * length * length * jerk) if _HAS_CBRT else _cbrt(length, jerk)
+    return float((0.25 * length * length * jerk) ** (1.0 / 3.0))
 
 
-def _rise(
-    speed: float, acceleration: float, jerk: float, jerk_s: float, constant_s: float
-) -> tuple[Phase, ...]:
+def _rise(speed: float, jerk_s: float, constant_s: float) -> tuple[Phase, ...]:
     """From rest to `speed`."""
     if speed <= 0.0 or jerk_s + constant_s <= 0.0:
         return ()
@@ -184,3 +189,91 @@ def _rise(
         Phase(constant_s, peak, 0.0),
         Phase(jerk_s, peak, -peak / jerk_s),
     )
+
+
+def _rest_to_rest(
+    length: float, speed: float, acceleration: float, jerk: float, duration_s: float | None
+) -> tuple[Phase, ...]:
+    """Phases of the quickest symmetric motion over `length`, stretched to `duration_s`."""
+    if not 0.0 <= length < math.inf:
+        raise ValueError(f"length {length:g} is not a finite number from 0")
+    _require_positive(speed=speed, acceleration=acceleration, jerk=jerk)
+    if math.isinf(speed):
+        raise ValueError("speed is infinite")
+    if length == 0.0:
+        if duration_s is not None and not 0.0 <= duration_s < math.inf:
+            raise ValueError(f"duration {duration_s:g} s is not a finite time")
+        # Standing still lasts as long as it is asked to.
+        return () if duration_s is None else (Phase(duration_s, 0.0, 0.0),)
+    jerk_s, constant_s = _ramp(speed, acceleration, jerk)
+    ramp_s = 2.0 * jerk_s + constant_s
+    if speed * ramp_s > length:
+        speed = _peak_speed(length, acceleration, jerk)
+        jerk_s, constant_s = _ramp(speed, acceleration, jerk)
+        ramp_s = 2.0 * jerk_s + constant_s
+        cruise_s = 0.0
+    else:
+        cruise_s = length / speed - ramp_s
+    quickest_s = 2.0 * ramp_s + cruise_s
+    rate = 1.0
+    if duration_s is not None:
+        if not quickest_s * (1.0 - 1e-12) <= duration_s < math.inf:
+            raise ValueError(
+                f"duration {duration_s:g} s is not possible: the limits need {quickest_s:g} s"
+            )
+        rate = min(1.0, quickest_s / duration_s)
+    rise = _rise(speed, jerk_s, constant_s)
+    fall = tuple(
+        Phase(phase.duration_s, -phase.acceleration - phase.jerk * phase.duration_s, phase.jerk)
+        for phase in reversed(rise)
+    )
+    return tuple(
+        Phase(phase.duration_s / rate, phase.acceleration * rate**2, phase.jerk * rate**3)
+        for phase in (*rise, Phase(cruise_s, 0.0, 0.0), *fall)
+    )
+
+
+class JerkLimited(Profile):
+    """From rest to rest over `length` with speed, acceleration and jerk bounded: up to 7 phases.
+
+    The quickest such motion; where `length` is too short, without cruising and without constant
+    acceleration. A `duration_s` above its time stretches it in time; one below raises ValueError
+    naming both. An infinite jerk makes a trapezoid, an infinite acceleration is no bound.
+    """
+
+    def __init__(
+        self,
+        length: float,
+        speed: float,
+        acceleration: float,
+        jerk: float,
+        duration_s: float | None = None,
+    ) -> None:
+        phases = _rest_to_rest(length, speed, acceleration, jerk, duration_s)
+        start = ProfileState(0.0, 0.0, 0.0)
+        if math.isinf(jerk) and math.isinf(acceleration) and length > 0.0:
+            start = ProfileState(0.0, length / sum(phase.duration_s for phase in phases), 0.0)
+        super().__init__(phases, acceleration, jerk, start, (length, 0.0))
+
+
+class Trapezoid(JerkLimited):
+    """From rest to rest over `length` with speed and acceleration bounded.
+
+    `duration_s` as in :class:`JerkLimited`; an infinite acceleration makes the speed constant.
+    """
+
+    def __init__(
+        self, length: float, speed: float, acceleration: float, duration_s: float | None = None
+    ) -> None:
+        super().__init__(length, speed, acceleration, math.inf, duration_s)
+
+
+class Ramp(Profile):
+    """From rest to `speed` as quickly as the limits allow, and on without end."""
+
+    def __init__(self, speed: float, acceleration: float, jerk: float = math.inf) -> None:
+        _require_positive(speed=speed, acceleration=acceleration, jerk=jerk)
+        jerk_s, constant_s = _ramp(speed, acceleration, jerk)
+        phases = _rise(speed, jerk_s, constant_s)
+        way = 0.5 * speed * (2.0 * jerk_s + constant_s)
+        super().__init__(phases, acceleration, jerk, ProfileState(0.0, 0.0, 0.0), (way, speed))

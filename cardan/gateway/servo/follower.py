@@ -30,9 +30,6 @@ sinking under its own weight; higher gains ring with the delay of real velocity 
 SAME_TCP_M = 0.002
 """A controller whose TCP is farther from the model's than this has another tool or base."""
 
-SINGULAR = 0.03
-"""Smallest singular value below which a slow arm is called singular."""
-
 
 class ArmFollower:
     """Moves the commanded joints of one arm after a reference pose."""
@@ -115,23 +112,3 @@ class ArmFollower:
     def status(self) -> ServoStatus:
         """What the last tick met."""
         return self.servo.status()
-
-
-def in_words(status: ServoStatus) -> list[str]:
-    """What limits the arm now, for people; empty while nothing does."""
-    found = []
-    if status.active_pairs and status.path_speed < 0.9:
-        first, second = status.nearest_pair
-        found.append(f"{first} is {status.distance_m * 1e3:.0f} mm from {second}")
-    if status.smallest_singular_value < SINGULAR and status.path_speed < 0.9:
-        found.append(f"singular (smallest singular value {status.smallest_singular_value:.3f})")
-    if status.limiting_joints and status.path_speed < 0.9:
-        found.append(f"limit of {', '.join(status.limiting_joints)}")
-    if status.unreachable_m_s > 1e-3 or status.unreachable_rad_s > 1e-2:
-        found.append(
-            f"this arm cannot do {status.unreachable_m_s * 1e3:.0f} mm/s and "
-            f"{status.unreachable_rad_s:.2f} rad/s of what is asked"
-        )
-    if found:
-        found.insert(0, f"{status.path_speed * 100:.0f} % of the speed")
-    return found

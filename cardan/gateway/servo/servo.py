@@ -2,7 +2,7 @@
 
 Unknowns are the joint velocities v and the path speed s. Each tick solves
 
-    min  ½‖W(J·v - feedback - s·feed-forward)‖² + ½λ‖v‖² + ½μ‖v - posture‖² + ½ρ(1 - s)²
+    min  ½‖W(J·v - feedback - s·feed-forward)‖² + ½λ‖v‖² + ½μ‖N(v - posture)‖² + ½ρ(1 - s)²
     s.t. bounds on v that hold speed, acceleration and range (hard), 0 <= s <= 1,
          closing speed of every near pair of bodies (soft)
 
@@ -43,6 +43,15 @@ MAX_ROWS = 16
 AT_REST = 1e-5
 """rad/s or m/s: the tail of an exponential approach that no drive resolves."""
 
+POSTURE_FULL_AT_M_S = 0.02
+"""Length-weighed speed of the TCP from which the posture pulls with its full gain."""
+
+SLOWED = 0.9
+"""Share of the asked speed below which an arm is worth a word."""
+
+SINGULAR = 0.03
+"""Smallest singular value below which a slow arm is called singular."""
+
 TIGHT_M_S = 1e-4
 """A pair this near to its closing speed is what ends the motion."""
 
@@ -79,7 +88,7 @@ class ServoOptions:
     speed_share: float = 1.0
     """Of the arm's joint speeds that may be used."""
     acceleration_share: float = 1.0
-    damping: float = 0.01
+    damping: float = 0.005
     """Largest damping, at a singularity, as the singular value it stands for."""
     singular_below: float = 0.06
     """Smallest singular value (length-weighed) below which damping sets in."""
@@ -88,9 +97,8 @@ class ServoOptions:
     """How dearly slowing along the path is paid under Policy.PATH: the share of the commanded
     speed that may be lost sideways before all of the pace is given up, squared."""
     posture_gain_1_s: float = 1.0
-    posture_weight: float = 1e-4
-    """Pull of the preferred posture where the task leaves freedom. It costs a redundant arm
-    micrometres of accuracy."""
+    posture_weight: float = 1e-2
+    """Of the preferred posture where the task leaves freedom, against damping and obstacles."""
     safety_distance_m: float = 0.01
     """Obstacles are kept this far away."""
     self_distance_m: float = 0.002
@@ -123,6 +131,25 @@ class ServoStatus(NamedTuple):
     unreachable_rad_s: float
     failures: int
     """Ticks without a solution so far; each braked."""
+
+    def in_words(self) -> list[str]:
+        """What limits the arm now, for people; empty while nothing does."""
+        found = []
+        if self.path_speed < SLOWED:
+            if self.active_pairs:
+                first, second = self.nearest_pair
+                found.append(f"{first} is {self.distance_m * 1e3:.0f} mm from {second}")
+            if self.smallest_singular_value < SINGULAR:
+                found.append(f"singular ({self.smallest_singular_value:.3f})")
+            if self.limiting_joints:
+                found.append(f"limit of {', '.join(self.limiting_joints)}")
+            found.insert(0, f"{self.path_speed * 100:.0f} % of the speed asked")
+        if self.unreachable_m_s > 1e-3 or self.unreachable_rad_s > 1e-2:
+            found.append(
+                f"this arm cannot do {self.unreachable_m_s * 1e3:.0f} mm/s and "
+                f"{self.unreachable_rad_s:.2f} rad/s of what is asked"
+            )
+        return found
 
 
 class Servo:
@@ -262,16 +289,9 @@ class Servo:
             share = sigma / options.singular_below
             damping += options.damping**2 * (1.0 - share * share)
         self._lambda = damping
-        posture, weight = self.posture, options.posture_weight
-        diagonal = self._diagonal
-        if posture is not None:
-            pull = options.posture_gain_1_s * (posture - self.q)
-            if joint_rate is not None:
-                pull += joint_rate
-            linear[:n] -= weight * pull
-            diagonal += damping + weight
-        else:
-            diagonal += damping
+        self._diagonal += damping
+        if self._smallest and (self.posture is not None or joint_rate is not None):
+            self._add_posture(joint_rate, math.sqrt(weighed.dot(weighed)))
         # The price of slowing is a share of the speed itself, so it acts alike at any pace.
         speed2 = float(weighed.dot(weighed))
         stiffness = options.path_stiffness * speed2 + 1e-9
@@ -287,11 +307,14 @@ class Servo:
                 lowest[n] = 1.0
                 v = self._solve(dt_s, rows)
             # What the obstacle leaves of the twist; without it the goal would run into the wall.
-            np.dot(jacobian, v[:n], out=wanted)
-            wanted -= feedback
-            v[n] = 1.0
+            left = jacobian.dot(v[:n])
+            left -= feedback
+            asked = float(wanted.dot(wanted))
+            v[n] = min(1.0, max(0.0, float(left.dot(wanted)) / asked)) if asked else 1.0
+            wanted[:] = left
+        else:
+            wanted *= v[n]
         self.path_speed = s = float(v[n])
-        np.multiply(wanted, s, out=wanted)
         np.dot(self._own_axes, rotation.T, out=self.twist)
         self._step(v[:n], dt_s)
         return s
@@ -432,6 +455,24 @@ class Servo:
         ]
         self._active = len(near)
         return len(near)
+
+    def _add_posture(self, joint_rate: FloatArray | None, speed: float) -> None:
+        """Pull towards the posture, and what is asked of joints, where the task leaves freedom.
+
+        Only along the null space: a cost on all of v would be paid with the task's pace. And only
+        while the TCP is asked to move, because an arm whose hand rests must rest.
+        """
+        options = self.options
+        free = self._singular.eigenvectors()[:, : self._smallest]
+        pull = np.zeros(self.joints)
+        if self.posture is not None:
+            pace = min(1.0, speed / POSTURE_FULL_AT_M_S)
+            pull += pace * options.posture_gain_1_s * (self.posture - self.q)
+        if joint_rate is not None:
+            pull += joint_rate
+        weight = options.posture_weight
+        self._joint_block += (weight * free).dot(free.T)
+        self._linear[: self.joints] -= weight * free.dot(free.T.dot(pull))
 
     def _blocked(self, v: FloatArray, rows: int) -> bool:
         """True when a pair of bodies closes as fast as it may."""

@@ -180,7 +180,7 @@ def test_it_is_what_the_servo_takes():
 
 @pytest.mark.parametrize("inclination", [-0.1, 3.0, math.nan])
 def test_impossible_inclinations_are_named(inclination):
-    with pytest.raises(ValueError, match="inclination .* is outside 0 to 1.56"):
+    with pytest.raises(ValueError, match=r"inclination .* is outside 0 to 1\.56"):
         NECK.tendons(inclination, 0.0)
 
 
@@ -214,12 +214,12 @@ def test_a_neck_of_one_s_own(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (OWN.format(length=-1.0, second=120.0), "link_length_m: mine.toml: .*greater than 0"),
+        (OWN.format(length=-1.0, second=120.0), "mine.toml: link_length_m: .*greater than 0"),
         (OWN.format(length="nan", second=120.0), "link_length_m: .*finite"),
         (OWN.format(length=0.2, second=0.5), "spread around the circle"),
         (OWN.format(length=0.2, second=120.0).replace('"b"', '"a"'), "names must differ"),
         ("a = ", "mine.toml: not TOML"),
-        ("", "base_anchor_radius_m: mine.toml: Field required"),
+        ("", "mine.toml: base_anchor_radius_m: Field required"),
     ],
 )
 def test_errors_say_what_is_wrong(tmp_path, text, words):
@@ -230,5 +230,5 @@ def test_errors_say_what_is_wrong(tmp_path, text, words):
 
 
 def test_a_neck_that_is_not_there():
-    with pytest.raises(ConfigurationError, match="no_neck.toml cannot be read"):
+    with pytest.raises(ConfigurationError, match=r"no_neck\.toml cannot be read"):
         load_soft_neck("no_neck")

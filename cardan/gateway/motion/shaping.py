@@ -1,0 +1,501 @@
+"""Shaping tick by tick: a velocity or a pose that follows its target with bounded jerk.
+
+Plain floats, because a tick handles three components. Bounds are Euclidean norms, so that a
+change of target is a straight line. Between ticks the motion is continuous: the period may vary.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+from cardan.errors import ConfigurationError
+from cardan.spatial import (
+    add,
+    from_rotation_vector,
+    is_finite,
+    multiply,
+    norm,
+    normalized,
+    rotation_between,
+    scale,
+    subtract,
+)
+from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
+
+_THESIS_LOOP_S = 0.1
+"""The period of the loop in which the thesis's damping factor was the share of one step."""
+
+_KEPT_WAY_RAD = 0.2
+"""How far past half a turn a rotation keeps the way round it has chosen."""
+
+_FORMED = 0.98
+"""Share of the jerk that plans use; the rest pays for directions that rounding leaves open."""
+
+
+def damping_time_s(damping: float) -> float:
+    """Time constant of the thesis's damping factor, 0.1 (slow) to 1 (straight there: 0 s)."""
+    if not 0.1 <= damping <= 1.0:
+        raise ValueError(f"damping {damping:g} is not in 0.1 to 1")
+    return 0.0 if damping == 1.0 else -_THESIS_LOOP_S / math.log1p(-damping)
+
+
+def _stop_way(v: float, a: float, most: float, jerk: float) -> float:
+    """Signed way of the quickest stop from speed `v` and acceleration `a` along one line."""
+    if v + 0.5 * a * abs(a) / jerk < 0.0:
+        return -_stop_way(-v, -a, most, jerk)
+    rising = a / jerk
+    squared = jerk * v + 0.5 * a * a
+    if squared <= most * most:
+        peak = math.sqrt(squared)
+        hold = 0.0
+    else:
+        peak = most
+        hold = (squared - peak * peak) / (jerk * peak)
+    # Phases -jerk, none, +jerk; the last one ends at rest, so its way is peak³/(6·jerk²).
+    first = rising + peak / jerk
+    after = v + first * (a - 0.5 * jerk * first)
+    return (
+        first * (v + first * (0.5 * a - jerk * first / 6.0))
+        + hold * (after - 0.5 * peak * hold)
+        + peak * peak * peak / (6.0 * jerk * jerk)
+    )
+
+
+def _stop_sample(
+    v: float, a: float, most: float, jerk: float, dt: float
+) -> tuple[float, float, float]:
+    """Way, speed and acceleration `dt` into the quickest stop along one line."""
+    if v + 0.5 * a * abs(a) / jerk < 0.0:
+        way, v, a = _stop_sample(-v, -a, most, jerk, dt)
+        return -way, -v, -a
+    squared = jerk * v + 0.5 * a * a
+    peak = math.sqrt(squared) if squared <= most * most else most
+    hold = (squared - peak * peak) / (jerk * peak) if squared > most * most else 0.0
+    way = 0.0
+    for time, rate in (((a + peak) / jerk, -jerk), (hold, 0.0), (peak / jerk, jerk)):
+        t = time if time < dt else dt
+        way += t * (v + t * (0.5 * a + rate * t / 6.0))
+        v += t * (a + 0.5 * rate * t)
+        a += rate * t
+        dt -= t
+        if dt <= 0.0:
+            return way, v, a
+    return way, 0.0, 0.0
+
+
+class JerkLimitedVector:
+    """A velocity of 1 to 3 components that follows a target, |a| and |jerk| bounded.
+
+    Each tick takes the largest acceleration towards the target from which it can still be reached
+    without passing it: a straight change is time-optimal to within a tick, does not overshoot,
+    and ends exactly at the target. Only where the target comes nearer than the acceleration
+    already gained can be taken back is it passed, and never `speed`: what the acceleration still
+    adds stays inside it.
+    """
+
+    def __init__(self, dimensions: int, speed: float, acceleration: float, jerk: float) -> None:
+        if dimensions not in (1, 2, 3):
+            raise ValueError(f"{dimensions} dimensions are not 1, 2 or 3")
+        for name, value in (("speed", speed), ("acceleration", acceleration), ("jerk", jerk)):
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} {value:g} is not a finite number above 0")
+        self.dimensions = dimensions
+        self.speed, self.acceleration, self.jerk = speed, acceleration, jerk
+        self._v = self._a = (0.0, 0.0, 0.0)
+
+    @property
+    def velocity(self) -> tuple[float, ...]:
+        """The present velocity."""
+        return self._v[: self.dimensions]
+
+    @property
+    def acceleration_now(self) -> tuple[float, ...]:
+        """The present acceleration."""
+        return self._a[: self.dimensions]
+
+    def reset(self, velocity: tuple[float, ...] | None = None) -> None:
+        """Start anew from `velocity` (rest when None) without acceleration."""
+        values = (0.0,) * self.dimensions if velocity is None else tuple(velocity)
+        if len(values) != self.dimensions or not is_finite(values):
+            raise ValueError(f"velocity {values} is not {self.dimensions} finite numbers")
+        if math.hypot(*values) > self.speed * (1.0 + 1e-9):
+            raise ValueError(f"velocity {values} is above the speed {self.speed:g}")
+        padded = (*values, 0.0, 0.0)
+        self._v, self._a = (padded[0], padded[1], padded[2]), (0.0, 0.0, 0.0)
+
+    def advance(self, target: tuple[float, ...], dt_s: float) -> tuple[float, ...]:
+        """The velocity `dt_s` later, following `target` (shortened to the speed limit)."""
+        dimensions = self.dimensions
+        if dimensions == 3:
+            tx, ty, tz = target
+        else:
+            tx = target[0]
+            ty, tz = target[1] if dimensions == 2 else 0.0, 0.0
+            if len(target) != dimensions:
+                raise ValueError(f"target {target} has not {dimensions} components")
+        length = math.sqrt(tx * tx + ty * ty + tz * tz)
+        if not (length < math.inf and 0.0 <= dt_s < math.inf):
+            raise ValueError(f"target {target}, period {dt_s} s: finite numbers, period from 0")
+        if length > self.speed:
+            factor = self.speed / length
+            tx, ty, tz = tx * factor, ty * factor, tz * factor
+        self._v, self._a = _follow(
+            self._v, self._a, (tx, ty, tz), self.speed, self.acceleration, self.jerk, dt_s
+        )
+        return Vector3(*self._v) if dimensions == 3 else self._v[:dimensions]
+
+
+_Triple = tuple[float, float, float]
+
+
+def _follow(
+    v: _Triple, a: _Triple, target: _Triple, speed: float, most: float, jerk: float, dt: float
+) -> tuple[_Triple, _Triple]:
+    """One tick of velocity and acceleration towards `target`, which is within `speed`."""
+    vx, vy, vz = v
+    ax, ay, az = a
+    ex, ey, ez = target[0] - vx, target[1] - vy, target[2] - vz
+    aa = ax * ax + ay * ay + az * az
+    ee = ex * ex + ey * ey + ez * ez
+    if dt == 0.0 or (aa == 0.0 and ee == 0.0):
+        return v, a
+    q = jerk * dt
+    e, an = math.sqrt(ee), math.sqrt(aa)
+    # Landing within this tick, when everything is along one line and there is time for it.
+    if an <= q and 4.0 * e <= 3.0 * q * dt:
+        along = (ax * ex + ay * ey + az * ez) / e if e > 0.0 else an
+        if aa - along * along <= 1e-12 * aa:
+            rest = jerk * e + 0.5 * aa
+            outside = along > 0.0 and along * along > 2.0 * jerk * e * (1.0 + 1e-6)
+            if not outside and 2.0 * math.sqrt(rest) - along <= q * (1.0 + 1e-9):
+                return target, (0.0, 0.0, 0.0)
+    # What is left when this tick's share of the present acceleration is spent.
+    half = 0.5 * dt
+    xx, xy, xz = ex - ax * half, ey - ay * half, ez - az * half
+    x = math.sqrt(xx * xx + xy * xy + xz * xz)
+    # From acceleration w the rest of the way takes w²/(2·jerk): w²/(2·jerk) + w·dt/2 = x.
+    wanted = math.sqrt(0.25 * q * q + 2.0 * jerk * x) - 0.5 * q
+    if wanted > most:
+        wanted = most
+    factor = wanted / x if x > 0.0 else 0.0
+    cx, cy, cz = xx * factor - ax, xy * factor - ay, xz * factor - az
+    change = math.sqrt(cx * cx + cy * cy + cz * cz)
+    if change > q:
+        factor = q / change
+        cx, cy, cz = cx * factor, cy * factor, cz * factor
+    nx, ny, nz = ax + cx, ay + cy, az + cz
+    limit = speed * speed * (1.0 + 1e-9)
+    # Straight from the kill of the acceleration towards the wanted one, as far as the speed that
+    # is still to come allows.
+    kill = (1.0 - q / an) if an > q else 0.0
+    kx, ky, kz = ax * kill, ay * kill, az * kill
+    for share in (1.0, 0.5, 0.25, 0.125):
+        if share < 1.0:
+            nx = kx + share * (ax + cx - kx)
+            ny = ky + share * (ay + cy - ky)
+            nz = kz + share * (az + cz - kz)
+        ux, uy, uz = vx + half * (ax + nx), vy + half * (ay + ny), vz + half * (az + nz)
+        n = math.sqrt(nx * nx + ny * ny + nz * nz)
+        g = 0.5 * n / jerk
+        sx, sy, sz = ux + nx * g, uy + ny * g, uz + nz * g
+        if sx * sx + sy * sy + sz * sz <= limit:
+            return (ux, uy, uz), (nx, ny, nz)
+    time = dt if an > q else an / jerk
+    mean = 0.5 * time
+    return (
+        (vx + mean * (ax + kx), vy + mean * (ay + ky), vz + mean * (az + kz)),
+        (kx, ky, kz),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseShaperLimits:
+    """What the reference of a pose may do; norms, translation and rotation each by its own."""
+
+    linear_speed_m_s: float = 0.25
+    linear_acceleration_m_s2: float = 1.0
+    linear_jerk_m_s3: float = 10.0
+    angular_speed_rad_s: float = 1.0
+    angular_acceleration_rad_s2: float = 4.0
+    angular_jerk_rad_s3: float = 40.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0.0 < value < math.inf:
+                raise ConfigurationError(field.name, f"{value!r} is not a finite number above 0")
+
+
+class _Chaser:
+    """Velocity and acceleration of a point that chases another, and one tick of its way.
+
+    The point where the quickest stop would end is steered to the target and not past it: each
+    tick goes on as far as that allows, between braking and going at full speed. Along one line
+    that is exact (the stop is known in closed form); across, the stop is estimated and corrected
+    tick by tick.
+    """
+
+    def __init__(self, speed: float, acceleration: float, jerk: float, time_s: float) -> None:
+        self.speed, self.acceleration, self.jerk = speed, acceleration, jerk * _FORMED
+        self._margin = jerk * (1.0 - _FORMED)
+        self._time_s = time_s
+        self.v = self.a = ZERO3
+
+    def rest(self) -> None:
+        self.v = self.a = ZERO3
+
+    def advance(self, d: Vector3, dt: float) -> Vector3:
+        """The way of this tick; `d` is what separates the point from its target now."""
+        v, a = self.v, self.a
+        distance, vn, an = norm(d), norm(v), norm(a)
+        if distance == 0.0 and vn == 0.0 and an == 0.0:
+            return ZERO3
+        # Largest jerk of the quintic from here to rest at the target in one tick.
+        if 60.0 * distance + dt * (36.0 * vn + dt * 9.0 * an) <= self.jerk * dt**3:
+            self.rest()
+            return d
+        if distance > 0.0:
+            u = scale(d, 1.0 / distance)
+        else:
+            u = scale(v, 1.0 / vn) if vn > 0.0 else scale(a, 1.0 / an)
+        dv = v[0] * u[0] + v[1] * u[1] + v[2] * u[2]
+        da = a[0] * u[0] + a[1] * u[1] + a[2] * u[2]
+        across_v = norm(subtract(v, scale(u, dv)))
+        across_a = norm(subtract(a, scale(u, da)))
+        if 36.0 * across_v + 9.0 * dt * across_a <= self._margin * dt * dt:
+            way, dv, da = self._straight(distance, dv, da, dt)
+            self.v, self.a = scale(u, dv), scale(u, da)
+            return scale(u, way)
+        return self._across(d, distance, dt)
+
+    def _fastest(self, distance: float) -> float:
+        if self._time_s <= 0.0:
+            return self.speed
+        return min(self.speed, distance / self._time_s)
+
+    def _straight(self, d: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
+        most, jerk = self.acceleration, self.jerk
+        left = d - _stop_way(v, a, most, jerk)
+        stopped = _stop_sample(v, a, most, jerk, dt)
+        tolerance = jerk * dt**3 / 200.0
+        if abs(left) <= tolerance:
+            return stopped
+        side = 1.0 if left > 0.0 else -1.0
+        fastest = side * self._fastest(abs(d))
+        (going, _, _), (gained, _, _) = _follow(
+            (v, 0.0, 0.0), (a, 0.0, 0.0), (fastest, 0.0, 0.0), self.speed, most, jerk, dt
+        )
+        # A tick that lands on the speed has another shape inside than a line: its way is bounded
+        # by that of the line and the change of shape, which the next tick's stop takes in.
+        way = dt * (v + going) / 2.0 + dt * dt * (a - gained) / 12.0
+        over = side * (way + _stop_way(going, gained, most, jerk) - d)
+        if over <= 0.0:
+            return way, going, gained
+        # Between braking (share 0, never past the target) and going (share 1, past it): the
+        # secant kept inside its bracket, and only ever the side that is not past.
+        lowest, highest, under = 0.0, 1.0, -abs(left)
+        best = stopped
+        for _ in range(12):
+            share = lowest + (highest - lowest) * under / (under - over)
+            next_a = stopped[2] + share * (gained - stopped[2])
+            next_v = v + 0.5 * dt * (a + next_a)
+            way = dt * (v + dt * (2.0 * a + next_a) / 6.0)
+            past = side * (way + _stop_way(next_v, next_a, most, jerk) - d)
+            if past <= 0.0:
+                if abs(next_v) <= self.speed:
+                    best = (way, next_v, next_a)
+                lowest, under = share, past
+                over *= 0.5
+                if past > -tolerance:
+                    break
+            else:
+                highest, over = share, past
+                under *= 0.5
+        return best
+
+    def _stop_estimate(self, v: Vector3, a: Vector3) -> Vector3:
+        """Where the quickest stop would end, from here: exact along one line."""
+        jerk = self.jerk
+        an = norm(a)
+        end = add(v, scale(a, 0.5 * an / jerk))
+        speed = norm(end)
+        if speed <= 1e-12:
+            return add(scale(v, an / jerk), scale(a, an * an / (3.0 * jerk * jerk)))
+        n = scale(end, 1.0 / speed)
+        vn = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
+        along = a[0] * n[0] + a[1] * n[1] + a[2] * n[2]
+        side_v, side_a = subtract(v, scale(n, vn)), subtract(a, scale(n, along))
+        side = add(scale(side_v, an / jerk), scale(side_a, an * an / (3.0 * jerk * jerk)))
+        return add(scale(n, _stop_way(vn, along, self.acceleration, jerk)), side)
+
+    def _across(self, d: Vector3, distance: float, dt: float) -> Vector3:
+        v, a, most, jerk = self.v, self.a, self.acceleration, self.jerk
+        stop = self._stop_estimate(v, a)
+        left = subtract(d, stop)
+        far = norm(left)
+        braked_v, braked_a = _follow(v, a, ZERO3, self.speed, most, jerk, dt)
+        chosen_v, chosen_a = Vector3(*braked_v), Vector3(*braked_a)
+        if far > jerk * dt**3 / 200.0:
+            aim = scale(left, self._fastest(distance) / far)
+            going_v, going_a = _follow(v, a, aim, self.speed, most, jerk, dt)
+            for share in (1.0, 0.75, 0.5, 0.25, 0.125, 0.0625):
+                # Both ends keep speed, acceleration and jerk, which are convex.
+                next_v = add(chosen_v, scale(subtract(Vector3(*going_v), chosen_v), share))
+                next_a = add(chosen_a, scale(subtract(Vector3(*going_a), chosen_a), share))
+                moved = add(
+                    scale(add(v, next_v), 0.5 * dt), scale(subtract(a, next_a), dt * dt / 12.0)
+                )
+                reach = subtract(add(moved, self._stop_estimate(next_v, next_a)), stop)
+                if reach[0] * left[0] + reach[1] * left[1] + reach[2] * left[2] <= far * far:
+                    chosen_v, chosen_a = next_v, next_a
+                    break
+        way = add(scale(add(v, chosen_v), 0.5 * dt), scale(subtract(a, chosen_a), dt * dt / 12.0))
+        self.v, self.a = chosen_v, chosen_a
+        return way
+
+
+class _RuckigChaser:
+    """The same chase by ruckig's position interface: bounds per axis, so that norms hold too."""
+
+    def __init__(self, speed: float, acceleration: float, jerk: float, time_s: float) -> None:
+        try:
+            import ruckig
+        except ImportError:
+            raise ConfigurationError(
+                "backend", "'ruckig' is asked for, but not installed"
+            ) from None
+        self._ruckig: Any = ruckig
+        self.speed, self.acceleration, self.jerk = speed, acceleration, jerk
+        self._time_s = time_s
+        self._input = ruckig.InputParameter(3)
+        # Phase synchronisation is a straight line wherever the state allows one.
+        self._input.synchronization = ruckig.Synchronization.Phase
+        self._input.minimum_velocity = None
+        self._trajectory = ruckig.Trajectory(3)
+        self._otg = ruckig.Ruckig(3)
+        self.v = self.a = ZERO3
+
+    def rest(self) -> None:
+        self.v = self.a = ZERO3
+
+    def advance(self, d: Vector3, dt: float) -> Vector3:
+        """As in :class:`_Chaser`."""
+        if d == ZERO3 and self.v == ZERO3 and self.a == ZERO3:
+            return ZERO3
+        share = 1.0 / math.sqrt(3.0)
+        speed = self.speed
+        if self._time_s > 0.0:
+            speed = max(1e-6 * speed, min(speed, norm(d) / self._time_s))
+        given = self._input
+        given.current_position = [0.0, 0.0, 0.0]
+        given.current_velocity, given.current_acceleration = list(self.v), list(self.a)
+        given.target_position = list(d)
+        given.max_velocity = [share * speed] * 3
+        given.max_acceleration = [share * self.acceleration] * 3
+        given.max_jerk = [share * self.jerk] * 3
+        if self._otg.calculate(given, self._trajectory) < 0:
+            raise ValueError(f"ruckig finds no way over {tuple(d)}")
+        way, v, a = self._trajectory.at_time(dt)
+        if dt >= self._trajectory.duration:
+            self.rest()
+            return d
+        self.v, self.a = Vector3(*v), Vector3(*a)
+        return Vector3(*way)
+
+
+class PoseShaper:
+    """A pose that chases a target pose: straight in position, along the geodesic in rotation.
+
+    Speed, acceleration and jerk stay within `limits` wherever the target jumps, which it may do
+    at every tick. From rest a resting target is reached without passing it by more than 1e-9 of
+    the way. `damping` is the thesis's factor, 0.1 to 1, as a time constant (:func:`damping_time_s`):
+    the speed is at most the distance through it, whatever the tick rate. A rotation near half a
+    turn keeps the way round it has chosen until the other is shorter by 0.4 rad.
+
+    `backend` "ruckig" takes that library's position interface instead; its bounds are per axis,
+    a norm's through the square root of 3.
+    """
+
+    def __init__(
+        self,
+        limits: PoseShaperLimits,
+        *,
+        damping: float = 1.0,
+        backend: Literal["builtin", "ruckig"] = "builtin",
+    ) -> None:
+        if backend not in ("builtin", "ruckig"):
+            raise ConfigurationError("backend", f"{backend!r} is neither 'builtin' nor 'ruckig'")
+        make = _Chaser if backend == "builtin" else _RuckigChaser
+        try:
+            time_s = damping_time_s(damping)
+        except ValueError as error:
+            raise ConfigurationError("damping", str(error)) from None
+        self._linear = make(
+            limits.linear_speed_m_s,
+            limits.linear_acceleration_m_s2,
+            limits.linear_jerk_m_s3,
+            time_s,
+        )
+        self._angular = make(
+            limits.angular_speed_rad_s,
+            limits.angular_acceleration_rad_s2,
+            limits.angular_jerk_rad_s3,
+            time_s,
+        )
+        self.limits = limits
+        self.pose: Pose | None = None
+        """Where the reference is, in the base frame; None until placed."""
+        self._turn: Vector3 | None = None
+
+    def place(self, pose: Pose) -> None:
+        """Put the reference at `pose` (base frame), at rest."""
+        self.pose = Pose(pose.position, normalized(pose.orientation), Frame.BASE)
+        self._linear.rest()
+        self._angular.rest()
+        self._turn = None
+
+    @property
+    def twist(self) -> Twist:
+        """The present velocity, in base axes."""
+        return Twist(self._linear.v, self._angular.v, Frame.BASE)
+
+    @property
+    def acceleration(self) -> Twist:
+        """The present acceleration, m/s² and rad/s², in base axes."""
+        return Twist(self._linear.a, self._angular.a, Frame.BASE)
+
+    def advance(self, target: Pose, dt_s: float) -> Pose:
+        """The pose `dt_s` later, on the way to `target` (base frame)."""
+        pose = self.pose
+        if pose is None:
+            raise RuntimeError("the shaper has not been placed")
+        if not (is_finite(target.position) and is_finite(target.orientation)):
+            raise ValueError(f"target {target} is not finite")
+        if not 0.0 <= dt_s < math.inf:
+            raise ValueError(f"period {dt_s} s is not a finite time from 0")
+        turn = self._chosen_turn(rotation_between(pose.orientation, normalized(target.orientation)))
+        if dt_s == 0.0:
+            return pose
+        way = self._linear.advance(subtract(target.position, pose.position), dt_s)
+        turned = self._angular.advance(turn, dt_s)
+        self._turn = turn
+        self.pose = Pose(
+            add(pose.position, way),
+            normalized(multiply(from_rotation_vector(turned), pose.orientation)),
+            Frame.BASE,
+        )
+        return self.pose
+
+    def _chosen_turn(self, short: Vector3) -> Vector3:
+        """The rotation to go, rad: `short`, or the way of the tick before while it is near pi."""
+        before = self._turn
+        angle = norm(short)
+        if before is None or angle < math.pi - _KEPT_WAY_RAD:
+            return short
+        if short[0] * before[0] + short[1] * before[1] + short[2] * before[2] >= 0.0:
+            return short
+        if norm(before) < 0.5 * math.pi:
+            return short
+        return scale(short, (angle - 2.0 * math.pi) / angle)

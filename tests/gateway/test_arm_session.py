@@ -1,0 +1,256 @@
+"""Sessions that command joints by an arm's model, on the simulated arm, in virtual time."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cardan.drivers.sim_arm import SimArm, SimArmOptions
+from cardan.errors import ConfigurationError
+from cardan.gateway.config import make_arm, make_robot, parse_config
+from cardan.gateway.engine import Phase, TeleopEngine
+from cardan.gateway.mapping import TwistMapping
+from cardan.gateway.reference import Reference
+from cardan.types import (
+    CommandKind,
+    DeviceLink,
+    DeviceState,
+    JointCommand,
+    JointVelocityCommand,
+    PoseCommand,
+)
+
+REST = (0.0,) * 6
+
+
+def table(arm="ur5", robot=None, **more):
+    return {
+        "device": {"driver": "spacemouse"},
+        "robot": {
+            "driver": "sim_arm",
+            "robot": arm,
+            "pacing": "virtual",
+            "drive": "ideal",
+            **(robot or {}),
+        },
+        "arm": {"model": arm},
+        "limits": {"linear_speed_m_s": 0.25, "linear_acceleration_m_s2": 2.0},
+        "mapping": {"linear_speed_m_s": 0.1, "deadman": "left"},
+        **more,
+    }
+
+
+class Run:
+    """A session's loop without its process: a scripted hand, the engine, the simulated arm."""
+
+    def __init__(self, **config):
+        self.config = parse_config(table(**config))
+        self.robot = make_robot(self.config)
+        self.arm = make_arm(self.config, self.robot)
+        self.engine = TeleopEngine(
+            TwistMapping(self.config.mapping_options()),
+            Reference(self.config.reference_limits()),
+            self.config.watchdog_limits(),
+            arm=self.arm,
+        )
+        self.robot.open()
+        self.cycles = self.robot.cycles()
+        self.commands = []
+        self.state = None
+
+    def go(self, seconds, axes=REST, held=True, link=DeviceLink.LIVE, silent=False):
+        """Let the hand do that for a time; returns how the measured TCP moved, m."""
+        first = None
+        for _ in range(round(seconds / self.robot.options.period_s)):
+            self.state = state = next(self.cycles)
+            first = first or state.pose
+            stamp_s = state.stamp_s - (1.0 if silent else 0.0)
+            hand = DeviceState(stamp_s, link, axes, frozenset(("left",) if held else ()))
+            command = self.engine.tick(state, hand)
+            self.commands.append(command)
+            self.robot.send(command)
+        return np.array(self.state.pose.position) - np.array(first.position)
+
+    def arm_it(self):
+        self.go(0.1, held=False)
+        self.go(0.02)
+        assert self.engine.phase is Phase.HOLDING
+        return self
+
+    @property
+    def joints(self):
+        return np.array([c.positions for c in self.commands if isinstance(c, JointCommand)])
+
+
+FORWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("arm", ["ur5", "gofa_crb15000_5", "gp8", "teo_left_arm", "amor"])
+def test_a_hand_drives_any_arm_and_its_joints_are_commanded(arm):
+    run = Run(arm=arm).arm_it()
+    moved = run.go(1.0, (0.0, 0.3, 0.3, 0.0, 0.0, 0.0))
+    assert moved == pytest.approx((0.0, 0.03, 0.03), abs=3e-3)
+    assert isinstance(run.commands[-1], JointCommand)
+    status = run.engine.status()
+    assert status.phase is Phase.MOVING
+    assert status.arm.failures == 0
+    run.go(0.3)
+    assert run.engine.phase is Phase.HOLDING
+    assert run.engine.at_rest
+    speeds = np.diff(run.joints, axis=0) / 0.002
+    kinematics = run.arm.servo.kinematics
+    assert (np.abs(speeds) <= kinematics.velocity + 1e-6).all()
+    bends = np.abs(np.diff(speeds, axis=0)) / 0.002
+    assert (bends <= kinematics.acceleration * (1 + 1e-6) + 1e-6).all()
+
+
+def test_nothing_moves_before_the_deliberate_act():
+    run = Run()
+    assert run.go(0.5, FORWARD) == pytest.approx((0, 0, 0), abs=1e-9)
+    assert run.engine.phase is Phase.DISARMED
+
+
+def test_a_silent_hand_ends_in_a_braking_ramp():
+    run = Run().arm_it()
+    run.go(0.5, FORWARD)
+    run.go(0.5, FORWARD, silent=True)
+    assert run.engine.phase is Phase.DISARMED
+    assert run.go(0.5, FORWARD, silent=True) == pytest.approx((0, 0, 0), abs=1e-6)
+    assert run.engine.status().trips == 1
+
+
+def test_a_wall_is_kept_clear_of_and_said():
+    probe = Run()
+    probe.go(0.1)
+    x = probe.state.pose.position.x
+    low, high = [x + 0.15, -0.5, -0.2], [x + 0.155, 0.5, 1.2]
+    run = Run(obstacles=[{"name": "wall", "box": [low, high]}]).arm_it()
+    run.go(3.0, FORWARD)
+    status = run.engine.status()
+    assert 0.009 < status.arm.distance_m < 0.0105
+    assert "wall" in status.arm.nearest_pair
+    assert any("wall" in words for words in status.arm.in_words())
+    assert status.leash_used < 0.2  # nothing wound up
+    back = run.go(0.5, (-1.0, 0, 0, 0, 0, 0))
+    assert back[0] < -0.04
+
+
+def test_joint_limits_hold_while_the_hand_insists():
+    run = Run(arm="teo_right_arm").arm_it()
+    kinematics = run.arm.servo.kinematics
+    for axes in (FORWARD, (0.0, 0.0, 1.0, 0.0, 0.0, 1.0), (0.0, 1.0, -1.0, 1.0, 0.0, 0.0)):
+        run.go(6.0, axes)
+    assert (run.joints <= kinematics.upper + 1e-5).all()
+    assert (run.joints >= kinematics.lower - 1e-5).all()
+    assert run.engine.status().arm.failures == 0
+
+
+def test_an_arm_that_something_holds_is_let_go_and_glided_back_to():
+    run = Run(robot={"drive": "dynamic"}).arm_it()
+    run.go(0.3, FORWARD)
+    plant = run.robot.arm.plant
+    held = np.array(plant.positions)
+    held[1] += 0.8  # somebody pushes the elbow far away
+    plant.set_state(held, (0.0,) * 6)
+    before = len(run.commands)
+    run.go(3.0, FORWARD)
+    status = run.engine.status()
+    assert status.trips >= 1
+    assert run.engine.phase is not Phase.MOVING
+    speeds = np.abs(np.diff(run.joints[before - 1 :], axis=0)) / 0.002
+    assert (speeds <= run.arm.servo.kinematics.velocity + 1e-6).all()
+
+
+class OnlyTakes(SimArm):
+    """The simulated arm as a robot that takes other commands."""
+
+    kinds = frozenset({CommandKind.JOINT_VELOCITY, CommandKind.HOLD})
+
+    @property
+    def capabilities(self):
+        return super().capabilities._replace(commands=self.kinds)
+
+
+def test_an_arm_that_takes_velocities_does_not_sink(monkeypatch):
+    """The paper's sag: velocity commands cannot hold an arm; the virtual reference point can."""
+    monkeypatch.setattr("cardan.gateway.config.make_robot", lambda config: None)
+    run = Run(robot={"drive": "dynamic"})
+    run.robot.close()
+    run.robot = OnlyTakes(SimArmOptions(robot="ur5", pacing="virtual", drive="dynamic"))
+    run.arm = run.engine.arm = make_arm(run.config, run.robot)
+    run.robot.open()
+    run.cycles = run.robot.cycles()
+    run.arm_it()
+    assert isinstance(run.commands[-1], JointVelocityCommand)
+    held = run.go(10.0)
+    free = OnlyTakes(SimArmOptions(robot="ur5", pacing="virtual", drive="dynamic"))
+    free.open()
+    first = None
+    for state, _ in zip(free.cycles(), range(5000), strict=False):
+        first = first or state.pose
+        free.send(JointVelocityCommand((0.0,) * 6))
+    sunk = first.position.z - state.pose.position.z
+    assert sunk > 3e-3
+    assert abs(held[2]) < 0.2 * sunk
+
+
+def test_a_robot_that_takes_poses_gets_those_of_joints_inside_their_limits():
+    class TakesPoses(OnlyTakes):
+        kinds = frozenset({CommandKind.POSE, CommandKind.HOLD})
+
+        def send(self, command):
+            self.sent = command
+
+    run = Run()
+    run.robot.close()
+    run.robot = TakesPoses(SimArmOptions(robot="ur5", pacing="virtual", drive="ideal"))
+    run.arm = run.engine.arm = make_arm(run.config, run.robot)
+    run.robot.open()
+    run.cycles = run.robot.cycles()
+    run.go(0.1, held=False)
+    run.go(0.2)
+    run.go(0.1, FORWARD)
+    command = run.commands[-1]
+    assert isinstance(command, PoseCommand)
+    assert math.dist(command.pose.position, run.engine.reference.pose.position) < 1e-4
+    assert command.twist.linear.x == pytest.approx(run.engine.reference.linear.x, abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"arm": {"model": "ur6"}}, "arm.model: there is no arm 'ur6'; allowed: amor"),
+        ({"arm": {"model": "asibot"}}, "has 5 joints, the robot as configured 6"),
+        ({"arm": {"model": "ur5", "policy": "guess"}}, "arm.policy: .*'path' or 'reach'"),
+        ({"arm": {"model": "ur5", "speed_share": 1.5}}, "arm.speed_share: .*less than or equal"),
+        ({"arm": {"model": "ur5", "sped_share": 1}}, "did you mean 'speed_share'"),
+        ({"obstacles": [{"name": "w"}]}, "'w' has no shape; give one of box"),
+        ({"obstacles": [{"name": "w", "box": [[0.0, 0.0, 0.0], [1.0, -1.0, 1.0]]}]}, "lowest"),
+        ({"obstacles": [{"name": "p", "plane": [[0.0, 0.0, 0.0], 0.0]}]}, "no direction"),
+        ({"obstacles": {"name": "p"}}, r"under the heading \[\[obstacles\]\]"),
+        (
+            {
+                "arm": {"model": "ur5", "collisions": False},
+                "obstacles": [{"name": "p", "plane": [[0.0, 0.0, 1.0], 0.0]}],
+            },
+            "only an arm's model keeps away",
+        ),
+    ],
+)
+def test_a_wrong_arm_is_refused_by_name(change, words):
+    whole = table()
+    whole.update(change)
+    with pytest.raises(ConfigurationError, match=words):
+        make_all(whole)
+
+
+def make_all(whole):
+    config = parse_config(whole)
+    return make_arm(config, make_robot(config))
+
+
+def test_a_robot_that_takes_only_joints_needs_an_arm():
+    whole = table()
+    del whole["arm"]
+    with pytest.raises(ConfigurationError, match=r"without an \[arm\] table"):
+        make_robot(parse_config(whole))
