@@ -168,6 +168,11 @@ def check(file: ConfigFile) -> None:
     )
     for each in make_filters(config):
         print(f"  filter   {each.name}: {each.describe()}")
+    if config.arm is not None:
+        around = (
+            f", {len(config.obstacles)} obstacles" if config.arm.collisions else ", collisions OFF"
+        )
+        print(f"  arm      {config.arm.model}, policy {config.arm.policy}{around}")
     print(
         f"  limits   {limits.linear_speed_m_s * 1e3:.0f} mm/s, "
         f"{math.degrees(limits.angular_speed_rad_s):.0f} deg/s"

@@ -29,6 +29,8 @@ else:
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 TABLES = {
+    "arm": config.ArmTable,
+    "obstacles": config.ObstacleTable,
     "mapping": config.MappingTable,
     "gripper": config.GripperTable,
     "limits": config.LimitsTable,
@@ -87,10 +89,14 @@ def test_every_driver_option_is_there_with_its_default(page, options):
 
 @pytest.mark.parametrize("name", TABLES)
 def test_every_configuration_key_is_there_with_its_default(name):
-    table = rows(section(text("configuration.md"), f"`[{name}]`"))
+    page = text("configuration.md")
+    heading = f"`[{name}]`" if f"## `[{name}]`" in page else f"`[[{name}]]`"
+    table = rows(section(page, heading))
     fields = TABLES[name].model_fields
     defaults = {
-        key: written(getattr(field.default, "value", field.default))
+        key: "must be given"
+        if field.is_required()
+        else written(getattr(field.default, "value", field.default))
         for key, field in fields.items()
     }
     assert {key: cells[0] for key, cells in table.items()} == defaults
@@ -98,10 +104,10 @@ def test_every_configuration_key_is_there_with_its_default(name):
 
 def test_every_table_of_the_configuration_has_its_section():
     named = set(
-        re.findall(r"`\[(\w+)\]`", "".join(re.findall(r"^## .*", text("configuration.md"), re.M)))
+        re.findall(r"`\[+(\w+)\]+`", "".join(re.findall(r"^## .*", text("configuration.md"), re.M)))
     )
     assert named == set(config.SessionConfig.model_fields)
-    assert set(TABLES) == named - {"device", "robot"}
+    assert set(TABLES) == named - {"device", "robot", "filters"}
 
 
 def test_every_model_is_there_as_it_is():

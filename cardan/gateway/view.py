@@ -195,10 +195,16 @@ def summary(snapshot: Snapshot) -> Table:
         ("cycles answered", f"{s.cycles:,}"),
         ("cycles missed", f"{missed_cycles(s):,}"),
         ("robot sessions", f"{metrics.get('sessions', 0):.0f}"),
-        (
-            "cycle period, mean / jitter p99",
-            f"{metrics.get('period_s', 0.0) * 1e3:.3f} ms / "
-            f"{_microseconds(metrics.get('period_jitter_p99_s'))}",
+        *(
+            (
+                (
+                    "cycle period, mean / jitter p99",
+                    f"{metrics['period_s'] * 1e3:.3f} ms / "
+                    f"{_microseconds(metrics.get('period_jitter_p99_s'))}",
+                ),
+            )
+            if "period_s" in metrics
+            else ()
         ),
         (
             "answer latency, p50 / p99 / max",
