@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import sys
 
-from bench import egm_codec, egm_latency, hid_parse
+from bench import egm_codec, egm_latency, hid_parse, servo_numbers, servo_tick
 
 BENCHMARKS = {
     "hid-parse": hid_parse.main,
     "egm-codec": egm_codec.main,
     "egm-latency": egm_latency.main,
+    "servo-tick": servo_tick.main,
+    "servo-numbers": servo_numbers.main,
 }
 
 
 def main() -> None:
     """Run them."""
-    for name in sys.argv[1:] or BENCHMARKS:
+    names = [word for word in sys.argv[1:] if not word.isdecimal()]
+    for name in names or BENCHMARKS:
         if name not in BENCHMARKS:
             sys.exit(f"there is no benchmark {name!r}; there are: {', '.join(BENCHMARKS)}")
         BENCHMARKS[name]()

@@ -600,7 +600,6 @@ def test_limits_of_teo_in_deg():
             assert math.degrees(joint.lower) == pytest.approx(low, abs=1e-4)
             assert math.degrees(joint.upper) == pytest.approx(high, abs=1e-4)
             assert math.degrees(joint.velocity) == pytest.approx(50.0, abs=1e-4)
-            assert math.degrees(joint.acceleration) == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize("name", arm_names())

@@ -512,9 +512,8 @@ class Recover:
             servo.brake(dt_s)
             if servo.moving:
                 return GOING
-            if self._back:
-                return ARRIVED
             self._braked = True
+            return ARRIVED if self._back else GOING
         error = self.measured - servo.q
         if float(np.abs(error).max()) < self._near_rad:
             self._back = True

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from cardan.errors import ConfigurationError
 from cardan.spatial import (
     add,
+    dot,
     from_rotation_vector,
     is_finite,
     multiply,
@@ -200,7 +201,7 @@ def _follow(
         n = math.sqrt(nx * nx + ny * ny + nz * nz)
         g = 0.5 * n / jerk
         sx, sy, sz = ux + nx * g, uy + ny * g, uz + nz * g
-        if sx * sx + sy * sy + sz * sz <= limit:
+        if ux * ux + uy * uy + uz * uz <= limit and sx * sx + sy * sy + sz * sz <= limit:
             return (ux, uy, uz), (nx, ny, nz)
     time = dt if an > q else an / jerk
     mean = 0.5 * time
@@ -241,13 +242,23 @@ class _Chaser:
         self.speed, self.acceleration, self.jerk = speed, acceleration, jerk * _FORMED
         self._margin = jerk * (1.0 - _FORMED)
         self._time_s = time_s
+        self._patience_s = 2.0 * (speed / acceleration + acceleration / self.jerk)
+        self._stopping = False
         self.v = self.a = ZERO3
 
     def rest(self) -> None:
+        """Stand still."""
         self.v = self.a = ZERO3
+        self._stopping = False
 
-    def advance(self, d: Vector3, dt: float) -> Vector3:
-        """The way of this tick; `d` is what separates the point from its target now."""
+    def advance(self, d: Vector3, dt: float, resting_s: float) -> Vector3:
+        """The way of this tick.
+
+        `d` is what separates the point from its target now, `resting_s` how long the target has
+        been resting.
+        """
+        if resting_s == 0.0:
+            self._stopping = False
         v, a = self.v, self.a
         distance, vn, an = norm(d), norm(v), norm(a)
         if distance == 0.0 and vn == 0.0 and an == 0.0:
@@ -260,15 +271,16 @@ class _Chaser:
             u = scale(d, 1.0 / distance)
         else:
             u = scale(v, 1.0 / vn) if vn > 0.0 else scale(a, 1.0 / an)
-        dv = v[0] * u[0] + v[1] * u[1] + v[2] * u[2]
-        da = a[0] * u[0] + a[1] * u[1] + a[2] * u[2]
+        dv = dot(v, u)
+        da = dot(a, u)
         across_v = norm(subtract(v, scale(u, dv)))
         across_a = norm(subtract(a, scale(u, da)))
         if 36.0 * across_v + 9.0 * dt * across_a <= self._margin * dt * dt:
+            self._stopping = False
             way, dv, da = self._straight(distance, dv, da, dt)
             self.v, self.a = scale(u, dv), scale(u, da)
             return scale(u, way)
-        return self._across(d, distance, dt)
+        return self._across(d, distance, dt, resting_s)
 
     def _fastest(self, distance: float) -> float:
         if self._time_s <= 0.0:
@@ -304,7 +316,8 @@ class _Chaser:
             way = dt * (v + dt * (2.0 * a + next_a) / 6.0)
             past = side * (way + _stop_way(next_v, next_a, most, jerk) - d)
             if past <= 0.0:
-                if abs(next_v) <= self.speed:
+                coming = next_v + 0.5 * next_a * abs(next_a) / jerk
+                if max(abs(coming), abs(next_v)) <= self.speed * (1.0 + 1e-9):
                     best = (way, next_v, next_a)
                 lowest, under = share, past
                 over *= 0.5
@@ -324,31 +337,38 @@ class _Chaser:
         if speed <= 1e-12:
             return add(scale(v, an / jerk), scale(a, an * an / (3.0 * jerk * jerk)))
         n = scale(end, 1.0 / speed)
-        vn = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
-        along = a[0] * n[0] + a[1] * n[1] + a[2] * n[2]
+        vn = dot(v, n)
+        along = dot(a, n)
         side_v, side_a = subtract(v, scale(n, vn)), subtract(a, scale(n, along))
         side = add(scale(side_v, an / jerk), scale(side_a, an * an / (3.0 * jerk * jerk)))
         return add(scale(n, _stop_way(vn, along, self.acceleration, jerk)), side)
 
-    def _across(self, d: Vector3, distance: float, dt: float) -> Vector3:
+    def _across(self, d: Vector3, distance: float, dt: float, resting_s: float) -> Vector3:
         v, a, most, jerk = self.v, self.a, self.acceleration, self.jerk
         stop = self._stop_estimate(v, a)
         left = subtract(d, stop)
         far = norm(left)
         braked_v, braked_a = _follow(v, a, ZERO3, self.speed, most, jerk, dt)
         chosen_v, chosen_a = Vector3(*braked_v), Vector3(*braked_a)
-        if far > jerk * dt**3 / 200.0:
+        if resting_s > self._patience_s and distance < norm(v) * self._patience_s:
+            # The estimate can hold the point on an orbit around a target that rests: stop, and
+            # go the rest straight.
+            self._stopping = True
+        if far > jerk * dt**3 / 200.0 and not self._stopping:
             aim = scale(left, self._fastest(distance) / far)
             going_v, going_a = _follow(v, a, aim, self.speed, most, jerk, dt)
             for share in (1.0, 0.75, 0.5, 0.25, 0.125, 0.0625):
-                # Both ends keep speed, acceleration and jerk, which are convex.
+                # Both ends keep acceleration and jerk, which are convex.
                 next_v = add(chosen_v, scale(subtract(Vector3(*going_v), chosen_v), share))
                 next_a = add(chosen_a, scale(subtract(Vector3(*going_a), chosen_a), share))
                 moved = add(
                     scale(add(v, next_v), 0.5 * dt), scale(subtract(a, next_a), dt * dt / 12.0)
                 )
                 reach = subtract(add(moved, self._stop_estimate(next_v, next_a)), stop)
-                if reach[0] * left[0] + reach[1] * left[1] + reach[2] * left[2] <= far * far:
+                # The speed that is still to come is no convex thing.
+                coming = norm(add(next_v, scale(next_a, 0.5 * norm(next_a) / jerk)))
+                fastest = max(coming, norm(next_v))
+                if fastest <= self.speed * (1.0 + 1e-9) and dot(reach, left) <= far * far:
                     chosen_v, chosen_a = next_v, next_a
                     break
         way = add(scale(add(v, chosen_v), 0.5 * dt), scale(subtract(a, chosen_a), dt * dt / 12.0))
@@ -378,9 +398,10 @@ class _RuckigChaser:
         self.v = self.a = ZERO3
 
     def rest(self) -> None:
+        """Stand still."""
         self.v = self.a = ZERO3
 
-    def advance(self, d: Vector3, dt: float) -> Vector3:
+    def advance(self, d: Vector3, dt: float, resting_s: float) -> Vector3:
         """As in :class:`_Chaser`."""
         if d == ZERO3 and self.v == ZERO3 and self.a == ZERO3:
             return ZERO3
@@ -410,9 +431,10 @@ class PoseShaper:
 
     Speed, acceleration and jerk stay within `limits` wherever the target jumps, which it may do
     at every tick. From rest a resting target is reached without passing it by more than 1e-9 of
-    the way. `damping` is the thesis's factor, 0.1 to 1, as a time constant (:func:`damping_time_s`):
-    the speed is at most the distance through it, whatever the tick rate. A rotation near half a
-    turn keeps the way round it has chosen until the other is shorter by 0.4 rad.
+    the way. `damping` is the thesis's factor, 0.1 to 1, as a time constant of
+    :func:`damping_time_s`: the speed is at most the distance through it, whatever the tick rate.
+    A rotation near half a turn keeps the way round it has chosen until the other is shorter by
+    0.4 rad.
 
     `backend` "ruckig" takes that library's position interface instead; its bounds are per axis,
     a norm's through the square root of 3.
@@ -448,13 +470,15 @@ class PoseShaper:
         self.pose: Pose | None = None
         """Where the reference is, in the base frame; None until placed."""
         self._turn: Vector3 | None = None
+        self._target: Pose | None = None
+        self._resting_s = 0.0
 
     def place(self, pose: Pose) -> None:
         """Put the reference at `pose` (base frame), at rest."""
         self.pose = Pose(pose.position, normalized(pose.orientation), Frame.BASE)
         self._linear.rest()
         self._angular.rest()
-        self._turn = None
+        self._turn = self._target = None
 
     @property
     def twist(self) -> Twist:
@@ -478,8 +502,11 @@ class PoseShaper:
         turn = self._chosen_turn(rotation_between(pose.orientation, normalized(target.orientation)))
         if dt_s == 0.0:
             return pose
-        way = self._linear.advance(subtract(target.position, pose.position), dt_s)
-        turned = self._angular.advance(turn, dt_s)
+        self._resting_s = self._resting_s + dt_s if target == self._target else 0.0
+        self._target = target
+        resting_s = self._resting_s
+        way = self._linear.advance(subtract(target.position, pose.position), dt_s, resting_s)
+        turned = self._angular.advance(turn, dt_s, resting_s)
         self._turn = turn
         self.pose = Pose(
             add(pose.position, way),
@@ -494,7 +521,7 @@ class PoseShaper:
         angle = norm(short)
         if before is None or angle < math.pi - _KEPT_WAY_RAD:
             return short
-        if short[0] * before[0] + short[1] * before[1] + short[2] * before[2] >= 0.0:
+        if dot(short, before) >= 0.0:
             return short
         if norm(before) < 0.5 * math.pi:
             return short

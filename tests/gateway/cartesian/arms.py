@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cardan.arm_model import load_arm
-from cardan.gateway.cartesian.controller import CartesianController, ControllerOptions
+from cardan.gateway.cartesian.controller import CartesianController
 from cardan.types import (
     CommandKind,
     HoldCommand,
@@ -96,7 +96,9 @@ class World:
     @property
     def tcp(self):
         """Of the commanded joints: position, rotation matrix."""
-        placement = self.controller.servo.kinematics.forward(self.controller.servo.q)
+        commanded = isinstance(self.command, JointCommand)
+        q = self.controller.servo.q if commanded else self.q
+        placement = self.controller.servo.kinematics.forward(q)
         return placement.translation.copy(), placement.rotation.copy()
 
     def six(self):

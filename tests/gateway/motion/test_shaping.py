@@ -1,0 +1,282 @@
+"""Shaped velocities and poses keep their bounds whatever they follow, arrive, and do not pass."""
+
+import math
+
+import pytest
+import ruckig
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cardan.errors import ConfigurationError
+from cardan.gateway.motion.profiles import JerkLimited
+from cardan.gateway.motion.shaping import (
+    JerkLimitedVector,
+    PoseShaper,
+    PoseShaperLimits,
+    damping_time_s,
+)
+from cardan.spatial import from_rotation_vector, norm, rotation_between, scale, subtract
+from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, Frame, Pose, Vector3
+
+DT_S = 0.004
+LIMITS = PoseShaperLimits()
+components = st.floats(-2.0, 2.0)
+vectors = st.builds(Vector3, components, components, components)
+periods = st.floats(1e-3, 2e-2)
+small = st.floats(-0.3, 0.3)
+poses = st.builds(
+    Pose,
+    st.builds(Vector3, small, small, small),
+    vectors.map(from_rotation_vector),
+    st.just(Frame.BASE),
+)
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "jerk", "delay_s"),
+    [(20, 4000, 0.015), (15, 1000, 0.024), (10, 500, 0.035), (5, 100, 0.075), (2, 20, 0.175)],
+)
+def test_equivalent_ramp_delays(acceleration, jerk, delay_s):
+    shaper = JerkLimitedVector(1, 3.0, acceleration, jerk)
+    lost, v = 0.0, 0.0
+    for _ in range(500):
+        (after,) = shaper.advance((0.5,), 0.002)
+        lost += (0.5 - 0.5 * (v + after)) * 0.002
+        v = after
+    assert v == 0.5
+    assert lost / 0.5 == pytest.approx(delay_s, rel=0.05)
+
+
+@given(st.lists(st.tuples(vectors, st.lists(periods, min_size=1, max_size=30)), max_size=6))
+def test_velocity_bounds_hold_with_any_targets_and_periods(plan):
+    shaper = JerkLimitedVector(3, 1.0, 4.0, 60.0)
+    a = ZERO3
+    for target, times in plan:
+        for dt_s in times:
+            before = Vector3(*shaper.velocity)
+            v = shaper.advance(target, dt_s)
+            after = Vector3(*shaper.acceleration_now)
+            assert norm(v) <= 1.0 + 1e-8
+            assert norm(after) <= 4.0 + 1e-9
+            assert norm(subtract(after, a)) <= 60.0 * dt_s * (1 + 1e-9)
+            assert norm(subtract(v, before)) <= 4.0 * dt_s * (1 + 1e-9)
+            a = after
+    target = plan[-1][0] if plan else ZERO3
+    for _ in range(1000):
+        v = shaper.advance(target, DT_S)
+    assert v == pytest.approx(scale(target, min(1.0, 1.0 / max(norm(target), 1e-9))), abs=1e-12)
+    assert shaper.acceleration_now == (0.0, 0.0, 0.0)
+
+
+@given(vectors, st.lists(periods, min_size=5, max_size=20), st.floats(1.0, 30.0))
+def test_a_straight_change_does_not_overshoot_and_is_time_optimal(target, times, acceleration):
+    shaper = JerkLimitedVector(3, 4.0, acceleration, 100.0)
+    wanted, t = norm(target), 0.0
+    for i in range(4000):
+        v = shaper.advance(target, times[i % len(times)])
+        t += times[i % len(times)]
+        assert norm(v) <= wanted * (1 + 1e-9)
+        assert norm(subtract(scale(target, norm(v) / max(wanted, 1e-300)), v)) <= 1e-9
+        if v == target:
+            break
+    assert v == target
+    if wanted * 100.0 >= acceleration**2:
+        best = wanted / acceleration + acceleration / 100.0
+    else:
+        best = 2.0 * math.sqrt(wanted / 100.0)
+    assert t <= best * 1.05 + 4.0 * max(times)
+
+
+@given(st.floats(0.05, 2.0), st.floats(-2.0, 2.0))
+@settings(max_examples=30)
+def test_velocity_against_ruckig(target, start):
+    shaper = JerkLimitedVector(1, 4.0, 5.0, 100.0)
+    shaper.reset((start,))
+    given_ = ruckig.InputParameter(1)
+    given_.control_interface = ruckig.ControlInterface.Velocity
+    given_.current_velocity, given_.target_velocity = [start], [target]
+    given_.max_acceleration, given_.max_jerk = [5.0], [100.0]
+    trajectory = ruckig.Trajectory(1)
+    ruckig.Ruckig(1).calculate(given_, trajectory)
+    ticks = 0
+    while shaper.velocity != (target,):
+        shaper.advance((target,), 0.001)
+        ticks += 1
+        assert ticks < 5000
+    assert ticks * 0.001 <= trajectory.duration * 1.02 + 0.004
+    assert ticks * 0.001 >= trajectory.duration - 0.001
+
+
+def test_two_dimensions_and_senseless_arguments():
+    shaper = JerkLimitedVector(2, 1.0, 10.0, 1e3)
+    for _ in range(100):
+        v = shaper.advance((0.3, -0.4), DT_S)
+    assert v == (0.3, -0.4)
+    before = shaper.velocity
+    for target, dt_s in (((1.0,), DT_S), ((math.nan, 0.0), DT_S), ((0.0, 0.0), -1.0)):
+        with pytest.raises(ValueError, match="target"):
+            shaper.advance(target, dt_s)
+    assert shaper.velocity == before
+    with pytest.raises(ValueError, match="4 dimensions"):
+        JerkLimitedVector(4, 1.0, 1.0, 1.0)
+    with pytest.raises(ValueError, match="jerk"):
+        JerkLimitedVector(3, 1.0, 1.0, math.inf)
+    with pytest.raises(ValueError, match="above the speed"):
+        shaper.reset((1.0, 1.0))
+
+
+# ---------------------------------------------------------------------------------------------
+
+
+def placed(pose=IDENTITY_POSE, **options):
+    shaper = PoseShaper(LIMITS, **options)
+    shaper.place(pose)
+    return shaper
+
+
+def apart(shaper, goal):
+    turned = rotation_between(shaper.pose.orientation, goal.orientation)
+    return norm(subtract(goal.position, shaper.pose.position)), norm(turned)
+
+
+@given(st.floats(1e-6, 2.0), st.lists(periods, min_size=1, max_size=7))
+@settings(max_examples=60)
+def test_a_resting_target_is_reached_straight_in_time_and_not_passed(distance, times):
+    direction = Vector3(0.48, -0.6, 0.64)
+    goal = Pose(scale(direction, distance), IDENTITY)
+    shaper, t, highest = placed(), 0.0, 0.0
+    for i in range(20000):
+        pose = shaper.advance(goal, times[i % len(times)])
+        t += times[i % len(times)]
+        along = norm(pose.position)
+        highest = max(highest, along)
+        assert norm(subtract(scale(direction, along), pose.position)) <= 1e-9 * distance
+        if shaper.twist.linear == ZERO3:
+            break
+    assert norm(subtract(goal.position, pose.position)) <= 1e-12
+    assert highest <= distance * (1 + 1e-9)
+    best = JerkLimited(distance, 0.25, 1.0, 10.0).duration_s
+    assert t <= 1.1 * best + 6 * max(times)
+
+
+def assert_within(shaper, last, dt_s, slack=1e-6):
+    """Norms of twist, acceleration and jerk; returns the acceleration for the next call."""
+    twist, now = shaper.twist, shaper.acceleration
+    assert norm(twist.linear) <= LIMITS.linear_speed_m_s * (1 + slack)
+    assert norm(twist.angular) <= LIMITS.angular_speed_rad_s * (1 + slack)
+    assert norm(now.linear) <= LIMITS.linear_acceleration_m_s2 * (1 + slack)
+    assert norm(now.angular) <= LIMITS.angular_acceleration_rad_s2 * (1 + slack)
+    jerk = norm(subtract(now.linear, last.linear)) / dt_s
+    assert jerk <= LIMITS.linear_jerk_m_s3 * (1 + slack)
+    jerk = norm(subtract(now.angular, last.angular)) / dt_s
+    assert jerk <= LIMITS.angular_jerk_rad_s3 * (1 + slack)
+    return now
+
+
+@given(st.lists(poses, min_size=1, max_size=25), st.sampled_from([0.002, 0.004, 0.01]))
+@settings(max_examples=40, deadline=None)
+def test_bounds_hold_while_the_target_jumps_and_it_arrives_after(targets, dt_s):
+    shaper = placed()
+    last = shaper.acceleration
+    for target in targets:
+        for _ in range(round(0.02 / dt_s)):
+            before = shaper.pose
+            shaper.advance(target, dt_s)
+            last = assert_within(shaper, last, dt_s)
+            moved = norm(subtract(shaper.pose.position, before.position))
+            assert moved <= LIMITS.linear_speed_m_s * dt_s * (1 + 1e-3)
+    for _ in range(round(12.0 / dt_s)):
+        shaper.advance(targets[-1], dt_s)
+        last = assert_within(shaper, last, dt_s)
+        if shaper.twist.linear == shaper.twist.angular == ZERO3:
+            break
+    assert apart(shaper, targets[-1]) == pytest.approx((0, 0), abs=1e-7)
+
+
+def test_rotation_follows_the_geodesic():
+    axis = Vector3(0.0, 0.6, 0.8)
+    goal = Pose(ZERO3, from_rotation_vector(scale(axis, 2.0)))
+    shaper = placed()
+    for _ in range(1000):
+        pose = shaper.advance(goal, DT_S)
+        turned = rotation_between(IDENTITY, pose.orientation)
+        assert norm(subtract(scale(axis, norm(turned)), turned)) < 1e-8
+    assert apart(shaper, goal)[1] < 1e-9
+
+
+def test_near_half_a_turn_the_way_round_is_kept():
+    shaper = placed()
+    turned = []
+    for i in range(150):
+        angle = math.pi + (0.05 if i % 2 else -0.05)
+        shaper.advance(Pose(ZERO3, from_rotation_vector(Vector3(0, 0, angle))), DT_S)
+        turned.append(shaper.twist.angular.z)
+    assert min(turned) >= 0.0
+    assert turned[-1] > 0.5
+
+
+@pytest.mark.parametrize("dt_s", [0.002, 0.004, 0.02])
+@pytest.mark.parametrize("damping", [0.3, 0.6])
+def test_damping_is_a_time_constant_whatever_the_tick_rate(damping, dt_s):
+    goal = Pose(Vector3(0.01, 0, 0), IDENTITY)
+    shaper = placed(damping=damping)
+    ticks, distances = round(2.5 / dt_s), []
+    for _ in range(ticks):
+        distances.append(0.01 - shaper.advance(goal, dt_s).position.x)
+    assert min(distances) >= -1e-11
+    tau = damping_time_s(damping)
+    # Well after the start only the exponential is left: a factor e in one time constant.
+    first = next(i for i, d in enumerate(distances) if d < 0.003)
+    later = distances[first + round(tau / dt_s)]
+    assert later / distances[first] == pytest.approx(math.exp(-1), rel=0.15)
+
+
+def test_damping_times():
+    assert damping_time_s(1.0) == 0.0
+    assert damping_time_s(0.5) == pytest.approx(0.1 / math.log(2))
+    with pytest.raises(ConfigurationError, match=r"damping: damping 0\.05"):
+        placed(damping=0.05)
+
+
+@given(st.floats(1e-3, 1.0))
+@settings(max_examples=20)
+def test_poses_against_ruckig(distance):
+    given_ = ruckig.InputParameter(1)
+    given_.current_position, given_.target_position = [0.0], [distance]
+    given_.max_velocity, given_.max_acceleration, given_.max_jerk = [0.25], [1.0], [10.0]
+    trajectory = ruckig.Trajectory(1)
+    ruckig.Ruckig(1).calculate(given_, trajectory)
+    shaper, t = placed(), 0.0
+    while t == 0.0 or shaper.twist.linear != ZERO3:
+        shaper.advance(Pose(Vector3(distance, 0, 0), IDENTITY), DT_S)
+        t += DT_S
+    assert trajectory.duration - DT_S <= t <= 1.05 * trajectory.duration + 3 * DT_S
+
+
+@given(st.lists(poses, min_size=1, max_size=10))
+@settings(max_examples=20, deadline=None)
+def test_the_ruckig_back_end_keeps_the_same_bounds(targets):
+    shaper = placed(backend="ruckig")
+    last = shaper.acceleration
+    for target in targets:
+        for _ in range(5):
+            shaper.advance(target, DT_S)
+            last = assert_within(shaper, last, DT_S)
+    for _ in range(3000):
+        shaper.advance(targets[-1], DT_S)
+    assert apart(shaper, targets[-1]) == pytest.approx((0, 0), abs=1e-6)
+
+
+def test_what_makes_no_sense_is_refused_and_changes_nothing():
+    with pytest.raises(ConfigurationError, match="linear_speed_m_s: 0"):
+        PoseShaperLimits(linear_speed_m_s=0)
+    with pytest.raises(ConfigurationError, match="'reflexxes'"):
+        PoseShaper(LIMITS, backend="reflexxes")
+    with pytest.raises(RuntimeError, match="placed"):
+        PoseShaper(LIMITS).advance(IDENTITY_POSE, DT_S)
+    shaper = placed()
+    with pytest.raises(ValueError, match="not finite"):
+        shaper.advance(Pose(Vector3(math.nan, 0, 0), IDENTITY), DT_S)
+    with pytest.raises(ValueError, match="period"):
+        shaper.advance(IDENTITY_POSE, -DT_S)
+    assert shaper.pose == IDENTITY_POSE
