@@ -278,13 +278,15 @@ def _turns() -> Row:
     for sign in (1.0, -1.0):
         arm = kinematics("pr2_right_arm")
         servo = _servo(arm, None)
-        drive, start = Drive(servo), servo.q[6]
+        drive, turned = Drive(servo), 0.0
         axis = servo.placement.rotation @ (1.0, 0.0, 0.0)
         ramp_s = 0.3
         for i in range(round((10.0 * 2.0 * math.pi / 3.0 + 0.5 * ramp_s) / DT_S)):
-            speed = sign * 3.0 * min(1.0, i * DT_S / ramp_s)
+            speed = sign * 3.0 * min(1.0, (i + 1) * DT_S / ramp_s)
+            before = servo.placement.rotation
             refused += drive.tick((0, 0, 0), speed * axis) < 0.9
-        done.append((servo.q[6] - start) / (2.0 * math.pi))
+            turned += float(pin.log3(servo.placement.rotation @ before.T) @ axis)
+        done.append(turned / (2.0 * math.pi))
     return Row(
         "continuous wrist, 10 turns each way",
         f"{done[0]:+.2f} and {done[1]:+.2f} turns, {refused} ticks held",

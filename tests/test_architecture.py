@@ -6,7 +6,17 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
-LEAVES = {"types", "errors", "spatial", "braking", "histogram", "realtime", "arm_model", "__init__"}
+LEAVES = {
+    "types",
+    "errors",
+    "spatial",
+    "braking",
+    "histogram",
+    "realtime",
+    "arm_model",
+    "plugins",
+    "__init__",
+}
 
 MAY_IMPORT = {
     "protocols": {"protocols", *LEAVES},

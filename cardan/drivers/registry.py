@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 
 from cardan.drivers.base import Driver
-from cardan.errors import ConfigurationError
+from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.drivers"
 
@@ -18,25 +17,18 @@ BUILT_IN = {
 """Our own drivers. Other packages add theirs by an entry point of the same form."""
 
 
+def _installed() -> EntryPoints:
+    return entry_points(group=ENTRY_POINT_GROUP)
+
+
+_FINDER: Finder[Driver] = Finder(Driver, "driver", BUILT_IN, _installed)
+
+
 def names() -> tuple[str, ...]:
     """Every driver name that can be loaded, sorted."""
-    return tuple(sorted({*BUILT_IN, *(p.name for p in entry_points(group=ENTRY_POINT_GROUP))}))
+    return _FINDER.names()
 
 
 def load(name: str) -> type[Driver]:
     """The driver class called `name`; ConfigurationError names the ones there are."""
-    target = BUILT_IN.get(name)
-    if target is None:
-        for point in entry_points(group=ENTRY_POINT_GROUP):
-            if point.name == name:
-                target = point.value
-                break
-        else:
-            raise ConfigurationError(
-                "driver", f"there is no driver {name!r}; allowed: {', '.join(names())}"
-            )
-    module, _, attribute = target.partition(":")
-    loaded = getattr(importlib.import_module(module), attribute)
-    if not (isinstance(loaded, type) and issubclass(loaded, Driver)):
-        raise ConfigurationError("driver", f"{target} of driver {name!r} is not a cardan driver")
-    return loaded
+    return _FINDER.load(name)

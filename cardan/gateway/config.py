@@ -36,10 +36,10 @@ from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import AXES, GripperAction, MappingOptions
 from cardan.gateway.reference import ReferenceLimits
 from cardan.spatial import from_euler_zyx, norm, scale
-from cardan.types import CommandKind, Frame, Pose, RobotCapabilities, Vector3
+from cardan.types import IDENTITY_POSE, CommandKind, Frame, Pose, RobotCapabilities, Vector3
 
 if TYPE_CHECKING:
-    from cardan.gateway.kinematics.arm import ArmKinematics
+    from cardan.gateway.kinematics.base import Kinematics
     from cardan.gateway.kinematics.collision import Obstacle
     from cardan.gateway.servo.follower import ArmFollower
 
@@ -60,6 +60,9 @@ ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, Command
 LONGEST_DEVICE_AGE_S = 0.5
 """A hand cannot be stale for longer: at 0.25 m/s that is already 12 cm of unwanted motion."""
 
+
+FREE_JOINTS = 6
+"""An arm with more joints has a posture to choose; it is drawn to its home."""
 
 LONGEST_STOP_S = 2.0
 """An arm that needs longer to stop is not under anybody's hand."""
@@ -433,37 +436,47 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
         return None
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.collision import CollisionModel
+    from cardan.gateway.kinematics.soft_neck import SOFT_NECKS, SoftNeck, load_soft_neck
     from cardan.gateway.servo.follower import ArmFollower
     from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
 
+    kinematics: Kinematics
+    collision, posture = None, None
     try:
-        model = load_arm(table.model)
+        if table.model in SOFT_NECKS:
+            kinematics, weights = SoftNeck(load_soft_neck(table.model)), SoftNeck.TASK
+            if table.tool() != IDENTITY_POSE or config.obstacles:
+                raise ConfigurationError("", f"{table.model} takes neither tool nor obstacles")
+        else:
+            model = load_arm(table.model)
+            kinematics = arm = ArmKinematics(model, table.tool())
+            weights = model.task.weights
+            if table.collisions:
+                collision = CollisionModel(arm, [_obstacle(each) for each in config.obstacles])
+            if len(model.joints) > FREE_JOINTS:
+                posture = np.array(model.home)
     except ConfigurationError as error:
         raise ConfigurationError("arm.model", str(error)) from None
     able = robot.capabilities
-    if able.joints != len(model.joints):
+    if able.joints != kinematics.joints:
         raise ConfigurationError(
             "arm.model",
-            f"{model.name!r} has {len(model.joints)} joints, the robot as configured {able.joints}",
+            f"{table.model!r} has {kinematics.joints} joints, the robot as configured "
+            f"{able.joints}",
         )
-    kinematics = ArmKinematics(model, table.tool())
     _take_limits(kinematics, able)
-    collision = None
-    if table.collisions:
-        collision = CollisionModel(kinematics, [_obstacle(each) for each in config.obstacles])
     options = ServoOptions(
         policy=Policy(table.policy),
         speed_share=table.speed_share,
         acceleration_share=table.acceleration_share,
         safety_distance_m=table.safety_distance_m,
     )
-    servo = Servo(kinematics, collision, options, model.task.weights)
-    if len(model.joints) > 6:
-        servo.posture = np.array(model.home)
+    servo = Servo(kinematics, collision, options, weights)
+    servo.posture = posture
     return ArmFollower(servo, able.commands)
 
 
-def _take_limits(kinematics: ArmKinematics, robot: RobotCapabilities) -> None:
+def _take_limits(kinematics: Kinematics, robot: RobotCapabilities) -> None:
     limits = robot.limits
     if limits is None:
         return

@@ -158,14 +158,13 @@ class Session:
     def _account(self, state: RobotState) -> None:
         """Keep the figures of the summary: path, and how well the robot is where it is told."""
         reference = self.engine.reference
-        if reference.pose is None or (state.pose is None and self.engine.arm is None):
+        if self.engine.arm is not None:
+            # An arm's model may have a tool that the robot's own pose does not know of.
+            error_m = reference.ahead_m
+        elif reference.pose is not None and state.pose is not None:
+            error_m = norm(subtract(reference.pose.position, state.pose.position))
+        else:
             return
-        # An arm's model may have a tool that the robot's own pose does not know of.
-        error_m = (
-            norm(subtract(reference.pose.position, state.pose.position))
-            if self.engine.arm is None
-            else reference.ahead_m
-        )
         self._square_sum_m2 += error_m * error_m
         self._moving_cycles += 1
         snapshot = self.snapshot

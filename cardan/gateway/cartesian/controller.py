@@ -1070,11 +1070,15 @@ class CartesianController:
         return _Plan(activity, math.inf, note)
 
     def _plan_torque(self, state: State, wrench: Wrench | None, start: FloatArray) -> _Plan:
-        self._require_torque("gcmp" if wrench is None else "forc")
-        activity = self._torque_motion(state)
-        activity.check_weight(start)
-        if wrench is not None:
-            activity.set_wrench(wrench)
+        verb = "gcmp" if wrench is None else "forc"
+        self._require_torque(verb)
+        try:
+            activity = self._torque_motion(state)
+            activity.check_weight(start)
+            if wrench is not None:
+                activity.set_wrench(wrench)
+        except MotionRefusedError as error:
+            raise MotionRefusedError(f"{verb}: {error}") from None
         return _Plan(activity, math.inf)
 
     def _torque_motion(self, state: State) -> TorqueMotion:

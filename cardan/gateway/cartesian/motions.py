@@ -350,6 +350,16 @@ class _ReferenceMotion:
         if self._resting:
             servo.brake(dt_s)
             return not servo.moving
+        if (
+            not reference.moving
+            and (self.braking or wanted == ZERO_TWIST)
+            and float(np.abs(servo.v).max()) < AT_REST_RAD_S
+        ):
+            # Nothing is asked for, so nothing is solved for: no creeping on rounding errors.
+            if servo.moving:
+                servo.brake(dt_s)
+            self._resting = self.braking
+            return False
         before = reference.pose
         assert before is not None
         reference.observe(to_pose(servo.placement))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 
-from cardan.errors import ConfigurationError
 from cardan.gateway.filters.base import TwistFilter
+from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.filters"
 
@@ -17,25 +16,18 @@ BUILT_IN = {
 """Our own filters. Other packages add theirs by an entry point of the same form."""
 
 
+def _installed() -> EntryPoints:
+    return entry_points(group=ENTRY_POINT_GROUP)
+
+
+_FINDER: Finder[TwistFilter] = Finder(TwistFilter, "filter", BUILT_IN, _installed)
+
+
 def names() -> tuple[str, ...]:
     """Every filter name that can be loaded, sorted."""
-    return tuple(sorted({*BUILT_IN, *(p.name for p in entry_points(group=ENTRY_POINT_GROUP))}))
+    return _FINDER.names()
 
 
 def load(name: str) -> type[TwistFilter]:
     """The filter class called `name`; ConfigurationError names the ones there are."""
-    target = BUILT_IN.get(name)
-    if target is None:
-        for point in entry_points(group=ENTRY_POINT_GROUP):
-            if point.name == name:
-                target = point.value
-                break
-        else:
-            raise ConfigurationError(
-                "filter", f"there is no filter {name!r}; allowed: {', '.join(names())}"
-            )
-    module, _, attribute = target.partition(":")
-    loaded = getattr(importlib.import_module(module), attribute)
-    if not (isinstance(loaded, type) and issubclass(loaded, TwistFilter)):
-        raise ConfigurationError("filter", f"{target} of filter {name!r} is not a cardan filter")
-    return loaded
+    return _FINDER.load(name)

@@ -17,13 +17,14 @@ import math
 import sys
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from cardan.arm_model import TIME_TO_FULL_SPEED_S, SixWeights
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.base import SE3, FloatArray
 
@@ -33,6 +34,9 @@ else:
     import tomli as tomllib
 
 _FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
+
+SOFT_NECKS = ("teo_soft_neck",)
+"""Those of ours."""
 
 FOLD_SHARE = 0.75
 """Of the inclination at which the anchors on the inside of the bend meet. There the map from
@@ -168,6 +172,9 @@ class SoftNeck:
     platform go together, and it never turns about its own axis.
     """
 
+    TASK: ClassVar[SixWeights] = (0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
+    """What it can be asked to follow: where the platform leans; the rest is a consequence."""
+
     def __init__(self, data: SoftNeckData | None = None) -> None:
         """Of TEO's neck where no other is given."""
         data = load_soft_neck() if data is None else data
@@ -178,7 +185,9 @@ class SoftNeck:
         self.lower: FloatArray = np.full(3, -limits.travel_m)
         self.upper: FloatArray = np.full(3, limits.travel_m)
         self.velocity: FloatArray = np.full(3, limits.speed_m_s)
-        self.acceleration: FloatArray = np.full(3, limits.reference_acceleration_m_s2)
+        # The published acceleration is the reference of the drives' own position moves: with it a
+        # tendon at full speed would need three seconds to stop.
+        self.acceleration: FloatArray = np.full(3, limits.speed_m_s / TIME_TO_FULL_SPEED_S)
         self.continuous: npt.NDArray[np.bool_] = np.zeros(3, dtype=np.bool_)
         base, platform = data.base_anchor_radius_m, data.platform_anchor_radius_m
         self.inclination_limit_rad = min(
@@ -282,6 +291,10 @@ class SoftNeck:
         return co_contraction_m + self._tendons(
             inclination_rad * math.cos(orientation_rad), inclination_rad * math.sin(orientation_rad)
         )
+
+    def relaxed(self, q: FloatArray) -> FloatArray:
+        """The same shape without co-contraction: where the tendons rest, m."""
+        return q - self.shape(q).co_contraction_m
 
     def shape(self, q: FloatArray) -> Shape:
         """How tendon positions `q` (3), m, bend the neck."""

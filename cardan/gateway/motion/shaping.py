@@ -129,13 +129,12 @@ class JerkLimitedVector:
     def advance(self, target: tuple[float, ...], dt_s: float) -> tuple[float, ...]:
         """The velocity `dt_s` later, following `target` (shortened to the speed limit)."""
         dimensions = self.dimensions
+        if len(target) != dimensions:
+            raise ValueError(f"target {target} has not {dimensions} components")
         if dimensions == 3:
             tx, ty, tz = target
         else:
-            tx = target[0]
-            ty, tz = target[1] if dimensions == 2 else 0.0, 0.0
-            if len(target) != dimensions:
-                raise ValueError(f"target {target} has not {dimensions} components")
+            tx, ty, tz = target[0], target[1] if dimensions == 2 else 0.0, 0.0
         length = math.sqrt(tx * tx + ty * ty + tz * tz)
         if not (length < math.inf and 0.0 <= dt_s < math.inf):
             raise ValueError(f"target {target}, period {dt_s} s: finite numbers, period from 0")
@@ -392,7 +391,6 @@ class _RuckigChaser:
         self._input = ruckig.InputParameter(3)
         # Phase synchronisation is a straight line wherever the state allows one.
         self._input.synchronization = ruckig.Synchronization.Phase
-        self._input.minimum_velocity = None
         self._trajectory = ruckig.Trajectory(3)
         self._otg = ruckig.Ruckig(3)
         self.v = self.a = ZERO3

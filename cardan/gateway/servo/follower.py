@@ -40,6 +40,7 @@ class ArmFollower:
         self._kind = next(kind for kind in PREFERRED if kind in kinds)
         self._twist = np.zeros((2, 3))
         self._highest = servo.kinematics.velocity
+        self._relaxed = getattr(servo.kinematics, "relaxed", None)
 
     def measured(self, state: RobotState) -> Pose:
         """The measured TCP, by the model, in its base frame."""
@@ -82,6 +83,8 @@ class ArmFollower:
         twist = self._twist
         twist[0], twist[1] = reference.linear, reference.angular
         servo = self.servo
+        if self._relaxed is not None:
+            servo.posture = self._relaxed(servo.q)
         servo.tick(to_se3(reference.pose), twist, dt_s, slide=True)
         linear, angular = servo.twist.tolist()
         reference.move(Vector3(*linear), Vector3(*angular), dt_s)

@@ -55,6 +55,9 @@ SINGULAR = 0.03
 TIGHT_M_S = 1e-4
 """A pair this near to its closing speed is what ends the motion."""
 
+LEAST_STIFFNESS = 1e-7
+"""Keeps s at 1 when nothing is asked to move; that of 1 mm/s, which nobody steers by."""
+
 FREE_DIRECTION = 1e-9
 """Regularises projections onto what an arm can do; far below any real direction."""
 
@@ -294,7 +297,7 @@ class Servo:
             self._add_posture(joint_rate, math.sqrt(weighed.dot(weighed)))
         # The price of slowing is a share of the speed itself, so it acts alike at any pace.
         speed2 = float(weighed.dot(weighed))
-        stiffness = options.path_stiffness * speed2 + 1e-9
+        stiffness = options.path_stiffness * speed2 + LEAST_STIFFNESS
         normal[n, n] += stiffness
         linear[n] -= stiffness
         highest, lowest = self._highest, self._lowest
@@ -337,7 +340,7 @@ class Servo:
         normal[:n, n] = -rate
         normal[n, :n] = -rate
         speed2 = float(rate.dot(rate))
-        stiffness = options.path_stiffness * speed2 + 1e-9
+        stiffness = options.path_stiffness * speed2 + LEAST_STIFFNESS
         normal[n, n] = speed2 + stiffness
         linear[:n] = -feedback
         linear[n] = float(rate.dot(feedback)) - stiffness

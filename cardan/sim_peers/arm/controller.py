@@ -22,7 +22,7 @@ from cardan.protocols.joint_stream import (
 from cardan.sim_peers.arm.faults import JAM_AT_S, RESTART_SILENCE_S, SILENCE_EVERY_S
 from cardan.sim_peers.arm.options import SimulatedArmOptions
 from cardan.sim_peers.arm.plant import ArmPlant, DriveMode
-from cardan.sim_peers.egm_controller.faults import FaultyLink
+from cardan.sim_peers.link import FaultyLink
 
 CLIENT_SILENT_S = 1.0
 """A client this long silent is sent no more states, and another one may come."""

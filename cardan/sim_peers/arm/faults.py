@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.link import LINK_FAULTS
 
 FAULTS: tuple[FaultSwitch, ...] = (
-    FaultSwitch("drop", "share of datagrams lost, each way (0..1)", 0.05, 0.0, 1.0),
-    FaultSwitch(
-        "duplicate", "share of datagrams that arrive twice, each way (0..1)", 0.05, 0.0, 1.0
-    ),
-    FaultSwitch(
-        "reorder", "share of datagrams overtaken by the next, each way (0..1)", 0.05, 0.0, 1.0
-    ),
-    FaultSwitch("delay", "added to every datagram, each way, ms", 20.0),
-    FaultSwitch("jitter", "at most this much added to a datagram, order kept, each way, ms", 8.0),
+    *LINK_FAULTS,
     FaultSwitch("garbage", "share of states with a datagram of junk before it (0..1)", 0.1, 0, 1),
     FaultSwitch("silence", "silent for this long every 5 s, s", 0.3),
     FaultSwitch("restart", "the controller restarts at this time, once: a new session, s", 5.0),

@@ -11,7 +11,6 @@ import time
 from cardan.errors import AddressError
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.egm_controller.controller import EgmController
-from cardan.sim_peers.egm_controller.faults import FaultyLink
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
 
 _LARGEST_DATAGRAM = 65535

@@ -681,20 +681,30 @@ def test_a_silent_pose_stream_stops_short_of_its_target():
     assert not world.controller.servo.moving
 
 
-@pytest.mark.parametrize(
-    ("step", "why"),
-    [((0.0, 0.0, -0.5), "a step of 0.500 m"), ((0.0, 0.0, 0.15), "out of reach|limit|edge")],
-)
-def test_poses_too_far_away_are_answered(step, why):
-    world = quick(start=(0.0, 0.3, 0.2, 0.0, 0.3, 0.0))
-    world.controller.set_parameter("cpsc", "pose")
-    if step[2] > 0:
-        world.controller.options.__dict__["stream_step_m"] = 5.0
-        step = (2.0, 0.0, 0.0)
-    answer = world.controller.pose(world.moved(*step))
-    assert any(part in answer for part in why.split("|")), answer
+def test_poses_too_far_away_are_answered():
+    world = streaming("pose")
+    assert "a step of 0.500 m" in world.controller.pose(world.moved(0.0, 0.0, -0.5))
+    turned_too_far = turned(world.six(), (0.0, 0.0, 1.5))
+    assert "1.500 rad; allowed: 0.200 m and 1.000 rad" in world.controller.pose(turned_too_far)
     world.tick(10)
     assert not world.controller.servo.moving
+
+
+def test_poses_out_of_reach_are_answered_with_how_far():
+    world = streaming("pose", options=ControllerOptions(stream_step_m=5.0))
+    assert "out of reach by" in world.controller.pose(world.moved(2.0, 0.0, 0.0))
+    world.tick(10)
+    assert not world.controller.servo.moving
+
+
+def test_a_pose_stream_is_relative_in_the_tcp_frame():
+    world = quick()
+    world.controller.set_parameters({"cpf": "cpft", "cpsc": "pose"})
+    start, rotation = world.six(), world.tcp[1]
+    assert world.controller.pose([0.0, 0.0, -0.03, 0.0, 0.0, 0.0]) == ""
+    world.tick(20)
+    step = world.six()[:3] - start[:3]
+    np.testing.assert_allclose(step / -np.linalg.norm(step), rotation[:, 2], atol=1e-2)
 
 
 def test_late_datagrams_are_dropped():

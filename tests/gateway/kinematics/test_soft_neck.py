@@ -173,7 +173,7 @@ def test_it_is_what_the_servo_takes():
     assert neck.upper.tolist() == [0.1] * 3
     assert neck.lower.tolist() == [-0.1] * 3
     assert neck.velocity.tolist() == [0.03] * 3
-    assert neck.acceleration.tolist() == [0.01] * 3
+    assert neck.acceleration.tolist() == pytest.approx([0.15] * 3)
     assert not neck.continuous.any()
     assert "teo_soft_neck" not in arm_names()
 
@@ -232,3 +232,9 @@ def test_errors_say_what_is_wrong(tmp_path, text, words):
 def test_a_neck_that_is_not_there():
     with pytest.raises(ConfigurationError, match=r"no_neck\.toml cannot be read"):
         load_soft_neck("no_neck")
+
+
+def test_relaxing_takes_the_co_contraction_away_and_nothing_else():
+    neck = SoftNeck()
+    tight = neck.tendons(0.4, 1.0, 0.004)
+    assert neck.relaxed(tight) == pytest.approx(neck.tendons(0.4, 1.0), abs=1e-9)

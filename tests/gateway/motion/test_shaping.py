@@ -88,7 +88,7 @@ def test_a_straight_change_does_not_overshoot_and_is_time_optimal(target, times,
 
 
 @given(st.floats(0.05, 2.0), st.floats(-2.0, 2.0))
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 def test_velocity_against_ruckig(target, start):
     shaper = JerkLimitedVector(1, 4.0, 5.0, 100.0)
     shaper.reset((start,))
@@ -140,7 +140,7 @@ def apart(shaper, goal):
 
 
 @given(st.floats(1e-6, 2.0), st.lists(periods, min_size=1, max_size=7))
-@settings(max_examples=60)
+@settings(max_examples=40, deadline=None)
 def test_a_resting_target_is_reached_straight_in_time_and_not_passed(distance, times):
     direction = Vector3(0.48, -0.6, 0.64)
     goal = Pose(scale(direction, distance), IDENTITY)
@@ -151,7 +151,7 @@ def test_a_resting_target_is_reached_straight_in_time_and_not_passed(distance, t
         along = norm(pose.position)
         highest = max(highest, along)
         assert norm(subtract(scale(direction, along), pose.position)) <= 1e-9 * distance
-        if shaper.twist.linear == ZERO3:
+        if shaper.twist.linear == ZERO3 and distance - along <= 1e-12:
             break
     assert norm(subtract(goal.position, pose.position)) <= 1e-12
     assert highest <= distance * (1 + 1e-9)
@@ -219,10 +219,11 @@ def test_near_half_a_turn_the_way_round_is_kept():
 @pytest.mark.parametrize("damping", [0.3, 0.6])
 def test_damping_is_a_time_constant_whatever_the_tick_rate(damping, dt_s):
     goal = Pose(Vector3(0.01, 0, 0), IDENTITY)
-    shaper = placed(damping=damping)
-    ticks, distances = round(2.5 / dt_s), []
-    for _ in range(ticks):
-        distances.append(0.01 - shaper.advance(goal, dt_s).position.x)
+    quick = PoseShaperLimits(linear_acceleration_m_s2=20.0, linear_jerk_m_s3=5000.0)
+    shaper = PoseShaper(quick, damping=damping)
+    shaper.place(IDENTITY_POSE)
+    ticks = round(2.5 / dt_s)
+    distances = [0.01 - shaper.advance(goal, dt_s).position.x for _ in range(ticks)]
     assert min(distances) >= -1e-11
     tau = damping_time_s(damping)
     # Well after the start only the exponential is left: a factor e in one time constant.
@@ -239,7 +240,7 @@ def test_damping_times():
 
 
 @given(st.floats(1e-3, 1.0))
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 def test_poses_against_ruckig(distance):
     given_ = ruckig.InputParameter(1)
     given_.current_position, given_.target_position = [0.0], [distance]
@@ -250,6 +251,7 @@ def test_poses_against_ruckig(distance):
     while t == 0.0 or shaper.twist.linear != ZERO3:
         shaper.advance(Pose(Vector3(distance, 0, 0), IDENTITY), DT_S)
         t += DT_S
+        assert t < 10.0
     assert trajectory.duration - DT_S <= t <= 1.05 * trajectory.duration + 3 * DT_S
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from cardan.arm_model import load_arm
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
+from cardan.gateway.kinematics.soft_neck import SoftNeck
 from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
 from cardan.types import Vector3
 
@@ -243,6 +244,23 @@ def test_seven_joints_drift_to_their_posture_while_the_tcp_moves_and_rest_when_i
     assert apart < 0.9 * np.linalg.norm(made.posture - start)
     drive.run((0, 0, 0), 0.3)
     assert not made.moving
+
+
+def test_a_soft_neck_of_three_tendons_leans_as_asked_and_stays_relaxed():
+    neck = SoftNeck()
+    made = Servo(neck, weights=SoftNeck.TASK)
+    made.place(neck.tendons(0.0, 0.0))
+    drive = Drive(made)
+    for _ in range(4):
+        made.posture = neck.relaxed(made.q)
+        for _ in range(250):
+            made.tick(drive.goal, np.array(((0, 0, 0), (0.1, 0.05, 0.2))), DT_S)
+            drive.goal.translation = drive.goal.translation + made.twist[0] * DT_S
+            drive.goal.rotation = pin.exp3(made.twist[1] * DT_S) @ drive.goal.rotation
+    shape = neck.shape(made.q)
+    assert shape.inclination_rad == pytest.approx(math.hypot(0.1, 0.05) * 2.0, rel=0.05)
+    assert abs(shape.co_contraction_m) < 3e-4
+    assert made.status().unreachable_rad_s > 0.15  # it cannot turn about its own axis
 
 
 def test_joint_rates_add_to_the_twist():
