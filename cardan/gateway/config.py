@@ -139,6 +139,8 @@ class LimitsTable(_Table):
     linear_acceleration_m_s2: Positive = 1.0
     angular_speed_rad_s: Positive = 1.0
     angular_acceleration_rad_s2: Positive = 4.0
+    linear_jerk_m_s3: Positive | None = None
+    angular_jerk_rad_s3: Positive | None = None
     leash_m: Positive = 0.05
     leash_rad: Annotated[float, Field(gt=0, le=1.5)] = 0.3
     workspace_x_m: Bounds | None = None
@@ -301,6 +303,8 @@ class SessionConfig(_Table):
             linear_acceleration_m_s2=table.linear_acceleration_m_s2,
             angular_speed_rad_s=table.angular_speed_rad_s,
             angular_acceleration_rad_s2=table.angular_acceleration_rad_s2,
+            linear_jerk_m_s3=table.linear_jerk_m_s3,
+            angular_jerk_rad_s3=table.angular_jerk_rad_s3,
             leash_m=table.leash_m,
             leash_rad=table.leash_rad,
             workspace_m=(table.workspace_x_m, table.workspace_y_m, table.workspace_z_m),

@@ -222,11 +222,11 @@ class TeleopEngine:
             wanted = self._resync_twist(measured)
         dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
         if self.arm is None:
-            self.reference.advance(wanted, dt_s)
+            self.reference.advance(wanted, dt_s, smooth=self._armed)
         elif self._resyncing:
             self.reference.place(self.arm.glide(robot, RESYNC_TIME_S, dt_s))
         else:
-            self.reference.shape(wanted, dt_s)
+            self.reference.shape(wanted, dt_s, smooth=self._armed)
             self.arm.advance(self.reference, dt_s)
         self._settle(robot, device)
         if self.arm is not None:

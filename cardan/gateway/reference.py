@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass
 
 from cardan.braking import stopping_speed
+from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.spatial import (
     add,
     dot,
@@ -41,6 +42,10 @@ class ReferenceLimits:
     linear_acceleration_m_s2: float = 1.0
     angular_speed_rad_s: float = 1.0
     angular_acceleration_rad_s2: float = 4.0
+    linear_jerk_m_s3: float | None = None
+    """Of what the operator asks; braking for a fault, a wall or the leash does not wait for it.
+    None: unbounded."""
+    angular_jerk_rad_s3: float | None = None
     leash_m: float = 0.05
     """How far the reference may run ahead of the measured position."""
     leash_rad: float = 0.3
@@ -83,6 +88,21 @@ class Reference:
         self.at_workspace_limit = False
         self._ahead = self._turned_ahead = ZERO3
         self._walled = any(limits.workspace_m)
+        self._smooth_linear = self._smooth_angular = None
+        if limits.linear_jerk_m_s3 is not None:
+            self._smooth_linear = JerkLimitedVector(
+                3,
+                limits.linear_speed_m_s,
+                limits.linear_acceleration_m_s2,
+                limits.linear_jerk_m_s3,
+            )
+        if limits.angular_jerk_rad_s3 is not None:
+            self._smooth_angular = JerkLimitedVector(
+                3,
+                limits.angular_speed_rad_s,
+                limits.angular_acceleration_rad_s2,
+                limits.angular_jerk_rad_s3,
+            )
 
     @property
     def twist(self) -> Twist:
@@ -100,6 +120,9 @@ class Reference:
         self.linear = self.angular = self._ahead = self._turned_ahead = ZERO3
         self.ahead_m = self.ahead_rad = 0.0
         self.at_workspace_limit = False
+        for smooth in (self._smooth_linear, self._smooth_angular):
+            if smooth is not None:
+                smooth.reset()
 
     @property
     def leash_used(self) -> float:
@@ -115,12 +138,15 @@ class Reference:
         self._turned_ahead = rotation_between(measured.orientation, pose.orientation)
         self.ahead_m, self.ahead_rad = norm(self._ahead), norm(self._turned_ahead)
 
-    def advance(self, target: Twist, dt_s: float) -> None:
-        """Move for `dt_s`, approaching `target` (base or tool axes) as fast as limits let it."""
-        self.shape(target, dt_s)
+    def advance(self, target: Twist, dt_s: float, smooth: bool = True) -> None:
+        """Move for `dt_s`, approaching `target` (base or tool axes) as fast as limits let it.
+
+        Without `smooth` the jerk is not bounded: for stops that must not wait.
+        """
+        self.shape(target, dt_s, smooth)
         self.move(self.linear, self.angular, dt_s)
 
-    def shape(self, target: Twist, dt_s: float) -> None:
+    def shape(self, target: Twist, dt_s: float, smooth: bool = True) -> None:
         """Bring the twist nearer to `target`, as `advance` does, but stay where it is."""
         pose = self.pose
         if pose is None:
@@ -132,6 +158,10 @@ class Reference:
             angular = rotate(pose.orientation, angular)
         linear = limit_norm(linear, limits.linear_speed_m_s)
         angular = limit_norm(angular, limits.angular_speed_rad_s)
+        if smooth and self._smooth_linear is not None:
+            linear = Vector3(*self._smooth_linear.advance(linear, dt_s))
+        if smooth and self._smooth_angular is not None:
+            angular = Vector3(*self._smooth_angular.advance(angular, dt_s))
 
         linear = _leashed(
             linear, self._ahead, limits.leash_m, limits.linear_acceleration_m_s2, dt_s
@@ -142,6 +172,11 @@ class Reference:
         self.linear = self._next_linear(linear, pose.position, dt_s)
         most = limits.angular_acceleration_rad_s2 * dt_s
         self.angular = add(self.angular, limit_norm(subtract(angular, self.angular), most))
+        if not smooth:
+            if self._smooth_linear is not None:
+                self._smooth_linear.reset(self.linear)
+            if self._smooth_angular is not None:
+                self._smooth_angular.reset(self.angular)
 
     def move(self, linear: Vector3, angular: Vector3, dt_s: float) -> None:
         """Move for `dt_s` at a velocity in base axes, m/s and rad/s, whatever the own twist is."""

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cardan.gateway.reference import Reference, ReferenceLimits
-from cardan.spatial import from_rotation_vector, norm, rotate, rotation_between, subtract
+from cardan.spatial import from_rotation_vector, norm, rotate, rotation_between, scale, subtract
 from cardan.types import IDENTITY, ZERO3, ZERO_TWIST, Frame, Pose, Twist, Vector3
 
 DT_S = 0.004
@@ -133,3 +133,43 @@ def test_placing_a_pose_that_is_none_is_refused():
     reference = Reference(ReferenceLimits())
     with pytest.raises(RuntimeError, match="placed"):
         reference.advance(ZERO_TWIST, DT_S)
+
+
+SMOOTH = ReferenceLimits(linear_jerk_m_s3=20.0, angular_jerk_rad_s3=80.0)
+
+
+def test_jerk_is_bounded_while_the_operator_steers():
+    reference = placed(SMOOTH)
+    acceleration = turning = ZERO3
+    for target, ticks in (
+        (Twist(Vector3(0.2, 0.1, 0), Vector3(0, 0.5, 0)), 300),
+        (Twist(Vector3(-0.1, 0.2, 0), Vector3(0.3, 0, 0)), 300),
+        (ZERO_TWIST, 300),
+    ):
+        for _ in range(ticks):
+            linear, angular = reference.linear, reference.angular
+            reference.observe(reference.pose)
+            reference.advance(target, DT_S)
+            now = scale(subtract(reference.linear, linear), 1.0 / DT_S)
+            assert norm(subtract(now, acceleration)) <= 20.0 * DT_S * (1 + 1e-6)
+            acceleration = now
+            now = scale(subtract(reference.angular, angular), 1.0 / DT_S)
+            assert norm(subtract(now, turning)) <= 80.0 * DT_S * (1 + 1e-6)
+            turning = now
+    assert not reference.moving
+
+
+def test_a_fault_does_not_wait_for_the_jerk():
+    rough, smooth = placed(ReferenceLimits()), placed(SMOOTH)
+    for each in (rough, smooth):
+        follow(each, Twist(Vector3(0.2, 0, 0), ZERO3), 300)
+        each.place_before = each.pose.position.x
+        for _ in range(100):
+            each.observe(each.pose)
+            each.advance(ZERO_TWIST, DT_S, smooth=False)
+        assert not each.moving
+    assert smooth.pose.position.x - smooth.place_before == pytest.approx(
+        rough.pose.position.x - rough.place_before, abs=1e-6
+    )
+    follow(smooth, Twist(Vector3(0.1, 0, 0), ZERO3), 300)  # and it goes on from there
+    assert smooth.linear.x == pytest.approx(0.1)

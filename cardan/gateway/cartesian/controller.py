@@ -298,7 +298,7 @@ class CartesianController:
         self._bare = ArmKinematics(model)
         """Without a tool: what the robot's own controller knows."""
         self._gripper = gripper
-        self._lock = threading.RLock()
+        self._lock = _PoliteLock()
         """Guards everything that `tick` touches; never held for long."""
         self._planning = threading.RLock()
         """Held by whoever uses `planner`; always taken before `_lock`."""
@@ -355,6 +355,11 @@ class CartesianController:
     def waited_for(self) -> Motion | None:
         """The motion that `wait` is about: the newest, if it is one that ends by itself."""
         return self._waited_for
+
+    @property
+    def awaited(self) -> bool:
+        """True while a verb waits for the loop to let it in."""
+        return self._lock.awaited
 
     @property
     def stamp_s(self) -> float:
@@ -1211,6 +1216,30 @@ class CartesianController:
         if generation != self._generation or self._robot is None or not self._robot.ready:
             why = self._message or "the robot is not ready"
             raise MotionRefusedError(f"overtaken while it was worked out: {why}")
+
+
+class _PoliteLock:
+    """A reentrant lock that knows whether somebody waits for it, so that a loop which never
+    sleeps can let them have it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._waiting: set[int] = set()
+
+    @property
+    def awaited(self) -> bool:
+        """True while another thread waits, or is about to take the lock."""
+        return bool(self._waiting)
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            me = threading.get_ident()
+            self._waiting.add(me)
+            self._lock.acquire()
+            self._waiting.discard(me)
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
 
 
 class _Counted:

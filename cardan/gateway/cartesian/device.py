@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import TracebackType
@@ -23,6 +24,9 @@ from cardan.gateway.cartesian.controller import (
 )
 from cardan.gateway.cartesian.parameters import Key, Value
 from cardan.gateway.kinematics.collision import Obstacle
+
+MAKE_WAY_S = 1e-4
+"""The loop's pause, after its command is sent, for a verb that waits."""
 
 POLL_S = 0.05
 """Longest time between two looks at whether the loop still runs."""
@@ -272,6 +276,9 @@ class CartesianDevice:
                     self._do(*self._actions.popleft())
                 with ticked:
                     ticked.notify_all()
+                if controller.awaited:
+                    # A robot without pacing would take the lock again before they wake up.
+                    time.sleep(MAKE_WAY_S)
                 if self._closing.is_set():
                     break
         except Exception as error:

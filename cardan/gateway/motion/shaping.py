@@ -389,8 +389,10 @@ class _RuckigChaser:
         self.speed, self.acceleration, self.jerk = speed, acceleration, jerk
         self._time_s = time_s
         self._input = ruckig.InputParameter(3)
-        # Phase synchronisation is a straight line wherever the state allows one.
-        self._input.synchronization = ruckig.Synchronization.Phase
+        # Phase synchronisation is a straight line wherever the state allows one. Ruckig fails on
+        # some states that rounding has put just beside one, and then goes without.
+        kinds = ruckig.Synchronization
+        self._synchronizations = (kinds.Phase, kinds.Time, kinds.No)
         self._trajectory = ruckig.Trajectory(3)
         self._otg = ruckig.Ruckig(3)
         self.v = self.a = ZERO3
@@ -414,14 +416,30 @@ class _RuckigChaser:
         given.max_velocity = [share * speed] * 3
         given.max_acceleration = [share * self.acceleration] * 3
         given.max_jerk = [share * self.jerk] * 3
-        if self._otg.calculate(given, self._trajectory) < 0:
-            raise ValueError(f"ruckig finds no way over {tuple(d)}")
+        for synchronization in self._synchronizations:
+            given.synchronization = synchronization
+            try:
+                if self._otg.calculate(given, self._trajectory) >= 0:
+                    break
+            except self._ruckig.RuckigError:
+                continue
+        else:
+            return self._brake(dt)
         way, v, a = self._trajectory.at_time(dt)
         if dt >= self._trajectory.duration:
             self.rest()
             return d
         self.v, self.a = Vector3(*v), Vector3(*a)
         return Vector3(*way)
+
+    def _brake(self, dt: float) -> Vector3:
+        before_v, before_a = self.v, self.a
+        v, a = _follow(before_v, before_a, ZERO3, self.speed, self.acceleration, self.jerk, dt)
+        self.v, self.a = Vector3(*v), Vector3(*a)
+        return add(
+            scale(add(before_v, self.v), 0.5 * dt),
+            scale(subtract(before_a, self.a), dt * dt / 12.0),
+        )
 
 
 class PoseShaper:

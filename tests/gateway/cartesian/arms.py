@@ -69,13 +69,17 @@ class World:
             self.v[:] = 0.0
             return
         if isinstance(command, JointCommand):
+            # A servo that sags keeps its distance; it does not jump to a new command.
             self.q = np.array(command.positions)
+            self.v = np.array(command.velocities)
+            return
         elif isinstance(command, JointVelocityCommand):
             self.q = self.q + (np.array(command.velocities) + self.creep_rad_s) * DT_S
         elif isinstance(command, PoseCommand):
             self.pose = command.pose
             self.q = self.controller.servo.q.copy()
         if isinstance(command, TorqueCommand):
+            self.q, self.sag = self.q + self.sag, np.zeros(len(self.q))
             return
         self.v = (self.q - before) / DT_S
 

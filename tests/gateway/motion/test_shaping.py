@@ -4,7 +4,7 @@ import math
 
 import pytest
 import ruckig
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from cardan.errors import ConfigurationError
@@ -72,6 +72,7 @@ def test_velocity_bounds_hold_with_any_targets_and_periods(plan):
 def test_a_straight_change_does_not_overshoot_and_is_time_optimal(target, times, acceleration):
     shaper = JerkLimitedVector(3, 4.0, acceleration, 100.0)
     wanted, t = norm(target), 0.0
+    assume(wanted == 0.0 or wanted > 1e-12)
     for i in range(4000):
         v = shaper.advance(target, times[i % len(times)])
         t += times[i % len(times)]
@@ -188,7 +189,7 @@ def test_bounds_hold_while_the_target_jumps_and_it_arrives_after(targets, dt_s):
     for _ in range(round(12.0 / dt_s)):
         shaper.advance(targets[-1], dt_s)
         last = assert_within(shaper, last, dt_s)
-        if shaper.twist.linear == shaper.twist.angular == ZERO3:
+        if max(apart(shaper, targets[-1])) < 1e-9:
             break
     assert apart(shaper, targets[-1]) == pytest.approx((0, 0), abs=1e-7)
 
