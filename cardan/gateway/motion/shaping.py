@@ -159,8 +159,10 @@ def _follow(
     ex, ey, ez = target[0] - vx, target[1] - vy, target[2] - vz
     aa = ax * ax + ay * ay + az * az
     ee = ex * ex + ey * ey + ez * ez
-    if dt == 0.0 or (aa == 0.0 and ee == 0.0):
+    if dt == 0.0:
         return v, a
+    if aa == 0.0 and ee == 0.0:
+        return target, (0.0, 0.0, 0.0)
     q = jerk * dt
     e, an = math.sqrt(ee), math.sqrt(aa)
     # Landing within this tick, when everything is along one line and there is time for it.

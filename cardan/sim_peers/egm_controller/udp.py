@@ -12,6 +12,7 @@ from cardan.errors import AddressError
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.egm_controller.controller import EgmController
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
+from cardan.sim_peers.link import FaultyLink
 
 _LARGEST_DATAGRAM = 65535
 _DRAIN_AT_MOST = 256

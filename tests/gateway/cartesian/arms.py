@@ -45,6 +45,7 @@ class World:
         self.command = HoldCommand()
         self.commanded_before = None
         self.driven_before = False
+        self.sent_before = None
         self.tick()
 
     def state(self):
@@ -95,6 +96,15 @@ class World:
         if driven:
             assert np.all(servo.q >= kinematics.lower - 1e-6)
             assert np.all(servo.q <= kinematics.upper + 1e-6)
+        if isinstance(self.command, JointVelocityCommand):
+            sent = np.array(self.command.velocities)
+            assert np.all(np.abs(sent) <= kinematics.velocity + 1e-9)
+            if self.sent_before is not None:
+                change = np.abs(sent - self.sent_before)
+                assert np.all(change <= kinematics.acceleration * DT_S + 1e-9)
+            self.sent_before = sent
+        else:
+            self.sent_before = None
         self.commanded_before, self.driven_before = servo.v.copy(), driven
 
     @property

@@ -954,10 +954,14 @@ actions = st.lists(
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
-@given(st.sampled_from([GOFA, "ur5", "pr2_left_arm", "asibot"]), actions)
-def test_limits_hold_whatever_is_asked(arm, sequence):
+@given(
+    st.sampled_from([GOFA, "ur5", "pr2_left_arm", "asibot"]),
+    st.sampled_from([CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE]),
+    actions,
+)
+def test_limits_hold_whatever_is_asked(arm, drive, sequence):
     """`World` checks position, speed and acceleration of every joint in every tick."""
-    world = quick(arm)
+    world = quick(arm, commands=frozenset({drive, CommandKind.TORQUE}))
     controller = world.controller
     for name, step, ticks in sequence:
         try:
@@ -989,6 +993,6 @@ def test_limits_hold_whatever_is_asked(arm, sequence):
             world.tick()
     controller.stop()
     world.rest()
-    held = world.q.copy()
+    held = controller.servo.q.copy()
     world.tick(20)
-    np.testing.assert_array_equal(world.q, held)
+    np.testing.assert_array_equal(controller.servo.q, held)

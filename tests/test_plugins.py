@@ -1,0 +1,56 @@
+"""Classes are found by name, ours and those of other packages."""
+
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from cardan.errors import ConfigurationError
+from cardan.plugins import Finder
+
+POINTS = [
+    EntryPoint("theirs", "decimal:DivisionByZero", "group"),
+    EntryPoint("ours", "decimal:Overflow", "group"),
+    EntryPoint("function", "math:sqrt", "group"),
+    EntryPoint("other", "decimal:Decimal", "group"),
+]
+
+
+@pytest.fixture
+def finder():
+    return Finder(ArithmeticError, "trap", {"ours": "builtins:ZeroDivisionError"}, lambda: POINTS)
+
+
+def test_the_built_in_table_wins_over_entry_points(finder):
+    assert finder.load("ours") is ZeroDivisionError
+    assert finder.load("theirs").__name__ == "DivisionByZero"
+    assert finder.names() == ("function", "other", "ours", "theirs")
+
+
+def test_the_table_may_change_later():
+    table = {}
+    finder = Finder(ArithmeticError, "trap", table, lambda: ())
+    table["late"] = "builtins:OverflowError"
+    assert finder.names() == ("late",)
+    assert finder.load("late") is OverflowError
+
+
+def test_entry_points_are_not_asked_for_what_is_built_in():
+    def refuse():
+        raise AssertionError
+
+    finder = Finder(ArithmeticError, "trap", {"ours": "builtins:ZeroDivisionError"}, refuse)
+    assert finder.load("ours") is ZeroDivisionError
+
+
+def test_an_unknown_name_is_answered_with_those_there_are(finder):
+    message = "trap: there is no trap 'our'; allowed: function, other, ours, theirs"
+    with pytest.raises(ConfigurationError, match=message):
+        finder.load("our")
+
+
+@pytest.mark.parametrize(
+    ("name", "target"), [("function", "math:sqrt"), ("other", "decimal:Decimal")]
+)
+def test_what_is_not_of_the_kind_is_refused(finder, name, target):
+    with pytest.raises(ConfigurationError, match=f"{target} of trap '{name}' is not a cardan trap"):
+        finder.load(name)
