@@ -6,13 +6,14 @@ VENV ?= .venv
 DEMO_SECONDS ?= 30
 BIN := $(VENV)/bin
 
-.PHONY: help demo test lint types check bench test-pythons clean
+.PHONY: help demo test lint types check bench bench-thesis test-pythons clean
 
 help:
 	@echo "make demo    run the main job against simulated peers ($(DEMO_SECONDS) s)"
 	@echo "make test    all tests"
 	@echo "make check   lint, types and tests"
 	@echo "make bench   benchmarks, printed as ratios"
+	@echo "make bench-thesis  the measurements of the 2020 thesis, with plots for docs/"
 	@echo "make clean   remove the environment and caches"
 
 $(VENV)/.cardan: pyproject.toml tools/environment
@@ -41,6 +42,9 @@ check: lint types test
 
 bench: $(VENV)/.cardan-dev
 	$(BIN)/python -m bench
+
+bench-thesis: $(VENV)/.cardan-dev
+	$(BIN)/python -m bench thesis --plots docs/images/thesis
 
 # The oldest and the newest Python the package promises, where the machine has them.
 test-pythons:

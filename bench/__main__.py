@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from bench import egm_codec, egm_latency, hid_parse, servo_numbers, servo_tick
+from bench import egm_codec, egm_latency, hid_parse, servo_numbers, servo_tick, thesis
 
 BENCHMARKS = {
     "hid-parse": hid_parse.main,
@@ -12,12 +12,17 @@ BENCHMARKS = {
     "egm-latency": egm_latency.main,
     "servo-tick": servo_tick.main,
     "servo-numbers": servo_numbers.main,
+    "thesis": thesis.main,
 }
 
 
 def main() -> None:
     """Run them."""
-    names = [word for word in sys.argv[1:] if not word.isdecimal()]
+    words = sys.argv[1:]
+    if "--plots" in words:
+        first = words.index("--plots")
+        del words[first : first + 2]
+    names = [word for word in words if not word.isdecimal()]
     for name in names or BENCHMARKS:
         if name not in BENCHMARKS:
             sys.exit(f"there is no benchmark {name!r}; there are: {', '.join(BENCHMARKS)}")

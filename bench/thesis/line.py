@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from bench.metrics import (
     Errors,
@@ -41,7 +40,7 @@ JERK_M_S3 = 100.0
 PUBLISHED_S = 0.35
 PUBLISHED_START_S = 0.5
 
-START_DEG = (0.0, -110.0, 120.0, -100.0, -90.0, 0.0)
+START_DEG = (7.6, -97.3, 142.5, -135.2, -90.0, 7.6)
 """From which 0.5 m along each axis of the base can be reached."""
 
 DIRECTIONS = (Vector3(1.0, 0.0, 0.0), Vector3(0.0, -1.0, 0.0), Vector3(0.0, 0.0, 1.0))
@@ -143,17 +142,13 @@ def absolute(drive: Drive, axis: int, length_m: float, acceleration_m_s2: float)
     return _record(f"poses, {acceleration_m_s2:g} m/s²", rig, driving, axis, length_m, operator)
 
 
-def _record(
-    name: str, rig: Rig, driving: Any, axis: int, length_m: float, operator: Any
-) -> Line:
+def _record(name: str, rig: Rig, driving: Any, axis: int, length_m: float, operator: Any) -> Line:
     start = rig.placement(driving).translation.copy()
     trace = rig.run(driving, length_m / SPEED_M_S + TAIL_S, operator)
     output = trace.measured_m - trace.measured_m[0]
     sag_m = float(np.linalg.norm(trace.measured_m[0] - start))
     direction = DIRECTIONS[axis]
-    return _made(
-        name, trace.times_s, direction, output, length_m, len(driving.refusals), sag_m
-    )
+    return _made(name, trace.times_s, direction, output, length_m, len(driving.refusals), sag_m)
 
 
 def _times(length_m: float) -> Array:
@@ -214,3 +209,80 @@ def measure(drive: Drive, length_m: float = 0.5, axes: int = 3) -> Result:
         relative(drive, 0, length_m, 1.0),
         absolute(drive, 0, length_m, 1.0),
     )
+
+
+def simulated(length_m: float = 0.5) -> tuple[Line, Line, Line]:
+    """Without an arm: the published mechanism, the held commands, the shaper."""
+    return mechanism(length_m), held(length_m), shaped(length_m)
+
+
+def rows(ideal: Result, dynamic: Result, others: tuple[Line, Line, Line]) -> list[Row]:
+    """The table; `others` of :func:`simulated`."""
+
+    def ms(delay_s: float) -> str:
+        return f"{delay_s * 1e3:.0f}"
+
+    def delays(line: Line) -> str:
+        return f"{ms(line.delays.correlation_s)} / {ms(line.delays.least_error_s)} ms"
+
+    def off(line: Line) -> str:
+        found = line.errors
+        return f"{found.rms_m * 1e3:.2f} / {found.rms_without_delay_m * 1e3:.2f} mm"
+
+    found = []
+    for index, axis in enumerate("xyz"[: len(ideal.relative)]):
+        for one, two, what in (
+            (ideal.relative[index], dynamic.relative[index], "relative"),
+            (ideal.absolute[index], dynamic.absolute[index], "absolute"),
+        ):
+            worst = max(one.delays.least_error_s, float(np.nanmedian(one.delays.per_command_s)))
+            name = f"{axis}, {what}"
+            found += [
+                Row(
+                    f"{name}: delay by correlation / least error",
+                    "350 ms",
+                    delays(one),
+                    delays(two),
+                    "<= 20 ms",
+                    worst <= 0.02,
+                ),
+                Row(
+                    "  per command, 5 / 50 / 95 / 100 % (ms)",
+                    "mostly 350, 500 at the start",
+                    quantiles_ms(one.delays.per_command_s),
+                    quantiles_ms(two.delays.per_command_s),
+                ),
+                Row(
+                    "  error, RMS raw / without delay",
+                    "",
+                    off(one),
+                    off(two),
+                    "<= 2 mm raw",
+                    one.errors.rms_m <= 2e-3,
+                ),
+                Row(
+                    "  other axes",
+                    "still",
+                    f"{one.errors.leakage_m * 1e3:.2f} mm",
+                    f"{two.errors.leakage_m * 1e3:.2f} mm",
+                    "<= 0.1 mm",
+                    one.errors.leakage_m <= 1e-4,
+                ),
+            ]
+    for one, two, what in (
+        (ideal.relative_default, dynamic.relative_default, "relative"),
+        (ideal.absolute_default, dynamic.absolute_default, "absolute"),
+    ):
+        found += [
+            Row(f"x, {what}, 1 m/s² (default)", "350 ms", delays(one), delays(two)),
+            Row("  error, RMS raw / without delay", "", off(one), off(two)),
+        ]
+    for line in others:
+        found += [
+            Row(f"no arm: {line.name}", "", delays(line), ""),
+            Row("  per command (ms)", "", quantiles_ms(line.delays.per_command_s), ""),
+            Row("  error, RMS raw / without delay", "", off(line), ""),
+        ]
+    sag = max(line.sag_m for line in dynamic.relative)
+    found.append(Row("sag before the line, taken off", "", "0 mm", f"{sag * 1e3:.1f} mm"))
+    return found

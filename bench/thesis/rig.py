@@ -9,22 +9,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from cardan.arm_model import load_arm
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.gateway.cartesian.controller import CartesianController, ControllerOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import SE3
+from cardan.gateway.kinematics.base import SE3, to_pose, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.gateway.reference import Reference, ReferenceLimits
 from cardan.gateway.servo.follower import ArmFollower
 from cardan.gateway.servo.servo import Servo
-from cardan.types import ZERO_TWIST, CommandKind, RobotCommand, RobotState, Twist
+from cardan.sim_peers.arm import SimulatedArmOptions
+from cardan.types import ZERO3, ZERO_TWIST, CommandKind, Pose, RobotCommand, RobotState, Twist
 
 Array = npt.NDArray[np.float64]
 Drive = Literal["ideal", "dynamic"]
@@ -117,6 +121,57 @@ class Streams:
         return self.controller.tick(state)
 
 
+class Shaped:
+    """Drives the arm by absolute poses through the jerk-limited shaper, straight to the servo."""
+
+    def __init__(
+        self, robot: str, obstacles: Iterable[Obstacle], limits: PoseShaperLimits, damping: float
+    ) -> None:
+        kinematics = ArmKinematics(load_arm(robot))
+        collision = CollisionModel(kinematics, obstacles)
+        self.servo = Servo(kinematics, collision, weights=kinematics.arm.task.weights)
+        self._follower = ArmFollower(self.servo, frozenset({CommandKind.JOINT}))
+        self._shaper = PoseShaper(limits, damping=damping)
+        self._home = np.array(kinematics.arm.home)
+        self._twist = np.zeros((2, 3))
+        self.target: Pose | None = None
+        self.refusals: list[str] = []
+        """Stays empty: nothing is refused."""
+
+    def begin(self) -> None:
+        """Nothing is to be chosen."""
+
+    def pose(self, position: Array, rotation: Array) -> None:
+        """Go there from now on."""
+        self.target = to_pose(pin.SE3(rotation, position))
+
+    def tick(self, state: RobotState) -> RobotCommand:
+        """One control instant."""
+        servo, shaper = self.servo, self._shaper
+        if shaper.pose is None:
+            self._follower.place(state)
+            shaper.place(to_pose(servo.placement))
+        assert shaper.pose is not None
+        goal = to_se3(shaper.pose)
+        if self.target is not None:
+            shaper.advance(self.target, state.period_s)
+        self._twist[0], self._twist[1] = shaper.twist.linear, shaper.twist.angular
+        # An endless joint has no posture to come back to.
+        servo.posture = np.where(servo.kinematics.continuous, servo.q, self._home)
+        servo.tick(goal, self._twist, state.period_s)
+        return self._follower.command(state)
+
+
+@dataclass(frozen=True)
+class _Counterbalanced(SimArmOptions):
+    """An arm whose springs carry its weight, as the PR2's do: its drives could not."""
+
+    @property
+    def arm_options(self) -> SimulatedArmOptions:
+        options = super().arm_options
+        return replace(options, plant=replace(options.plant, gravity_m_s2=ZERO3))
+
+
 class Session:
     """Drives the arm by twists as a session does: reference, servo, sliding along obstacles."""
 
@@ -144,16 +199,25 @@ class Session:
         return self._follower.command(state)
 
 
+Driving = Streams | Shaped | Session
+
+
 class Rig:
     """A robot with its record."""
 
     def __init__(
-        self, robot: str, drive: Drive, start: Sequence[float] = (), obstacles: Sequence[Obstacle] = ()
+        self,
+        robot: str,
+        drive: Drive,
+        start: Sequence[float] = (),
+        obstacles: Sequence[Obstacle] = (),
+        counterbalanced: bool = False,
     ) -> None:
         """`start`: joints, rad; empty: the arm's home."""
         self.robot, self.obstacles = robot, tuple(obstacles)
+        options = _Counterbalanced if counterbalanced else SimArmOptions
         self.driver = SimArm(
-            SimArmOptions(robot=robot, pacing="virtual", drive=drive, start=tuple(start))
+            options(robot=robot, pacing="virtual", drive=drive, start=tuple(start))
         )
         self.driver.open()
         self._cycles = self.driver.cycles()
@@ -178,19 +242,23 @@ class Rig:
         self._engage(made)
         return made
 
-    def _engage(self, driving: Streams | Session) -> None:
+    def shaped(self, limits: PoseShaperLimits, damping: float = 1.0) -> Shaped:
+        """Shaper and servo alone, engaged and settled."""
+        made = Shaped(self.robot, self.obstacles, limits, damping)
+        self._engage(made)
+        return made
+
+    def _engage(self, driving: Driving) -> None:
         self.driver.send(driving.tick(next(self._cycles)))
         driving.begin()
         for _ in range(round(SETTLE_S / DT_S)):
             self.driver.send(driving.tick(next(self._cycles)))
 
-    def placement(self, driving: Streams | Session) -> SE3:
+    def placement(self, driving: Driving) -> SE3:
         """Where the TCP is told to be."""
         return driving.servo.placement
 
-    def run(
-        self, driving: Streams | Session, seconds: float, operator: Callable[[float], None]
-    ) -> Trace:
+    def run(self, driving: Driving, seconds: float, operator: Callable[[float], None]) -> Trace:
         """Go on for `seconds`. `operator` acts before each tick, with the time since now."""
         count = round(seconds / DT_S)
         n = self._kinematics.joints
@@ -217,8 +285,6 @@ class Rig:
 
 def pose_of(position: Array, rotation: Array) -> tuple[float, ...]:
     """The six numbers of a pose: m and rotation vector, rad."""
-    import pinocchio as pin
-
     return (*(float(c) for c in position), *pin.log3(rotation).tolist())
 
 
@@ -269,9 +335,7 @@ def published_mechanism(
                 velocity, acceleration = 0.0 * velocity, 0.0 * acceleration
             newest = int(np.searchsorted(command_times_s, now_s + 1e-9)) - 1
             if newest >= 0:
-                coefficients = _quintic(
-                    position, velocity, acceleration, commands[newest], total
-                )
+                coefficients = _quintic(position, velocity, acceleration, commands[newest], total)
                 begun_s = now_s
             next_s += PUBLISHED_LOOP_S
         found[i] = position

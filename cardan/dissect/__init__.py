@@ -1,8 +1,9 @@
-"""Reads captures: EGM on UDP and 3Dconnexion reports on USB, explained line by line.
+"""Reads captures: EGM and the joint stream on UDP, 3Dconnexion reports on USB, line by line.
 
 Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselves, for building
-datagrams as well, are in :mod:`cardan.dissect.egm` and :mod:`cardan.dissect.connexion`; they are
-written from the protocols' documentation and not from :mod:`cardan.protocols`.
+datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream` and
+:mod:`cardan.dissect.connexion`; they are written from the protocols' documentation and not from
+:mod:`cardan.protocols`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ __all__ = ["EGM_PORTS", "Counts", "ScapyMissingError", "dissect_file"]
 
 
 class Counts(NamedTuple):
-    """What a capture held. `messages` and `malformed` are by protocol, "EGM" and "3Dconnexion"."""
+    """What a capture held. `messages` and `malformed` are by protocol: "EGM", "3Dconnexion",
+    "joint stream"."""
 
     packets: int
     messages: Mapping[str, int]
@@ -41,13 +43,14 @@ def dissect_file(
     summary: bool = False,
     egm_ports: Iterable[int] = (),
 ) -> Counts:
-    """Writes a line per EGM datagram and 3Dconnexion report of a capture, then a summary.
+    """Writes a line per datagram and report of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP
     or Linux usbmon. Reading stops after `limit` datagrams and reports. With `summary` the lines
-    are left out. `egm_ports` are UDP ports a PC listens at besides EGM_PORTS. Malformed datagrams
-    are shown and counted. Raises CaptureError when the file is missing, not a capture, damaged or
-    truncated (after everything before the damage was written), ScapyMissingError without scapy.
+    are left out. `egm_ports` are UDP ports a PC listens at besides EGM_PORTS. The joint stream is
+    found on its port and, by its mark, on any other. Malformed datagrams are shown and counted.
+    Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
+    everything before the damage was written), ScapyMissingError without scapy.
     """
     options = Options(frozenset((*EGM_PORTS, *egm_ports)))
     readers = load_readers(options)
@@ -104,8 +107,8 @@ def _summary(
         )
         yield f"{counts.packets} packets: {'; '.join(shown)}; {counts.other_packets} others"
     else:
-        names = " or ".join(reader.name for reader in readers)
-        yield f"no {names} traffic found in {counts.packets} packets"
+        *names, last = (reader.name for reader in readers)
+        yield f"no {', '.join(names)} or {last} traffic found in {counts.packets} packets"
         ports = " ".join(map(str, sorted(options.egm_ports)))
         yield f"EGM was looked for on UDP ports {ports} (--port for others)"
     if counts.other_packets:

@@ -17,6 +17,7 @@ from cardan.dissect.network import Segment
 READERS = (
     "cardan.dissect.egm_reader:EgmReader",
     "cardan.dissect.connexion_reader:ConnexionReader",
+    "cardan.dissect.joint_stream_reader:JointStreamReader",
 )
 """By name, because the modules need scapy."""
 

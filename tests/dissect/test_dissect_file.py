@@ -36,6 +36,7 @@ CONTROLLER, PC = ("10.0.0.1", 50123), ("10.0.0.2", EGM_PORTS[0])
 ETHER = Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
 ETHERTYPE_ONLY = Ether(src=ETHER.src, dst=ETHER.dst, type=0x800)
 FIVE_JOINTS = [0.0] * 5
+NONE = {"EGM": 0, "3Dconnexion": 0, "joint stream": 0}
 
 
 def read(path, **options):
@@ -95,7 +96,7 @@ def capture(tmp_path):
 
 def test_a_clean_session(capture):
     counts, text = read(capture(session(10)))
-    assert counts == Counts(20, {"EGM": 20, "3Dconnexion": 0}, {"EGM": 0, "3Dconnexion": 0}, 0)
+    assert counts == Counts(20, {**NONE, "EGM": 20}, NONE, 0)
     lines = text.splitlines()
     assert lines[0] == "capture starts 2023-11-14 22:13:20.000000 UTC"
     assert lines[1] == (
@@ -221,7 +222,7 @@ def test_other_ports_on_request(capture):
     path = capture(packets)
     counts, text = read(path)
     assert counts.messages["EGM"] == 0
-    assert "no EGM or 3Dconnexion traffic found in 3 packets" in text
+    assert "no EGM, 3Dconnexion or joint stream traffic found in 3 packets" in text
     assert "EGM was looked for on UDP ports 6510 6511 6512 6513" in text
     assert read(path, egm_ports=[7000])[0].messages["EGM"] == 3
 
@@ -234,7 +235,7 @@ def test_another_protocol_is_said_not_to_be_ours(capture):
     packets.append(at(4, ETHER / ARP(hwsrc=ETHER.src, psrc="10.0.0.1", pdst="10.0.0.2")))
     counts, text = read(capture(packets))
     assert counts.other_packets == 4
-    assert "no EGM or 3Dconnexion traffic found in 4 packets" in text
+    assert "no EGM, 3Dconnexion or joint stream traffic found in 4 packets" in text
     assert "other packets: TCP 40000/50240 x3, ARP x1" in text
 
 
@@ -307,7 +308,7 @@ def test_link_types_and_file_formats(tmp_path, link, form):
     if form == "pcapng":
         path.write_bytes(as_pcapng(path.read_bytes()))
     counts, text = read(path)
-    assert counts == Counts(3, {"EGM": 3, "3Dconnexion": 0}, {"EGM": 0, "3Dconnexion": 0}, 0)
+    assert counts == Counts(3, {**NONE, "EGM": 3}, NONE, 0)
     address = "[fd00::1]:5 > [fd00::2]:6510" if link == "ipv6" else "10.0.0.1:5 > 10.0.0.2:6510"
     assert f"{address} EgmRobot | seqno 2 tm 8 DATA" in text
     assert "period mean 4.000 min 4.000 max 4.000 ms" in text
@@ -410,7 +411,7 @@ def test_files_that_are_no_captures(tmp_path, capture):
     with pytest.raises(CaptureError, match=r"not a pcap or pcapng capture \(it begins with 25 50"):
         read(path)
     path.write_bytes(capture(session(1)).read_bytes()[:24])
-    assert "no EGM or 3Dconnexion traffic found in 0 packets" in read(path)[1]
+    assert "no EGM, 3Dconnexion or joint stream traffic found in 0 packets" in read(path)[1]
 
 
 @pytest.mark.parametrize("form", ["pcap", "pcapng"])
@@ -581,7 +582,7 @@ def test_usb_devices_that_are_no_6dof_mice(usb_capture):
     cadmouse = descriptor(0x256F, 0xC650)
     counts, text = read(usb_capture([*cadmouse, urb(worked.MOTION)]))
     assert counts.messages["3Dconnexion"] == 0
-    assert "no EGM or 3Dconnexion traffic found in 3 packets" in text
+    assert "no EGM, 3Dconnexion or joint stream traffic found in 3 packets" in text
     unknown = descriptor(0x256F, 0xC6FF)
     assert read(usb_capture([*unknown, urb(worked.MOTION)]))[0].messages["3Dconnexion"] == 1
 

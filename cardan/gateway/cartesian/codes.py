@@ -100,7 +100,7 @@ class PolicyCode(enum.IntEnum):
 
 
 class Parameter(enum.IntEnum):
-    """Keys of parameters; the last nine are Cardan's own."""
+    """Keys of parameters; the last ten are Cardan's own."""
 
     ALL = vocab("prms")
     GAIN = vocab("cpcg")
@@ -120,3 +120,4 @@ class Parameter(enum.IntEnum):
     STREAM_TIMEOUT = vocab("cpst")
     JOINT_SPEED = vocab("cpjs")
     JOINT_ACCELERATION = vocab("cpja")
+    DAMPING = vocab("cpda")

@@ -56,9 +56,11 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
+from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.gateway.reference import ReferenceLimits
 from cardan.gateway.servo.servo import Policy, Servo, ServoOptions, ServoStatus
 from cardan.spatial import (
+    add,
     compose,
     limit_norm,
     multiply,
@@ -118,6 +120,8 @@ class ControllerOptions:
     stream_acceleration_m_s2: float = 1.0
     stream_rotation_speed_rad_s: float = 1.0
     stream_rotation_acceleration_rad_s2: float = 4.0
+    stream_jerk_m_s3: float = 20.0
+    stream_rotation_jerk_rad_s3: float = 80.0
     stream_step_m: float = 0.2
     """Farthest that a streamed pose may be from where the TCP is told to be."""
     stream_step_rad: float = 1.0
@@ -294,6 +298,8 @@ class CartesianController:
             options.servo,
             model.task.weights,
         )
+        if len(model.joints) > 6:
+            self.servo.posture = np.array(model.home)
         self._measuring = ArmKinematics(model)
         self._bare = ArmKinematics(model)
         """Without a tool: what the robot's own controller knows."""
@@ -595,8 +601,12 @@ class CartesianController:
             limits = self._reference_limits(
                 options.stream_acceleration_m_s2, options.stream_rotation_acceleration_rad_s2
             )
-            follow = FollowPoseStream if kind is Stream.POSE else FollowTwistStream
-            activity = follow(self.servo, limits, self._deceleration)
+            if kind is Stream.POSE:
+                activity = FollowPoseStream(
+                    self.servo, limits, self._deceleration, self._pose_shaper(limits)
+                )
+            else:
+                activity = FollowTwistStream(self.servo, limits, self._deceleration)
         self._activity, self._braking = activity, False
         self._stream, self._stream_ended = _StreamLink(kind), ""
 
@@ -627,14 +637,64 @@ class CartesianController:
                 check_workspace("pose", target.position, self.options.workspace_m)
                 self._check_step(now, target)
                 self.planner.inverse_nearby("pose", target, start)
-                with self._lock:
-                    if self._activity is not activity or self._stream is None:
-                        raise MotionRefusedError(f"pose: {self._stream_ended}")
-                    activity.target = target
-                    self._hear(self._stream, owner, sequence, stamp_s)
+                self._aim(activity, target, owner, sequence, stamp_s)
         except MotionRefusedError as error:
             return str(error)
         return ""
+
+    def jog(
+        self,
+        dx: Target,
+        *,
+        owner: str = "",
+        sequence: int | None = None,
+        stamp_s: float | None = None,
+    ) -> str:
+        """Move the pose that is gone to by `dx` (m, rotation vector in rad); see `pose`.
+
+        Relative jogging: the deltas of a stream add up, so none is lost, however they are
+        bunched. In base axes p + d and exp(dr)·R, with the TCP frame H·X. Needs the stream
+        command `pose`, follows the parameter poseDamping, and is refused where the sum would run
+        away from the arm.
+        """
+        try:
+            with self._planning, self._counted():
+                step = checked_pose("jog", dx)
+                with self._lock:
+                    activity = self._streaming(Stream.POSE, owner, sequence, stamp_s)
+                    assert isinstance(activity, FollowPoseStream)
+                    start = self.servo.q.copy()
+                    now = to_pose(self.servo.placement)
+                    before = activity.target or now
+                if self._tcp_frame:
+                    target = compose(before, step)
+                else:
+                    target = Pose(
+                        add(before.position, step.position),
+                        normalized(multiply(step.orientation, before.orientation)),
+                        Frame.BASE,
+                    )
+                check_workspace("jog", target.position, self.options.workspace_m)
+                self._check_step(now, target)
+                self.planner.inverse_nearby("jog", target, start)
+                self._aim(activity, target, owner, sequence, stamp_s)
+        except MotionRefusedError as error:
+            return str(error)
+        return ""
+
+    def _aim(
+        self,
+        activity: FollowPoseStream,
+        target: Pose,
+        owner: str,
+        sequence: int | None,
+        stamp_s: float | None,
+    ) -> None:
+        with self._lock:
+            if self._activity is not activity or self._stream is None:
+                raise MotionRefusedError(f"pose: {self._stream_ended}")
+            activity.target = target
+            self._hear(self._stream, owner, sequence, stamp_s)
 
     def _check_step(self, now: Pose, target: Pose) -> None:
         step_m = norm(subtract(target.position, now.position))
@@ -1104,7 +1164,22 @@ class CartesianController:
             linear_acceleration_m_s2=linear_m_s2,
             angular_speed_rad_s=self._fastest_rad_s,
             angular_acceleration_rad_s2=angular_rad_s2,
+            linear_jerk_m_s3=options.stream_jerk_m_s3,
+            angular_jerk_rad_s3=options.stream_rotation_jerk_rad_s3,
             workspace_m=options.workspace_m,
+        )
+
+    def _pose_shaper(self, limits: ReferenceLimits) -> PoseShaper:
+        return PoseShaper(
+            PoseShaperLimits(
+                linear_speed_m_s=limits.linear_speed_m_s,
+                linear_acceleration_m_s2=limits.linear_acceleration_m_s2,
+                linear_jerk_m_s3=self.options.stream_jerk_m_s3,
+                angular_speed_rad_s=limits.angular_speed_rad_s,
+                angular_acceleration_rad_s2=limits.angular_acceleration_rad_s2,
+                angular_jerk_rad_s3=self.options.stream_rotation_jerk_rad_s3,
+            ),
+            damping=self._parameters[Parameter.DAMPING],
         )
 
     @property

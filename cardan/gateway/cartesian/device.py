@@ -227,6 +227,11 @@ class CartesianDevice:
         self._require_loop()
         return self.controller.pose(x, owner=owner, sequence=sequence)
 
+    def jog(self, dx: Target, *, owner: str = "", sequence: int | None = None) -> str:
+        """Move the pose that is gone to by `dx`. Answers why not, or ""."""
+        self._require_loop()
+        return self.controller.jog(dx, owner=owner, sequence=sequence)
+
     def twist(self, xdot: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
         """Move with the twist `xdot` now. Answers why not, or ""."""
         self._require_loop()

@@ -14,21 +14,19 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from cardan.arm_model import ArmModel
-from cardan.braking import stopping_speed
 from cardan.errors import MotionRefusedError
 from cardan.gateway.cartesian.codes import State
 from cardan.gateway.cartesian.planner import Line
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
+from cardan.gateway.motion.shaping import PoseShaper
 from cardan.gateway.reference import Reference, ReferenceLimits
 from cardan.gateway.servo.servo import Servo
 from cardan.spatial import (
     add,
-    from_rotation_vector,
+    dot,
     limit_norm,
-    multiply,
     norm,
-    normalized,
     rotation_between,
     scale,
     subtract,
@@ -57,22 +55,14 @@ TOLERANCE_M = 1e-3
 TOLERANCE_RAD = 5e-3
 """A line that ends farther from its goal than this has failed."""
 
-CREEP_M_S = 5e-3
-"""Below this speed (rad counts 0.3 m, and alike for joints) the servo's programme has too little
-to weigh, and the share it gives says nothing: the reference goes on, and feedback follows it."""
-
-CREEP_LAG = 1e-3
-"""As long as the arm is not farther behind, m or rad."""
-
 STUCK_SHARE = 0.01
 """Of the wanted speed: an arm that gets no more than this is stuck."""
 
 STUCK_S = 0.5
 """For which it has to last."""
 
-KEPT_SHARE = 0.2
-"""How much more of a reference's speed is kept than the arm just managed: damping takes a few per
-cent in every tick and must not add up, a wall takes all and must be felt."""
+HELD_SHARE = 0.95
+"""Of the wanted speed: a reference whose arm gets less goes on from what it got."""
 
 
 class Deceleration(NamedTuple):
@@ -206,10 +196,7 @@ class FollowJoints:
         step_s = clock.next_step(dt_s)
         goal = self._path.at(clock.time_s)[0].copy()
         rate = (self._path.at(clock.time_s + step_s)[0] - goal) / dt_s
-        lag = float(np.abs(goal - servo.q).max())
         share = servo.tick_joints(goal, rate, dt_s)
-        if lag < CREEP_LAG and float(np.abs(rate).max()) < CREEP_M_S:
-            share = 1.0
         clock.advance(step_s, share, dt_s)
         if clock.over:
             self._over_s += dt_s
@@ -269,8 +256,6 @@ class FollowLine:
         self._twist[0] = scale(subtract(there.position, here.position), gain)
         self._twist[1] = scale(rotation_between(here.orientation, there.orientation), gain)
         share = servo.tick(to_se3(here), self._twist, dt_s)
-        if _creeps(servo, self._twist):
-            share = 1.0
         clock.advance(step_s, share, dt_s)
         if clock.over:
             self._over_s += dt_s
@@ -293,16 +278,6 @@ class FollowLine:
             )
 
 
-def _creeps(servo: Servo, twist: FloatArray) -> bool:
-    """True at a speed and so near to the reference that the servo's share says nothing."""
-    vx, vy, vz, wx, wy, wz = twist.ravel().tolist()
-    squared = vx * vx + vy * vy + vz * vz + 0.09 * (wx * wx + wy * wy + wz * wz)
-    if squared >= CREEP_M_S * CREEP_M_S:
-        return False
-    status = servo.status()
-    return status.error_m < CREEP_LAG and status.error_rad < CREEP_LAG
-
-
 def _stuck(servo: Servo, share: float) -> str:
     status = servo.status()
     why = f"stuck after {share:.0%} of the time"
@@ -317,6 +292,8 @@ class _ReferenceMotion:
     """A TCP that follows a virtual reference point."""
 
     state = State.NOT_CONTROLLING
+    slides = False
+    """Whether an obstacle leaves the part of the motion that goes along it."""
 
     def __init__(self, servo: Servo, limits: ReferenceLimits, deceleration: Deceleration) -> None:
         self._servo = servo
@@ -360,29 +337,21 @@ class _ReferenceMotion:
                 servo.brake(dt_s)
             self._resting = self.braking
             return False
-        before = reference.pose
-        assert before is not None
         reference.observe(to_pose(servo.placement))
-        reference.advance(ZERO_TWIST if self.braking else wanted, dt_s)
-        self._twist[0], self._twist[1] = reference.linear, reference.angular
-        share = servo.tick(to_se3(before), self._twist, dt_s)
-        linear, angular = (Vector3(*row) for row in servo.twist.tolist())
-        if _creeps(servo, self._twist):
-            share, linear, angular = 1.0, reference.linear, reference.angular
-        self.share = share
-        turn = from_rotation_vector(scale(angular, dt_s))
-        reference.pose = Pose(
-            add(before.position, scale(linear, dt_s)),
-            normalized(multiply(turn, before.orientation)),
-            Frame.BASE,
-        )
-        kept = min(1.0, share + KEPT_SHARE)
-        if kept < 1.0:
-            reference.linear = scale(reference.linear, kept)
-            reference.angular = scale(reference.angular, kept)
+        reference.shape(ZERO_TWIST if self.braking else wanted, dt_s, smooth=not self.braking)
+        self._follow(reference.linear, reference.angular, dt_s)
         if self.braking and not reference.moving:
             self._resting = True
         return False
+
+    def _follow(self, linear: Vector3, angular: Vector3, dt_s: float) -> None:
+        """Move the arm with the reference, and the reference as far as the arm can."""
+        servo, reference = self._servo, self.reference
+        assert reference.pose is not None
+        self._twist[0], self._twist[1] = linear, angular
+        self.share = servo.tick(to_se3(reference.pose), self._twist, dt_s, slide=self.slides)
+        moved = servo.twist.tolist()
+        reference.move(Vector3(*moved[0]), Vector3(*moved[1]), dt_s)
 
 
 class FollowTwist(_ReferenceMotion):
@@ -434,6 +403,8 @@ def _blocked(servo: Servo) -> str:
 class FollowTwistStream(_ReferenceMotion):
     """Streamed twists."""
 
+    slides = True
+
     def __init__(self, servo: Servo, limits: ReferenceLimits, deceleration: Deceleration) -> None:
         super().__init__(servo, limits, deceleration)
         self.target = ZERO_TWIST
@@ -449,11 +420,22 @@ class FollowTwistStream(_ReferenceMotion):
 
 
 class FollowPoseStream(_ReferenceMotion):
-    """Streamed poses: the reference chases the newest, and can always stop at it."""
+    """Streamed poses: the reference chases the newest in bounded jerk, and can stop at it."""
 
-    def __init__(self, servo: Servo, limits: ReferenceLimits, deceleration: Deceleration) -> None:
+    slides = True
+
+    def __init__(
+        self,
+        servo: Servo,
+        limits: ReferenceLimits,
+        deceleration: Deceleration,
+        shaper: PoseShaper,
+    ) -> None:
         super().__init__(servo, limits, deceleration)
         self.target: Pose | None = None
+        self._shaper = shaper
+        assert self.reference.pose is not None
+        shaper.place(self.reference.pose)
 
     @property
     def driven(self) -> bool:
@@ -468,32 +450,27 @@ class FollowPoseStream(_ReferenceMotion):
 
     def tick(self, dt_s: float) -> Progress:
         """Move on by one period."""
-        wanted, pose = ZERO_TWIST, self.reference.pose
-        if self.target is not None and pose is not None:
-            limits = self.reference.limits
-            wanted = Twist(
-                _chase(
-                    subtract(self.target.position, pose.position),
-                    limits.linear_acceleration_m_s2,
-                    dt_s,
-                ),
-                _chase(
-                    rotation_between(pose.orientation, self.target.orientation),
-                    limits.angular_acceleration_rad_s2,
-                    dt_s,
-                ),
-                Frame.BASE,
-            )
-        return ARRIVED if self._advance(wanted, dt_s) else GOING
-
-
-def _chase(error: Vector3, acceleration: float, dt_s: float) -> Vector3:
-    """The fastest velocity along `error` that still stops at its end."""
-    distance = norm(error)
-    if distance < 1e-9:
-        return ZERO3
-    # Half of the acceleration is left for turning towards a target that moves.
-    return scale(error, stopping_speed(distance, 0.5 * acceleration, dt_s) / distance)
+        reference, shaper = self.reference, self._shaper
+        if self.braking or self.target is None or not self.driven:
+            return ARRIVED if self._advance(ZERO_TWIST, dt_s) else GOING
+        here = reference.pose
+        assert here is not None
+        now = shaper.twist
+        to_go = subtract(self.target.position, here.position)
+        to_turn = rotation_between(here.orientation, self.target.orientation)
+        back = dot(now.linear, to_go) < 0.0 or dot(now.angular, to_turn) < 0.0
+        if back and self.share < HELD_SHARE:
+            # Pushed against what holds it, the arm did not gain the speed it would have to lose.
+            linear, angular = (Vector3(*row) for row in self._servo.twist.tolist())
+            shaper.adopt(here, Twist(linear, angular, Frame.BASE))
+        else:
+            shaper.adopt(here)
+        there = shaper.advance(self.target, dt_s)
+        linear = scale(subtract(there.position, here.position), 1.0 / dt_s)
+        angular = scale(rotation_between(here.orientation, there.orientation), 1.0 / dt_s)
+        reference.linear, reference.angular = linear, angular
+        self._follow(linear, angular, dt_s)
+        return GOING
 
 
 class Recover:

@@ -25,6 +25,7 @@ class _Bound(enum.Enum):
     NOT_NEGATIVE = "a number >= 0"
     POSITIVE = "a number > 0"
     SHARE = "a number > 0 and <= 1"
+    DAMPING = "a number >= 0.1 and <= 1"
 
 
 class ParameterRule(NamedTuple):
@@ -71,6 +72,7 @@ RULES: tuple[ParameterRule, ...] = (
     ParameterRule(Parameter.STREAM_TIMEOUT, "streamTimeout", "s", 0.1, _B.POSITIVE),
     ParameterRule(Parameter.JOINT_SPEED, "jointSpeedShare", "", 0.25, _B.SHARE),
     ParameterRule(Parameter.JOINT_ACCELERATION, "jointAccelShare", "", 0.5, _B.SHARE),
+    ParameterRule(Parameter.DAMPING, "poseDamping", "", 1.0, _B.DAMPING),
 )
 """All parameters, in the order in which they are listed."""
 
@@ -112,7 +114,9 @@ def checked_value(rule: ParameterRule, value: Value) -> float:
         raise error
     if rule.accepted is not _B.NOT_NEGATIVE and number == 0.0:
         raise error
-    if rule.accepted is _B.SHARE and number > 1.0:
+    if rule.accepted in (_B.SHARE, _B.DAMPING) and number > 1.0:
+        raise error
+    if rule.accepted is _B.DAMPING and number < 0.1:
         raise error
     return number
 

@@ -84,6 +84,10 @@ class DryRun(NamedTuple):
     """That joint."""
 
 
+SPARE_RESTARTS = 12
+"""Of the inverse for streams of arms with joints to spare; it finds nearly all within five."""
+
+
 class Planner:
     """Inverse kinematics and dry runs of one arm, with reasons for what is impossible."""
 
@@ -112,6 +116,7 @@ class Planner:
         length = CHARACTERISTIC_LENGTH_M
         weights = np.array(model.task.weights)
         self._any_pose = len(model.joints) >= 6 and bool(np.all(weights > 0.0))
+        self._nearby_restarts = SPARE_RESTARTS if len(model.joints) > 6 else 0
         self.followed = weights > 0.0
         """Directions that the arm follows, x y z rx ry rz along TCP axes."""
         lengths = (1.0, 1.0, 1.0, length, length, length)
@@ -146,10 +151,13 @@ class Planner:
         return found
 
     def inverse_nearby(self, verb: str, target: Pose, near: FloatArray) -> FloatArray:
-        """As `inverse`, but on the branch of `near` only, for streams."""
+        """As `inverse`, but on the branch of `near` only, for streams.
+
+        An arm with joints to spare has no branches: its posture is wherever the servo finds room.
+        """
         placement = to_se3(target)
         found = (
-            self.kinematics.inverse(placement, near, restarts=0)
+            self.kinematics.inverse(placement, near, restarts=self._nearby_restarts)
             if self._any_pose
             else self._nearest(self.kinematics, placement, near, 1)
         )

@@ -20,7 +20,8 @@ def _installed() -> EntryPoints:
     return entry_points(group=ENTRY_POINT_GROUP)
 
 
-_FINDER: Finder[TwistFilter] = Finder(TwistFilter, "filter", BUILT_IN, _installed)
+# mypy wants a class that can be instantiated; a Finder only compares with it.
+_FINDER: Finder[TwistFilter] = Finder(TwistFilter, "filter", BUILT_IN, _installed)  # type: ignore[type-abstract]
 
 
 def names() -> tuple[str, ...]:

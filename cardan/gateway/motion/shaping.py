@@ -498,6 +498,17 @@ class PoseShaper:
         self._angular.rest()
         self._turn = self._target = None
 
+    def adopt(self, pose: Pose, twist: Twist | None = None) -> None:
+        """Go on from `pose` (base frame), where something else has held or led the reference.
+
+        With `twist` (base axes) its velocity is that, without acceleration; otherwise its own.
+        """
+        self.pose = pose
+        if twist is not None:
+            self._linear.rest()
+            self._angular.rest()
+            self._linear.v, self._angular.v = twist.linear, twist.angular
+
     @property
     def twist(self) -> Twist:
         """The present velocity, in base axes."""

@@ -32,9 +32,12 @@ class JointBounds:
         dt_s: float,
         lowest: FloatArray,
         highest: FloatArray,
-    ) -> None:
-        """Write the bounds into the first entries of `lowest` and `highest`."""
-        sqrt = math.sqrt
+    ) -> bool:
+        """Write the bounds into the first entries of `lowest` and `highest`.
+
+        True when the end of a joint's range bounds it more than speed and acceleration do.
+        """
+        sqrt, ending = math.sqrt, False
         for index, (lower, upper, fastest, acceleration) in enumerate(self._joints):
             position, speed = q[index], v[index]
             gain = acceleration * dt_s
@@ -45,15 +48,16 @@ class JointBounds:
             if room * acceleration < fastest * (fastest + gain):
                 stop = sqrt(gain * gain + 2.0 * acceleration * room) - gain if room > 0 else 0.0
                 if top > stop:
-                    top = stop
+                    top, ending = stop, True
             room = position - lower
             if room * acceleration < fastest * (fastest + gain):
                 stop = gain - sqrt(gain * gain + 2.0 * acceleration * room) if room > 0 else 0.0
                 if bottom < stop:
-                    bottom = stop
+                    bottom, ending = stop, True
             # Braking harder than the joint can is no use, and no programme may be infeasible.
             highest[index] = top if top > slowed else slowed
             lowest[index] = bottom if bottom < sped else sped
+        return ending
 
     def limiting(self, lowest: FloatArray, highest: FloatArray, v: FloatArray) -> list[int]:
         """Joints whose velocity is at a bound."""

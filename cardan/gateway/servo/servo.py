@@ -41,7 +41,8 @@ MAX_ROWS = 16
 """Closing pairs in one programme, the most urgent first: more cannot act on seven joints."""
 
 AT_REST = 1e-5
-"""rad/s or m/s: the tail of an exponential approach that no drive resolves."""
+"""rad/s or m/s: the tail of an exponential approach that no drive resolves. Also the pace below
+which nothing is asked to move."""
 
 POSTURE_FULL_AT_M_S = 0.02
 """Length-weighed speed of the TCP from which the posture pulls with its full gain."""
@@ -54,9 +55,6 @@ SINGULAR = 0.03
 
 TIGHT_M_S = 1e-4
 """A pair this near to its closing speed is what ends the motion."""
-
-LEAST_STIFFNESS = 1e-7
-"""Keeps s at 1 when nothing is asked to move; that of 1 mm/s, which nobody steers by."""
 
 FREE_DIRECTION = 1e-9
 """Regularises projections onto what an arm can do; far below any real direction."""
@@ -99,8 +97,8 @@ class ServoOptions:
     path_stiffness: float = 0.1
     """How dearly slowing along the path is paid under Policy.PATH: the share of the commanded
     speed that may be lost sideways before all of the pace is given up, squared."""
-    posture_gain_1_s: float = 1.0
-    posture_weight: float = 1e-2
+    posture_gain_1_s: float = 3.0
+    posture_weight: float = 1e-3
     """Of the preferred posture where the task leaves freedom, against damping and obstacles."""
     safety_distance_m: float = 0.01
     """Obstacles are kept this far away."""
@@ -212,6 +210,7 @@ class Servo:
         self._error_m = self._error_rad = 0.0
         self._unreachable = (0.0, 0.0)
         self._active = 0
+        self._ending = False
         self._failures = 0
         self._safety: list[float] = []
         if collision is not None:
@@ -252,8 +251,8 @@ class Servo:
 
         `twist` is 2×3: linear, angular; base axes, at the TCP. `joint_rate` (n) is what the
         operator asks of single joints beside it; it adds to the twist (Baklouti et al. 2021,
-        equation 7). With `slide` an obstacle takes away only the part of the twist that points
-        into it; without, the line is held and the motion ends there.
+        equation 7). With `slide` an obstacle or the end of a joint's range takes away only the part
+        of the twist that points into it; without, the line is held and the motion ends there.
 
         Returns the path speed s: the goal is to be moved by `self.twist` · dt_s, which is s times
         what was asked for, less what the arm cannot do at all.
@@ -275,8 +274,11 @@ class Servo:
 
         task, normal, linear = self._task, self._normal, self._linear
         np.multiply(jacobian, self._column_weights, out=self._task_of_joints)
+        # The path's unknown is its speed itself and not the share s, so that the programme is as
+        # well conditioned at 1 µm/s as at 1 m/s.
         weighed = wanted * self._weights
-        np.negative(weighed, out=self._task_of_path)
+        pace = math.sqrt(weighed.dot(weighed))
+        np.multiply(weighed, -1.0 / pace if pace > AT_REST else 0.0, out=self._task_of_path)
         np.dot(task.T, task, out=normal)
         if self._alike:
             self._singular.compute(self._joint_block)
@@ -294,30 +296,24 @@ class Servo:
         self._lambda = damping
         self._diagonal += damping
         if self._smallest and (self.posture is not None or joint_rate is not None):
-            self._add_posture(joint_rate, math.sqrt(weighed.dot(weighed)))
-        # The price of slowing is a share of the speed itself, so it acts alike at any pace.
-        speed2 = float(weighed.dot(weighed))
-        stiffness = options.path_stiffness * speed2 + LEAST_STIFFNESS
-        normal[n, n] += stiffness
-        linear[n] -= stiffness
-        highest, lowest = self._highest, self._lowest
-        highest[n] = 1.0
-        lowest[n] = 1.0 if self.policy is Policy.REACH else 0.0
+            self._add_posture(joint_rate, pace)
+        self._price_slowing(pace)
         rows = self._rows_near(dt_s)
         v = self._solve(dt_s, rows)
-        if slide and rows and self._blocked(v[:n], rows):
-            if v[n] < 1.0:
-                lowest[n] = 1.0
+        if slide and ((self._ending and v[n] < SLOWED * pace) or self._blocked(v[:n], rows)):
+            if v[n] < pace:
+                self._lowest[n] = self._highest[n]
                 v = self._solve(dt_s, rows)
-            # What the obstacle leaves of the twist; without it the goal would run into the wall.
+            # What obstacle or range leaves of the twist: the goal must not run away from the arm.
             left = jacobian.dot(v[:n])
             left -= feedback
             asked = float(wanted.dot(wanted))
-            v[n] = min(1.0, max(0.0, float(left.dot(wanted)) / asked)) if asked else 1.0
+            s = min(1.0, max(0.0, float(left.dot(wanted)) / asked)) if asked else 1.0
             wanted[:] = left
         else:
-            wanted *= v[n]
-        self.path_speed = s = float(v[n])
+            s = min(1.0, float(v[n]) / pace) if pace > AT_REST else 1.0
+            wanted *= s
+        self.path_speed = s
         np.dot(self._own_axes, rotation.T, out=self.twist)
         self._step(v[:n], dt_s)
         return s
@@ -337,17 +333,14 @@ class Servo:
         normal, linear = self._normal, self._linear
         normal[:] = 0.0
         self._diagonal[:] = 1.0
-        normal[:n, n] = -rate
-        normal[n, :n] = -rate
-        speed2 = float(rate.dot(rate))
-        stiffness = options.path_stiffness * speed2 + LEAST_STIFFNESS
-        normal[n, n] = speed2 + stiffness
-        linear[:n] = -feedback
-        linear[n] = float(rate.dot(feedback)) - stiffness
-        self._highest[n] = 1.0
-        self._lowest[n] = 1.0 if self.policy is Policy.REACH else 0.0
+        pace = math.sqrt(rate.dot(rate))
+        linear[:n], linear[n] = -feedback, 0.0
+        if pace > AT_REST:
+            normal[:n, n] = normal[n, :n] = rate / -pace
+            linear[n] = float(rate.dot(feedback)) / pace
+        self._price_slowing(pace)
         v = self._solve(dt_s, self._rows_near(dt_s))
-        self.path_speed = s = float(v[n])
+        self.path_speed = s = min(1.0, float(v[n]) / pace) if pace > AT_REST else 1.0
         self._error_m = self._error_rad = 0.0
         self._step(v[:n], dt_s)
         return s
@@ -383,6 +376,18 @@ class Servo:
             *self._unreachable,
             self._failures,
         )
+
+    def _price_slowing(self, pace: float) -> None:
+        """Bounds and price of the speed along the path: a share of the pace, alike at any pace."""
+        n, stiffness = self.joints, self.options.path_stiffness
+        if pace <= AT_REST:
+            self._normal[n, n] = 1.0
+            self._highest[n] = self._lowest[n] = 0.0
+            return
+        self._normal[n, n] += stiffness
+        self._linear[n] -= stiffness * pace
+        self._highest[n] = pace
+        self._lowest[n] = pace if self.policy is Policy.REACH else 0.0
 
     def _project(self, jacobian: FloatArray) -> None:
         """Drop what an arm with few joints cannot do from what is asked, and keep its size."""
@@ -467,18 +472,20 @@ class Servo:
         """
         options = self.options
         free = self._singular.eigenvectors()[:, : self._smallest]
-        pull = np.zeros(self.joints)
+        pull, share = np.zeros(self.joints), min(1.0, speed / POSTURE_FULL_AT_M_S)
         if self.posture is not None:
-            pace = min(1.0, speed / POSTURE_FULL_AT_M_S)
-            pull += pace * options.posture_gain_1_s * (self.posture - self.q)
+            pull += share * options.posture_gain_1_s * (self.posture - self.q)
         if joint_rate is not None:
             pull += joint_rate
-        weight = options.posture_weight
+        # A slow task pays little for being slowed, so it must not be outbid.
+        weight = options.posture_weight * share * share
         self._joint_block += (weight * free).dot(free.T)
         self._linear[: self.joints] -= weight * free.dot(free.T.dot(pull))
 
     def _blocked(self, v: FloatArray, rows: int) -> bool:
         """True when a pair of bodies closes as fast as it may."""
+        if not rows:
+            return False
         closing = self._rows_of_joints[:rows].dot(v)
         closing -= self._lowest[self.joints + 1 : self.joints + 1 + rows]
         return bool(closing.min() < TIGHT_M_S)
@@ -487,7 +494,7 @@ class Servo:
         """The programme's solution, v and s; a braking ramp where there is none."""
         n = self.joints
         highest, lowest = self._highest, self._lowest
-        self.bounds.fill(self.q.tolist(), self.v.tolist(), dt_s, lowest, highest)
+        self._ending = self.bounds.fill(self.q.tolist(), self.v.tolist(), dt_s, lowest, highest)
         end = n + 1 + rows
         x: FloatArray
         x, _, flag, _ = daqp.solve(

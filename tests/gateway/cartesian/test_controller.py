@@ -225,7 +225,9 @@ def test_movv_goes_on_and_stops_on_command():
     assert world.controller.state is State.MOVV
     world.tick(int(2.0 / DT_S))
     way = start[2] - world.six()[2]
-    assert way == pytest.approx(0.2 - 0.5 * 0.1 * 0.1, abs=2e-3)  # More than refSpeed metres.
+    assert way == pytest.approx(
+        0.2 - 0.5 * 0.1 * 0.1 - 0.1 * 0.025, abs=2e-3
+    )  # More than refSpeed metres.
     world.controller.stop()
     assert world.controller.state is State.NOT_CONTROLLING
     world.rest()
