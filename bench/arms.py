@@ -35,9 +35,9 @@ def _post(name: str, x: float, y: float) -> Obstacle:
 
 def surroundings() -> tuple[Obstacle, ...]:
     """A floor and four posts around the arm."""
-    posts = ((1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0))
+    posts = ((1.5, 0.0), (0.0, 1.5), (0.0, -1.5), (-1.5, 0.0))
     return (
-        Obstacle("floor", HalfSpace(Vector3(0.0, 0.0, 1.0), -0.5)),
+        Obstacle("floor", HalfSpace(Vector3(0.0, 0.0, 1.0), -1.0)),
         *(_post(f"post {i}", x, y) for i, (x, y) in enumerate(posts)),
     )
 

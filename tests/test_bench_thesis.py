@@ -19,8 +19,8 @@ def test_a_quintic_ends_at_rest_at_its_goal():
     found = published_mechanism(np.array((0.0,)), np.array(((0.0, 1.0),)), times)
     np.testing.assert_allclose(found, np.tile((0.0, 1.0), (len(times), 1)), atol=1e-9)
     jump = published_mechanism(np.array((0.0, 0.1)), np.array(((0.0,), (1.0,))), times)
-    assert jump[-1, 0] == pytest.approx(1.0, abs=1e-6)
-    assert jump.max() <= 1.0 + 1e-6
+    assert jump[-1, 0] == pytest.approx(1.0, abs=1e-4)
+    assert jump.max() <= 1.0 + 1e-4
 
 
 def test_signed_delays_of_a_shifted_motion():
@@ -42,17 +42,17 @@ def test_a_metronome_keeps_its_rate():
 
 @pytest.mark.parametrize("drive", ["ideal", "dynamic"])
 def test_straight_line(drive):
-    result = line.relative(drive, 0, 0.05, line.ACCELERATION_M_S2)
+    result = line.relative(drive, 0, 0.05)
     assert result.refusals == 0
     assert 0.0 <= result.delays.least_error_s < 0.1
     assert np.isfinite(result.errors).all()
-    poses = line.absolute(drive, 1, 0.05, line.ACCELERATION_M_S2)
+    poses = line.absolute(drive, 1, 0.05)
     assert poses.refusals == 0
     assert np.isfinite(poses.errors).all()
 
 
 def test_eight_course():
-    result = eight.run("ideal", True, eight.ACCELERATION_M_S2, 6.0)
+    result = eight.run("ideal", True, 6.0)
     assert result.clearance_m > 0.0
     assert result.stops == 0
     assert np.isfinite(result.delays_s).all()

@@ -19,10 +19,10 @@ from bench.thesis.rig import (
     Shaped,
     Streams,
     Trace,
+    both,
     quantiles_ms,
     signed_delays,
 )
-from cardan.gateway.cartesian.controller import ControllerOptions
 from cardan.gateway.motion.shaping import PoseShaperLimits
 
 ROBOT = "pr2_right_arm"
@@ -39,14 +39,6 @@ REACH_RAD = 0.5
 TAIL_S = 1.0
 
 
-def _options() -> ControllerOptions:
-    return ControllerOptions(
-        stream_acceleration_m_s2=5.0,
-        stream_rotation_speed_rad_s=3.4,
-        stream_rotation_acceleration_rad_s2=30.0,
-    )
-
-
 SHAPER = PoseShaperLimits(
     linear_acceleration_m_s2=5.0,
     linear_jerk_m_s3=500.0,
@@ -57,7 +49,7 @@ SHAPER = PoseShaperLimits(
 
 
 def _driving(rig: Rig, shaped: bool) -> Streams | Shaped:
-    return rig.shaped(SHAPER) if shaped else rig.streams("pose", _options())
+    return rig.shaped(SHAPER) if shaped else rig.streams("pose")
 
 
 class Turning(NamedTuple):
@@ -217,19 +209,21 @@ def rows(name: str, ideal: Result, dynamic: Result) -> list[Row]:
         Row(
             "  delay by correlation / least error",
             "",
-            *(f"{w.correlation_s * 1e3:.0f} / {w.least_error_s * 1e3:.0f} ms" for w in (one, two)),
+            *both(
+                lambda w: f"{w.correlation_s * 1e3:.0f} / {w.least_error_s * 1e3:.0f} ms", one, two
+            ),
         ),
         Row(
             "  refused poses, stop phases",
             "often",
-            *(f"{w.refusals}, {w.stops}" for w in (one, two)),
+            *both(lambda w: f"{w.refusals}, {w.stops}", one, two),
             "0, 0",
             one.refusals == 0 and one.stops == 0,
         ),
         Row(
             "  ways over ±pi, forearm and wrist roll",
             "refused",
-            *(f"{w.crossings[0]} and {w.crossings[1]}" for w in (one, two)),
+            *both(lambda w: f"{w.crossings[0]} and {w.crossings[1]}", one, two),
         ),
     ]
     for left, right, what in (
@@ -240,9 +234,10 @@ def rows(name: str, ideal: Result, dynamic: Result) -> list[Row]:
             Row(
                 f"  {what}: turns, refused, stops, delay",
                 "refused",
-                *(
-                    f"{t.turns:+.2f}, {t.refusals}, {t.stops}, {t.delay_s * 1e3:.0f} ms"
-                    for t in (left, right)
+                *both(
+                    lambda t: f"{t.turns:+.2f}, {t.refusals}, {t.stops}, {t.delay_s * 1e3:.0f} ms",
+                    left,
+                    right,
                 ),
                 "> 10, 0, 0",
                 abs(left.turns) > 10.0 and left.refusals == 0 and left.stops == 0,

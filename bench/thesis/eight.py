@@ -20,7 +20,6 @@ from bench.thesis.rig import (
     quantiles_ms,
     signed_delays,
 )
-from cardan.gateway.cartesian.controller import ControllerOptions
 from cardan.gateway.kinematics.collision import box_obstacle
 from cardan.types import Vector3
 
@@ -38,7 +37,6 @@ OUTLIER_SHARE = 0.01
 OUTLIER_M = (0.02, 0.05)
 """Length of an outlier, in any direction: a tag whose corners were mistaken in one image."""
 SEED = 2020
-ACCELERATION_M_S2 = 5.0
 LONGEST_S = 2.0
 
 RAMP = 0.03
@@ -146,7 +144,7 @@ class Course(NamedTuple):
     clearance_m: float
 
 
-def run(drive: Drive, tracked: bool, acceleration_m_s2: float, seconds: float) -> Course:
+def run(drive: Drive, tracked: bool, seconds: float) -> Course:
     """The course (its first `seconds`) by streamed poses; `tracked`: through the tracker."""
     arm = kinematics("ur5")
     home = np.array(arm.arm.home)
@@ -156,8 +154,7 @@ def run(drive: Drive, tracked: bool, acceleration_m_s2: float, seconds: float) -
     start = arm.inverse(goal, home)
     assert start is not None
     rig = Rig("ur5", drive, start.tolist(), BOXES)
-    options = ControllerOptions(stream_acceleration_m_s2=acceleration_m_s2)
-    driving = rig.streams("pose", options, timeout_s=0.2)
+    driving = rig.streams("pose", timeout_s=0.2)
     images_s = np.arange(0.0, seconds - 1e-9, 1.0 / CAMERA_HZ)
     seen = camera(np.arange(0.0, DURATION_S + TAIL_S, 1.0 / CAMERA_HZ))[: len(images_s)]
     tracker = Tracker(CENTRE_M, 1.0 / CAMERA_HZ)
@@ -173,7 +170,7 @@ def run(drive: Drive, tracked: bool, acceleration_m_s2: float, seconds: float) -
             waiting[:] = [following] if (following := next(upcoming, None)) else []
 
     trace = rig.run(driving, seconds, operator)
-    name = f"{'tracked' if tracked else 'raw'} poses, {acceleration_m_s2:g} m/s²"
+    name = "tracked poses" if tracked else "raw poses"
     sag = trace.measured_m[0] - trace.commanded_m[0] + offset
     return _judged(name, trace, trace.measured_m - sag, images_s, sent, len(driving.refusals))
 
@@ -231,9 +228,7 @@ class Result(NamedTuple):
 
 def measure(drive: Drive, seconds: float = DURATION_S + TAIL_S) -> Result:
     """The course with the raw and with the tracked poses on one drive."""
-    return Result(
-        run(drive, False, ACCELERATION_M_S2, seconds), run(drive, True, ACCELERATION_M_S2, seconds)
-    )
+    return Result(run(drive, False, seconds), run(drive, True, seconds))
 
 
 def rows(ideal: Result, dynamic: Result, published_s: Array) -> list[Row]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from bench.metrics import stop_phases
 from bench.thesis.line import START_DEG
-from bench.thesis.rig import DT_S, Drive, Rig, Row, Streams, Trace
-from cardan.gateway.cartesian.controller import ControllerOptions
+from bench.thesis.rig import DT_S, Drive, Rig, Row, Streams, Trace, both
 
 SPEED_M_S = 0.1
 RATE_HZ = 50.0
@@ -48,9 +48,13 @@ class Fault(NamedTuple):
     trace: Trace
 
 
-def _packets(seconds: float = LENGTH_M / SPEED_M_S) -> list[Packet]:
-    times = np.arange(0.0, seconds + 1e-9, 1.0 / RATE_HZ)
-    return [Packet(float(t), float(SPEED_M_S * t), sequence=i) for i, t in enumerate(times)]
+def _packets() -> list[Packet]:
+    """The line, and its end for another half a second."""
+    times = np.arange(0.0, LENGTH_M / SPEED_M_S + 0.5, 1.0 / RATE_HZ)
+    return [
+        Packet(float(t), min(LENGTH_M, float(SPEED_M_S * t)), sequence=i)
+        for i, t in enumerate(times)
+    ]
 
 
 def _line(
@@ -62,8 +66,7 @@ def _line(
 ) -> Fault:
     """Send `packets`; `silent_s`: when a silence begins, for the stop after it."""
     rig = Rig("ur5", drive, np.radians(START_DEG))
-    options = ControllerOptions(stream_acceleration_m_s2=5.0)
-    driving: Streams = rig.streams("pose", options, timeout_s)
+    driving: Streams = rig.streams("pose", timeout_s=timeout_s)
     start = rig.placement(driving)
     queue = sorted(packets, key=lambda packet: packet.arrives_s)
     taken: list[float] = [0.0]
@@ -169,6 +172,10 @@ def measure(drive: Drive) -> tuple[Fault, ...]:
     )
 
 
+def _no_aim(_: Fault) -> bool:
+    return True
+
+
 def rows(ideal: tuple[Fault, ...], dynamic: tuple[Fault, ...]) -> list[Row]:
     """The table."""
 
@@ -178,7 +185,7 @@ def rows(ideal: tuple[Fault, ...], dynamic: tuple[Fault, ...]) -> list[Row]:
             said += f", at rest after {fault.stop_s * 1e3:.0f} ms and {fault.run_on_m * 1e3:.1f} mm"
         return said
 
-    aims = {
+    aims: dict[str, tuple[str, Callable[[Fault], bool]]] = {
         "100 ms of silence": ("rests, then goes on", lambda f: f.reached_m > 0.299),
         "clock +1 h, by numbers": ("no effect", lambda f: f.reached_m > 0.299 and not f.refused),
         "clock +1 h, by stamps": ("no effect", lambda f: f.reached_m > 0.299),
@@ -191,10 +198,10 @@ def rows(ideal: tuple[Fault, ...], dynamic: tuple[Fault, ...]) -> list[Row]:
     }
     found = []
     for one, two in zip(ideal, dynamic, strict=True):
-        aim, met = aims.get(one.name, ("", None))
-        verdict = None if met is None else bool(met(one))
+        aim, met = aims.get(one.name, ("", _no_aim))
+        verdict = met(one) if aim else None
         found.append(Row(one.name, "", text(one), text(two), aim, verdict))
-    hardest = [f"{max(f.acceleration_m_s2 for f in run):.2f} m/s²" for run in (ideal, dynamic)]
+    hardest = both(lambda run: f"{max(f.acceleration_m_s2 for f in run):.2f} m/s²", ideal, dynamic)
     steady = max(f.acceleration_m_s2 for f in ideal) <= 5.0 * 1.01
     found.append(Row("largest acceleration of all", "", *hardest, "5 m/s² (+1 %)", steady))
     return found

@@ -15,6 +15,7 @@ from bench.metrics import (
 )
 from bench.thesis.rig import (
     DT_S,
+    STIFF,
     Array,
     Drive,
     Metronome,
@@ -31,11 +32,11 @@ SPEED_M_S = 0.1
 RATE_HZ = 20.0
 TAIL_S = 1.5
 LONGEST_S = 1.0
-ACCELERATION_M_S2 = 5.0
-"""Of the streams' references; the package's default of 1 m/s² is run beside it."""
-
-JERK_M_S3 = 100.0
-"""Of the shaper that is run beside the stream's own chase."""
+SHAPER = PoseShaperLimits(
+    linear_acceleration_m_s2=STIFF.stream_acceleration_m_s2,
+    linear_jerk_m_s3=STIFF.stream_jerk_m_s3,
+)
+"""As the streams', for the shaper alone."""
 
 PUBLISHED_S = 0.35
 PUBLISHED_START_S = 0.5
@@ -106,14 +107,10 @@ def _made(
     return Line(name, times_s, along, output, delays, found, refusals, sag_m)
 
 
-def _options(acceleration_m_s2: float) -> ControllerOptions:
-    return ControllerOptions(stream_acceleration_m_s2=acceleration_m_s2)
-
-
-def relative(drive: Drive, axis: int, length_m: float, acceleration_m_s2: float) -> Line:
+def relative(drive: Drive, axis: int, length_m: float, options: ControllerOptions = STIFF) -> Line:
     """Each command is the way to be made within its 50 ms: a twist."""
     rig = Rig("ur5", drive, np.radians(START_DEG))
-    driving = rig.streams("twst", _options(acceleration_m_s2))
+    driving = rig.streams("twst", options)
     direction, clock = DIRECTIONS[axis], Metronome(RATE_HZ)
     period_s = 1.0 / RATE_HZ
 
@@ -123,13 +120,13 @@ def relative(drive: Drive, axis: int, length_m: float, acceleration_m_s2: float)
             way = np.diff(program(np.array((due_s, due_s + period_s)), length_m))[0]
             driving.twist([float(c) * way / period_s for c in direction])
 
-    return _record(f"twists, {acceleration_m_s2:g} m/s²", rig, driving, axis, length_m, operator)
+    return _record("twists", rig, driving, axis, length_m, operator)
 
 
-def absolute(drive: Drive, axis: int, length_m: float, acceleration_m_s2: float) -> Line:
+def absolute(drive: Drive, axis: int, length_m: float, options: ControllerOptions = STIFF) -> Line:
     """Each command is the pose that the program's line has then; damping 1.0."""
     rig = Rig("ur5", drive, np.radians(START_DEG))
-    driving = rig.streams("pose", _options(acceleration_m_s2))
+    driving = rig.streams("pose", options)
     start = rig.placement(driving)
     direction, clock = DIRECTIONS[axis], Metronome(RATE_HZ)
 
@@ -139,7 +136,7 @@ def absolute(drive: Drive, axis: int, length_m: float, acceleration_m_s2: float)
             way = float(program(np.array((due_s,)), length_m)[0])
             driving.pose(start.translation + way * np.array(direction), start.rotation)
 
-    return _record(f"poses, {acceleration_m_s2:g} m/s²", rig, driving, axis, length_m, operator)
+    return _record("poses", rig, driving, axis, length_m, operator)
 
 
 def _record(name: str, rig: Rig, driving: Any, axis: int, length_m: float, operator: Any) -> Line:
@@ -166,10 +163,7 @@ def held(length_m: float) -> Line:
 
 def shaped(length_m: float) -> Line:
     """The same through the jerk-limited shaper, damping 1.0, without an arm behind it."""
-    shaper = PoseShaper(
-        PoseShaperLimits(linear_acceleration_m_s2=ACCELERATION_M_S2, linear_jerk_m_s3=JERK_M_S3),
-        damping=1.0,
-    )
+    shaper = PoseShaper(SHAPER, damping=1.0)
     shaper.place(Pose(Vector3(0.0, 0.0, 0.0), IDENTITY))
     times_s = _times(length_m)
     held_s = np.floor(times_s * RATE_HZ + 1e-9) / RATE_HZ
@@ -177,8 +171,7 @@ def shaped(length_m: float) -> Line:
     for i, way in enumerate(program(held_s, length_m)):
         output[i] = shaper.pose.position if shaper.pose is not None else output[i]
         shaper.advance(Pose(Vector3(float(way), 0.0, 0.0), IDENTITY), DT_S)
-    name = f"shaper, {ACCELERATION_M_S2:g} m/s², {JERK_M_S3:g} m/s³"
-    return _made(name, times_s, DIRECTIONS[0], output, length_m)
+    return _made("shaper alone", times_s, DIRECTIONS[0], output, length_m)
 
 
 def mechanism(length_m: float) -> Line:
@@ -204,10 +197,10 @@ class Result(NamedTuple):
 def measure(drive: Drive, length_m: float = 0.5, axes: int = 3) -> Result:
     """All lines on one drive."""
     return Result(
-        tuple(relative(drive, axis, length_m, ACCELERATION_M_S2) for axis in range(axes)),
-        tuple(absolute(drive, axis, length_m, ACCELERATION_M_S2) for axis in range(axes)),
-        relative(drive, 0, length_m, 1.0),
-        absolute(drive, 0, length_m, 1.0),
+        tuple(relative(drive, axis, length_m) for axis in range(axes)),
+        tuple(absolute(drive, axis, length_m) for axis in range(axes)),
+        relative(drive, 0, length_m, ControllerOptions()),
+        absolute(drive, 0, length_m, ControllerOptions()),
     )
 
 
@@ -274,7 +267,7 @@ def rows(ideal: Result, dynamic: Result, others: tuple[Line, Line, Line]) -> lis
         (ideal.absolute_default, dynamic.absolute_default, "absolute"),
     ):
         found += [
-            Row(f"x, {what}, 1 m/s² (default)", "350 ms", delays(one), delays(two)),
+            Row(f"x, {what}, default limits", "350 ms", delays(one), delays(two)),
             Row("  error, RMS raw / without delay", "", off(one), off(two)),
         ]
     for line in others:

@@ -14,9 +14,10 @@ from bench.thesis.rig import DT_S, Array
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.patches import Rectangle
 
 COMMAND, OURS, OTHER, PUBLISHED = "0.55", "tab:blue", "tab:orange", "tab:red"
-STYLE = {
+STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "cardan",
     "font.family": "sans-serif",
@@ -107,7 +108,7 @@ def _eight(courses: Sequence[eight.Result], simulated_s: Array) -> Any:
             1e3 * (eight.CENTRE_M[0] - eight.BOX_M[0]),
         )
         size = 2e3 * eight.BOX_M[1], 2e3 * eight.BOX_M[0]
-        left.add_patch(plt.Rectangle(corner, *size, color="tab:olive", alpha=0.5))
+        left.add_patch(Rectangle(corner, *size, color="tab:olive", alpha=0.5))
     left.set(xlabel="y, mm", ylabel="x, mm", aspect="equal", title="from above; boxes to scale")
     left.legend(loc="upper center", fontsize=8, ncols=2)
     left.set_ylim(280, 660)

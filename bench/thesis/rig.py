@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,11 +32,22 @@ from cardan.types import ZERO3, ZERO_TWIST, CommandKind, Pose, RobotCommand, Rob
 
 Array = npt.NDArray[np.float64]
 Drive = Literal["ideal", "dynamic"]
+Found = TypeVar("Found")
 DRIVES: tuple[Drive, ...] = ("ideal", "dynamic")
 
 DT_S = 0.002
 SETTLE_S = 0.6
 """Before a record begins, so that the dynamic arm hangs where it will hang."""
+
+
+STIFF = ControllerOptions(
+    stream_acceleration_m_s2=5.0,
+    stream_jerk_m_s3=1000.0,
+    stream_rotation_speed_rad_s=3.4,
+    stream_rotation_acceleration_rad_s2=30.0,
+    stream_rotation_jerk_rad_s3=6000.0,
+)
+"""Streams as fast as these arms can be; the package's defaults are for people beside them."""
 
 
 class Row(NamedTuple):
@@ -209,7 +220,7 @@ class Rig:
         self,
         robot: str,
         drive: Drive,
-        start: Sequence[float] = (),
+        start: Sequence[float] | Array = (),
         obstacles: Sequence[Obstacle] = (),
         counterbalanced: bool = False,
     ) -> None:
@@ -231,7 +242,7 @@ class Rig:
         self, stream: str, options: ControllerOptions | None = None, timeout_s: float = 0.1
     ) -> Streams:
         """The Cartesian controller, engaged and settled, on its stream."""
-        options = options or ControllerOptions()
+        options = options or STIFF
         made = Streams(self.robot, self.driver, self.obstacles, options, stream, timeout_s)
         self._engage(made)
         return made
@@ -262,7 +273,9 @@ class Rig:
         """Go on for `seconds`. `operator` acts before each tick, with the time since now."""
         count = round(seconds / DT_S)
         n = self._kinematics.joints
-        times, speeds = np.arange(count) * DT_S, np.ones(count)
+        times: Array = np.arange(count, dtype=np.float64)
+        times *= DT_S
+        speeds = np.ones(count)
         measured, commanded = np.zeros((count, 3)), np.zeros((count, 3))
         rotations, joints = np.zeros((count, 3, 3)), np.zeros((count, n))
         obstacle, own = np.full(count, math.inf), np.full(count, math.inf)
@@ -384,11 +397,16 @@ def quantiles_ms(delays_s: Array) -> str:
     return " / ".join(f"{1e3 * q:.0f}" for q in np.quantile(known, (0.05, 0.5, 0.95, 1.0)))
 
 
+def both(text: Callable[[Found], str], ideal: Found, dynamic: Found) -> tuple[str, str]:
+    """The same figure of both drives."""
+    return text(ideal), text(dynamic)
+
+
 def table(title: str, rows: Sequence[Row]) -> str:
     """Rows as text."""
     heads = Row("", "published", "ours, ideal", "ours, dynamic", "aim")
     lines = [heads, *rows]
-    widths = [max(len(row[i]) for row in lines) for i in range(5)]
+    widths = [max(len(str(row[i])) for row in lines) for i in range(5)]
     text = [f"\n{title}\n"]
     for row in lines:
         cells = "  ".join(str(row[i]).ljust(widths[i]) for i in range(5))

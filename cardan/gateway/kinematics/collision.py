@@ -7,6 +7,7 @@ than that of two capsules, and the loop has 50 µs for all of them.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -27,6 +28,9 @@ ADVANCE_STOP = 1e-3
 
 LEAST_ROOM_M = 5e-4
 """What a pair in contact may move to show which way it goes."""
+
+
+_MIN_DISTANCE = operator.attrgetter("min_distance")
 
 
 class HalfSpace(NamedTuple):
@@ -92,6 +96,7 @@ class CollisionModel:
         self.with_obstacle = np.array([b >= fixed_to_base or a >= fixed_to_base for a, b in pairs])
         """True for pairs of which one is an obstacle, False within the arm."""
         self._masks, self._sweeps = masks, sweeps
+        self._farthest = sweeps.max(axis=0) if pairs else np.zeros(n)
         self._data = self._geometry.createData()
         self._own = kinematics.model.createData()
         for index in range(len(pairs)):
@@ -123,13 +128,13 @@ class CollisionModel:
             self.kinematics.model, self.kinematics._data, self._geometry, self._data
         )
         pin.computeDistances(self._geometry, self._data)
-        self.distances = [result.min_distance for result in self._results]
+        self.distances = list(map(_MIN_DISTANCE, self._results))
         return self.distances
 
     def at(self, q: FloatArray) -> list[float]:
         """Distances of all pairs for `q`, m. Disturbs `gradients` until the next `update`."""
         pin.computeDistances(self.kinematics.model, self._own, self._geometry, self._data, q)
-        return [result.min_distance for result in self._results]
+        return list(map(_MIN_DISTANCE, self._results))
 
     def closest(self) -> Closest:
         """The nearest pair of the last `update`."""
@@ -157,6 +162,10 @@ class CollisionModel:
         """Upper bound, m, of how much nearer each pair can come while joints move by `step`."""
         bound: FloatArray = self._sweeps.dot(np.abs(step))
         return bound
+
+    def fastest_closing(self, v: FloatArray) -> float:
+        """Upper bound, m/s, of how fast any pair can close in at the joint velocities `v`."""
+        return float(self._farthest.dot(np.abs(v)))
 
     def free_share(
         self, start: FloatArray, end: FloatArray, margin_m: float

@@ -209,6 +209,14 @@ class Servo:
         self._lambda = 0.0
         self._error_m = self._error_rad = 0.0
         self._unreachable = (0.0, 0.0)
+        # Errors so small that the gain alone counts: not fast, and far from overshooting.
+        gain = options.gain_1_s
+        self._small_m = min(
+            0.5 * options.linear_deceleration_m_s2 / gain**2, options.linear_speed_m_s / gain
+        )
+        self._small_rad = min(
+            0.5 * options.angular_deceleration_rad_s2 / gain**2, options.angular_speed_rad_s / gain
+        )
         self._active = 0
         self._ending = False
         self._failures = 0
@@ -411,6 +419,10 @@ class Servo:
         options, feedback = self.options, self._feedback
         x, y, z, rx, ry, rz = feedback.tolist()
         error = self._error_m = math.sqrt(x * x + y * y + z * z)
+        self._error_rad = math.sqrt(rx * rx + ry * ry + rz * rz)
+        if error < self._small_m and self._error_rad < self._small_rad:
+            feedback *= options.gain_1_s
+            return
         if error > 0.0:
             speed = min(
                 options.gain_1_s * error,
@@ -418,7 +430,7 @@ class Servo:
                 options.linear_speed_m_s,
             )
             feedback[:3] *= speed / error
-        error = self._error_rad = math.sqrt(rx * rx + ry * ry + rz * rz)
+        error = self._error_rad
         if error > 0.0:
             speed = min(
                 options.gain_1_s * error,
@@ -438,12 +450,12 @@ class Servo:
         influence = options.influence_distance_m
         deceleration = options.closing_deceleration_m_s2
         safety = self._safety
-        closing = collision.sweep(self.v)
-        fastest = float(closing.max())
+        fastest = collision.fastest_closing(self.v)
         stop = fastest * (fastest / (2.0 * deceleration) + dt_s)
         farthest = max(influence, options.safety_distance_m + stop)
         near = [pair for pair, distance in enumerate(distances) if distance < farthest]
-        if farthest > influence:
+        if farthest > influence and near:
+            closing = collision.sweep(self.v)
             near = [
                 pair
                 for pair in near
