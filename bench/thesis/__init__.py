@@ -18,6 +18,7 @@ from bench.thesis.rig import DRIVES, table
 def main() -> None:
     """Print the tables, and draw where it is asked for."""
     directory = _directory(sys.argv[1:])
+    print("\nmet, MISSED: the aim on ideal drives")
     straight = [line.measure(drive) for drive in DRIVES]
     others = line.simulated()
     print(table("1. straight line, UR5", line.rows(straight[0], straight[1], others)))

@@ -157,6 +157,8 @@ class Jump(NamedTuple):
     answer: str
     smallest_m: float
     final_m: float
+    off_m: float
+    """From the pose to where the TCP is in the end."""
     published_m: float
     """Smallest distance to the wall on the straight joint way that the published interface
     commands; negative: through it."""
@@ -191,6 +193,7 @@ def jump(drive: Drive) -> Jump:
         answers[0],
         float(trace.obstacle_m.min()),
         float(trace.obstacle_m[-1]),
+        float(np.linalg.norm(trace.commanded_m[-1] - goal.translation)),
         float(distances.min()),
     )
 
@@ -270,6 +273,11 @@ def rows(ideal: Result, dynamic: Result) -> list[Row]:
             ),
             ">= 9 mm",
             ideal.jump.smallest_m >= 0.9 * SAFETY_M,
+        ),
+        Row(
+            "  command from the pose after 2 s",
+            "",
+            *both(lambda r: f"{r.jump.off_m * 1e3:.1f} mm", ideal, dynamic),
         ),
     ]
     return found

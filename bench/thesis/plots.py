@@ -156,7 +156,8 @@ def _collision(hits: Sequence[collision.Result]) -> Any:
     left.set(xlabel="time since it is asked back, s", ylabel="clearance, mm", title="into a wall")
     left.set_ylim(0, 105)
     middle.axhline(1e3 * collision.OWN_M, color="0.4", ls="--", lw=1)
-    middle.set(xlabel="time since it is asked back, s", title="into itself", ylim=(0, None))
+    middle.set(xlabel="time since it is asked back, s", title="into itself", ylim=(-2, None))
+    middle.axhline(0.0, color="black", lw=0.8)
     right.axhline(1e3 * collision.SAFETY_M, color="0.4", ls="--", lw=1)
     right.axhline(1e3 * hits[0].jump.published_m, color=PUBLISHED, ls="--", lw=1)
     right.text(
