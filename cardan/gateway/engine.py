@@ -239,8 +239,8 @@ class TeleopEngine:
         """The TCP's measured pose, by the arm's model where there is one."""
         if self.arm is None:
             return robot.pose
-        if robot.session != self._session or self._phase is Phase.NO_ROBOT:
-            self._misfit = self.arm.obstacle(robot)
+        new = robot.session != self._session or self._phase is Phase.NO_ROBOT
+        self._misfit = self.arm.obstacle(robot, new)
         return None if self._misfit else self.arm.measured(robot)
 
     def _place(self, measured: Pose, robot: RobotState) -> None:

@@ -254,3 +254,25 @@ def test_a_robot_that_takes_only_joints_needs_an_arm():
     del whole["arm"]
     with pytest.raises(ConfigurationError, match=r"without an \[arm\] table"):
         make_robot(parse_config(whole))
+
+
+@pytest.mark.parametrize(
+    ("joints", "words"),
+    [
+        ((math.nan,) * 6, "not numbers"),
+        ((0.0,) * 5, "reports 5 joints, the arm's model has 6"),
+        ((), "reports 0 joints"),
+    ],
+)
+def test_a_robot_that_reports_nonsense_is_not_commanded(joints, words):
+    run = Run().arm_it()
+    run.go(0.2, FORWARD)
+    hand = DeviceState(run.state.stamp_s, DeviceLink.LIVE, FORWARD, frozenset(("left",)))
+    broken = run.state._replace(joints=joints, stamp_s=run.state.stamp_s + 0.002)
+    command = run.engine.tick(broken, hand)
+    assert command.kind is CommandKind.HOLD
+    assert words in run.engine.status().message
+    assert run.engine.status().trips == 1
+    run.go(0.3, FORWARD)  # going on takes the deliberate act
+    assert run.engine.phase is Phase.DISARMED
+    assert np.isfinite(run.joints).all()

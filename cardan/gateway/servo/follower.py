@@ -7,7 +7,7 @@ import numpy as np
 from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
 from cardan.gateway.reference import Reference
 from cardan.gateway.servo.servo import Servo, ServoStatus
-from cardan.spatial import norm, subtract
+from cardan.spatial import is_finite, norm, subtract
 from cardan.types import (
     CommandKind,
     JointCommand,
@@ -46,12 +46,17 @@ class ArmFollower:
         """The measured TCP, by the model, in its base frame."""
         return to_pose(self.servo.kinematics.forward(np.array(state.joints)))
 
-    def obstacle(self, state: RobotState) -> str:
-        """Why the model does not fit what the robot reports, in words; empty when it does."""
+    def obstacle(self, state: RobotState, new: bool = True) -> str:
+        """Why the model does not fit what the robot reports, in words; empty when it does.
+
+        The TCP is only compared when the robot is `new`: at rest, before it is commanded.
+        """
         joints = self.servo.joints
         if len(state.joints) != joints:
             return f"the robot reports {len(state.joints)} joints, the arm's model has {joints}"
-        if self._kind is CommandKind.POSE and state.pose is not None:
+        if not is_finite(state.joints):
+            return "the robot reports joints that are not numbers"
+        if new and self._kind is CommandKind.POSE and state.pose is not None:
             apart_m = norm(subtract(state.pose.position, self.measured(state).position))
             if apart_m > SAME_TCP_M:
                 return (

@@ -219,6 +219,7 @@ class Servo:
         )
         self._active = 0
         self._ending = False
+        self._nearest_m = math.inf
         self._failures = 0
         self._safety: list[float] = []
         if collision is not None:
@@ -447,6 +448,7 @@ class Servo:
             return 0
         options = self.options
         distances = collision.update()
+        self._nearest_m = min(distances)
         influence = options.influence_distance_m
         deceleration = options.closing_deceleration_m_s2
         safety = self._safety
@@ -526,5 +528,31 @@ class Servo:
         return x
 
     def _step(self, v: FloatArray, dt_s: float) -> None:
+        step = v * dt_s
+        collision = self.collision
+        if (
+            collision is not None
+            and collision.fastest_closing(step) > self._nearest_m
+            and self._strikes(collision, step)
+        ):
+            # The soft rows have given way; what is left is to be slower.
+            self._failures += 1
+            v = np.minimum(
+                np.maximum(0.0, self._lowest[: self.joints]), self._highest[: self.joints]
+            )
+            step = v * dt_s
         np.copyto(self.v, v)
-        self.q += v * dt_s
+        self.q += step
+
+    def _strikes(self, collision: CollisionModel, step: FloatArray) -> bool:
+        """True when this step would bring a pair into contact, or deeper into it.
+
+        Pairs that cannot meet within the step are told apart by how far their bodies can move;
+        so nothing is missed between two ticks, however thin.
+        """
+        before = np.array(collision.distances)
+        moved = collision.sweep(step)
+        if not (moved > before).any():
+            return False
+        after = np.array(collision.at(self.q + step))
+        return bool(((after < 0.0) & (after < before) & (moved > before)).any())

@@ -314,3 +314,23 @@ def test_a_variable_period_is_no_harm():
         assert (np.abs(made.v - before) <= ACCELERATION * dt_s * (1 + 1e-6)).all()
         assert (made.q <= made.kinematics.upper + 1e-5).all()
         assert (made.q >= made.kinematics.lower - 1e-5).all()
+
+
+def test_a_step_that_would_strike_is_braked_whatever_the_programme_says():
+    start = (0, -90, 100, -100, -90, 0)
+    probe = servo(q_deg=start)
+    x = float(probe.placement.translation[0]) + 0.25
+    thin = box_obstacle("wall", Vector3(x, -0.5, -0.2), Vector3(x + 0.0005, 0.5, 1.2))
+    blind = {"safety_distance_m": 1e-6, "closing_deceleration_m_s2": 1e7}  # rows that never act
+    drive = Drive(servo(obstacles=(thin,), q_deg=start, **blind))
+    made = drive.servo
+    goal = made.placement
+    for _ in range(1000):
+        before = made.v.copy()
+        made.tick(goal, np.array(((0.5, 0, 0), (0, 0, 0))), DT_S)
+        goal.translation = goal.translation + made.twist[0] * DT_S
+        if made.status().failures:
+            break
+    assert made.status().failures == 1
+    slower = np.maximum(np.abs(before) - ACCELERATION * DT_S, 0.0)
+    assert np.abs(made.v) == pytest.approx(slower, abs=1e-9)
