@@ -181,7 +181,7 @@ def rows(ideal: tuple[Fault, ...], dynamic: tuple[Fault, ...]) -> list[Row]:
 
     def text(fault: Fault) -> str:
         said = f"{fault.reached_m * 1e3:.0f} mm, {fault.refused} refused, {fault.stops} stops"
-        if fault.stop_s == fault.stop_s:
+        if fault.run_on_m > 1e-4:
             said += f", at rest after {fault.stop_s * 1e3:.0f} ms and {fault.run_on_m * 1e3:.1f} mm"
         return said
 
