@@ -101,6 +101,9 @@ MODEL_TOLERANCE_M = 5e-3
 MODEL_TOLERANCE_RAD = 0.02
 """Most that a robot which is commanded by pose may differ from its model."""
 
+CLOCK_SET_BACK_S = 1.0
+"""A sender's stamp that is older by more than any network delays is from a clock that was set."""
+
 AT_REST_SHARE = 0.02
 """Of each joint's speed: a robot that reports more moves by somebody else's will."""
 
@@ -122,6 +125,9 @@ class ControllerOptions:
     stream_rotation_acceleration_rad_s2: float = 4.0
     stream_jerk_m_s3: float = 20.0
     stream_rotation_jerk_rad_s3: float = 80.0
+    stream_prediction_s: float = 0.0
+    """For how long the reference of streamed poses goes on as the last ones went, at most; the
+    period of the stream takes its delay away. 0: it only ever goes to the newest pose."""
     stream_step_m: float = 0.2
     """Farthest that a streamed pose may be from where the TCP is told to be."""
     stream_step_rad: float = 1.0
@@ -147,6 +153,8 @@ class ControllerOptions:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
+            if name == "stream_prediction_s" and value == 0.0:
+                continue
             if isinstance(value, float) and not 0.0 < value < math.inf:
                 raise ConfigurationError(name, f"must be a number > 0, not {value}")
         for axis, bounds in zip("xyz", self.workspace_m, strict=True):
@@ -603,7 +611,11 @@ class CartesianController:
             )
             if kind is Stream.POSE:
                 activity = FollowPoseStream(
-                    self.servo, limits, self._deceleration, self._pose_shaper(limits)
+                    self.servo,
+                    limits,
+                    self._deceleration,
+                    self._pose_shaper(limits),
+                    options.stream_prediction_s,
                 )
             else:
                 activity = FollowTwistStream(self.servo, limits, self._deceleration)
@@ -693,7 +705,7 @@ class CartesianController:
         with self._lock:
             if self._activity is not activity or self._stream is None:
                 raise MotionRefusedError(f"pose: {self._stream_ended}")
-            activity.target = target
+            activity.aim(target, self.stamp_s)
             self._hear(self._stream, owner, sequence, stamp_s)
 
     def _check_step(self, now: Pose, target: Pose) -> None:
@@ -775,7 +787,7 @@ class CartesianController:
             raise MotionRefusedError(
                 f"{name}: number {sequence} came after number {stream.sequence}"
             )
-        elif stamp_s is not None and stamp_s <= stream.sent_s:
+        elif stamp_s is not None and 0.0 <= stream.sent_s - stamp_s < CLOCK_SET_BACK_S:
             self._late += 1
             raise MotionRefusedError(
                 f"{name}: sent at {stamp_s:.6f} s, after one of {stream.sent_s:.6f} s"

@@ -156,3 +156,49 @@ def test_streams_slide_along_a_wall_and_never_jump_through_it():
         world.controller.pose([*(begin[:3] - (0.05, 0.0, 0.0)), *begin[3:]])
         world.tick()
     assert begin[0] - world.six()[0] == pytest.approx(0.05, abs=2e-3)
+
+
+def lag_m(options, speed=0.1, every=12):
+    """How far behind a steadily moving hand the TCP is, poses coming 21 times a second."""
+    world = World(options=options)
+    world.controller.set_parameter("cpsc", "pose")
+    world.tick()
+    begin, behind = world.six(), []
+    for tick in range(600):
+        hand = begin[1] + speed * tick * DT_S
+        if tick % every == 0:
+            assert world.controller.pose([begin[0], hand, *begin[2:]]) == ""
+        world.tick()
+        behind.append(hand - world.six()[1])
+    for _ in range(250):
+        world.controller.pose([begin[0], hand, *begin[2:]])
+        world.tick()
+    assert world.six()[1] == pytest.approx(hand, abs=1e-4)
+    assert not world.controller.servo.moving
+    return float(np.mean(behind[300:]))
+
+
+def test_prediction_takes_the_delay_of_a_stream_away_and_still_ends_where_it_was_told():
+    quick = {"stream_acceleration_m_s2": 5.0, "stream_jerk_m_s3": 1000.0}
+    newest_only = lag_m(ControllerOptions(**quick))
+    predicted = lag_m(ControllerOptions(**quick, stream_prediction_s=0.06))
+    assert newest_only > 0.004
+    assert abs(predicted) < 0.0015
+
+
+def test_a_resting_pose_stream_may_be_silent():
+    world = streaming("pose")
+    target = world.moved(0.0, 0.03, 0.0)
+    for _ in range(400):
+        world.controller.pose(target)
+        world.tick()
+    world.tick(300)
+    assert world.controller.pose(target) == ""
+
+
+def test_a_senders_clock_that_is_set_back_ends_nothing():
+    world = streaming("pose")
+    for stamp_s in (5000.0, 5000.02, 1400.0, 1400.02):
+        assert world.controller.pose(world.moved(0.0, 0.0005, 0.0), stamp_s=stamp_s) == ""
+        world.tick(5)
+    assert "sent at 1400.010000 s" in world.controller.pose(world.six(), stamp_s=1400.01)
