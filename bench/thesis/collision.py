@@ -20,7 +20,7 @@ GAP_M = 0.1
 INTO_M = 0.1
 """How far past contact the commands go."""
 SAFETY_M = 0.01
-OWN_M = 0.002
+OWN_M = 0.005
 """What the servo keeps to obstacles, and between the arm's own bodies."""
 JUMP_M = 0.18
 JUMP_GAP_M = 0.03

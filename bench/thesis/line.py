@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -184,12 +185,17 @@ def mechanism(length_m: float) -> Line:
     return _made("published mechanism", times_s, DIRECTIONS[0], output, length_m)
 
 
+PREDICTED = replace(STIFF, stream_prediction_s=0.05)
+
+
 class Result(NamedTuple):
     """Of one drive."""
 
     relative: tuple[Line, ...]
     """Along x, y and z."""
     absolute: tuple[Line, ...]
+    predicted: tuple[Line, ...]
+    """Absolute, each pose led on for one period as the last ones went."""
     relative_default: Line
     absolute_default: Line
 
@@ -199,6 +205,7 @@ def measure(drive: Drive, length_m: float = 0.5, axes: int = 3) -> Result:
     return Result(
         tuple(relative(drive, axis, length_m) for axis in range(axes)),
         tuple(absolute(drive, axis, length_m) for axis in range(axes)),
+        tuple(absolute(drive, axis, length_m, PREDICTED) for axis in range(axes)),
         relative(drive, 0, length_m, ControllerOptions()),
         absolute(drive, 0, length_m, ControllerOptions()),
     )
@@ -227,6 +234,7 @@ def rows(ideal: Result, dynamic: Result, others: tuple[Line, Line, Line]) -> lis
         for one, two, what in (
             (ideal.relative[index], dynamic.relative[index], "relative"),
             (ideal.absolute[index], dynamic.absolute[index], "absolute"),
+            (ideal.predicted[index], dynamic.predicted[index], "absolute, predicted"),
         ):
             worst = max(one.delays.least_error_s, float(np.nanmedian(one.delays.per_command_s)))
             name = f"{axis}, {what}"

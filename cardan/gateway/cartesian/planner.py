@@ -69,7 +69,7 @@ class Margins:
     """Distances, m, that a planned motion keeps."""
 
     obstacle_m: float = 0.01
-    own_body_m: float = 0.002
+    own_body_m: float = 0.005
 
 
 class DryRun(NamedTuple):

@@ -102,7 +102,7 @@ class ServoOptions:
     """Of the preferred posture where the task leaves freedom, against damping and obstacles."""
     safety_distance_m: float = 0.01
     """Obstacles are kept this far away."""
-    self_distance_m: float = 0.002
+    self_distance_m: float = 0.005
     """The arm's own bodies are kept this far apart: their capsules contain them with more room
     than that, and some pass each other closely in every posture."""
     influence_distance_m: float = 0.1
