@@ -421,6 +421,11 @@ def _attribute(element: ET.Element, name: str, default: str | None = None) -> fl
 
 def _joint(element: ET.Element, kind: JointKind, placement: Pose) -> ArmJoint:
     name, limit = element.get("name", ""), element.find("limit")
+    if element.find("mimic") is not None:
+        raise ConfigurationError(
+            "",
+            f"joint {name!r} mimics another: give the arm without it, a gripper's joints as fixed",
+        )
     axis = _numbers(element.find("axis"), "xyz", Vector3(1.0, 0.0, 0.0), f"the axis of {name!r}")
     if norm(axis) < 1e-6:
         raise ConfigurationError("", f"the axis of joint {name!r} has no direction")
@@ -434,6 +439,11 @@ def _joint(element: ET.Element, kind: JointKind, placement: Pose) -> ArmJoint:
         lower, upper = -math.inf, math.inf
         if kind is not JointKind.CONTINUOUS:
             lower, upper = _attribute(limit, "lower"), _attribute(limit, "upper")
+            soft = element.find("safety_controller")
+            if soft is not None and soft.get("soft_lower_limit") is not None:
+                lower = max(lower, _attribute(soft, "soft_lower_limit"))
+            if soft is not None and soft.get("soft_upper_limit") is not None:
+                upper = min(upper, _attribute(soft, "soft_upper_limit"))
             if not -LARGEST_NUMBER <= lower < upper <= LARGEST_NUMBER:
                 raise ValueError(f"lower {lower:g} and upper {upper:g} are no range")
         if not 0.0 < velocity <= LARGEST_NUMBER:

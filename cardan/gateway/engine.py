@@ -47,6 +47,10 @@ RESYNC_TIME_S = 0.2
 """Time constant with which a reference that lost its robot glides back to it: slow enough to be
 watched, fast enough not to be waited for."""
 
+RESYNC_GIVE_UP_S = 2.0
+"""A reference that has not met its robot after so long, ten time constants, never will: a joint
+that is measured wrongly would be chased for ever."""
+
 EASE_ABOVE = 0.5
 """Share of the leash beyond which a reference that nobody drives is brought back to its robot, so
 that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the hand lets go and not
@@ -140,6 +144,7 @@ class TeleopEngine:
         self._armed = False
         self._deadman_was_up = False
         self._resyncing = False
+        self._resync_s = 0.0
         self._easing = False
         self._ticked_s = NEVER_S
         self._stop_reason = ""
@@ -191,13 +196,14 @@ class TeleopEngine:
             if self._session is not None and self._armed:
                 self._trip("the robot's controller started a new session")
             self._session = robot.session
-            self._armed = False
+            self._armed = self._deadman_was_up = False
             self._place(measured, robot)
         elif self._phase is Phase.NO_ROBOT or self.reference.pose is None:
             self._place(measured, robot)
         elif stalled_s > self.watchdogs.stall_s:
             if self._armed:
                 self._trip(f"this computer stalled for {stalled_s:.1f} s")
+            self._deadman_was_up = False
             self._place(measured, robot)
         self.reference.observe(measured)
         self._supervise(robot, device)
@@ -218,11 +224,14 @@ class TeleopEngine:
         self._easing = (not asked or self._resyncing) and used > (
             EASE_BELOW if self._easing else EASE_ABOVE
         )
-        if self._easing:
+        given_up = self._resyncing and self._resync_s > RESYNC_GIVE_UP_S
+        if self._easing and not given_up:
             wanted = self._resync_twist(measured)
         dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
         if self.arm is None:
             self.reference.advance(wanted, dt_s, smooth=self._armed)
+        elif given_up:
+            self.reference.place(self.arm.halt(dt_s))
         elif self._resyncing:
             self.reference.place(self.arm.glide(robot, RESYNC_TIME_S, dt_s))
         else:
@@ -280,6 +289,7 @@ class TeleopEngine:
             else:
                 self._trip(robot.hold_reason or self._misfit or "the robot reports no pose")
         self._phase = Phase.NO_ROBOT
+        self._deadman_was_up = False  # Held through the silence, it is no deliberate act.
         if self.filters:
             self._filter(ZERO_TWIST, robot)
         self._target = ZERO_TWIST
@@ -308,7 +318,7 @@ class TeleopEngine:
             or joint_error > limits.following_error_joint
         ):
             if not self._resyncing:
-                self._resyncing = True
+                self._resyncing, self._resync_s = True, 0.0
                 joints = f" ({joint} by {joint_error:.2f})" if joint else ""
                 reason = (
                     f"the robot is {error_m * 1e3:.0f} mm and {error_rad:.2f} rad away from its "
@@ -317,6 +327,8 @@ class TeleopEngine:
                 self._trip(reason)
         elif self._resyncing and not self._easing and not self._moving:
             self._resyncing = False
+        if self._resyncing:
+            self._resync_s += min(max(robot.period_s, 0.0), limits.longest_step_s)
         if not self._armed:
             return
         if self._stop_reason:
@@ -376,6 +388,11 @@ class TeleopEngine:
             return self._stop_reason
         if robot.alarm or self._filter_fault:
             return robot.alarm or self._filter_fault
+        if self._resyncing and self._resync_s > RESYNC_GIVE_UP_S:
+            return (
+                f"{why}the robot does not come together with its reference: stop the session, see "
+                "what holds the arm or whether its joints are measured right, and start again"
+            )
         if self._resyncing:
             return f"{why}bringing the reference back to the robot"
         if device.link is not DeviceLink.LIVE:

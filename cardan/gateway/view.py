@@ -110,7 +110,7 @@ def render(snapshot: Snapshot) -> RenderableType:
     lines: list[RenderableType] = [links]
     if s.message:
         lines.append(Text(s.message, style="yellow"))
-    if s.arm_limits and s.phase == Phase.MOVING.value:
+    if s.arm_limits and s.phase != Phase.NO_ROBOT.value:
         lines.append(Text("; ".join(s.arm_limits), style="magenta"))
     if s.filters:
         lines.append(Text("; ".join(s.filters), style="cyan"))

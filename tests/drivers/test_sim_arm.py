@@ -122,7 +122,7 @@ def test_the_mode_ends_with_the_loop():
     ("command", "reason"),
     [
         (JointCommand((0.0,) * 5), "positions: 5 values for 6 joints"),
-        (JointCommand((9.0, 0.0, 0.0, 0.0, 0.0, 0.0)), "positions: joint 1 at 9; allowed: -3.14"),
+        (JointCommand((9.0, 0.0, 0.0, 0.0, 0.0, 0.0)), "positions: joint 1 at 9; allowed: -3.16"),
         (JointCommand((math.nan,) * 6), "joint 1 at nan"),
         (JointCommand((0.0,) * 6, (99.0,) * 6), "velocities: joint 1 at 99"),
         (JointCommand((0.0,) * 6, None, (0.1,)), "external_axes: the simulated arm has none"),

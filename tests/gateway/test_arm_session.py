@@ -11,6 +11,7 @@ from cardan.gateway.config import make_arm, make_robot, parse_config
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
+from cardan.gateway.servo.follower import ArmFollower
 from cardan.types import (
     CommandKind,
     DeviceLink,
@@ -23,7 +24,7 @@ from cardan.types import (
 REST = (0.0,) * 6
 
 
-def table(arm="ur5", robot=None, **more):
+def table(arm="ur5", robot=None, arm_options=None, **more):
     return {
         "device": {"driver": "spacemouse"},
         "robot": {
@@ -33,7 +34,7 @@ def table(arm="ur5", robot=None, **more):
             "drive": "ideal",
             **(robot or {}),
         },
-        "arm": {"model": arm},
+        "arm": {"model": arm, **(arm_options or {})},
         "limits": {"linear_speed_m_s": 0.25, "linear_acceleration_m_s2": 2.0},
         "mapping": {"linear_speed_m_s": 0.1, "deadman": "left"},
         **more,
@@ -276,3 +277,118 @@ def test_a_robot_that_reports_nonsense_is_not_commanded(joints, words):
     run.go(0.3, FORWARD)  # going on takes the deliberate act
     assert run.engine.phase is Phase.DISARMED
     assert np.isfinite(run.joints).all()
+
+
+def test_a_dead_man_held_through_a_silence_is_no_deliberate_act():
+    for change in ({"hold_reason": "motors are off"}, {"session": 99}):
+        run = Run()
+        run.go(0.1, held=False)  # disarmed, the dead-man seen up
+        hand = DeviceState(run.state.stamp_s, DeviceLink.LIVE, FORWARD, frozenset(("left",)))
+        away = run.state._replace(stamp_s=run.state.stamp_s + 0.002, **change)
+        run.engine.tick(away, hand)
+        assert run.go(0.5, FORWARD) == pytest.approx((0, 0, 0), abs=1e-9)
+        assert run.engine.phase is Phase.DISARMED
+
+
+@pytest.mark.parametrize("arm", ["ur5", "pr2_right_arm"])
+def test_joints_that_are_measured_wrongly_are_not_chased_for_ever(arm):
+    run = Run(arm=arm).arm_it()
+    true = run.joints[-1]
+    offset = np.zeros(len(true))
+    offset[0] = 1.0
+    state, moved = run.state, []
+    for _ in range(5000):
+        q = true if not moved else moved[-1]
+        state = state._replace(
+            stamp_s=state.stamp_s + 0.002, period_s=0.002, joints=tuple((q + offset).tolist())
+        )
+        hand = DeviceState(state.stamp_s, DeviceLink.LIVE, REST, frozenset())
+        moved.append(np.array(run.engine.tick(state, hand).positions))
+    assert np.abs(moved[-1] - true).max() < 0.75  # two seconds at a tenth of the joint's speed
+    assert np.abs(np.diff(moved[-1000:], axis=0)).max() < 1e-7
+    assert "does not come together" in run.engine.status().message
+
+
+def test_a_whole_turn_of_a_continuous_joint_is_no_error():
+    run = Run(arm="pr2_right_arm").arm_it()
+    joints = np.array(run.state.joints)
+    joints[6] += 2.0 * math.pi
+    state = run.state._replace(stamp_s=run.state.stamp_s + 0.002, joints=tuple(joints.tolist()))
+    hand = DeviceState(state.stamp_s, DeviceLink.LIVE, REST, frozenset(("left",)))
+    before = run.joints[-1]
+    after = np.array(run.engine.tick(state, hand).positions)
+    assert after == pytest.approx(before, abs=1e-9)
+    assert run.engine.status().trips == 0
+
+
+def test_a_pushed_robot_of_velocities_comes_back_inside_its_accelerations():
+    servo = Run().arm.servo
+    follower = ArmFollower(servo, frozenset({CommandKind.JOINT_VELOCITY}))
+    run = Run()
+    run.go(0.1, held=False)
+    follower.place(run.state)
+    pushed = tuple((np.array(run.state.joints) + 0.4).tolist())
+    state, sent = run.state._replace(joints=pushed, period_s=0.002), [np.zeros(6)]
+    sent += [np.array(follower.command(state).velocities) for _ in range(300)]
+    steps = np.abs(np.diff(sent, axis=0))
+    assert (steps <= servo.kinematics.acceleration * 0.002 * (1 + 1e-9)).all()
+    assert (np.abs(sent[-1]) <= 0.2 * servo.kinematics.velocity + 1e-9).all()
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.3])
+def test_a_slowly_braking_arm_keeps_its_distance_too(share):
+    probe = Run()
+    probe.go(0.1)
+    x = probe.state.pose.position.x
+    wall = {"name": "wall", "box": [[x + 0.2, -0.5, -0.2], [x + 0.205, 0.5, 1.2]]}
+    run = Run(
+        obstacles=[wall],
+        arm_options={"acceleration_share": share},
+        mapping={"linear_speed_m_s": 0.25, "deadman": "left"},
+    ).arm_it()
+    nearest = math.inf
+    for _ in range(300):
+        run.go(0.01, FORWARD)
+        nearest = min(nearest, run.engine.status().arm.distance_m)
+    assert nearest > 0.009
+
+
+def test_many_obstacles_around_do_not_hide_the_one_ahead():
+    probe = Run()
+    probe.go(0.1)
+    x = probe.state.pose.position.x
+    bolts = [
+        {
+            "name": f"bolt {i}",
+            "capsule": [
+                [0.2 * math.cos(0.1 * i), 0.2 * math.sin(0.1 * i), -0.05],
+                [0.2 * math.cos(0.1 * i), 0.2 * math.sin(0.1 * i), -0.02],
+                0.01,
+            ],
+        }
+        for i in range(60)
+    ]
+    wall = {"name": "wall", "box": [[x + 0.2, -0.5, -0.2], [x + 0.205, 0.5, 1.2]]}
+    run = Run(
+        obstacles=[*bolts, wall],
+        limits={"linear_speed_m_s": 1.0, "linear_acceleration_m_s2": 4.0},
+        mapping={"linear_speed_m_s": 1.0, "deadman": "left"},
+    ).arm_it()
+    collision, nearest = run.arm.servo.collision, math.inf
+    for _ in range(100):
+        run.go(0.01, FORWARD)
+        pairs = zip(collision.pairs, collision.distances, strict=True)
+        nearest = min(nearest, *(d for pair, d in pairs if "wall" in pair))
+    assert nearest > 0.009
+
+
+def test_an_arm_that_starts_inside_an_obstacle_says_so_rests_and_gets_out():
+    probe = Run()
+    probe.go(0.1)
+    z = probe.state.pose.position.z
+    # The TCP is 2 cm below the table's top, and up is the way out.
+    run = Run(obstacles=[{"name": "table", "plane": [[0.0, 0.0, 1.0], z + 0.02]}]).arm_it()
+    assert run.go(0.5) == pytest.approx((0, 0, 0), abs=1e-6)
+    assert any("overlap" in words for words in run.engine.status().arm.in_words())
+    moved = run.go(2.0, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    assert moved[2] > 0.0

@@ -493,7 +493,7 @@ class Model:
 
     moving = False
 
-    def obstacle(self, robot):
+    def obstacle(self, robot, new):
         return ""
 
     def measured(self, robot):

@@ -37,6 +37,9 @@ from cardan.types import (
 _FLOOD = 50
 """So many more bad datagrams than good ones, and nobody should be driving."""
 _TOLERANCE = 1e-9
+
+_BESIDE_ITS_STOP = 0.02
+"""rad or m: a joint that rests on its stop may be measured, and so be told to stay, beyond it."""
 _SEQUENCES = 1 << 32
 
 
@@ -192,7 +195,12 @@ class SimArmSession:
         if isinstance(command, JointCommand):
             if command.external_axes:
                 raise CommandError("external_axes: the simulated arm has none")
-            self._within("positions", command.positions, limits.lower, limits.upper)
+            self._within(
+                "positions",
+                command.positions,
+                tuple(value - _BESIDE_ITS_STOP for value in limits.lower),
+                tuple(value + _BESIDE_ITS_STOP for value in limits.upper),
+            )
             if command.velocities is not None:
                 self._within("velocities", command.velocities, tuple(-v for v in speed), speed)
         elif isinstance(command, JointVelocityCommand):

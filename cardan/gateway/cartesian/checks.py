@@ -16,6 +16,9 @@ Workspace = tuple[
     tuple[float, float] | None, tuple[float, float] | None, tuple[float, float] | None
 ]
 
+LARGEST_NUMBER = 1e4
+"""m, rad, m/s, N or N·m: more is a mistake of units, and overflows somewhere."""
+
 UNIT_TOLERANCE = 1e-3
 """A quaternion whose length is farther from 1 is a mistake and not rounding."""
 
@@ -24,13 +27,18 @@ def six_numbers(verb: str, values: Sequence[float]) -> Six:
     """`values` as six finite floats. Raises MotionRefusedError that says what is wrong."""
     try:
         numbers = tuple(float(value) for value in values)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MotionRefusedError(f"{verb} takes six numbers, not {values!r}") from None
     if len(numbers) != 6:
         raise MotionRefusedError(f"{verb} takes six numbers, not {len(numbers)}")
     for index, number in enumerate(numbers):
         if not math.isfinite(number):
             raise MotionRefusedError(f"{verb}: number {index + 1} of 6 is {number}")
+        if abs(number) > LARGEST_NUMBER:
+            raise MotionRefusedError(
+                f"{verb}: number {index + 1} of 6 is {number:g}; no arm goes beyond "
+                f"{LARGEST_NUMBER:g}"
+            )
     x, y, z, rx, ry, rz = numbers
     return x, y, z, rx, ry, rz
 
@@ -41,6 +49,8 @@ def checked_pose(verb: str, target: Target) -> Pose:
         position, orientation = target.position, target.orientation
         if not is_finite((*position, *orientation)):
             raise MotionRefusedError(f"{verb}: the pose has numbers that are none: {target}")
+        if max(map(abs, position)) > LARGEST_NUMBER:
+            raise MotionRefusedError(f"{verb}: the position {tuple(position)} is beyond any arm")
         length = math.sqrt(sum(c * c for c in orientation))
         if abs(length - 1.0) > UNIT_TOLERANCE:
             raise MotionRefusedError(

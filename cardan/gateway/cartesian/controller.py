@@ -50,6 +50,7 @@ from cardan.gateway.cartesian.motions import (
     Recover,
     TorqueLimits,
     TorqueMotion,
+    shortest,
 )
 from cardan.gateway.cartesian.planner import Margins, Planner
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -62,6 +63,7 @@ from cardan.gateway.servo.servo import Policy, Servo, ServoOptions, ServoStatus
 from cardan.spatial import (
     add,
     compose,
+    is_finite,
     limit_norm,
     multiply,
     norm,
@@ -314,7 +316,7 @@ class CartesianController:
         self._gripper = gripper
         self._lock = _PoliteLock()
         """Guards everything that `tick` touches; never held for long."""
-        self._planning = threading.RLock()
+        self._planning = _PlanningLock()
         """Held by whoever uses `planner`; always taken before `_lock`."""
         self._parameters = prm.defaults()
         self._deceleration = Deceleration(
@@ -372,8 +374,12 @@ class CartesianController:
 
     @property
     def awaited(self) -> bool:
-        """True while a verb waits for the loop to let it in."""
-        return self._lock.awaited
+        """True while a verb waits for the loop to let it in, or is worked out beside it.
+
+        Pinocchio's calls let go of the interpreter, and a loop that never sleeps takes it for 5 ms
+        each time: what takes 20 ms alone takes 20 s beside such a loop.
+        """
+        return self._lock.awaited or self._planning.taken > 0
 
     @property
     def stamp_s(self) -> float:
@@ -776,6 +782,12 @@ class CartesianController:
             )
         if stream.kind is not kind:
             raise MotionRefusedError(f"{name}: the streaming command is {vocab_text(stream.kind)}")
+        if sequence is not None and (isinstance(sequence, bool) or not isinstance(sequence, int)):
+            raise MotionRefusedError(f"{name}: the sequence number {sequence!r} is not an integer")
+        if stamp_s is not None and not (
+            isinstance(stamp_s, (int, float)) and math.isfinite(stamp_s)
+        ):
+            raise MotionRefusedError(f"{name}: the stamp {stamp_s!r} is not a time in seconds")
         leased = self.stamp_s - stream.heard_s < self.options.stream_lease_s
         if stream.owner is not None and stream.owner != owner:
             if leased or self._driven:
@@ -896,14 +908,14 @@ class CartesianController:
 
     def _measure(self, state: RobotState) -> None:
         joints = np.array(state.joints)
-        if len(state.velocities) == len(joints):
+        if len(state.velocities) == len(joints) and is_finite(state.velocities):
             self._speeds = np.array(state.velocities)
         elif state.period_s > 0.0 and self._engaged:
             self._speeds = (joints - self._measured) / state.period_s
         self._measured = joints
 
     def _supervise(self) -> None:
-        error = np.abs(self._measured - self.servo.q)
+        error = np.abs(shortest(self.servo.kinematics, self._measured - self.servo.q))
         worst = int(np.argmax(error))
         self._following = float(error[worst]), self.servo.kinematics.names[worst]
         activity = self._activity
@@ -929,7 +941,9 @@ class CartesianController:
             return
         assert not isinstance(activity, TorqueMotion)
         over, reason = activity.tick(dt_s)
-        if over:
+        if over and reason and isinstance(activity, Recover):
+            self._disengage(reason)
+        elif over:
             self._activity, self._braking = None, False
             if reason:
                 self._end_motion(Outcome.ABORTED, reason)
@@ -1233,6 +1247,8 @@ class CartesianController:
                 f"{verb}: the robot reports {len(robot.joints)} joint positions, "
                 f"{self.model.name} has {self.servo.joints} joints"
             )
+        if not is_finite(robot.joints):
+            raise MotionRefusedError(f"{verb}: the robot reports joints that are not numbers")
         return robot
 
     def _start(self, verb: str) -> FloatArray:
@@ -1303,6 +1319,22 @@ class CartesianController:
         if generation != self._generation or self._robot is None or not self._robot.ready:
             why = self._message or "the robot is not ready"
             raise MotionRefusedError(f"overtaken while it was worked out: {why}")
+
+
+class _PlanningLock:
+    """A reentrant lock that knows whether it is taken."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self.taken = 0
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+        self.taken += 1
+
+    def __exit__(self, *_: object) -> None:
+        self.taken -= 1
+        self._lock.release()
 
 
 class _PoliteLock:

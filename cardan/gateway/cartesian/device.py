@@ -52,6 +52,40 @@ def digital_output_gripper(robot: RobotDriver) -> Callable[[Action], None]:
     return act
 
 
+class _Bell:
+    """Rung after every tick; knows whether anybody listens."""
+
+    def __init__(self) -> None:
+        self._condition = threading.Condition()
+        self._listeners = 0
+
+    def ring(self) -> bool:
+        """Wake up who listens; True when somebody does."""
+        if self._listeners == 0:
+            return False
+        with self._condition:
+            self._condition.notify_all()
+        return True
+
+    def wait(self, timeout_s: float) -> None:
+        """Until it rings, or the time is over."""
+        self._listeners += 1
+        try:
+            with self._condition:
+                self._condition.wait(timeout_s)
+        finally:
+            self._listeners -= 1
+
+    def wait_for(self, done: Callable[[], bool], timeout_s: float) -> None:
+        """Until `done` after a ring, or the time is over."""
+        self._listeners += 1
+        try:
+            with self._condition:
+                self._condition.wait_for(done, timeout_s)
+        finally:
+            self._listeners -= 1
+
+
 class CartesianDevice:
     """An arm with the verbs movj, movl, ... of the Cartesian interface, for any thread.
 
@@ -93,7 +127,7 @@ class CartesianDevice:
             gripper=None if gripper is None else self._act_in_loop,
         )
         self._actions: deque[tuple[Action, list[Exception | None]]] = deque()
-        self._ticked = threading.Condition()
+        self._ticked = _Bell()
         self._requests = threading.RLock()
         """One request that may wait for the arm to rest at a time."""
         self._thread: threading.Thread | None = None
@@ -114,10 +148,9 @@ class CartesianDevice:
         self._failure = None
         self._thread = threading.Thread(target=self._loop, name="cartesian", daemon=True)
         self._thread.start()
-        with self._ticked:
-            self._ticked.wait_for(
-                lambda: self.controller.stamp_s > -math.inf or not self._running, START_TIMEOUT_S
-            )
+        self._ticked.wait_for(
+            lambda: self.controller.stamp_s > -math.inf or not self._running, START_TIMEOUT_S
+        )
 
     def close(self) -> None:
         """Brake to rest, end the loop and close the driver. Never raises; twice is fine."""
@@ -125,10 +158,7 @@ class CartesianDevice:
         if thread is None:
             return
         self.controller.stop()
-        with self._ticked:
-            self._ticked.wait_for(
-                lambda: self.controller.at_rest or not self._running, START_TIMEOUT_S
-            )
+        self._ticked.wait_for(lambda: self.controller.at_rest or not self._running, START_TIMEOUT_S)
         self._closing.set()
         thread.join(START_TIMEOUT_S)
         self.robot.close()
@@ -201,8 +231,7 @@ class CartesianDevice:
             if timeout_s > 0.0 and controller.stamp_s - began_s > timeout_s:
                 controller.stop()
                 return False
-            with self._ticked:
-                self._ticked.wait(period_s)
+            self._ticked.wait(period_s)
         return motion.outcome is Outcome.DONE
 
     def stop(self) -> None:
@@ -279,10 +308,8 @@ class CartesianDevice:
                 robot.send(controller.tick(state))
                 while self._actions:
                     self._do(*self._actions.popleft())
-                with ticked:
-                    ticked.notify_all()
-                if controller.awaited:
-                    # A robot without pacing would take the lock again before they wake up.
+                if ticked.ring() or controller.awaited:
+                    # A robot without pacing would never let them have lock or interpreter.
                     time.sleep(MAKE_WAY_S)
                 if self._closing.is_set():
                     break
@@ -293,8 +320,7 @@ class CartesianDevice:
             controller.stop()
             while self._actions:
                 self._actions.popleft()[1].append(DriverError("the loop has ended"))
-            with ticked:
-                ticked.notify_all()
+            ticked.ring()
 
     def _do(self, action: Action, answer: list[Exception | None]) -> None:
         assert self._act is not None
@@ -310,8 +336,7 @@ class CartesianDevice:
         self._actions.append((action, answer))
         while not answer:
             self._require_loop()
-            with self._ticked:
-                self._ticked.wait(POLL_S)
+            self._ticked.wait(POLL_S)
         if answer[0] is not None:
             raise answer[0]
 
@@ -331,8 +356,7 @@ class CartesianDevice:
             while motion.outcome is Outcome.WAITING:
                 self._require_loop()
                 if self.controller.start_pending() is None:
-                    with self._ticked:
-                        self._ticked.wait(POLL_S)
+                    self._ticked.wait(POLL_S)
             if motion.error is not None:
                 raise motion.error
             return motion
@@ -348,5 +372,4 @@ class CartesianDevice:
             and controller.stamp_s - began_s < REST_TIMEOUT_S
         ):
             self._require_loop()
-            with self._ticked:
-                self._ticked.wait(POLL_S)
+            self._ticked.wait(POLL_S)

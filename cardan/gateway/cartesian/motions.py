@@ -19,7 +19,7 @@ from cardan.errors import MotionRefusedError
 from cardan.gateway.cartesian.codes import State
 from cardan.gateway.cartesian.planner import Line
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
+from cardan.gateway.kinematics.base import FloatArray, Kinematics, to_pose, to_se3
 from cardan.gateway.motion.shaping import PoseShaper
 from cardan.gateway.reference import Reference, ReferenceLimits
 from cardan.gateway.servo.servo import Servo
@@ -365,6 +365,8 @@ class _ReferenceMotion:
         assert reference.pose is not None
         self._twist[0], self._twist[1] = linear, angular
         self.share = servo.tick(to_se3(reference.pose), self._twist, dt_s, slide=self.slides)
+        if servo.reachable is not None:
+            reference.pose = to_pose(servo.reachable)
         moved = servo.twist.tolist()
         reference.move(Vector3(*moved[0]), Vector3(*moved[1]), dt_s)
 
@@ -533,6 +535,12 @@ class FollowPoseStream(_ReferenceMotion):
         return GOING
 
 
+def shortest(kinematics: Kinematics, error: FloatArray) -> FloatArray:
+    """Joint differences without the whole turns of continuous joints."""
+    turns = 2.0 * math.pi * np.rint(error / (2.0 * math.pi))
+    return np.where(kinematics.continuous, error - turns, error)
+
+
 class Recover:
     """After a trip: brake, then bring the command gently back to where the arm is."""
 
@@ -540,6 +548,9 @@ class Recover:
 
     TIME_CONSTANT_S = 0.3
     SPEED_RAD_S = 0.5
+    GIVE_UP_S = 3.0
+    """Ten time constants: an arm that has not met its command by then is held, or its joints are
+    measured wrongly, and would be chased for ever."""
 
     def __init__(self, servo: Servo, near_rad: float) -> None:
         """Done when no joint is farther than `near_rad` from the measured one."""
@@ -548,6 +559,7 @@ class Recover:
         self.measured: FloatArray = servo.q.copy()
         self._braked = False
         self._back = False
+        self._spent_s = 0.0
 
     def brake(self) -> None:
         """It stops by itself."""
@@ -560,8 +572,15 @@ class Recover:
             if servo.moving:
                 return GOING
             self._braked = True
+            if self._spent_s > self.GIVE_UP_S:
+                return Progress(True, "the arm does not come together with its command")
             return ARRIVED if self._back else GOING
-        error = self.measured - servo.q
+        self._spent_s += dt_s
+        error = shortest(servo.kinematics, self.measured - servo.q)
+        if self._spent_s > self.GIVE_UP_S:
+            self._back = True
+            servo.brake(dt_s)
+            return GOING
         if float(np.abs(error).max()) < self._near_rad:
             self._back = True
             servo.brake(dt_s)

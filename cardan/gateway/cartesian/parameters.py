@@ -7,6 +7,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from cardan.errors import ConfigurationError
 from cardan.gateway.cartesian.codes import (
     FrameCode,
@@ -107,9 +109,12 @@ def checked_value(rule: ParameterRule, value: Value) -> float:
             return float(rule.accepted(code))
         except (ValueError, TypeError, OverflowError):
             raise error from None
-    if isinstance(value, (bool, str)) or not isinstance(value, (int, float)):
+    if isinstance(value, (bool, str)) or not isinstance(value, (int, float, np.number)):
         raise error
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise error from None
     if not math.isfinite(number) or number < 0.0:
         raise error
     if rule.accepted is not _B.NOT_NEGATIVE and number == 0.0:

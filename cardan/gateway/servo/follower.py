@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
@@ -23,6 +25,14 @@ from cardan.types import (
 PREFERRED = (CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE)
 """What a robot is sent, best first: joint positions leave nothing to anybody else's kinematics."""
 
+GLIDE_SHARE = 0.1
+"""Of the joints' speeds, at most, while commanded joints are brought back to measured ones: nobody
+steers that motion."""
+
+CORRECTION_SHARE = 0.2
+"""Of the joints' speeds that a robot of velocities may be corrected with: an arm that was pushed
+away comes back, it does not spring."""
+
 VELOCITY_GAIN_1_S = 10.0
 """Of the position error of a robot that only takes velocities. It is what keeps such an arm from
 sinking under its own weight; higher gains ring with the delay of real velocity loops."""
@@ -40,6 +50,7 @@ class ArmFollower:
         self._kind = next(kind for kind in PREFERRED if kind in kinds)
         self._twist = np.zeros((2, 3))
         self._highest = servo.kinematics.velocity
+        self._sent: FloatArray | None = None
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
 
     def measured(self, state: RobotState) -> Pose:
@@ -68,10 +79,11 @@ class ArmFollower:
     def place(self, state: RobotState) -> None:
         """Start from the measured joints, at rest."""
         self.servo.place(np.array(state.joints))
+        self._sent = None
 
     def worst_joint(self, state: RobotState) -> tuple[str, float]:
         """The joint farthest from where it is commanded, and by how much, rad or m."""
-        error = np.abs(self.servo.q - np.array(state.joints))
+        error = np.abs(self._error(state))
         worst = int(error.argmax())
         return self.servo.kinematics.names[worst], float(error[worst])
 
@@ -79,8 +91,21 @@ class ArmFollower:
         """Bring the commanded joints back to the measured ones with a time constant of `time_s`;
         returns the commanded TCP."""
         servo = self.servo
-        servo.tick_joints(servo.q.copy(), (np.array(state.joints) - servo.q) / time_s, dt_s)
+        rate = self._error(state) / -time_s
+        share = float((np.abs(rate) / self._highest).max()) / GLIDE_SHARE
+        servo.tick_joints(servo.q.copy(), rate / max(1.0, share), dt_s)
         return to_pose(servo.placement)
+
+    def halt(self, dt_s: float) -> Pose:
+        """Brake all joints; returns the commanded TCP."""
+        self.servo.brake(dt_s)
+        return to_pose(self.servo.placement)
+
+    def _error(self, state: RobotState) -> FloatArray:
+        """Commanded less measured joints; whole turns of a continuous joint are no error."""
+        error: FloatArray = self.servo.q - np.array(state.joints)
+        turns = np.rint(error / (2.0 * math.pi))
+        return np.where(self.servo.kinematics.continuous, error - 2.0 * math.pi * turns, error)
 
     def advance(self, reference: Reference, dt_s: float) -> None:
         """Move joints and reference for `dt_s`; the reference's own twist is what is wanted."""
@@ -91,6 +116,8 @@ class ArmFollower:
         if self._relaxed is not None:
             servo.posture = self._relaxed(servo.q)
         servo.tick(to_se3(reference.pose), twist, dt_s, slide=True)
+        if servo.reachable is not None:
+            reference.pose = to_pose(servo.reachable)
         linear, angular = servo.twist.tolist()
         reference.move(Vector3(*linear), Vector3(*angular), dt_s)
 
@@ -100,10 +127,7 @@ class ArmFollower:
         if self._kind is CommandKind.JOINT:
             return JointCommand(tuple(servo.q.tolist()), tuple(servo.v.tolist()))
         if self._kind is CommandKind.JOINT_VELOCITY:
-            error: FloatArray = servo.q - np.array(state.joints)
-            v = servo.v + VELOCITY_GAIN_1_S * error
-            np.minimum(np.maximum(v, -self._highest, out=v), self._highest, out=v)
-            return JointVelocityCommand(tuple(v.tolist()))
+            return JointVelocityCommand(tuple(self._velocities(state).tolist()))
         kinematics = servo.kinematics
         kinematics.update(servo.q)
         lines = kinematics.placement.rotation @ (kinematics.jacobian @ servo.v).reshape(2, 3).T
@@ -111,6 +135,18 @@ class ArmFollower:
         return PoseCommand(
             to_pose(kinematics.placement), Twist(Vector3(*linear), Vector3(*angular))
         )
+
+    def _velocities(self, state: RobotState) -> FloatArray:
+        """The servo's velocities and what brings the robot back to its positions, within limits."""
+        servo, highest = self.servo, self._highest
+        most = CORRECTION_SHARE * highest
+        v = servo.v + np.clip(VELOCITY_GAIN_1_S * self._error(state), -most, most)
+        np.clip(v, -highest, highest, out=v)
+        if self._sent is None:
+            self._sent = np.zeros(servo.joints)
+        step = servo.kinematics.acceleration * max(state.period_s, 0.0)
+        self._sent = np.clip(v, self._sent - step, self._sent + step)
+        return self._sent
 
     @property
     def moving(self) -> bool:

@@ -40,6 +40,10 @@ SOFT = 8
 MAX_ROWS = 16
 """Closing pairs in one programme, the most urgent first: more cannot act on seven joints."""
 
+CLOSING_LEVER_M = 0.13
+"""Turns the acceleration of the slowest joint into what bodies can be stopped with: a lever shorter
+than those that move a TCP fast."""
+
 AT_REST = 1e-5
 """rad/s or m/s: the tail of an exponential approach that no drive resolves. Also the pace below
 which nothing is asked to move."""
@@ -108,7 +112,7 @@ class ServoOptions:
     influence_distance_m: float = 0.1
     """Pairs nearer than this, or than they need to stop, are watched in the programme."""
     closing_deceleration_m_s2: float = 2.0
-    """With which bodies that close in are expected to be stopped."""
+    """With which bodies that close in are expected to be stopped, if the joints can brake so."""
 
 
 class ServoStatus(NamedTuple):
@@ -131,7 +135,7 @@ class ServoStatus(NamedTuple):
     """Part of the commanded motion that this arm cannot do anywhere, for want of joints."""
     unreachable_rad_s: float
     failures: int
-    """Ticks without a solution so far; each braked."""
+    """Ticks so far without a solution, or whose step would have struck something; each braked."""
 
     def in_words(self) -> list[str]:
         """What limits the arm now, for people; empty while nothing does."""
@@ -145,6 +149,11 @@ class ServoStatus(NamedTuple):
             if self.limiting_joints:
                 found.append(f"limit of {', '.join(self.limiting_joints)}")
             found.insert(0, f"{self.path_speed * 100:.0f} % of the speed asked")
+        if self.distance_m < 0.0:
+            first, second = self.nearest_pair
+            found.append(
+                f"{first} and {second} overlap by {self.distance_m * -1e3:.0f} mm: only ways out"
+            )
         if self.unreachable_m_s > 1e-3 or self.unreachable_rad_s > 1e-2:
             found.append(
                 f"this arm cannot do {self.unreachable_m_s * 1e3:.0f} mm/s and "
@@ -179,6 +188,9 @@ class Servo:
         self.twist: FloatArray = np.zeros((2, 3))
         """By which the reference moves in this period: linear, angular; base axes."""
         self.path_speed = 1.0
+        self.reachable: SE3 | None = None
+        """The goal of the last tick without what the arm cannot do for want of joints, whose error
+        would otherwise pile up and come out where it can; None for arms that can do all."""
         length = options.length_m
         self._weights = np.array(weights) * (1.0, 1.0, 1.0, length, length, length)
         self._column_weights = self._weights[:, None]
@@ -221,6 +233,9 @@ class Servo:
         self._ending = False
         self._nearest_m = math.inf
         self._failures = 0
+        self._closing_m_s2 = min(
+            options.closing_deceleration_m_s2, CLOSING_LEVER_M * min(self.bounds.acceleration)
+        )
         self._safety: list[float] = []
         if collision is not None:
             self._safety = np.where(
@@ -279,6 +294,7 @@ class Servo:
         self._unreachable = (0.0, 0.0)
         if not self._full_rank:
             self._project(jacobian)
+            self.reachable = placement * pin.SE3(pin.exp3(feedback[3:].copy()), feedback[:3].copy())
         self._limit_feedback(dt_s)
 
         task, normal, linear = self._task, self._normal, self._linear
@@ -450,7 +466,7 @@ class Servo:
         distances = collision.update()
         self._nearest_m = min(distances)
         influence = options.influence_distance_m
-        deceleration = options.closing_deceleration_m_s2
+        deceleration = self._closing_m_s2
         safety = self._safety
         fastest = collision.fastest_closing(self.v)
         stop = fastest * (fastest / (2.0 * deceleration) + dt_s)
@@ -468,8 +484,12 @@ class Servo:
         if not near:
             return 0
         if len(near) > MAX_ROWS:
-            near.sort(key=distances.__getitem__)
-            del near[MAX_ROWS:]
+            closing = collision.sweep(self.v)
+            room = [
+                distances[pair] - safety[pair] - closing[pair] ** 2 / (2.0 * deceleration)
+                for pair in near
+            ]
+            near = [pair for _, pair in sorted(zip(room, near, strict=True))[:MAX_ROWS]]
         collision.gradients(near, self._rows_of_joints)
         first = self.joints + 1
         self._lowest[first : first + len(near)] = [
@@ -545,14 +565,14 @@ class Servo:
         self.q += step
 
     def _strikes(self, collision: CollisionModel, step: FloatArray) -> bool:
-        """True when this step would bring a pair into contact, or deeper into it.
+        """True when this step would bring a pair into contact.
 
         Pairs that cannot meet within the step are told apart by how far their bodies can move;
         so nothing is missed between two ticks, however thin.
         """
         before = np.array(collision.distances)
         moved = collision.sweep(step)
-        if not (moved > before).any():
+        if not ((before >= 0.0) & (moved > before)).any():
             return False
         after = np.array(collision.at(self.q + step))
-        return bool(((after < 0.0) & (after < before) & (moved > before)).any())
+        return bool(((after < 0.0) & (before >= 0.0)).any())

@@ -998,3 +998,44 @@ def test_limits_hold_whatever_is_asked(arm, drive, sequence):
     held = controller.servo.q.copy()
     world.tick(20)
     np.testing.assert_array_equal(controller.servo.q, held)
+
+
+def test_a_robot_of_no_numbers_is_not_moved_by_any_verb():
+    world = World()
+    world.q[:] = math.nan
+    world.controller = type(world.controller)(world.model, world.capabilities)
+    world.tick(2)
+    for verb, argument in (("movv", [0.01] * 6), ("movl", [0.4] * 6), ("movj", [0.4] * 6)):
+        with pytest.raises(MotionRefusedError, match="not numbers"):
+            getattr(world.controller, verb)(argument)
+    with pytest.raises(MotionRefusedError, match="not numbers"):
+        world.controller.stat()
+    with pytest.raises((MotionRefusedError, ConfigurationError)):
+        world.controller.set_parameter("cpsc", "twst")
+
+
+@pytest.mark.parametrize("values", [[1e308] * 6, [0.4, 0.0, 1e5, 0.0, 0.0, 0.0], [10**400] * 6])
+@pytest.mark.parametrize("verb", ["inv", "movj", "movl", "movv", "relj", "tool"])
+def test_numbers_of_no_arm_are_refused_in_words(verb, values):
+    world = World()
+    with pytest.raises(MotionRefusedError):
+        getattr(world.controller, verb)(values)
+
+
+def test_sequence_numbers_and_stamps_have_to_be_some():
+    world = streaming("twst")
+    assert "not an integer" in world.controller.twist([0.0] * 6, sequence="a")
+    assert "not a time" in world.controller.twist([0.0] * 6, stamp_s=math.nan)
+    assert world.controller.twist([0.0] * 6, sequence=1, stamp_s=1.0) == ""
+
+
+def test_a_command_that_never_meets_its_arm_is_given_up():
+    world = quick("ur5")
+    motion = world.controller.movv([0.0, 0.0, -0.05, 0.0, 0.0, 0.0])
+    world.tick(100)
+    before = world.controller.servo.q.copy()
+    world.sag[0] = 1.0  # a joint that is measured a radian away from where it is, for good
+    world.tick(3000)
+    assert motion.over
+    assert np.abs(world.controller.servo.q - before).max() < 1.7
+    assert isinstance(world.command, HoldCommand)

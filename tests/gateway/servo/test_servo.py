@@ -321,9 +321,9 @@ def test_a_step_that_would_strike_is_braked_whatever_the_programme_says():
     probe = servo(q_deg=start)
     x = float(probe.placement.translation[0]) + 0.25
     thin = box_obstacle("wall", Vector3(x, -0.5, -0.2), Vector3(x + 0.0005, 0.5, 1.2))
-    blind = {"safety_distance_m": 1e-6, "closing_deceleration_m_s2": 1e7}  # rows that never act
-    drive = Drive(servo(obstacles=(thin,), q_deg=start, **blind))
+    drive = Drive(servo(obstacles=(thin,), q_deg=start, safety_distance_m=1e-6))
     made = drive.servo
+    made._closing_m_s2 = 1e7  # rows that never act
     goal = made.placement
     for _ in range(1000):
         before = made.v.copy()
