@@ -23,6 +23,8 @@ class Frame(enum.Enum):
     """The frame the robot reports its poses in: its base, or the active work object (ABB)."""
     TOOL = "tool"
     """The tool centre point (TCP), moving with the robot."""
+    MIXED = "mixed"
+    """Of twists only: linear along the base's axes, angular along the tool's."""
 
 
 class Vector3(NamedTuple):

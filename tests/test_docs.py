@@ -71,6 +71,8 @@ def written(default: Any) -> str:
         return "none"
     if isinstance(default, bool):
         return str(default).lower()
+    if isinstance(default, dict):
+        return f"`{default}`"
     if isinstance(default, (tuple, list)):
         items = (f'"{i}"' if isinstance(i, str) else str(i) for i in default)
         return f"`[{', '.join(items)}]`"

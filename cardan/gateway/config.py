@@ -98,6 +98,8 @@ class MappingTable(_Table):
     axes: Annotated[list[str], Field(min_length=6, max_length=6)] = list(AXES)
     scale: Annotated[list[Finite], Field(min_length=6, max_length=6)] = [1.0] * 6
     yaw_deg: Finite = 0.0
+    joints: dict[str, str] = {}
+    joint_speed_rad_s: Positive = 0.4
     deadman: str = ""
 
     @field_validator("axes")
@@ -110,6 +112,17 @@ class MappingTable(_Table):
                     'minus in front, and "fixed"'
                 )
         return axes
+
+    @field_validator("joints")
+    @classmethod
+    def _known_joint_axes(cls, joints: dict[str, str]) -> dict[str, str]:
+        for axis in joints:
+            if axis.removeprefix("-") not in AXES:
+                raise ValueError(
+                    f"{axis!r} is not an axis; allowed: {', '.join(AXES)}, each also with a minus "
+                    "in front"
+                )
+        return joints
 
 
 class GripperTable(_Table):
@@ -233,6 +246,12 @@ class SessionConfig(_Table):
         return tables
 
     @model_validator(mode="after")
+    def _joints_need_an_arm(self) -> SessionConfig:
+        if self.mapping.joints and self.arm is None:
+            raise ValueError("mapping.joints: only a session with an [arm] commands joints")
+        return self
+
+    @model_validator(mode="after")
     def _obstacles_need_an_arm(self) -> SessionConfig:
         if self.obstacles and (self.arm is None or not self.arm.collisions):
             raise ValueError(
@@ -287,6 +306,8 @@ class SessionConfig(_Table):
             axes=tuple(table.axes),
             scale=tuple(table.scale),
             yaw_deg=table.yaw_deg,
+            joints=tuple(table.joints.items()),
+            joint_speed_rad_s=table.joint_speed_rad_s,
             deadman=table.deadman,
             gripper=tuple(
                 (getattr(gripper, action.value), action)
@@ -468,6 +489,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
             f"{table.model!r} has {kinematics.joints} joints, the robot as configured "
             f"{able.joints}",
         )
+    _check_joints(config, kinematics.names)
     _take_limits(kinematics, able)
     options = ServoOptions(
         policy=Policy(table.policy),
@@ -478,6 +500,24 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
     servo = Servo(kinematics, collision, options, weights)
     servo.posture = posture
     return ArmFollower(servo, able.commands)
+
+
+def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
+    mapping = config.mapping
+    for axis, joint in mapping.joints.items():
+        if joint not in names:
+            raise ConfigurationError(
+                f"mapping.joints.{axis}",
+                f"there is no joint {joint!r}; allowed: {', '.join(names)}"
+                + _suggestion(joint, list(names)),
+            )
+        index = AXES.index(axis.removeprefix("-"))
+        if any(source.removeprefix("-") == AXES[index] for source in mapping.axes):
+            raise ConfigurationError(
+                f"mapping.joints.{axis}",
+                f"the axis drives {AXES[index]} as well: name it in mapping.axes no more, "
+                'with "fixed" in its place',
+            )
 
 
 def _take_limits(kinematics: Kinematics, robot: RobotCapabilities) -> None:

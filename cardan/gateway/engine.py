@@ -145,6 +145,7 @@ class TeleopEngine:
         self._deadman_was_up = False
         self._resyncing = False
         self._resync_s = 0.0
+        self._joints_asked = False
         self._easing = False
         self._ticked_s = NEVER_S
         self._stop_reason = ""
@@ -219,7 +220,11 @@ class TeleopEngine:
             seen = robot if self.arm is None else robot._replace(pose=measured)
             wanted = self._filter(wanted, seen)
         self._target = wanted
-        asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
+        rates: dict[str, float] = {}
+        if self.mapping.drives_joints and self._armed and self.mapping.deadman_held(device):
+            rates = self.mapping.joint_rates(device.axes)
+        self._joints_asked = any(rates.values())
+        asked = self._joints_asked or wanted.linear != ZERO3 or wanted.angular != ZERO3
         used = self.reference.leash_used
         self._easing = (not asked or self._resyncing) and used > (
             EASE_BELOW if self._easing else EASE_ABOVE
@@ -236,7 +241,7 @@ class TeleopEngine:
             self.reference.place(self.arm.glide(robot, RESYNC_TIME_S, dt_s))
         else:
             self.reference.shape(wanted, dt_s, smooth=self._armed)
-            self.arm.advance(self.reference, dt_s)
+            self.arm.advance(self.reference, dt_s, rates)
         self._settle(robot, device)
         if self.arm is not None:
             return self.arm.command(robot)
@@ -292,7 +297,7 @@ class TeleopEngine:
         self._deadman_was_up = False  # Held through the silence, it is no deliberate act.
         if self.filters:
             self._filter(ZERO_TWIST, robot)
-        self._target = ZERO_TWIST
+        self._target, self._joints_asked = ZERO_TWIST, False
         self._resyncing = self._easing = False
         if self.reference.pose is not None:
             self.reference.place(self.reference.pose)
@@ -373,7 +378,7 @@ class TeleopEngine:
 
     def _settle(self, robot: RobotState, device: DeviceState) -> None:
         """Name the phase and say what stands in the way."""
-        asked = self._target.linear != ZERO3 or self._target.angular != ZERO3
+        asked = self._joints_asked or self._target.linear != ZERO3 or self._target.angular != ZERO3
         if self._moving and (asked and self._armed):
             self._phase = Phase.MOVING
         elif self._moving:

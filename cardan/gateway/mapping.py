@@ -31,7 +31,7 @@ class MappingOptions:
     """How a rate-control device is turned into a twist of the TCP."""
 
     frame: Frame = Frame.BASE
-    """Axes the twist is expressed along: the robot's base or the tool."""
+    """Axes the twist is expressed along: the robot's base, the tool, or mixed."""
     linear_speed_m_s: float = 0.1
     """TCP speed at full deflection."""
     angular_speed_rad_s: float = 0.4
@@ -43,6 +43,11 @@ class MappingOptions:
     """Factor on each component."""
     yaw_deg: float = 0.0
     """Where the operator faces, seen from above, relative to the robot's x axis."""
+    joints: tuple[tuple[str, str], ...] = ()
+    """Device axes that drive a joint each, and the joint's name, beside the TCP: the mixture of
+    Baklouti et al. 2021, equation 7. "-axis" turns it round."""
+    joint_speed_rad_s: float = 0.4
+    """Of such a joint at full deflection; m/s for one that slides."""
     deadman: str = ""
     """Button to hold while moving; empty: deflection alone moves (not beside a person)."""
     gripper: tuple[tuple[str, GripperAction], ...] = ()
@@ -64,7 +69,16 @@ class TwistMapping:
                 self._sources.append((AXES.index(axis.lstrip("-")), sign * factor * speed))
         half_yaw = 0.5 * math.radians(options.yaw_deg)
         self._yaw = Quaternion(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
-        self._turned = options.yaw_deg != 0.0 and options.frame is Frame.BASE
+        self._turned = options.yaw_deg != 0.0 and options.frame is not Frame.TOOL
+        self._turned_angular = options.frame is Frame.BASE
+        self._joints = [
+            (
+                AXES.index(axis.lstrip("-")),
+                joint,
+                -options.joint_speed_rad_s if axis.startswith("-") else options.joint_speed_rad_s,
+            )
+            for axis, joint in options.joints
+        ]
         self._gripper_buttons = dict(options.gripper)
         self.gripper_closed = False
 
@@ -73,8 +87,18 @@ class TwistMapping:
         v = [axes[index] * gain for index, gain in self._sources]
         linear, angular = Vector3(v[0], v[1], v[2]), Vector3(v[3], v[4], v[5])
         if self._turned:
-            linear, angular = rotate(self._yaw, linear), rotate(self._yaw, angular)
+            linear = rotate(self._yaw, linear)
+            angular = rotate(self._yaw, angular) if self._turned_angular else angular
         return Twist(linear, angular, self.options.frame)
+
+    def joint_rates(self, axes: Sequence[float]) -> dict[str, float]:
+        """What is asked of joints by name, rad/s or m/s."""
+        return {joint: axes[index] * gain for index, joint, gain in self._joints}
+
+    @property
+    def drives_joints(self) -> bool:
+        """True when some axes drive joints."""
+        return bool(self._joints)
 
     def deadman_held(self, device: DeviceState) -> bool:
         """True while the operator says that motion is wanted."""

@@ -153,9 +153,10 @@ class Reference:
             raise RuntimeError("the reference has not been placed")
         limits = self.limits
         linear, angular = target.linear, target.angular
+        if target.frame is not Frame.BASE:
+            angular = rotate(pose.orientation, angular)
         if target.frame is Frame.TOOL:
             linear = rotate(pose.orientation, linear)
-            angular = rotate(pose.orientation, angular)
         linear = limit_norm(linear, limits.linear_speed_m_s)
         angular = limit_norm(angular, limits.angular_speed_rad_s)
         if smooth and self._smooth_linear is not None:

@@ -12,6 +12,7 @@ from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.gateway.servo.follower import ArmFollower
+from cardan.spatial import rotate, rotation_between
 from cardan.types import (
     CommandKind,
     DeviceLink,
@@ -19,6 +20,7 @@ from cardan.types import (
     JointCommand,
     JointVelocityCommand,
     PoseCommand,
+    Vector3,
 )
 
 REST = (0.0,) * 6
@@ -392,3 +394,48 @@ def test_an_arm_that_starts_inside_an_obstacle_says_so_rests_and_gets_out():
     assert any("overlap" in words for words in run.engine.status().arm.in_words())
     moved = run.go(2.0, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     assert moved[2] > 0.0
+
+
+def test_some_axes_drive_joints_and_the_others_the_tcp():
+    """Equation 7 of Baklouti et al. 2021, as a session's mapping."""
+    axes = ["x", "y", "z", "rx", "ry", "fixed"]
+    mapping = {"deadman": "left", "axes": axes, "joints": {"-rz": "shoulder_pan_joint"}}
+    run = Run(mapping=mapping | {"joint_speed_rad_s": 0.2}).arm_it()
+    before = run.joints[-1]
+    run.go(1.0, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    moved = run.joints[-1] - before
+    assert moved[0] == pytest.approx(-0.2, abs=0.01)
+    assert moved[1:] == pytest.approx(np.zeros(5), abs=5e-3)
+    assert run.engine.phase is Phase.MOVING
+    z = run.go(1.0, (0.0, 0.0, 0.5, 0.0, 0.0, 1.0))[2]
+    assert z == pytest.approx(0.05, abs=5e-3)
+    run.go(0.5)
+    assert run.engine.at_rest
+    run.go(0.5, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0), silent=True)
+    assert run.engine.phase is Phase.DISARMED
+    assert run.engine.at_rest
+
+
+@pytest.mark.parametrize(
+    ("mapping", "words"),
+    [
+        ({"joints": {"rz": "elbow"}}, "mapping.joints.rz: there is no joint 'elbow'; .*did you"),
+        ({"joints": {"yaw": "elbow_joint"}}, "'yaw' is not an axis"),
+        ({"joints": {"rz": "elbow_joint"}}, "the axis drives rz as well"),
+    ],
+)
+def test_wrong_joint_axes_are_refused_by_name(mapping, words):
+    with pytest.raises(ConfigurationError, match=words):
+        make_all(table(mapping=mapping))
+
+
+def test_a_mixed_twist_goes_along_the_base_and_turns_about_the_tool():
+    run = Run(mapping={"deadman": "left", "frame": "mixed"}).arm_it()
+    start = run.state.pose
+    moved = run.go(1.0, (0.0, 0.5, 0.0, 0.0, 0.0, 0.5))
+    assert moved == pytest.approx((0.0, 0.05, 0.0), abs=4e-3)
+    axis = rotate(start.orientation, Vector3(0.0, 0.0, 1.0))
+    turned = rotation_between(start.orientation, run.state.pose.orientation)
+    along = sum(a * b for a, b in zip(axis, turned, strict=True))
+    assert along == pytest.approx(0.2, abs=0.02)
+    assert math.dist(turned, [along * c for c in axis]) < 0.01

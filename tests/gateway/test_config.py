@@ -61,7 +61,7 @@ def test_survives_the_way_to_the_session_process():
     ("change", "key", "words"),
     [
         ({"mapping": {"deadmen": "x"}}, "mapping.deadmen", "did you mean 'deadman'"),
-        ({"mapping": {"frame": "world"}}, "mapping.frame", "'base' or 'tool'"),
+        ({"mapping": {"frame": "world"}}, "mapping.frame", "'base', 'tool' or 'mixed'"),
         ({"mapping": {"axes": ["x"]}}, "mapping.axes", "at least 6"),
         ({"mapping": {"axes": ["x", "y", "z", "rx", "ry", "w"]}}, "mapping.axes", "'w' is not"),
         ({"mapping": {"linear_speed_m_s": -1}}, "mapping.linear_speed_m_s", "greater than 0"),

@@ -505,7 +505,7 @@ class Model:
     def worst_joint(self, robot):
         return "joint 1", 0.0
 
-    def advance(self, reference, dt_s):
+    def advance(self, reference, dt_s, rates):
         pass
 
     def command(self, robot):

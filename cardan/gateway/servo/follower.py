@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -107,15 +108,23 @@ class ArmFollower:
         turns = np.rint(error / (2.0 * math.pi))
         return np.where(self.servo.kinematics.continuous, error - 2.0 * math.pi * turns, error)
 
-    def advance(self, reference: Reference, dt_s: float) -> None:
-        """Move joints and reference for `dt_s`; the reference's own twist is what is wanted."""
+    def advance(
+        self, reference: Reference, dt_s: float, joint_rates: Mapping[str, float] | None = None
+    ) -> None:
+        """Move joints and reference for `dt_s`; the reference's own twist is what is wanted.
+
+        `joint_rates` by name, rad/s or m/s, are wanted beside it.
+        """
         assert reference.pose is not None
         twist = self._twist
         twist[0], twist[1] = reference.linear, reference.angular
         servo = self.servo
         if self._relaxed is not None:
             servo.posture = self._relaxed(servo.q)
-        servo.tick(to_se3(reference.pose), twist, dt_s, slide=True)
+        rates = None
+        if joint_rates:
+            rates = np.array([joint_rates.get(name, 0.0) for name in servo.kinematics.names])
+        servo.tick(to_se3(reference.pose), twist, dt_s, rates, slide=True)
         if servo.reachable is not None:
             reference.pose = to_pose(servo.reachable)
         linear, angular = servo.twist.tolist()
