@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import enum
 import math
-import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
@@ -38,6 +37,7 @@ from cardan.gateway.cartesian.codes import (
     vocab,
     vocab_text,
 )
+from cardan.gateway.cartesian.locks import PlanningLock, PoliteLock
 from cardan.gateway.cartesian.motions import (
     Activity,
     Braking,
@@ -314,9 +314,9 @@ class CartesianController:
         self._bare = ArmKinematics(model)
         """Without a tool: what the robot's own controller knows."""
         self._gripper = gripper
-        self._lock = _PoliteLock()
+        self._lock = PoliteLock()
         """Guards everything that `tick` touches; never held for long."""
-        self._planning = _PlanningLock()
+        self._planning = PlanningLock()
         """Held by whoever uses `planner`; always taken before `_lock`."""
         self._parameters = prm.defaults()
         self._deceleration = Deceleration(
@@ -643,22 +643,11 @@ class CartesianController:
         `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
         grow.
         """
-        try:
-            with self._planning, self._counted():
-                target = checked_pose("pose", x)
-                with self._lock:
-                    activity = self._streaming(Stream.POSE, owner, sequence, stamp_s)
-                    assert isinstance(activity, FollowPoseStream)
-                    start = self.servo.q.copy()
-                    now = to_pose(self.servo.placement)
-                target = compose(now, target) if self._tcp_frame else target
-                check_workspace("pose", target.position, self.options.workspace_m)
-                self._check_step(now, target)
-                self.planner.inverse_nearby("pose", target, start)
-                self._aim(activity, target, owner, sequence, stamp_s)
-        except MotionRefusedError as error:
-            return str(error)
-        return ""
+
+        def of(given: Pose, now: Pose, _before: Pose) -> Pose:
+            return compose(now, given) if self._tcp_frame else given
+
+        return self._send_pose("pose", x, of, owner, sequence, stamp_s)
 
     def jog(
         self,
@@ -675,44 +664,48 @@ class CartesianController:
         command `pose`, follows the parameter poseDamping, and is refused where the sum would run
         away from the arm.
         """
+
+        def of(given: Pose, _now: Pose, before: Pose) -> Pose:
+            if self._tcp_frame:
+                return compose(before, given)
+            return Pose(
+                add(before.position, given.position),
+                normalized(multiply(given.orientation, before.orientation)),
+                Frame.BASE,
+            )
+
+        return self._send_pose("jog", dx, of, owner, sequence, stamp_s)
+
+    def _send_pose(
+        self,
+        verb: str,
+        given: Target,
+        of: Callable[[Pose, Pose, Pose], Pose],
+        owner: str,
+        sequence: int | None,
+        stamp_s: float | None,
+    ) -> str:
+        """Aim the pose stream at `of` what is given, the commanded pose and the target before."""
         try:
             with self._planning, self._counted():
-                step = checked_pose("jog", dx)
+                pose = checked_pose(verb, given)
                 with self._lock:
                     activity = self._streaming(Stream.POSE, owner, sequence, stamp_s)
                     assert isinstance(activity, FollowPoseStream)
                     start = self.servo.q.copy()
                     now = to_pose(self.servo.placement)
-                    before = activity.target or now
-                if self._tcp_frame:
-                    target = compose(before, step)
-                else:
-                    target = Pose(
-                        add(before.position, step.position),
-                        normalized(multiply(step.orientation, before.orientation)),
-                        Frame.BASE,
-                    )
-                check_workspace("jog", target.position, self.options.workspace_m)
+                    target = of(pose, now, activity.target or now)
+                check_workspace(verb, target.position, self.options.workspace_m)
                 self._check_step(now, target)
-                self.planner.inverse_nearby("jog", target, start)
-                self._aim(activity, target, owner, sequence, stamp_s)
+                self.planner.inverse_nearby(verb, target, start)
+                with self._lock:
+                    if self._activity is not activity or self._stream is None:
+                        raise MotionRefusedError(f"{verb}: {self._stream_ended}")
+                    activity.aim(target, self.stamp_s)
+                    self._hear(self._stream, owner, sequence, stamp_s)
         except MotionRefusedError as error:
             return str(error)
         return ""
-
-    def _aim(
-        self,
-        activity: FollowPoseStream,
-        target: Pose,
-        owner: str,
-        sequence: int | None,
-        stamp_s: float | None,
-    ) -> None:
-        with self._lock:
-            if self._activity is not activity or self._stream is None:
-                raise MotionRefusedError(f"pose: {self._stream_ended}")
-            activity.aim(target, self.stamp_s)
-            self._hear(self._stream, owner, sequence, stamp_s)
 
     def _check_step(self, now: Pose, target: Pose) -> None:
         step_m = norm(subtract(target.position, now.position))
@@ -1319,46 +1312,6 @@ class CartesianController:
         if generation != self._generation or self._robot is None or not self._robot.ready:
             why = self._message or "the robot is not ready"
             raise MotionRefusedError(f"overtaken while it was worked out: {why}")
-
-
-class _PlanningLock:
-    """A reentrant lock that knows whether it is taken."""
-
-    def __init__(self) -> None:
-        self._lock = threading.RLock()
-        self.taken = 0
-
-    def __enter__(self) -> None:
-        self._lock.acquire()
-        self.taken += 1
-
-    def __exit__(self, *_: object) -> None:
-        self.taken -= 1
-        self._lock.release()
-
-
-class _PoliteLock:
-    """A reentrant lock that knows whether somebody waits for it, so that a loop which never
-    sleeps can let them have it."""
-
-    def __init__(self) -> None:
-        self._lock = threading.RLock()
-        self._waiting: set[int] = set()
-
-    @property
-    def awaited(self) -> bool:
-        """True while another thread waits, or is about to take the lock."""
-        return bool(self._waiting)
-
-    def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
-            me = threading.get_ident()
-            self._waiting.add(me)
-            self._lock.acquire()
-            self._waiting.discard(me)
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
 
 
 class _Counted:
