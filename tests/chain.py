@@ -14,6 +14,7 @@ from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.gateway.engine import Phase, TeleopEngine, Watchdogs
 from cardan.gateway.mapping import MappingOptions, TwistMapping
 from cardan.gateway.reference import Reference, ReferenceLimits
+from cardan.gateway.servo.follower import ArmFollower
 from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, FaultyLink
@@ -70,6 +71,8 @@ class Chain:
         robot_faults: dict[str, float] | None = None,
         deadman: str = "left",
         limits: ReferenceLimits | None = None,
+        arm: ArmFollower | None = None,
+        egm: AbbEgmOptions | None = None,
         **controller: object,
     ) -> None:
         self.hand_faults, self.robot_faults = hand_faults or {}, robot_faults or {}
@@ -81,8 +84,9 @@ class Chain:
             TwistMapping(MappingOptions(deadman=deadman)),
             Reference(limits or ReferenceLimits()),
             Watchdogs(),
+            arm=arm,
         )
-        self.egm = EgmSession(AbbEgmOptions(), 0.0)
+        self.egm = EgmSession(egm or AbbEgmOptions(), 0.0)
         self.controller = EgmController(
             EgmControllerOptions(faults=self.robot_faults, **controller)  # type: ignore[arg-type]
         )
