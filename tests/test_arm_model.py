@@ -357,3 +357,14 @@ def test_any_urdf_is_an_arm_of_finite_numbers_or_an_error(text):
 def test_any_text_is_an_arm_or_an_error(text):
     with contextlib.suppress(ConfigurationError):
         parse_urdf(text)
+
+
+def test_a_joint_that_mimics_another_is_refused():
+    with pytest.raises(ConfigurationError, match=r"'j' mimics another: give the arm without it"):
+        parse_urdf(urdf(joint(limit=LIMIT + '<mimic joint="k"/>')))
+
+
+def test_soft_limits_narrow_the_range():
+    soft = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="5" k_velocity="1"/>'
+    arm = parse_urdf(urdf(joint(limit=LIMIT + soft)))
+    assert (arm.lower, arm.upper) == ((-0.5,), (2.0,))

@@ -1,6 +1,7 @@
 """Sessions that command joints by an arm's model, on the simulated arm, in virtual time."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,9 @@ from cardan.types import (
     JointCommand,
     JointVelocityCommand,
     PoseCommand,
+    RobotCapabilities,
+    RobotLink,
+    RobotState,
     Vector3,
 )
 
@@ -439,3 +443,53 @@ def test_a_mixed_twist_goes_along_the_base_and_turns_about_the_tool():
     along = sum(a * b for a, b in zip(axis, turned, strict=True))
     assert along == pytest.approx(0.2, abs=0.02)
     assert math.dist(turned, [along * c for c in axis]) < 0.01
+
+
+def test_an_arm_keeps_off_itself_whatever_the_hand_does():
+    """AMOR folds its hand back along its forearm; its joints are slow to brake."""
+    run = Run(
+        arm="amor",
+        limits={"linear_speed_m_s": 0.25, "angular_speed_rad_s": 1.0},
+        mapping={"linear_speed_m_s": 0.25, "angular_speed_rad_s": 1.0, "deadman": "left"},
+    ).arm_it()
+    generator, nearest = np.random.default_rng(15), math.inf
+    for _ in range(12):
+        axes = tuple(generator.uniform(-1.0, 1.0, 6).tolist())
+        for _ in range(20):
+            run.go(0.05, axes)
+            nearest = min(nearest, run.engine.status().arm.distance_m)
+    assert nearest > 0.004  # of 5 mm: several pairs and slow joints at once take some of it
+    assert run.engine.status().arm.failures == 0
+
+
+def test_a_session_leans_a_soft_neck_by_its_tendons():
+    config = parse_config(
+        {
+            "device": {"driver": "spacemouse"},
+            "robot": {"driver": "sim_arm"},
+            "arm": {"model": "teo_soft_neck"},
+            "mapping": {"deadman": "left"},
+        }
+    )
+    joint = frozenset({CommandKind.JOINT})
+    arm = make_arm(
+        config, SimpleNamespace(capabilities=RobotCapabilities(joint, 0.002, 3, None, 0, 0))
+    )
+    engine = TeleopEngine(
+        TwistMapping(config.mapping_options()),
+        Reference(config.reference_limits()),
+        config.watchdog_limits(),
+        arm=arm,
+    )
+    neck = arm.servo.kinematics
+    q = tuple(neck.tendons(0.1, 0.0).tolist())
+    for i in range(1000):
+        now_s = 0.002 * i
+        state = RobotState(now_s, RobotLink.LIVE, 1, i, 0.002, q, (), None, "")
+        axes = (0.0, 0.0, 0.0, 0.0, 0.5, 0.3) if 100 < i < 700 else REST
+        held = frozenset(("left",) if i > 50 else ())
+        q = engine.tick(state, DeviceState(now_s, DeviceLink.LIVE, axes, held)).positions
+    shape = neck.shape(np.array(q))
+    assert shape.inclination_rad == pytest.approx(0.1 + 0.2 * 1.2, abs=0.03)
+    assert abs(shape.co_contraction_m) < 5e-4
+    assert engine.phase is Phase.HOLDING

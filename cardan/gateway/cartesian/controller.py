@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import enum
 import math
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
@@ -37,7 +38,6 @@ from cardan.gateway.cartesian.codes import (
     vocab,
     vocab_text,
 )
-from cardan.gateway.cartesian.locks import PlanningLock, PoliteLock
 from cardan.gateway.cartesian.motions import (
     Activity,
     Braking,
@@ -314,9 +314,9 @@ class CartesianController:
         self._bare = ArmKinematics(model)
         """Without a tool: what the robot's own controller knows."""
         self._gripper = gripper
-        self._lock = PoliteLock()
+        self._lock = threading.RLock()
         """Guards everything that `tick` touches; never held for long."""
-        self._planning = PlanningLock()
+        self._planning = threading.RLock()
         """Held by whoever uses `planner`; always taken before `_lock`."""
         self._parameters = prm.defaults()
         self._deceleration = Deceleration(
@@ -371,15 +371,6 @@ class CartesianController:
     def waited_for(self) -> Motion | None:
         """The motion that `wait` is about: the newest, if it is one that ends by itself."""
         return self._waited_for
-
-    @property
-    def awaited(self) -> bool:
-        """True while a verb waits for the loop to let it in, or is worked out beside it.
-
-        Pinocchio's calls let go of the interpreter, and a loop that never sleeps takes it for 5 ms
-        each time: what takes 20 ms alone takes 20 s beside such a loop.
-        """
-        return self._lock.awaited or self._planning.taken > 0
 
     @property
     def stamp_s(self) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import TracebackType
@@ -24,9 +23,6 @@ from cardan.gateway.cartesian.controller import (
 )
 from cardan.gateway.cartesian.parameters import Key, Value
 from cardan.gateway.kinematics.collision import Obstacle
-
-MAKE_WAY_S = 1e-4
-"""The loop's pause, after its command is sent, for a verb that waits."""
 
 POLL_S = 0.05
 """Longest time between two looks at whether the loop still runs."""
@@ -53,19 +49,17 @@ def digital_output_gripper(robot: RobotDriver) -> Callable[[Action], None]:
 
 
 class _Bell:
-    """Rung after every tick; knows whether anybody listens."""
+    """Rung after every tick; costs nothing while nobody listens."""
 
     def __init__(self) -> None:
         self._condition = threading.Condition()
         self._listeners = 0
 
-    def ring(self) -> bool:
-        """Wake up who listens; True when somebody does."""
-        if self._listeners == 0:
-            return False
-        with self._condition:
-            self._condition.notify_all()
-        return True
+    def ring(self) -> None:
+        """Wake up who listens."""
+        if self._listeners:
+            with self._condition:
+                self._condition.notify_all()
 
     def wait(self, timeout_s: float) -> None:
         """Until it rings, or the time is over."""
@@ -308,9 +302,7 @@ class CartesianDevice:
                 robot.send(controller.tick(state))
                 while self._actions:
                     self._do(*self._actions.popleft())
-                if ticked.ring() or controller.awaited:
-                    # A robot without pacing would never let them have lock or interpreter.
-                    time.sleep(MAKE_WAY_S)
+                ticked.ring()
                 if self._closing.is_set():
                     break
         except Exception as error:

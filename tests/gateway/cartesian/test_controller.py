@@ -822,6 +822,25 @@ def test_an_arm_that_runs_away_is_caught():
     assert world.controller.status().trips == 1
 
 
+def test_an_arm_that_runs_away_without_telling_its_speed_is_caught_all_the_same():
+    """Speeds that are no numbers are worked out from the positions, and never commanded."""
+    world = World("ur5")
+    motion = world.controller.gcmp()
+    world.tick()
+    world.v[:] = math.nan
+    world.q[2] += 2.5 * DT_S
+    world.tick()
+    assert "ran away" in motion.reason
+    assert isinstance(world.command, JointCommand)
+    assert np.isfinite(world.command.positions).all()
+    assert np.isfinite(world.command.velocities).all()
+    assert world.command.velocities[2] > 2.0
+    world.v[:] = math.nan
+    world.controller.stop()
+    world.tick()
+    assert np.isfinite(world.command.positions).all()
+
+
 def test_a_silent_wrench_stream_leaves_the_weight():
     world = World("ur5")
     world.controller.set_parameter("cpsc", "wrnc")
