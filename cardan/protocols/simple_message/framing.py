@@ -1,0 +1,89 @@
+"""Cuts a TCP stream of simple message into messages."""
+
+from __future__ import annotations
+
+import enum
+
+PREFIX_BYTES = 4
+HEADER_BYTES = 12
+"""Message type, communication type, reply code; counted by the prefix, as the body is."""
+SHORTEST_PREFIX = HEADER_BYTES
+LONGEST_PREFIX = 0xFFFF
+"""Of any message; also what tells the byte orders apart."""
+LONGEST_PREFIX_OF_MOTOROS = 1020
+"""The longest message of MotoROS has 544; ROS's own client sends no more than this."""
+
+
+class ByteOrder(enum.Enum):
+    """Of integers and reals, that of the controller's CPU; the value is struct's sign."""
+
+    LITTLE = "<"
+    """DX100, DX200, YRC1000, YRC1000micro."""
+    BIG = ">"
+    """FS100."""
+
+
+def _prefix(data: bytes | bytearray, order: ByteOrder) -> int:
+    name = "little" if order is ByteOrder.LITTLE else "big"
+    return int.from_bytes(data[:PREFIX_BYTES], name, signed=True)  # type: ignore[arg-type]
+
+
+def detect_byte_order(data: bytes | bytearray) -> ByteOrder | None:
+    """The byte order in which the first prefix is plausible; None: in neither.
+
+    `data` begins with a prefix. Nothing on the wire says the byte order; a length is below 64 KiB.
+    """
+    for order in ByteOrder:
+        if SHORTEST_PREFIX <= _prefix(data, order) <= LONGEST_PREFIX:
+            return order
+    return None
+
+
+class FrameReader:
+    """Collects bytes as they come from TCP and gives whole messages, each with its prefix.
+
+    The byte order is found from the first prefix unless it is given. A prefix that no message has
+    ends it: `failure` says why, and nothing more is taken, for there is no way to find the next
+    message.
+    """
+
+    def __init__(
+        self, byte_order: ByteOrder | None = None, longest_prefix: int = LONGEST_PREFIX
+    ) -> None:
+        self.byte_order = byte_order
+        self.failure = ""
+        self._longest = longest_prefix
+        self._buffer = bytearray()
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes that wait for the rest of their message."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> None:
+        """Add what TCP delivered."""
+        if not self.failure:
+            self._buffer += data
+
+    def take(self) -> bytes | None:
+        """The next whole message; None while there is none."""
+        buffer = self._buffer
+        if len(buffer) < PREFIX_BYTES or self.failure:
+            return None
+        if self.byte_order is None:
+            self.byte_order = detect_byte_order(buffer)
+        order = self.byte_order or ByteOrder.LITTLE
+        length = _prefix(buffer, order)
+        if not SHORTEST_PREFIX <= length <= self._longest:
+            self.failure = (
+                f"a prefix of {length} ({bytes(buffer[:PREFIX_BYTES]).hex(' ')}); messages have "
+                f"{SHORTEST_PREFIX} to {self._longest}"
+            )
+            buffer.clear()
+            return None
+        end = PREFIX_BYTES + length
+        if len(buffer) < end:
+            return None
+        frame = bytes(buffer[:end])
+        del buffer[:end]
+        return frame

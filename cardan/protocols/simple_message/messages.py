@@ -1,0 +1,400 @@
+"""The messages of simple message as values, spelled as MotoROS spells them.
+
+Angles in rad (m for linear axes), speeds in rad/s, times in s. Arrays of joints have ten entries,
+base to tool, whatever the arm has: `joints10` fills one up. Group numbers count from 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from cardan.protocols.simple_message.codes import CommType, MessageType, ReplyCode
+
+JOINTS = 10
+"""ROS_MAX_JOINT: entries of every array of joints."""
+MAX_GROUPS = 4
+"""MOT_MAX_GR: groups a controller can have; JOINT_FEEDBACK_EX always carries so many."""
+DH_LINKS = 8
+
+Joints = tuple[float, ...]
+"""Ten values, one a joint."""
+ZEROS: Joints = (0.0,) * JOINTS
+
+
+def joints10(values: Iterable[float]) -> Joints:
+    """`values` filled up with zeros to ten. ValueError when there are more."""
+    found = tuple(values)
+    if len(found) > JOINTS:
+        raise ValueError(f"{len(found)} joints are more than the {JOINTS} of a message")
+    return found + ZEROS[len(found) :]
+
+
+class Empty(NamedTuple):
+    """PING, GET_VERSION and the request of GET_DH_PARAMETERS: no body."""
+
+
+class JointPosition(NamedTuple):
+    """JOINT_POSITION 10 (deprecated)."""
+
+    sequence: int
+    pos: Joints
+
+
+class JointTrajPt(NamedTuple):
+    """JOINT_TRAJ_PT 11. `velocity` is what each driver makes of it, often a share of the most."""
+
+    sequence: int
+    pos: Joints
+    velocity: float
+    duration: float
+
+
+class RobotStatus(NamedTuple):
+    """ROBOT_STATUS 13. Switches are -1 unknown, 0 off, 1 on."""
+
+    drives_powered: int
+    e_stopped: int
+    error_code: int
+    """The first active alarm; 0 none."""
+    in_error: int
+    in_motion: int
+    mode: int
+    """A ControllerMode."""
+    motion_possible: int
+
+
+class JointTrajPtFull(NamedTuple):
+    """JOINT_TRAJ_PT_FULL 14. Sequence 0 begins a trajectory."""
+
+    group: int
+    sequence: int
+    valid_fields: int
+    time: float
+    pos: Joints
+    vel: Joints
+    acc: Joints
+
+
+class JointFeedback(NamedTuple):
+    """JOINT_FEEDBACK 15, and one group of the EX messages."""
+
+    group: int
+    valid_fields: int
+    time: float
+    pos: Joints
+    vel: Joints
+    acc: Joints
+
+
+class MotionCtrl(NamedTuple):
+    """MOTO_MOTION_CTRL 2001."""
+
+    group: int
+    sequence: int
+    command: int
+    """A MotionCommand."""
+    data: Joints = ZEROS
+
+
+class MotionReply(NamedTuple):
+    """MOTO_MOTION_REPLY 2002.
+
+    `command` is the MotionCommand, or the type of the message, that it answers. A server of inputs
+    and outputs that did not understand a message puts result and subcode into `group` and
+    `sequence`.
+    """
+
+    group: int
+    sequence: int
+    command: int
+    result: int
+    """A MotionResult."""
+    subcode: int
+    data: Joints = ZEROS
+
+
+class ReadIo(NamedTuple):
+    """MOTO_READ_IO_BIT 2003 and MOTO_READ_IO_GROUP 2007."""
+
+    address: int
+
+
+class ReadIoReply(NamedTuple):
+    """MOTO_READ_IO_BIT_REPLY 2004 and MOTO_READ_IO_GROUP_REPLY 2008."""
+
+    value: int
+    result: int
+    """An IoResult."""
+
+
+class WriteIo(NamedTuple):
+    """MOTO_WRITE_IO_BIT 2005 and MOTO_WRITE_IO_GROUP 2009."""
+
+    address: int
+    value: int
+
+
+class WriteIoReply(NamedTuple):
+    """MOTO_WRITE_IO_BIT_REPLY 2006 and MOTO_WRITE_IO_GROUP_REPLY 2010."""
+
+    result: int
+    """An IoResult."""
+
+
+class IoCtrlReply(NamedTuple):
+    """MOTO_IOCTRL_REPLY 2011; declared, never sent."""
+
+    result: int
+    subcode: int
+
+
+class ReadRegister(NamedTuple):
+    """Request of MOTO_READ_MREGISTER 2012."""
+
+    register: int
+
+
+class ReadRegisterReply(NamedTuple):
+    """Reply of MOTO_READ_MREGISTER 2012, which has the same type."""
+
+    value: int
+    result: int
+    """An IoResult."""
+
+
+class WriteRegister(NamedTuple):
+    """Request of MOTO_WRITE_MREGISTER 2013."""
+
+    register: int
+    value: int
+
+
+class WriteRegisterReply(NamedTuple):
+    """Reply of MOTO_WRITE_MREGISTER 2013, which has the same type."""
+
+    result: int
+    """An IoResult."""
+
+
+class JointTrajPtFullEx(NamedTuple):
+    """MOTO_JOINT_TRAJ_PT_FULL_EX 2016: a point for several groups at once."""
+
+    sequence: int
+    points: tuple[JointFeedback, ...]
+    """One a group, at most MAX_GROUPS."""
+
+
+class JointFeedbackEx(NamedTuple):
+    """MOTO_JOINT_FEEDBACK_EX 2017."""
+
+    groups: int
+    """How many of `feedback` mean something."""
+    feedback: tuple[JointFeedback, ...]
+    """Always MAX_GROUPS."""
+
+
+class SelectTool(NamedTuple):
+    """MOTO_SELECT_TOOL 2018; the reply is a MotionReply."""
+
+    group: int
+    tool: int
+    """0 to 63."""
+    sequence: int
+
+
+class DhLink(NamedTuple):
+    """Denavit-Hartenberg parameters of one link."""
+
+    theta: float
+    d: float
+    a: float
+    alpha: float
+
+
+class DhParameters(NamedTuple):
+    """Reply of MOTO_GET_DH_PARAMETERS 2020: MAX_GROUPS groups of DH_LINKS links."""
+
+    groups: tuple[tuple[DhLink, ...], ...]
+
+
+class RtGroupState(NamedTuple):
+    """One group of RtJointState."""
+
+    group: int
+    pos: Joints
+    vel: Joints
+
+
+class RtJointState(NamedTuple):
+    """MOTO_RT_JOINT_STATE_EX 2030 (NTNU's fork, UDP)."""
+
+    message_id: int
+    mode: int
+    """0 idle, 1 joint position, 2 joint velocity."""
+    states: tuple[RtGroupState, ...]
+
+
+class RtGroupCommand(NamedTuple):
+    """One group of RtJointCommand."""
+
+    group: int
+    command: Joints
+    """rad/s."""
+
+
+class RtJointCommand(NamedTuple):
+    """MOTO_RT_JOINT_COMMAND_EX 2031 (NTNU's fork, UDP)."""
+
+    message_id: int
+    """Echo of the state's."""
+    commands: tuple[RtGroupCommand, ...]
+
+
+class JointVelocity(NamedTuple):
+    """MOTO_JOINT_VELOCITY 2040 (velocity mode), laid out as JOINT_TRAJ_PT_FULL."""
+
+    group: int
+    sequence: int
+    valid_fields: int
+    time: float
+    pos: Joints
+    vel: Joints
+    acc: Joints
+
+
+class JointVelocityEx(NamedTuple):
+    """MOTO_JOINT_VELOCITY_EX 2041 (velocity mode)."""
+
+    sequence: int
+    commands: tuple[JointFeedback, ...]
+
+
+class VelocityInfoRequest(NamedTuple):
+    """Request of MOTO_VELOCITY_INFO 2042 (velocity mode)."""
+
+    group: int
+
+
+class VelocityInfo(NamedTuple):
+    """Reply of MOTO_VELOCITY_INFO 2042 (velocity mode)."""
+
+    version: int
+    ipc_us: int
+    watchdog_ms: int
+    active_mode: int
+    """An ActiveMode."""
+    groups: int
+    axes: int
+    v_max: Joints
+    a_max: Joints
+    pos_min: Joints
+    pos_max: Joints
+
+
+class Raw(NamedTuple):
+    """The body of a message whose type is not known here."""
+
+    data: bytes
+
+
+Body = (
+    Empty
+    | JointPosition
+    | JointTrajPt
+    | RobotStatus
+    | JointTrajPtFull
+    | JointFeedback
+    | MotionCtrl
+    | MotionReply
+    | ReadIo
+    | ReadIoReply
+    | WriteIo
+    | WriteIoReply
+    | IoCtrlReply
+    | ReadRegister
+    | ReadRegisterReply
+    | WriteRegister
+    | WriteRegisterReply
+    | JointTrajPtFullEx
+    | JointFeedbackEx
+    | SelectTool
+    | DhParameters
+    | RtJointState
+    | RtJointCommand
+    | JointVelocity
+    | JointVelocityEx
+    | VelocityInfoRequest
+    | VelocityInfo
+    | Raw
+)
+
+
+class Message(NamedTuple):
+    """One message: header and body."""
+
+    msg_type: int
+    """A MessageType."""
+    comm_type: int
+    """A CommType."""
+    reply_code: int
+    """A ReplyCode."""
+    body: Body
+
+
+class Malformed(NamedTuple):
+    """What is not a message, and why."""
+
+    reason: str
+    msg_type: int = 0
+
+
+_TYPES: dict[type[Body], MessageType] = {
+    JointPosition: MessageType.JOINT_POSITION,
+    JointTrajPt: MessageType.JOINT_TRAJ_PT,
+    RobotStatus: MessageType.ROBOT_STATUS,
+    JointTrajPtFull: MessageType.JOINT_TRAJ_PT_FULL,
+    JointFeedback: MessageType.JOINT_FEEDBACK,
+    MotionCtrl: MessageType.MOTO_MOTION_CTRL,
+    MotionReply: MessageType.MOTO_MOTION_REPLY,
+    IoCtrlReply: MessageType.MOTO_IOCTRL_REPLY,
+    ReadRegister: MessageType.MOTO_READ_MREGISTER,
+    ReadRegisterReply: MessageType.MOTO_READ_MREGISTER,
+    WriteRegister: MessageType.MOTO_WRITE_MREGISTER,
+    WriteRegisterReply: MessageType.MOTO_WRITE_MREGISTER,
+    JointTrajPtFullEx: MessageType.MOTO_JOINT_TRAJ_PT_FULL_EX,
+    JointFeedbackEx: MessageType.MOTO_JOINT_FEEDBACK_EX,
+    SelectTool: MessageType.MOTO_SELECT_TOOL,
+    DhParameters: MessageType.MOTO_GET_DH_PARAMETERS,
+    RtJointState: MessageType.MOTO_RT_JOINT_STATE_EX,
+    RtJointCommand: MessageType.MOTO_RT_JOINT_COMMAND_EX,
+    JointVelocity: MessageType.MOTO_JOINT_VELOCITY,
+    JointVelocityEx: MessageType.MOTO_JOINT_VELOCITY_EX,
+    VelocityInfoRequest: MessageType.MOTO_VELOCITY_INFO,
+    VelocityInfo: MessageType.MOTO_VELOCITY_INFO,
+}
+"""The type of each body that has one only; of the others it must be given."""
+
+
+def _type_of(body: Body, msg_type: int | None) -> int:
+    if msg_type is not None:
+        return msg_type
+    found = _TYPES.get(type(body))
+    if found is None:
+        raise ValueError(f"{type(body).__name__} is the body of several types; say which: msg_type")
+    return found
+
+
+def request(body: Body, msg_type: int | None = None) -> Message:
+    """A SERVICE_REQUEST; `msg_type` only for bodies that several types share."""
+    return Message(_type_of(body, msg_type), CommType.SERVICE_REQUEST, ReplyCode.INVALID, body)
+
+
+def topic(body: Body, msg_type: int | None = None) -> Message:
+    """A TOPIC, which nobody answers."""
+    return Message(_type_of(body, msg_type), CommType.TOPIC, ReplyCode.INVALID, body)
+
+
+def reply(body: Body, reply_code: int = ReplyCode.SUCCESS, msg_type: int | None = None) -> Message:
+    """A SERVICE_REPLY."""
+    return Message(_type_of(body, msg_type), CommType.SERVICE_REPLY, reply_code, body)
