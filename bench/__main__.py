@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import sys
 
-from bench import egm_codec, egm_latency, hid_parse, servo_numbers, servo_tick, thesis
+from bench import (
+    egm_codec,
+    egm_latency,
+    hid_parse,
+    servo_numbers,
+    servo_tick,
+    simple_message_codec,
+    thesis,
+)
 
 BENCHMARKS = {
     "hid-parse": hid_parse.main,
     "egm-codec": egm_codec.main,
     "egm-latency": egm_latency.main,
+    "simple-message-codec": simple_message_codec.main,
     "servo-tick": servo_tick.main,
     "servo-numbers": servo_numbers.main,
     "thesis": thesis.main,

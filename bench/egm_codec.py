@@ -10,13 +10,12 @@ the general decoder takes.
 from __future__ import annotations
 
 import math
-import statistics
-import time
 from collections.abc import Callable
 
 from ABBRobotEGM import EGM
 from ABBRobotEGM._egm_protobuf import egm_pb2
 
+from bench.figures import median_costs
 from cardan.protocols.egm import (
     EgmCollisionInfo,
     EgmHeader,
@@ -34,9 +33,6 @@ from cardan.protocols.egm import (
 )
 from cardan.protocols.egm.reader import FeedbackReader
 from cardan.types import Pose, Quaternion, Twist, Vector3
-
-BATCH = 200
-BATCHES = 101
 
 SEQNO, TM_MS = 90_000, 12_345_678
 JOINTS = (0.1, -0.2, 0.3, -0.4, math.pi / 6, 0.6)
@@ -116,23 +112,9 @@ def cases() -> dict[str, Callable[[], object]]:
     }
 
 
-def measure() -> dict[str, float]:
-    """Median cost of one call by name, s."""
-    timed = cases()
-    costs: dict[str, list[float]] = {name: [] for name in timed}
-    clock = time.perf_counter
-    for _ in range(BATCHES):
-        for name, call in timed.items():
-            start_s = clock()
-            for _ in range(BATCH):
-                call()
-            costs[name].append((clock() - start_s) / BATCH)
-    return {name: statistics.median(cost) for name, cost in costs.items()}
-
-
 def main() -> None:
     """Print the table."""
-    costs = measure()
+    costs = median_costs(cases())
     base_s = next(iter(costs.values()))
     print("\nEGM codec, one datagram\n")
     for name, cost_s in costs.items():

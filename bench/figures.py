@@ -2,7 +2,28 @@
 
 from __future__ import annotations
 
+import statistics
+import time
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
+
+BATCH = 200
+BATCHES = 101
+
+
+def median_costs(
+    calls: Mapping[str, Callable[[], object]], batch: int = BATCH, batches: int = BATCHES
+) -> dict[str, float]:
+    """Median cost of one call by name, s; batches of all calls are taken in turns."""
+    costs: dict[str, list[float]] = {name: [] for name in calls}
+    clock = time.perf_counter
+    for _ in range(batches):
+        for name, call in calls.items():
+            start_s = clock()
+            for _ in range(batch):
+                call()
+            costs[name].append((clock() - start_s) / batch)
+    return {name: statistics.median(cost) for name, cost in costs.items()}
 
 
 class Aim(NamedTuple):

@@ -311,3 +311,5 @@ class RobotCapabilities(NamedTuple):
     """The fastest the driver lets the TCP move; None: it has no such limit."""
     angular_speed_rad_s: float | None = None
     """The fastest the driver lets the TCP turn; None: it has no such limit."""
+    lag_s: float = 0.0
+    """The longest that measured joints are behind commanded ones in good order, s."""

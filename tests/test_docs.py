@@ -18,6 +18,7 @@ from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.gateway import config
 from cardan.protocols import connexion, egm
+from cardan.protocols import simple_message as sm
 from cardan.sim_peers import egm_controller, spacemouse
 from cardan.types import Pose, Quaternion, Vector3
 
@@ -211,6 +212,53 @@ def test_worked_datagrams_are_what_the_codec_says():
     assert robot.feed_back.joints == (0.0, 0.0, 0.0, 0.0, 0.5235987755982988, 0.0)
     assert robot.mci_state is egm.MCIState.STOPPED
     assert egm.decode_robot(names["data"][:40]).fault is egm.Fault.TRUNCATED
+
+
+def test_every_number_of_simple_message_is_there():
+    page = text("protocols/simple-message.md") + text("protocols/motoros-velocity-mode.md")
+    for codes in (sm.MessageType, sm.MotionCommand, sm.InvalidSubcode, sm.NotReadySubcode):
+        missing = [
+            code.name
+            for code in codes
+            if not re.search(rf"\b{code}\b", page) or not re.search(rf"\b{code.name}\b", page)
+        ]
+        assert set(missing) <= UNSERVED, missing
+    for code in sm.IoResult:
+        assert f"{code:d} {code.name}" in page
+
+
+UNSERVED = {
+    "JOINT_TRAJ",
+    "READ_INPUT",
+    "WRITE_OUTPUT",
+    "OLD_JOINT_TRAJ_PT_FULL_EX",
+    "OLD_JOINT_FEEDBACK_EX",
+    "START_RT",
+    "STOP_RT",
+    "CHECK_TIMEOUT_CNT",
+}
+"""Numbers that are taken, but that no message here has."""
+
+
+def test_worked_messages_are_what_the_codec_says():
+    expected = {
+        "protocols/simple-message.md": (
+            sm.request(sm.MotionCtrl(0, 2, sm.MotionCommand.START_TRAJ_MODE)),
+            sm.reply(sm.MotionReply(0, 2, sm.MotionCommand.START_TRAJ_MODE, 0, 0)),
+        ),
+        "protocols/motoros-velocity-mode.md": (
+            sm.topic(
+                sm.JointVelocity(
+                    0, 5, 5, 1.25, sm.ZEROS, sm.joints10((0.25, -0.1, 0, 0, 0, 0.5)), sm.ZEROS
+                )
+            ),
+        ),
+    }
+    for page, messages in expected.items():
+        words = "".join(blocks(section(text(page), "Worked bytes"), ""))
+        assert bytes.fromhex(words) == b"".join(map(sm.wire().encode, messages))
+    names: dict[str, Any] = {}
+    exec(blocks(text("protocols/simple-message.md"), "python")[0], names)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)

@@ -126,6 +126,15 @@ class RobotDriver(Driver):
         Raises CommandError for a kind or shape the robot cannot take (and sends nothing new).
         """
 
+    def enable(self) -> None:
+        """Make the robot ready for commands: drives on, its program started. Only ever called
+        because an operator asks for it.
+
+        Returns at once; `RobotState.hold_reason` says how it goes. Raises CommandError where that
+        is done at the robot's own controller.
+        """
+        raise CommandError(f"{type(self).__name__} is made ready at the robot's own controller")
+
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
         """Set what travels to the controller's program with every command from now on.
 

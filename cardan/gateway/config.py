@@ -101,6 +101,7 @@ class MappingTable(_Table):
     joints: dict[str, str] = {}
     joint_speed_rad_s: Positive = 0.4
     deadman: str = ""
+    enable: str = ""
 
     @field_validator("axes")
     @classmethod
@@ -309,6 +310,7 @@ class SessionConfig(_Table):
             joints=tuple(table.joints.items()),
             joint_speed_rad_s=table.joint_speed_rad_s,
             deadman=table.deadman,
+            enable=table.enable,
             gripper=tuple(
                 (getattr(gripper, action.value), action)
                 for action in GripperAction
@@ -499,7 +501,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
     )
     servo = Servo(kinematics, collision, options, weights)
     servo.posture = posture
-    return ArmFollower(servo, able.commands)
+    return ArmFollower(servo, able.commands, able.lag_s)
 
 
 def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from cardan.spatial import rotate
-from cardan.types import ButtonEvent, DeviceState, Frame, Quaternion, Twist, Vector3
+from cardan.types import ButtonEvent, DeviceLink, DeviceState, Frame, Quaternion, Twist, Vector3
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Names of the device axes and of the twist components they drive, in order."""
@@ -50,6 +50,8 @@ class MappingOptions:
     """Of such a joint at full deflection; m/s for one that slides."""
     deadman: str = ""
     """Button to hold while moving; empty: deflection alone moves (not beside a person)."""
+    enable: str = ""
+    """Button that asks for the robot's drives and program; empty: none."""
     gripper: tuple[tuple[str, GripperAction], ...] = ()
     """Gripper buttons and what each does."""
 
@@ -103,6 +105,16 @@ class TwistMapping:
     def deadman_held(self, device: DeviceState) -> bool:
         """True while the operator says that motion is wanted."""
         return not self.options.deadman or self.options.deadman in device.buttons
+
+    def asks_to_enable(self, device: DeviceState, events: Iterable[ButtonEvent]) -> bool:
+        """True when the operator asks for the robot, with nothing deflected and no dead-man held:
+        what is made ready must not begin to move."""
+        return (
+            any(event.pressed and event.button == self.options.enable for event in events)
+            and device.link is DeviceLink.LIVE
+            and not any(device.axes)
+            and not (self.options.deadman and self.options.deadman in device.buttons)
+        )
 
     def take_gripper(self, events: Iterable[ButtonEvent]) -> bool:
         """Apply the gripper buttons among `events`; True when the gripper changes."""

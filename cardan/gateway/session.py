@@ -108,8 +108,13 @@ class Session:
             raise ConfigurationError("gripper.output", f"the robot has no output {output!r}")
         known = self.device.capabilities.buttons
         options = self.engine.mapping.options
+        if options.enable and type(self.robot).enable is RobotDriver.enable:
+            raise ConfigurationError(
+                "mapping.enable", "this robot is made ready at its own controller; leave it out"
+            )
         for key, button in (
             ("mapping.deadman", options.deadman),
+            ("mapping.enable", options.enable),
             *((f"gripper.{action.value}", name) for name, action in options.gripper),
         ):
             if button and known and button not in known:
@@ -130,11 +135,14 @@ class Session:
         state: RobotState | None = None
         for state in robot.cycles():
             hand = device.state()
-            command = engine.tick(state, hand, device.button_events())
+            events = device.button_events()
+            command = engine.tick(state, hand, events)
             if mapping.gripper_closed is not gripper_closed:
                 gripper_closed = mapping.gripper_closed
                 self._move_gripper(gripper_closed)
             robot.send(command)
+            if events and mapping.asks_to_enable(hand, events):
+                robot.enable()
             now_s = monotonic()
             if state.ready:
                 tick_cost(now_s - state.stamp_s)

@@ -91,6 +91,7 @@ class FakeRobot(RobotDriver):
         super().__init__(options)
         self.commands: list[RobotCommand] = []
         self.outputs: list[tuple[bool | None, tuple[float, ...]]] = []
+        self.enabled = 0
         self.is_open = False
 
     @property
@@ -119,6 +120,9 @@ class FakeRobot(RobotDriver):
 
     def send(self, command: RobotCommand) -> None:
         self.commands.append(command)
+
+    def enable(self) -> None:
+        self.enabled += 1
 
     def set_outputs(self, digital: bool | None = None, values: tuple[float, ...] = ()) -> None:
         self.outputs.append((digital, tuple(values)))

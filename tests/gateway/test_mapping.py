@@ -93,3 +93,16 @@ def test_gripper_buttons_act_when_they_go_down():
     # two presses between two ticks are two presses
     assert mapping.take_gripper(edges("1", "-1", "1")) is False
     assert mapping.take_gripper(edges("left")) is False
+
+
+def test_making_the_robot_ready_takes_a_hand_at_rest():
+    mapping = TwistMapping(MappingOptions(deadman="left", enable="right"))
+    rest = state()
+    assert mapping.asks_to_enable(rest, edges("right"))
+    assert mapping.asks_to_enable(rest, edges("right", "-right"))
+    assert not mapping.asks_to_enable(rest, edges("-right"))
+    assert not mapping.asks_to_enable(rest, edges("left"))
+    assert not mapping.asks_to_enable(state("left"), edges("right"))
+    assert not mapping.asks_to_enable(rest._replace(axes=(0, 0, 0.1, 0, 0, 0)), edges("right"))
+    assert not mapping.asks_to_enable(rest._replace(link=DeviceLink.STALE), edges("right"))
+    assert not TwistMapping(MappingOptions()).asks_to_enable(rest, edges("right"))

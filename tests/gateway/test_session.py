@@ -9,6 +9,7 @@ from cardan.gateway.config import parse_config
 from cardan.gateway.session import make_session
 from cardan.gateway.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
 from cardan.types import PoseCommand
+from tests.gateway.fakes import FakeRobot
 
 TABLE = {
     "device": {"driver": "fake_device"},
@@ -44,6 +45,28 @@ def test_gripper_on_an_analog_output(fake_drivers):
     s.run()
     # what the program gets in the other outputs stays
     assert s.robot.outputs == [(None, (7.0, 0.0, 7.5))]
+
+
+def test_the_operators_button_makes_the_robot_ready(fake_drivers):
+    s = session(
+        mapping={"enable": "grip", "deadman": ""},
+        gripper={"toggle": ""},
+        device={"deflection": 0.0},
+    )
+    s.run()
+    assert s.robot.enabled == 1
+
+
+def test_a_hand_that_moves_makes_nothing_ready(fake_drivers):
+    s = session(mapping={"enable": "grip"}, gripper={"toggle": ""})
+    s.run()
+    assert s.robot.enabled == 0
+
+
+def test_a_robot_that_is_made_ready_elsewhere_has_no_button_for_it(fake_drivers, monkeypatch):
+    monkeypatch.delattr(FakeRobot, "enable")
+    with pytest.raises(ConfigurationError, match=r"mapping\.enable: .* at its own controller"):
+        session(mapping={"enable": "grip"}).run()
 
 
 def test_stop_brakes_before_it_leaves(fake_drivers):

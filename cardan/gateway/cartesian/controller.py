@@ -59,6 +59,7 @@ from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.gateway.reference import ReferenceLimits
+from cardan.gateway.servo.lag import ResponseLag
 from cardan.gateway.servo.servo import Policy, Servo, ServoOptions, ServoStatus
 from cardan.spatial import (
     add,
@@ -310,6 +311,7 @@ class CartesianController:
         )
         if len(model.joints) > 6:
             self.servo.posture = np.array(model.home)
+        self._lag = ResponseLag(capabilities.lag_s, kinematics.continuous)
         self._measuring = ArmKinematics(model)
         self._bare = ArmKinematics(model)
         """Without a tool: what the robot's own controller knows."""
@@ -899,7 +901,8 @@ class CartesianController:
         self._measured = joints
 
     def _supervise(self) -> None:
-        error = np.abs(shortest(self.servo.kinematics, self._measured - self.servo.q))
+        measured = self._lag.expected(self._measured, self.servo.q)
+        error = np.abs(shortest(self.servo.kinematics, measured - self.servo.q))
         worst = int(np.argmax(error))
         self._following = float(error[worst]), self.servo.kinematics.names[worst]
         activity = self._activity
@@ -936,6 +939,7 @@ class CartesianController:
 
     def _command(self, dt_s: float) -> RobotCommand:
         servo = self.servo
+        self._lag.note(servo.q, self.stamp_s)
         if self._drive is CommandKind.JOINT:
             return JointCommand(tuple(servo.q.tolist()), tuple(servo.v.tolist()))
         if self._drive is CommandKind.JOINT_VELOCITY:
@@ -1006,6 +1010,7 @@ class CartesianController:
         """Command the robot from now on; from where it is, if nobody did before."""
         if not self._engaged:
             self.servo.place(self._measured)
+            self._lag.reset()
             self._velocity_sent[:] = 0.0
             self._engaged = True
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
 from cardan.gateway.reference import Reference
+from cardan.gateway.servo.lag import ResponseLag
 from cardan.gateway.servo.servo import Servo, ServoStatus
 from cardan.spatial import is_finite, norm, subtract
 from cardan.types import (
@@ -45,18 +46,26 @@ SAME_TCP_M = 0.002
 class ArmFollower:
     """Moves the commanded joints of one arm after a reference pose."""
 
-    def __init__(self, servo: Servo, kinds: frozenset[CommandKind]) -> None:
-        """`kinds` are the commands that the robot takes; at least one of PREFERRED."""
+    def __init__(self, servo: Servo, kinds: frozenset[CommandKind], lag_s: float = 0.0) -> None:
+        """`kinds` are the commands that the robot takes; at least one of PREFERRED. `lag_s` is
+        how far it may be behind them in good order."""
         self.servo = servo
         self._kind = next(kind for kind in PREFERRED if kind in kinds)
         self._twist = np.zeros((2, 3))
         self._highest = servo.kinematics.velocity
         self._sent: FloatArray | None = None
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
+        self._lag = ResponseLag(lag_s, servo.kinematics.continuous)
 
     def measured(self, state: RobotState) -> Pose:
-        """The measured TCP, by the model, in its base frame."""
-        return to_pose(self.servo.kinematics.forward(np.array(state.joints)))
+        """The measured TCP, by the model, in its base frame.
+
+        Of a robot that lags: where it will be when it has caught up.
+        """
+        return to_pose(self.servo.kinematics.forward(self._joints(state)))
+
+    def _joints(self, state: RobotState) -> FloatArray:
+        return self._lag.expected(np.array(state.joints), self.servo.q)
 
     def obstacle(self, state: RobotState, new: bool = True) -> str:
         """Why the model does not fit what the robot reports, in words; empty when it does.
@@ -80,6 +89,7 @@ class ArmFollower:
     def place(self, state: RobotState) -> None:
         """Start from the measured joints, at rest."""
         self.servo.place(np.array(state.joints))
+        self._lag.reset()
         self._sent = None
 
     def worst_joint(self, state: RobotState) -> tuple[str, float]:
@@ -104,7 +114,7 @@ class ArmFollower:
 
     def _error(self, state: RobotState) -> FloatArray:
         """Commanded less measured joints; whole turns of a continuous joint are no error."""
-        error: FloatArray = self.servo.q - np.array(state.joints)
+        error: FloatArray = self.servo.q - self._joints(state)
         turns = np.rint(error / (2.0 * math.pi))
         return np.where(self.servo.kinematics.continuous, error - 2.0 * math.pi * turns, error)
 
@@ -133,6 +143,7 @@ class ArmFollower:
     def command(self, state: RobotState) -> RobotCommand:
         """What the robot is sent."""
         servo = self.servo
+        self._lag.note(servo.q, state.stamp_s)
         if self._kind is CommandKind.JOINT:
             return JointCommand(tuple(servo.q.tolist()), tuple(servo.v.tolist()))
         if self._kind is CommandKind.JOINT_VELOCITY:
