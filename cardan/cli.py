@@ -222,6 +222,12 @@ def dissect(
             metavar="PORT", min=1, max=65535, help="Another UDP port of EGM (repeatable)."
         ),
     ] = None,
+    simple_message_port: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="PORT", min=1, max=65535, help="Another TCP port of MotoROS (repeatable)."
+        ),
+    ] = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Print at most this many packets.")
     ] = None,
@@ -229,10 +235,18 @@ def dissect(
         bool, typer.Option("--summary", help="Print the figures of each flow only.")
     ] = False,
 ) -> None:
-    """Print a capture: EGM datagrams and 3Dconnexion reports, field by field."""
+    """Print a capture, field by field: EGM, simple message (MotoROS), 3Dconnexion reports and the
+    joint stream."""
     from cardan.dissect import dissect_file
 
-    dissect_file(file, sys.stdout, egm_ports=tuple(port or ()), limit=limit, summary=summary)
+    dissect_file(
+        file,
+        sys.stdout,
+        egm_ports=tuple(port or ()),
+        simple_message_ports=tuple(simple_message_port or ()),
+        limit=limit,
+        summary=summary,
+    )
 
 
 def _listed(
@@ -439,6 +453,60 @@ def sim_arm(
         seed=seed,
     )
     _serve(arm.SimulatedArmPeer(options), seconds)
+
+
+@sim.command("motoman-gp8", epilog="Prints READY and the address of motion once it serves.")
+def sim_motoman_gp8(
+    host: Annotated[
+        str, typer.Option(metavar="HOST", help="The address it listens on.")
+    ] = "127.0.0.1",
+    base_port: Annotated[
+        int,
+        typer.Option(
+            min=0, max=65533, help="Motion; state and I/O are the two after it. 0: any three."
+        ),
+    ] = 50240,
+    big_endian: Annotated[
+        bool, typer.Option("--big-endian", help="As an FS100; others are little-endian.")
+    ] = False,
+    no_velocity_mode: Annotated[
+        bool, typer.Option("--no-velocity-mode", help="As MotoROS is, with trajectories only.")
+    ] = False,
+    plant: Annotated[
+        str,
+        typer.Option(metavar="ideal|paper", help="paper: the arm lags as in Baklouti et al. 2021."),
+    ] = "ideal",
+    groups: Annotated[
+        int, typer.Option(min=1, max=4, help="Control groups, each with such an arm.")
+    ] = 1,
+    seconds: Seconds = None,
+    fault: Fault = None,
+    list_faults: ListFaults = False,
+    seed: Seed = 0,
+    log: Annotated[
+        str, typer.Option(metavar="FILE", help="A CSV row for each interpolation cycle.")
+    ] = "",
+) -> None:
+    """A Yaskawa Motoman GP8 that runs MotoROS (simple message on three TCP ports)."""
+    from cardan.sim_peers import motoros_controller as motoros
+
+    if _listed(list_faults, motoros.FAULTS, False, {}, {}):
+        return
+    if plant not in motoros.PLANTS:
+        allowed = ", ".join(motoros.PLANTS)
+        raise ConfigurationError("--plant", f"{plant!r} is none; allowed: {allowed}")
+    options = motoros.MotorosControllerOptions(
+        host=host,
+        base_port=base_port,
+        big_endian=big_endian,
+        velocity_mode=not no_velocity_mode,
+        plant="paper" if plant == "paper" else "ideal",
+        groups=groups,
+        faults=parse_faults(fault or (), motoros.FAULTS),
+        seed=seed,
+        log=log,
+    )
+    _serve(motoros.MotorosControllerPeer(options), seconds)
 
 
 def _points(option: str, texts: list[str] | None, count: int) -> list[list[float]]:

@@ -1,0 +1,305 @@
+"""One control group: from points of a trajectory to the pulses commanded in each IPC.
+
+As MotoROS 1.9.12 does it (MotionServer.c): a point becomes increments of one IPC each, a queue
+holds them, and every IPC one is taken. Nothing here knows what time it is; `fill` and `take` are
+called once an IPC.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import deque
+from collections.abc import Sequence
+
+from cardan.protocols.simple_message import InvalidSubcode
+
+START_PULSES = 30
+"""Point 0 must be this near the commanded position; beyond it an axis counts as in motion."""
+
+_REFUSED_SPEED = 1.1
+"""Increments above this share of an axis's highest speed the controller does not execute."""
+
+_LONGEST_MS = 2**31 - 1
+_SINGLE = struct.Struct("<f")
+
+
+def milliseconds(time_s: float) -> int:
+    """Whole ms of a time on the wire: the product in single precision, then truncated.
+
+    So 0.6 to 1 % of the times on a grid of 1 ms come out 1 ms low, as on the controller. Times
+    that do not fit are the longest that do.
+    """
+    if abs(time_s) >= _LONGEST_MS / 1000:
+        return int(math.copysign(_LONGEST_MS, time_s))
+    single = _SINGLE.unpack(_SINGLE.pack(time_s))[0]
+    return int(_SINGLE.unpack(_SINGLE.pack(single * 1000.0))[0])
+
+
+class _Segment:
+    """The way from one point to the next, as far as it is converted."""
+
+    __slots__ = ("cubics", "end_ms", "first_ms", "now_ms", "step_ms")
+
+    def __init__(self, cubics: list[tuple[float, float, float, float]], end_ms: int) -> None:
+        self.cubics = cubics
+        self.end_ms = end_ms
+        self.first_ms = self.now_ms = self.step_ms = 0
+
+
+class ControlGroup:
+    """Axes that move together. Positions in pulses, those of points in rad (m).
+
+    `lower` and `upper` are where the controller's own limit check refuses increments.
+    """
+
+    def __init__(
+        self,
+        pulses_per_rad: Sequence[float],
+        speeds_rad_s: Sequence[float],
+        lower_rad: Sequence[float],
+        upper_rad: Sequence[float],
+        start_rad: Sequence[float],
+        ipc_s: float,
+        queue_increments: int,
+    ) -> None:
+        self.axes = len(pulses_per_rad)
+        self.pulses_per_rad = tuple(pulses_per_rad)
+        self.command = self.pulses(start_rad)
+        """What is commanded now."""
+        self.tool = 0
+        self.speeds_rad_s = tuple(speeds_rad_s)
+        self.largest_increments = tuple(
+            speed * each * ipc_s for speed, each in zip(speeds_rad_s, pulses_per_rad, strict=True)
+        )
+        self._refused = [_REFUSED_SPEED * each + 1.0 for each in self.largest_increments]
+        self._lower = [
+            q * each - START_PULSES for q, each in zip(lower_rad, pulses_per_rad, strict=True)
+        ]
+        self._upper = [
+            q * each + START_PULSES for q, each in zip(upper_rad, pulses_per_rad, strict=True)
+        ]
+        self._ipc_ms = round(ipc_s * 1000.0)
+        self._room = queue_increments
+        self.queue: deque[tuple[int, list[int]]] = deque()
+        """Trajectory time in ms, and the pulses to go."""
+        self.has_data = False
+        """A point is being converted, so that the next one is answered with BUSY."""
+        self._time_ms = 0
+        self._position = list(start_rad)
+        self._speed = [0.0] * self.axes
+        self._todo: tuple[int, list[float], list[float]] = (0, [], [])
+        self._segment: _Segment | None = None
+        self._left_ms = 0
+        self._previous = list(self.command)
+        self._queue_time_ms = 0
+        self._zeros = [0] * self.axes
+        self.owed = [0] * self.axes
+        """Pulses that a speed limit has held back."""
+        self._cap = [0] * self.axes
+        self.owes = False
+        """True while `owed` is not all zero."""
+
+    # -- points -----------------------------------------------------------------------------------
+
+    def pulses(self, joints_rad: Sequence[float]) -> list[int]:
+        """Joints in pulses, truncated toward zero."""
+        return [int(q * each) for q, each in zip(joints_rad, self.pulses_per_rad, strict=False)]
+
+    def begin(
+        self, time_s: float, joints_rad: Sequence[float], speeds_rad_s: Sequence[float]
+    ) -> int:
+        """Point 0. 0, or the InvalidSubcode it is refused with."""
+        for wanted, now in zip(self.pulses(joints_rad), self.command, strict=True):
+            if abs(wanted - now) > START_PULSES:
+                return InvalidSubcode.DATA_START_POS
+        if self._too_fast(speeds_rad_s):
+            return InvalidSubcode.DATA_SPEED
+        self._time_ms = self._queue_time_ms = milliseconds(time_s)
+        self._position = list(joints_rad[: self.axes])
+        self._speed = list(speeds_rad_s[: self.axes])
+        self._left_ms = 0
+        self._previous = list(self.command)
+        return 0
+
+    def add(self, time_s: float, joints_rad: Sequence[float], speeds_rad_s: Sequence[float]) -> int:
+        """Any further point, while `has_data` is False. 0, or an InvalidSubcode."""
+        if self._too_fast(speeds_rad_s):
+            return InvalidSubcode.DATA_SPEED
+        axes = self.axes
+        self._todo = (milliseconds(time_s), list(joints_rad[:axes]), list(speeds_rad_s[:axes]))
+        self._segment = None
+        self.has_data = True
+        return 0
+
+    def _too_fast(self, speeds_rad_s: Sequence[float]) -> bool:
+        """The C code takes the whole part before it compares."""
+        return any(
+            abs(int(speed)) > highest
+            for speed, highest in zip(speeds_rad_s, self.speeds_rad_s, strict=False)
+        )
+
+    # -- the filler -------------------------------------------------------------------------------
+
+    def fill(self, ready: bool) -> None:
+        """Convert as much of the point as the queue has room for; drop it unless `ready`."""
+        if not self.has_data:
+            return
+        if not ready:
+            self._drop_point()
+            return
+        end_ms, end_position, end_speed = self._todo
+        segment = self._segment
+        if segment is None:
+            if end_ms <= self._time_ms:
+                self.has_data = False
+                return
+            segment = self._segment = self._planned(end_ms, end_position, end_speed)
+        queue, per_rad, ipc_ms = self.queue, self.pulses_per_rad, self._ipc_ms
+        while len(queue) < self._room:
+            now_ms = segment.now_ms + segment.step_ms
+            if now_ms < end_ms:
+                segment.now_ms = now_ms
+                segment.step_ms = ipc_ms
+                tau = (now_ms - segment.first_ms) * 0.001
+                position = [
+                    ((c3 * tau + c2) * tau + c1) * tau + c0 for c0, c1, c2, c3 in segment.cubics
+                ]
+                self._time_ms = now_ms
+                self._position = position
+            else:
+                self._left_ms = now_ms - end_ms
+                self._time_ms, self._position, self._speed = end_ms, end_position, end_speed
+                position = end_position
+            pulses = [int(q * each) for q, each in zip(position, per_rad, strict=True)]
+            queue.append(
+                (
+                    self._time_ms,
+                    [new - old for new, old in zip(pulses, self._previous, strict=True)],
+                )
+            )
+            self._previous = pulses
+            if now_ms >= end_ms:
+                self._segment = None
+                self.has_data = False
+                return
+
+    def _planned(self, end_ms: int, end_position: list[float], end_speed: list[float]) -> _Segment:
+        t = (end_ms - self._time_ms) * 0.001
+        cubics = []
+        for p0, p1, v0, v1 in zip(
+            self._position, end_position, self._speed, end_speed, strict=True
+        ):
+            a1 = 6.0 * (p1 - p0) / (t * t) - 2.0 * (v1 + 2.0 * v0) / t
+            a2 = -12.0 * (p1 - p0) / (t * t * t) + 6.0 * (v1 + v0) / (t * t)
+            cubics.append((p0, v0, a1 / 2.0, a2 / 6.0))
+        segment = _Segment(cubics, end_ms)
+        segment.first_ms = segment.now_ms = self._time_ms
+        segment.step_ms = self._left_ms or self._ipc_ms
+        self._left_ms = 0
+        return segment
+
+    def _drop_point(self) -> None:
+        """The point is lost where it is; the speed there goes with it, as no one will go on."""
+        segment = self._segment
+        if segment is not None:
+            tau = (segment.now_ms - segment.first_ms) * 0.001
+            self._speed = [
+                (3.0 * c3 * tau + 2.0 * c2) * tau + c1 for _, c1, c2, c3 in segment.cubics
+            ]
+        self._segment = None
+        self.has_data = False
+
+    # -- the increment task -----------------------------------------------------------------------
+
+    @property
+    def holding_data(self) -> bool:
+        """The queue holds increments, or pulses are owed."""
+        return bool(self.queue) or self.owes
+
+    def take(self, resend: bool) -> list[int]:
+        """What is to be sent in this IPC: one entry, and what belongs to the same IPC.
+
+        With `resend` pulses that a speed limit held back come first, no faster than the segment
+        that they belong to.
+        """
+        if resend and self.owes:
+            owed, cap = self.owed, self._cap
+            if self.queue and not any(
+                abs(due) >= most > 0 for due, most in zip(owed, cap, strict=True)
+            ):
+                for axis, pulses in enumerate(self._take_entry()):
+                    owed[axis] += pulses
+                    cap[axis] = max(cap[axis], abs(pulses))
+            return [max(-most, min(most, due)) for due, most in zip(owed, cap, strict=True)]
+        if not self.queue:
+            return self._zeros
+        increments = self._take_entry()
+        if resend:
+            self._cap = [abs(pulses) for pulses in increments]
+            self.owed = list(increments)
+        return increments
+
+    def _take_entry(self) -> list[int]:
+        queue, start_ms = self.queue, self._queue_time_ms
+        time_ms, increments = queue.popleft()
+        while queue and start_ms <= queue[0][0] <= start_ms + self._ipc_ms:
+            time_ms, more = queue.popleft()
+            increments = [a + b for a, b in zip(increments, more, strict=True)]
+        self._queue_time_ms = time_ms
+        return increments
+
+    def refuses(self, increments: Sequence[int]) -> bool:
+        """Whether the controller would not execute these: too fast, or out of an axis's range."""
+        if increments is self._zeros:
+            return False
+        for pulses, most, now, lower, upper in zip(
+            increments, self._refused, self.command, self._lower, self._upper, strict=True
+        ):
+            if not -most <= pulses <= most:
+                return True
+            if (pulses > 0 and now + pulses > upper) or (pulses < 0 and now + pulses < lower):
+                return True
+        return False
+
+    def limited(self, increments: Sequence[int], share: float) -> Sequence[int]:
+        """What is left of `increments` when `share` of the highest speeds is let through.
+
+        All axes are slowed alike.
+        """
+        scale = 1.0
+        for pulses, most in zip(increments, self.largest_increments, strict=True):
+            if abs(pulses) * scale > most * share:
+                scale = most * share / abs(pulses)
+        if scale >= 1.0:
+            return increments
+        return [int(pulses * scale) for pulses in increments]
+
+    def execute(self, increments: Sequence[int], resend: bool) -> None:
+        """Add to the command. With `resend` what `take` gave and did not come here stays owed."""
+        command = self.command
+        for axis, pulses in enumerate(increments):
+            command[axis] += pulses
+        if resend and increments is not self._zeros:
+            owed = self.owed
+            for axis, pulses in enumerate(increments):
+                owed[axis] -= pulses
+            self.owes = any(owed)
+
+    def clear(self) -> None:
+        """Empty the queue and forget the point and what is owed."""
+        self.queue.clear()
+        if self.has_data:
+            self._drop_point()
+        self.forget_owed()
+
+    def forget_owed(self) -> None:
+        """The increment task has stopped: it starts anew from where the arm is."""
+        if self.owes:
+            self.owed = [0] * self.axes
+            self.owes = False
+
+    def restart(self) -> None:
+        """What START_TRAJ_MODE does: no increments, and the next ones count from the command."""
+        self.clear()
+        self._previous = list(self.command)

@@ -1,0 +1,100 @@
+"""What MotoROS knows of the controller around it: status inputs, and whether motion is possible.
+
+Source: MotoROS 1.9.12, Controller.c; the order of the reasons is that of its not-ready subcodes.
+"""
+
+from __future__ import annotations
+
+import copy
+
+from cardan.protocols.simple_message import NotReadySubcode
+
+POLL_S = 0.010
+"""The inputs are read this often."""
+
+
+class Inputs:
+    """The status inputs at one moment."""
+
+    __slots__ = (
+        "alarm",
+        "collaborative_stop",
+        "energy_saving",
+        "error",
+        "estop",
+        "hold",
+        "operating",
+        "play",
+        "remote",
+        "servo",
+        "waiting",
+    )
+
+    def __init__(self, *, servo: bool, play: bool, remote: bool) -> None:
+        self.alarm = 0
+        """Number of the active alarm."""
+        self.error = 0
+        """Number of the active error, which is less than an alarm."""
+        self.estop = False
+        self.play = play
+        """False: teach."""
+        self.remote = remote
+        self.servo = servo
+        self.hold = False
+        self.operating = False
+        """A job runs."""
+        self.waiting = False
+        """INIT_ROS is on its WAIT line (output 889 is on)."""
+        self.energy_saving = False
+        self.collaborative_stop = False
+
+    def copy(self) -> Inputs:
+        """The inputs as they are now."""
+        return copy.copy(self)
+
+    @property
+    def drives_powered(self) -> bool:
+        """Servo on, and not saving energy."""
+        return self.servo and not self.energy_saving
+
+    @property
+    def moves(self) -> bool:
+        """Whether the controller executes increments at all."""
+        return (
+            self.operating
+            and self.waiting
+            and self.servo
+            and self.play
+            and self.remote
+            and not (
+                self.alarm
+                or self.estop
+                or self.hold
+                or self.energy_saving
+                or self.collaborative_stop
+            )
+        )
+
+
+def not_ready_reason(
+    inputs: Inputs, job_ready: bool, collaborative_stop: bool, increment_error: bool
+) -> NotReadySubcode:
+    """Why motion is not possible: the first reason in MotoROS's order."""
+    reasons = (
+        (inputs.alarm, NotReadySubcode.ALARM),
+        (inputs.error, NotReadySubcode.ERROR),
+        (inputs.estop, NotReadySubcode.ESTOP),
+        (not inputs.play, NotReadySubcode.NOT_PLAY),
+        (not inputs.remote, NotReadySubcode.NOT_REMOTE),
+        (not inputs.drives_powered, NotReadySubcode.SERVO_OFF),
+        (inputs.hold, NotReadySubcode.HOLD),
+        (collaborative_stop, NotReadySubcode.PFL_ACTIVE),
+        (increment_error, NotReadySubcode.INC_MOVE_ERROR),
+        (not inputs.operating, NotReadySubcode.NOT_STARTED),
+        (not job_ready, NotReadySubcode.WAITING_ROS),
+    )
+    for applies, reason in reasons:
+        if applies:
+            return reason
+    # What is left over has this subcode in MotoROS, though it says SKILLSEND.
+    return NotReadySubcode.SKILLSEND

@@ -1,0 +1,164 @@
+"""The law of the velocity mode for one group, one IPC at a time, in double precision.
+
+Newest speeds in, pulses out: within speed, acceleration and position limits by construction, in
+the direction that was asked for as long as no position limit is near, and with the fractions of
+pulses carried on (no dead band, no drift). Source: docs/protocols/motoros-velocity-mode.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from cardan.braking import stopping_speed
+
+SEQUENCES = 2**31
+"""Sequence numbers count modulo this; 0 arms, so that after the largest comes 1."""
+
+
+def is_newer(sequence: int, newest: int) -> bool:
+    """Whether `sequence` comes after `newest` (not at all, or up to half the numbers later)."""
+    return 0 < (sequence - newest) % SEQUENCES < SEQUENCES // 2
+
+
+class VelocityLaw:
+    """Speeds of one group.
+
+    Of a position limit the bound is that speed v with v·T + v²/2a = distance left, so that an axis
+    that keeps to it can always stop in time with its own highest acceleration, whatever share of
+    that a command allows and whatever the other axes do.
+    """
+
+    def __init__(
+        self,
+        speeds_rad_s: Sequence[float],
+        accelerations_rad_s2: Sequence[float],
+        lower_rad: Sequence[float],
+        upper_rad: Sequence[float],
+        pulses_per_rad: Sequence[float],
+        ipc_s: float,
+    ) -> None:
+        self.axes = len(speeds_rad_s)
+        self.speeds_rad_s = tuple(speeds_rad_s)
+        self.accelerations_rad_s2 = tuple(accelerations_rad_s2)
+        self._lower = tuple(lower_rad)
+        self._upper = tuple(upper_rad)
+        self._per_rad = tuple(pulses_per_rad)
+        self._ipc_s = ipc_s
+        self.velocity = [0.0] * self.axes
+        """Commanded now, rad/s."""
+        self.still = True
+        """All of `velocity` is zero."""
+        self._exact = [0.0] * self.axes
+        """Commanded position in pulses, with its fraction."""
+        self._sent = [0] * self.axes
+        self._zeros = [0] * self.axes
+        self.speed_mask = self.acceleration_mask = self.position_mask = 0
+        """Axes that a limit has held back, a bit each, since `clear_masks`."""
+
+    def place(self, command_pulses: Sequence[int]) -> None:
+        """Stand still at `command_pulses`."""
+        self.halt()
+        self.discard(command_pulses)
+
+    def halt(self) -> None:
+        """Zero speed at once."""
+        for axis in range(self.axes):
+            self.velocity[axis] = 0.0
+        self.still = True
+
+    def discard(self, command_pulses: Sequence[int]) -> None:
+        """Go on from `command_pulses`: what the controller did not execute is never caught up."""
+        for axis, pulses in enumerate(command_pulses):
+            self._exact[axis] = float(pulses)
+            self._sent[axis] = pulses
+
+    def clear_masks(self) -> None:
+        """Count limited axes from here."""
+        self.speed_mask = self.acceleration_mask = self.position_mask = 0
+
+    @property
+    def stopping_time_s(self) -> float:
+        """How long a ramp to zero takes from here."""
+        return max(
+            abs(v) / a for v, a in zip(self.velocity, self.accelerations_rad_s2, strict=True)
+        )
+
+    def step(
+        self, target_rad_s: Sequence[float] | None, accelerations_rad_s2: Sequence[float]
+    ) -> list[int]:
+        """One IPC toward `target_rad_s`; None stops, each axis as hard as it may.
+
+        `accelerations_rad_s2` hold for this command, each at most the axis's own. Returns the
+        increments in pulses.
+        """
+        velocity, ipc_s = self.velocity, self._ipc_s
+        if target_rad_s is None:
+            if self.still:
+                return self._zeros
+            new = [
+                math.copysign(max(0.0, abs(v) - a * ipc_s), v)
+                for v, a in zip(velocity, self.accelerations_rad_s2, strict=True)
+            ]
+        else:
+            new = self._toward(target_rad_s, accelerations_rad_s2)
+        increments = []
+        exact, sent, half_s = self._exact, self._sent, 0.5 * ipc_s
+        moving = False
+        for axis, v in enumerate(new):
+            if v or velocity[axis]:
+                exact[axis] += half_s * (velocity[axis] + v) * self._per_rad[axis]
+                moving = moving or v != 0.0
+                velocity[axis] = v
+            pulses = int(exact[axis])
+            increments.append(pulses - sent[axis])
+            sent[axis] = pulses
+        self.still = not moving
+        return increments
+
+    def _toward(self, target: Sequence[float], accelerations: Sequence[float]) -> list[float]:
+        """The next speeds."""
+        ipc_s, velocity = self._ipc_s, self.velocity
+        scale = 1.0
+        for axis, highest in enumerate(self.speeds_rad_s):
+            speed = abs(target[axis])
+            if speed > highest:
+                self.speed_mask |= 1 << axis
+                if speed * scale > highest:
+                    scale = highest / speed
+        wanted, least, most = [], [], []
+        share = 1.0
+        for axis, own in enumerate(self.accelerations_rad_s2):
+            now = velocity[axis]
+            aim = target[axis] * scale
+            joint = self._exact[axis] / self._per_rad[axis]
+            ahead = 0.5 * ipc_s * now
+            high = stopping_speed(self._upper[axis] - joint - ahead, own, ipc_s)
+            low = -stopping_speed(joint - self._lower[axis] + ahead, own, ipc_s)
+            if aim > high:
+                aim = high
+                self.position_mask |= 1 << axis
+            elif aim < low:
+                aim = low
+                self.position_mask |= 1 << axis
+            change = abs(aim - now)
+            allowed = accelerations[axis] * ipc_s
+            if change > allowed:
+                self.acceleration_mask |= 1 << axis
+                if change * share > allowed:
+                    share = allowed / change
+            wanted.append(aim)
+            least.append(low)
+            most.append(high)
+        if share == 1.0:
+            new = wanted
+        else:
+            new = [now + share * (aim - now) for now, aim in zip(velocity, wanted, strict=True)]
+        # An axis that must brake before its limit does so whatever the others need.
+        for axis, v in enumerate(new):
+            hardest = self.accelerations_rad_s2[axis] * ipc_s
+            if v > most[axis]:
+                new[axis] = max(most[axis], velocity[axis] - hardest)
+            elif v < least[axis]:
+                new[axis] = min(least[axis], velocity[axis] + hardest)
+        return new

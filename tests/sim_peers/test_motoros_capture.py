@@ -1,0 +1,315 @@
+"""The simulated controller against a capture of a real one, a big-endian controller of 2015.
+
+The client's messages are taken from the capture, which lies beside the repository; the numbers
+here were taken from it too.
+"""
+
+from __future__ import annotations
+
+import itertools
+import select
+import socket
+import statistics
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from cardan.dissect.capture import Capture
+from cardan.dissect.network import Segment, parse
+from cardan.protocols.simple_message import (
+    ByteOrder,
+    FrameReader,
+    JointTrajPtFull,
+    MessageType,
+    MotionCommand,
+    MotionResult,
+    Wire,
+)
+from cardan.sim_peers.motoros_controller import (
+    MotorosController,
+    MotorosControllerOptions,
+    MotorosControllerPeer,
+    MotorosServers,
+)
+
+CAPTURE = (
+    Path(__file__).parents[2].parent
+    / "shared"
+    / "captures"
+    / "motoman_single_group_simple_move.pcapng"
+)
+pytestmark = pytest.mark.skipif(
+    not CAPTURE.exists(), reason="needs the capture of a real controller in ../shared/captures"
+)
+
+MOTION, STATE = 50240, 50241
+RETRY_S = 0.0054
+"""The client sent the next message, or the same again, so long after the one before; the median."""
+AFTER_START_S = 0.02
+"""From the reply to START_TRAJ_MODE to the first point."""
+TIMES_S = (
+    0.0,
+    0.218131,
+    0.307255,
+    0.376740,
+    0.436049,
+    0.488683,
+    0.546823,
+    0.615780,
+    0.704673,
+    0.919548,
+)
+BUSY = (0, 0, 0, 0, 0, 4, 8, 9, 12, 15)
+"""How often each point was refused."""
+WIRE = Wire(ByteOrder.BIG)
+
+
+class Real(NamedTuple):
+    """What the capture holds. Times in s."""
+
+    points: list[bytes]
+    """Each once, as sent."""
+    requests: list[bytes]
+    """The two before the points."""
+    answers: list[tuple[int, int]]
+    """Sequence and result of the reply to each point sent."""
+    waits_s: list[float]
+    """From each point sent to the next."""
+    accepted_s: list[float]
+    """When each point was accepted, since the first was."""
+    states: list[tuple[float, int]]
+    """When each state message came, and its type."""
+
+
+@pytest.fixture(scope="module")
+def real():
+    found = Real([], [], [], [], [], [])
+    sent_s = []
+    for frame in Capture(CAPTURE):
+        segment = parse(frame)
+        if not isinstance(segment, Segment) or not segment.payload:
+            continue
+        message, time_s = WIRE.decode(segment.payload), frame.time_ns * 1e-9
+        if segment.source.port == STATE:
+            found.states.append((time_s, message.msg_type))
+        elif segment.source.port == MOTION:
+            if message.body.command == MessageType.JOINT_TRAJ_PT_FULL:
+                found.answers.append((message.body.sequence, message.body.result))
+                if message.body.result == MotionResult.SUCCESS:
+                    found.accepted_s.append(time_s)
+        elif isinstance(message.body, JointTrajPtFull):
+            sent_s.append(time_s)
+            if segment.payload not in found.points:
+                found.points.append(segment.payload)
+        else:
+            found.requests.append(segment.payload)
+    found.waits_s[:] = [later - sooner for sooner, later in itertools.pairwise(sent_s)]
+    first_s = found.accepted_s[0]
+    found.accepted_s[:] = [time_s - first_s for time_s in found.accepted_s]
+    return found
+
+
+def captured_controller(real, **changes):
+    """Set up as the captured one was: FS100, IPC 2 ms, firmware without speed feedback.
+
+    Its arm had seven axes; a GP8 moves the first six of them.
+    """
+    start = WIRE.decode(real.points[0]).body.pos
+    return MotorosControllerOptions(
+        **{
+            "big_endian": True,
+            "velocity_mode": False,
+            "ipc_s": 0.002,
+            "queue_increments": 200,
+            "feedback_fields": 2,
+            "job_start_s": 0.11,
+            "servo_on": True,
+            "start": start[:6],
+            "faults": {"old-firmware": 1.0},
+            **changes,
+        }
+    )
+
+
+class Replay:
+    """The captured client in virtual time.
+
+    `waits_s` are the times from each point sent to the next; after them it is RETRY_S. The client
+    comes `offset_s` after the controller's clock began.
+    """
+
+    def __init__(self, real, waits_s=(), offset_s=0.0, **changes):
+        options = captured_controller(real, **changes)
+        self.real = real
+        self.servers = MotorosServers(MotorosController(options), options)
+        self.waits_s = list(waits_s)
+        self.states, self.replies, self.answers, self.accepted_s = [], [], [], []
+        self.now_s = 500.0
+        self.servers.advance(self.now_s)
+        self.run(self.now_s + offset_s)
+        self.state = self.servers.accepted("state", self.now_s)
+        self.motion = self.servers.accepted("motion", self.now_s)
+
+    def run(self, until_s):
+        while self.now_s < until_s:
+            self.now_s = min(until_s, max(self.servers.next_s, self.now_s + 1e-6))
+            self.servers.advance(self.now_s)
+            self.poll()
+
+    def poll(self):
+        for number, data in self.servers.outgoing():
+            kept = self.states if number == self.state else self.replies
+            kept.append((self.now_s, WIRE.decode(data)))
+
+    def ask(self, data, until_s=1.0):
+        """One request; the time its reply took in the servers, and the reply."""
+        sent_s = self.now_s
+        self.servers.data(self.motion, data, sent_s)
+        self.poll()
+        while not self.replies and self.now_s < sent_s + until_s:
+            self.run(min(self.servers.next_s, sent_s + until_s))
+        ((came_s, message),) = self.replies
+        self.replies.clear()
+        return came_s - sent_s, message
+
+    def move(self):
+        """As the captured client did: ask, start, send the points."""
+        took_s = [self.ask(data)[0] for data in self.real.requests]
+        self.run(self.now_s + AFTER_START_S)
+        for data in self.real.points:
+            accepted = False
+            while not accepted:
+                sent_s = self.now_s
+                _, answer = self.ask(data)
+                self.answers.append((answer.body.sequence, answer.body.result))
+                accepted = answer.body.result == MotionResult.SUCCESS
+                assert accepted or answer.body.result == MotionResult.BUSY
+                if accepted:
+                    self.accepted_s.append(sent_s)
+                self.run(sent_s + (self.waits_s.pop(0) if self.waits_s else RETRY_S))
+        return took_s
+
+
+def results(answers, wanted):
+    return sum(result == wanted for _, result in answers)
+
+
+def refusals(answers):
+    return tuple(
+        sum(answer == (sequence, MotionResult.BUSY) for answer in answers)
+        for sequence in range(len(TIMES_S))
+    )
+
+
+def test_the_capture_is_what_the_numbers_say(real):
+    points = [WIRE.decode(data).body for data in real.points]
+    assert [point.sequence for point in points] == list(range(10))
+    assert [point.time for point in points] == pytest.approx(TIMES_S, abs=1e-6)
+    assert refusals(real.answers) == BUSY
+    assert [WIRE.decode(data).body.command for data in real.requests] == [
+        MotionCommand.CHECK_MOTION_READY,
+        MotionCommand.START_TRAJ_MODE,
+    ]
+
+
+def test_points_are_accepted_and_refused_as_by_the_real_controller(real):
+    replay = Replay(real, real.waits_s)
+    took_s = replay.move()
+    assert took_s[1] == pytest.approx(0.11, abs=0.01)
+    assert results(replay.answers, MotionResult.SUCCESS) == 10
+    assert results(replay.answers, MotionResult.BUSY) == 48
+    assert replay.answers == real.answers
+    accepted_s = [each - replay.accepted_s[0] for each in replay.accepted_s]
+    assert accepted_s[-1] == pytest.approx(0.32, abs=0.01)
+    assert accepted_s == pytest.approx(real.accepted_s, abs=0.002)
+
+
+@pytest.mark.parametrize("offset_ms", [0.0, 0.3, 0.9, 1.4, 1.9])
+def test_a_client_with_a_steady_retry_sees_the_same(real, offset_ms):
+    """Wherever it stands to the controller's clock."""
+    replay = Replay(real, offset_s=offset_ms * 1e-3)
+    replay.move()
+    assert results(replay.answers, MotionResult.SUCCESS) == 10
+    assert results(replay.answers, MotionResult.BUSY) == pytest.approx(48, abs=3)
+    assert replay.answers.index((5, MotionResult.BUSY)) == 5
+    assert refusals(replay.answers) == pytest.approx(BUSY, abs=1)
+
+
+def test_a_point_waits_until_all_but_a_queue_of_the_one_before_is_played(real):
+    replay = Replay(real)
+    replay.move()
+    started_s = replay.accepted_s[1]
+    for number in range(5, 10):
+        played_s = TIMES_S[number - 1] - 0.4
+        assert 0.0 <= replay.accepted_s[number] - started_s - played_s < RETRY_S + 0.005
+
+
+def test_the_arm_ends_where_the_last_point_says(real):
+    replay = Replay(real)
+    replay.move()
+    replay.run(replay.now_s + 1.0)
+    end = WIRE.decode(real.points[-1]).body.pos[:6]
+    controller = replay.servers.controller
+    assert controller.command_rad(0) == pytest.approx(end, abs=1e-4)
+    assert controller.queue_count(0) == 0
+    assert not controller.moving_data
+
+
+def test_states_come_as_from_the_real_controller(real):
+    replay = Replay(real)
+    replay.move()
+    ours = [(time_s, message.msg_type) for time_s, message in replay.states]
+    for states in (ours, real.states):
+        types = [msg_type for _, msg_type in states]
+        whole = types[: len(types) // 2 * 2]
+        assert whole == [MessageType.JOINT_FEEDBACK, MessageType.ROBOT_STATUS] * (len(whole) // 2)
+        cycles = [time_s for time_s, msg_type in states if msg_type == MessageType.ROBOT_STATUS]
+        gaps = [b - a for a, b in itertools.pairwise(cycles)]
+        assert statistics.median(gaps) == pytest.approx(0.025, abs=2e-4)
+        assert max(abs(gap - 0.025) for gap in gaps) < 0.002
+    feedback = next(m.body for _, m in replay.states if m.msg_type == MessageType.JOINT_FEEDBACK)
+    assert feedback.valid_fields == 2
+
+
+def test_over_tcp_replies_come_and_the_move_is_made(real):
+    """On loopback the captured client runs in real time: the same number of points, and replies
+    far within a state period."""
+    peer = MotorosControllerPeer(captured_controller(real, base_port=0))
+    peer.open()
+    try:
+        with socket.create_connection(("127.0.0.1", peer.motion_port)) as link:
+            link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            link.setblocking(False)
+            reader = FrameReader(ByteOrder.BIG)
+
+            def ask(data):
+                link.sendall(data)
+                sent_s = time.monotonic()
+                while time.monotonic() < sent_s + 5.0:
+                    peer.step(time.monotonic() + 0.0005)
+                    if select.select([link], [], [], 0.0)[0]:
+                        reader.feed(link.recv(4096))
+                        frame = reader.take()
+                        if frame is not None:
+                            return time.monotonic() - sent_s, WIRE.decode(frame)
+                raise TimeoutError
+
+            for data in real.requests:
+                ask(data)
+            took_s, busy, begun_s = [], 0, time.monotonic()
+            for data in real.points:
+                while True:
+                    reply_s, answer = ask(data)
+                    took_s.append(reply_s)
+                    peer.step(time.monotonic() + RETRY_S)
+                    if answer.body.result == MotionResult.SUCCESS:
+                        break
+                    assert answer.body.result == MotionResult.BUSY
+                    busy += 1
+            assert 0.25 < time.monotonic() - begun_s < 5.0
+    finally:
+        peer.close()
+    assert busy >= 5
+    assert statistics.median(took_s) < 0.05
