@@ -1,9 +1,10 @@
-"""Reads captures: EGM and the joint stream on UDP, 3Dconnexion reports on USB, line by line.
+"""Reads captures line by line: EGM and the joint stream on UDP, simple message (MotoROS) on TCP,
+3Dconnexion reports on USB.
 
 Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselves, for building
-datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream` and
-:mod:`cardan.dissect.connexion`; they are written from the protocols' documentation and not from
-:mod:`cardan.protocols`.
+datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream`,
+:mod:`cardan.dissect.simple_message` and :mod:`cardan.dissect.connexion`; they are written from the
+protocols' documentation and not from :mod:`cardan.protocols`.
 """
 
 from __future__ import annotations
@@ -15,19 +16,29 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, TextIO
 
 from cardan.dissect import network
-from cardan.dissect.capture import Capture
+from cardan.dissect.capture import Capture, Frame
 from cardan.dissect.errors import ScapyMissingError
-from cardan.dissect.ports import EGM_PORTS
+from cardan.dissect.ports import (
+    EGM_PORTS,
+    SIMPLE_MESSAGE_PORTS,
+    SIMPLE_MESSAGE_RT_CONTROL_PORT,
+)
 from cardan.dissect.reader import Options, ProtocolReader, load_readers
 from cardan.dissect.statistics import tally
 from cardan.errors import CaptureError
 
-__all__ = ["EGM_PORTS", "Counts", "ScapyMissingError", "dissect_file"]
+__all__ = [
+    "EGM_PORTS",
+    "SIMPLE_MESSAGE_PORTS",
+    "Counts",
+    "ScapyMissingError",
+    "dissect_file",
+]
 
 
 class Counts(NamedTuple):
     """What a capture held. `messages` and `malformed` are by protocol: "EGM", "3Dconnexion",
-    "joint stream"."""
+    "joint stream", "simple message"."""
 
     packets: int
     messages: Mapping[str, int]
@@ -42,17 +53,23 @@ def dissect_file(
     limit: int | None = None,
     summary: bool = False,
     egm_ports: Iterable[int] = (),
+    simple_message_ports: Iterable[int] = (),
 ) -> Counts:
-    """Writes a line per datagram and report of the protocols in a capture, then a summary.
+    """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP
-    or Linux usbmon. Reading stops after `limit` datagrams and reports. With `summary` the lines
-    are left out. `egm_ports` are UDP ports a PC listens at besides EGM_PORTS. The joint stream is
-    found on its port and, by its mark, on any other. Malformed datagrams are shown and counted.
+    or Linux usbmon. Reading stops at the packet with which `limit` datagrams, reports and messages
+    are reached. With `summary` the lines are left out. `egm_ports` are UDP ports a PC listens at
+    besides EGM_PORTS, `simple_message_ports` TCP ports of a controller besides
+    SIMPLE_MESSAGE_PORTS. The joint stream is found on its port and, by its mark, on any other.
+    Malformed datagrams and messages are shown and counted.
     Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
     everything before the damage was written), ScapyMissingError without scapy.
     """
-    options = Options(frozenset((*EGM_PORTS, *egm_ports)))
+    options = Options(
+        frozenset((*EGM_PORTS, *egm_ports)),
+        frozenset((*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT, *simple_message_ports)),
+    )
     readers = load_readers(options)
     others: Counter[str] = Counter()
     packets = start_ns = 0
@@ -71,14 +88,17 @@ def dissect_file(
             for reader in readers:
                 for shown, line in reader.feed(frame, parsed):
                     if not summary:
-                        seconds = (shown.time_ns - start_ns) / 1e9
-                        print(f"#{shown.number} {seconds:.6f} {line}", file=out)
+                        _print_line(shown, line, start_ns, out)
             # A reader can take earlier frames too, once it knows what they are.
             others[str(parsed)] += 1 - (sum(r.frames for r in readers) - before)
     except CaptureError as error:
         if not packets:
             raise
         damage = error
+    for reader in () if stopped else readers:
+        for shown, line in reader.finish():
+            if not summary:
+                _print_line(shown, line, start_ns, out)
     counts = Counts(
         packets,
         {r.name: r.messages for r in readers},
@@ -92,6 +112,10 @@ def dissect_file(
     if damage is not None:
         raise damage
     return counts
+
+
+def _print_line(frame: Frame, line: str, start_ns: int, out: TextIO) -> None:
+    print(f"#{frame.number} {(frame.time_ns - start_ns) / 1e9:.6f} {line}", file=out)
 
 
 def _summary(
@@ -111,6 +135,8 @@ def _summary(
         yield f"no {', '.join(names)} or {last} traffic found in {counts.packets} packets"
         ports = " ".join(map(str, sorted(options.egm_ports)))
         yield f"EGM was looked for on UDP ports {ports} (--port for others)"
+        ports = " ".join(map(str, sorted(options.simple_message_ports)))
+        yield f"simple message was looked for on TCP ports {ports}"
     if counts.other_packets:
         yield f"other packets: {tally(+others)}"
 

@@ -18,6 +18,7 @@ try:
             ByteEnumField,
             ByteField,
             ConditionalField,
+            EnumField,
             Field,
             FieldLenField,
             FieldListField,
@@ -29,7 +30,7 @@ try:
             StrLenField,
             XByteField,
         )
-        from scapy.layers.inet import UDP
+        from scapy.layers.inet import TCP, UDP
         from scapy.packet import Packet, bind_bottom_up, bind_top_down
         from scapy.utils import EDecimal
 except ImportError as error:
@@ -39,12 +40,14 @@ except ImportError as error:
     ) from error
 
 __all__ = [
+    "TCP",
     "UDP",
     "BitField",
     "ByteEnumField",
     "ByteField",
     "ConditionalField",
     "EDecimal",
+    "EnumField",
     "Field",
     "FieldLenField",
     "FieldListField",

@@ -14,6 +14,7 @@ ETHERTYPE_IPV4, ETHERTYPE_IPV6 = 0x0800, 0x86DD
 VLAN_TAGS = (0x8100, 0x88A8, 0x9100)
 ETHERTYPE_NAMES = {0x0806: "ARP", 0x88CC: "LLDP", 0x8892: "PROFINET", 0x88A4: "EtherCAT"}
 TCP, UDP, ICMP, IGMP, ICMP6 = 6, 17, 1, 2, 58
+TCP_FIN, TCP_SYN, TCP_RST, TCP_ACK = 1, 2, 4, 16
 PROTOCOL_NAMES = {ICMP: "ICMP", IGMP: "IGMP", ICMP6: "ICMPv6"}
 USB_LINK_TYPES = (189, 220, 249)
 SKIPPED_IPV6_HEADERS = (0, 43, 60)  # hop-by-hop, routing, destination options
@@ -31,13 +32,19 @@ class Endpoint(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """The payload of one UDP datagram or TCP segment; `cut` when the capture lacks a part of it."""
+    """The payload of one UDP datagram or TCP segment; `cut` when the capture lacks a part of it.
+
+    `sequence` is the TCP sequence number as it is sent (that of the SYN, where there is one, and of
+    the first byte of the payload where there is none); `flags` are the TCP flags.
+    """
 
     protocol: str  # "UDP" or "TCP"
     source: Endpoint
     destination: Endpoint
     payload: bytes
     cut: bool
+    sequence: int = 0
+    flags: int = 0
 
     def __str__(self) -> str:
         low, high = sorted((self.source.port, self.destination.port))
@@ -118,7 +125,9 @@ def _segment(protocol: int, source: bytes, destination: bytes, body: bytes) -> S
     sender = Endpoint(str(ipaddress.ip_address(source)), source_port)
     receiver = Endpoint(str(ipaddress.ip_address(destination)), destination_port)
     if protocol == TCP:
-        return Segment("TCP", sender, receiver, body[(body[12] >> 4) * 4 :], False)
+        (sequence,) = struct.unpack_from("!4xI", body)
+        payload = body[(body[12] >> 4) * 4 :]
+        return Segment("TCP", sender, receiver, payload, False, sequence, body[13])
     (size,) = struct.unpack_from("!4xH", body)
     payload = body[8:size]
     return Segment("UDP", sender, receiver, payload, len(payload) != size - 8)

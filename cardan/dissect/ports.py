@@ -8,3 +8,13 @@ StateMachine add-in and the ROS drivers."""
 
 JOINT_STREAM_PORT = 6520
 """UDP port of the simulated arm when none is chosen."""
+
+SIMPLE_MESSAGE_PORTS = (50240, 50241, 50242)
+"""TCP ports of a controller with MotoROS: motion, state, I/O. The generic drivers of ROS-Industrial
+have 11000, 11002, 11003 instead."""
+
+SIMPLE_MESSAGE_RT_CONTROL_PORT = 50243
+"""TCP port that switches the real-time mode of the NTNU fork of MotoROS on and off."""
+
+SIMPLE_MESSAGE_RT_PORT = 50244
+"""UDP port of that mode's cycle."""

@@ -13,11 +13,13 @@ from typing import ClassVar, NamedTuple
 
 from cardan.dissect.capture import Frame
 from cardan.dissect.network import Segment
+from cardan.dissect.ports import SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT
 
 READERS = (
     "cardan.dissect.egm_reader:EgmReader",
     "cardan.dissect.connexion_reader:ConnexionReader",
     "cardan.dissect.joint_stream_reader:JointStreamReader",
+    "cardan.dissect.simple_message_reader:SimpleMessageReader",
 )
 """By name, because the modules need scapy."""
 
@@ -26,6 +28,11 @@ class Options(NamedTuple):
     """What the user can choose."""
 
     egm_ports: frozenset[int]
+    """UDP ports of a PC."""
+    simple_message_ports: frozenset[int] = frozenset(
+        (*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT)
+    )
+    """TCP ports of a controller."""
 
 
 class ProtocolReader(ABC):
@@ -37,7 +44,7 @@ class ProtocolReader(ABC):
         self.frames = 0
         """Frames that belong to the protocol, those without a message of it included."""
         self.messages = 0
-        """Datagrams or reports shown, malformed ones included."""
+        """Datagrams, reports or messages of a stream shown, malformed ones included."""
         self.malformed: Counter[str] = Counter()
         """Those that are not what they should be, by reason."""
 
@@ -47,6 +54,10 @@ class ProtocolReader(ABC):
 
         `network` is what :func:`cardan.dissect.network.parse` says of the frame.
         """
+
+    def finish(self) -> Iterable[tuple[Frame, str]]:
+        """Lines that were held back when the capture ended."""
+        return ()
 
     @abstractmethod
     def summary(self) -> Iterable[str]:
