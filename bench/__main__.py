@@ -8,20 +8,25 @@ from bench import (
     egm_codec,
     egm_latency,
     hid_parse,
+    motoros_link,
     servo_numbers,
     servo_tick,
     simple_message_codec,
     thesis,
+    yaskawa,
 )
 
 BENCHMARKS = {
     "hid-parse": hid_parse.main,
     "egm-codec": egm_codec.main,
     "egm-latency": egm_latency.main,
-    "simple-message-codec": simple_message_codec.main,
     "servo-tick": servo_tick.main,
+    "motoros-link": motoros_link.main,
+    "motoros-soak": motoros_link.soak,
     "servo-numbers": servo_numbers.main,
+    "simple-message-codec": simple_message_codec.main,
     "thesis": thesis.main,
+    "yaskawa": yaskawa.main,
 }
 
 
