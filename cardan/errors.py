@@ -10,6 +10,8 @@
     |   +-- AddressError          a network address cannot be used
     |   +-- NotOpenError          used before open() or after close()
     |   +-- CommandError          a command this robot or device cannot take
+    |   +-- IoConnectionError     a controller's inputs and outputs cannot be reached
+    |   +-- IoRefusedError        a controller refused to read or write one
     +-- ScriptError           a simulated peer's script or fault switch is wrong
     +-- CaptureError          a capture file cannot be read
     +-- MotionRefusedError    a verb of the Cartesian interface was refused; nothing changed
@@ -56,6 +58,22 @@ class NotOpenError(DriverError):
 
 class CommandError(DriverError):
     """A command this robot or device cannot take; nothing was sent."""
+
+
+class IoConnectionError(DriverError):
+    """A controller's port for inputs and outputs was not reached, fell silent, or answered
+    something else; whether a write had its effect is open."""
+
+
+class IoRefusedError(DriverError):
+    """A controller refused to read or write; the connection stays.
+
+    `result` is what it said: of MotoROS an IoResult, or the subcode of a message it did not know.
+    """
+
+    def __init__(self, message: str, result: int) -> None:
+        super().__init__(message)
+        self.result = result
 
 
 class ScriptError(CardanError):

@@ -19,7 +19,7 @@ from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.gateway import config
 from cardan.protocols import connexion, egm
 from cardan.protocols import simple_message as sm
-from cardan.sim_peers import egm_controller, spacemouse
+from cardan.sim_peers import egm_controller, motoros_controller, spacemouse
 from cardan.types import Pose, Quaternion, Vector3
 
 if sys.version_info >= (3, 11):
@@ -132,7 +132,9 @@ def test_every_button_name_is_there():
 PEERS = [
     pytest.param("The controller: `cardan sim abb-gofa`", egm_controller, id="abb-gofa"),
     pytest.param("The device: `cardan sim spacemouse`", spacemouse, id="spacemouse"),
+    pytest.param("The controller: `cardan sim motoman-gp8`", motoros_controller, id="motoman-gp8"),
 ]
+SCRIPTED = PEERS[:2]
 
 
 @pytest.mark.parametrize(("heading", "peer"), PEERS)
@@ -142,7 +144,7 @@ def test_every_fault_of_a_peer_is_there_with_its_default(heading, peer):
     assert {name: table[name][0] for name in switches} == switches
 
 
-@pytest.mark.parametrize(("heading", "peer"), PEERS)
+@pytest.mark.parametrize(("heading", "peer"), SCRIPTED)
 def test_every_script_and_verb_of_a_peer_is_there(heading, peer):
     table = rows(section(section(text("simulated-peers.md"), heading), "Its scripts"))
     usages = {re.sub(r" \(.*", "", usage) for usage in peer.SCRIPT_VERBS.values()}
@@ -152,7 +154,9 @@ def test_every_script_and_verb_of_a_peer_is_there(heading, peer):
 @pytest.mark.parametrize(("heading", "peer"), PEERS)
 def test_every_option_of_a_peer_is_there(heading, peer, request):
     page = text("simulated-peers.md")
-    told = section(page, "What both share") + section(page, heading)
+    told = section(page, "What all share") + section(page, heading)
+    if not hasattr(peer, "SCRIPTS"):
+        told = re.sub(r"--(list-scripts|script)\b", "", told)
     commands = typer.main.get_command(cli.app).commands["sim"].commands
     offered = {
         option

@@ -32,6 +32,8 @@ Array = npt.NDArray[np.float64]
 
 MODES = ("standard", "stream", "velocity")
 PLANTS = ("paper", "ideal")
+LAGS_S = {"standard": 1.2, "stream": 0.4, "velocity": 0.4}
+"""What each mode may be behind in good order."""
 
 MODEL = "spacemouse-pro"
 DEFLECTION = 0.8
@@ -176,7 +178,9 @@ def record(mode: str, plant: str, pushes: int = 6) -> Recording:
             plant,
             velocity_mode=mode == "velocity",
         ) as (mouse, port, log):
-            session = make_session(parse_config(session_tables(mouse, port, mode)))
+            session = make_session(
+                parse_config(session_tables(mouse, port, mode, lag_s=LAGS_S[mode]))
+            )
             watch_goals(session, goals)
             tap = _Tap(mouse)
             try:

@@ -12,6 +12,7 @@ ENTRY_POINT_GROUP = "cardan.drivers"
 BUILT_IN = {
     "spacemouse": "cardan.drivers.spacemouse:SpaceMouse",
     "abb_egm": "cardan.drivers.abb_egm:AbbEgm",
+    "motoros": "cardan.drivers.motoros:Motoros",
     "sim_arm": "cardan.drivers.sim_arm:SimArm",
 }
 """Our own drivers. Other packages add theirs by an entry point of the same form."""

@@ -263,7 +263,10 @@ class SessionConfig(_Table):
 
     @model_validator(mode="after")
     def _one_meaning_a_button(self) -> SessionConfig:
-        buttons = {"mapping.deadman": self.mapping.deadman}
+        buttons = {
+            "mapping.deadman": self.mapping.deadman,
+            "mapping.enable": self.mapping.enable,
+        }
         buttons |= {f"gripper.{a.value}": getattr(self.gripper, a.value) for a in GripperAction}
         for key, button in buttons.items():
             for other, same in buttons.items():

@@ -1,0 +1,8 @@
+"""Yaskawa Motoman controllers that run MotoROS: simple message over TCP."""
+
+from cardan.drivers.motoros.driver import Motoros
+from cardan.drivers.motoros.io_client import IoClient
+from cardan.drivers.motoros.options import MotorosOptions
+from cardan.drivers.motoros.session import MotorosSession, Phase
+
+__all__ = ["IoClient", "Motoros", "MotorosOptions", "MotorosSession", "Phase"]

@@ -1,0 +1,367 @@
+"""The MotoROS driver: sockets around :class:`MotorosSession`."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Generator
+
+from cardan.drivers.base import RobotDriver
+from cardan.drivers.motoros.connections import CHANNELS, Channel
+from cardan.drivers.motoros.io_client import IoClient
+from cardan.drivers.motoros.options import MotorosOptions
+from cardan.drivers.motoros.session import MotorosSession, Task
+from cardan.errors import AddressError, CardanError, NotOpenError
+from cardan.protocols.simple_message import ByteOrder
+from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState
+
+_RECEIVE_BYTES = 65536
+_LONGEST_WAIT_S = 0.05
+"""What another thread asks for is seen after so long, whatever the session waits for."""
+_CONNECT_TIMEOUT_S = 2.0
+_LEAVE_S = 1.5
+"""The ramp, and the controller's answers to what ends it."""
+_BACKLOG_BYTES = 16 * 1024
+"""A connection that takes nothing any more is given up with so much unsent."""
+
+_SELECT_MAX = 1024
+"""select() takes no higher file numbers; poll() would, but waits whole milliseconds only."""
+
+_monotonic = time.monotonic
+
+
+class _Link:
+    """One socket, from the attempt to connect on."""
+
+    def __init__(self, sock: socket.socket, now_s: float) -> None:
+        self.socket = sock
+        self.deadline_s = now_s + _CONNECT_TIMEOUT_S
+        self.connecting = True
+        self.backlog = bytearray()
+
+
+class Motoros(RobotDriver):
+    """A Yaskawa Motoman controller that runs MotoROS (1.9), over its TCP ports.
+
+    One thread does it all: `cycles` waits on the sockets, `send` answers. Motion starts only on
+    `enable()` (or once, with the option enable = "at-start"); after anything that ended it,
+    `enable()` is needed again. A state that the application does not answer is answered with a
+    hold; leaving the loop and `close` brake the robot along a ramp.
+
+    The driver moves one control group and needs none of the messages for several (2016, 2017,
+    2041). Inputs, outputs and registers are behind `io`.
+    """
+
+    Options = MotorosOptions
+    options: MotorosOptions
+
+    def __init__(self, options: MotorosOptions | None = None) -> None:
+        super().__init__(options)
+        self._session = MotorosSession(self.options)
+        self._links: dict[Channel, _Link] = {}
+        self._open = False
+        self._address = ""
+        self._tasks: deque[Task] = deque()
+        self._io: IoClient | None = None
+        self._io_lock = threading.Lock()
+        self._record_failure = ""
+        self._loop = 0
+        self._loop_thread = 0
+        self._loop_ended = threading.Event()
+        self._loop_ended.set()
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        return self._session.capabilities
+
+    @property
+    def session(self) -> MotorosSession:
+        """The state of the protocol, with its counters; a new one with every open()."""
+        return self._session
+
+    # -- opening and closing ----------------------------------------------------------------------
+
+    def open(self) -> None:
+        if self._open:
+            return
+        options = self.options
+        try:
+            found = socket.getaddrinfo(
+                options.host, options.motion_port, family=socket.AF_INET, type=socket.SOCK_STREAM
+            )
+        except (OSError, UnicodeError) as error:
+            raise AddressError(f"host {options.host}: {error}") from None
+        self._address = str(found[0][4][0])
+        self._session = MotorosSession(options)
+        self._links = {}
+        self._tasks.clear()
+        self._record_failure = ""
+        self._open = True
+
+    def close(self) -> None:
+        if not self._open:
+            return
+        self._loop += 1
+        if self._loop_thread != threading.get_ident():
+            # The loop in another thread sees that when it wakes up, and leaves the robot safe.
+            self._loop_ended.wait(_LONGEST_WAIT_S + _LEAVE_S)
+        with contextlib.suppress(Exception):
+            self._leave()
+        self._open = False
+        for channel in tuple(self._links):
+            self._cut(channel)
+        with self._io_lock:
+            io, self._io = self._io, None
+        if io is not None:
+            with contextlib.suppress(Exception):
+                io.close()
+        try:
+            self._session.record.write()
+        except CardanError as error:
+            self._record_failure = str(error)
+
+    def _session_open(self) -> MotorosSession:
+        if not self._open:
+            raise NotOpenError("the MotoROS driver is not open; call open(), or use it in `with`")
+        return self._session
+
+    # -- the control loop -------------------------------------------------------------------------
+
+    def cycles(self) -> Generator[RobotState, None, None]:
+        session = self._session_open()
+        self._loop += 1
+        return self._run(session, self._loop)
+
+    def _run(self, session: MotorosSession, loop: int) -> Generator[RobotState, None, None]:
+        self._loop_thread = threading.get_ident()
+        self._loop_ended.clear()
+        try:
+            while self._loop == loop:
+                self._turn(session, _monotonic())
+                state = session.due_state(_monotonic())
+                if state is None:
+                    self._wait(session, _LONGEST_WAIT_S)
+                    continue
+                yield state
+                if session.owes_answer and self._loop == loop:
+                    self.send(HoldCommand())
+        finally:
+            try:
+                if self._loop == loop and self._session is session and self._open:
+                    self._leave()
+            finally:
+                self._loop_ended.set()
+
+    def _turn(self, session: MotorosSession, now_s: float) -> None:
+        """Do what is due."""
+        while self._tasks:
+            session.ask(self._tasks.popleft(), now_s)
+        for channel in CHANNELS:
+            if channel not in self._links and session.wants(channel, now_s):
+                self._connect(session, channel, now_s)
+        session.advance(now_s)
+        self._flush(session)
+
+    def _wait(self, session: MotorosSession, longest_s: float) -> None:
+        """Wait until something comes or is due, and take what came."""
+        links = self._links
+        timeout_s = min(max(session.next_s - _monotonic(), 0.0), longest_s)
+        reads = [link.socket for link in links.values() if not link.connecting]
+        writes = [link.socket for link in links.values() if link.connecting or link.backlog]
+        try:
+            readable, writable, _ = select.select(reads, writes, [], timeout_s)
+        except (OSError, ValueError):  # a socket was closed, or its number is too high
+            readable, writable = reads, writes
+        now_s = _monotonic()
+        for channel, link in tuple(links.items()):
+            if link.connecting:
+                if link.socket in writable or now_s >= link.deadline_s:
+                    self._finish_connecting(session, channel, link, now_s)
+            elif link.socket in readable:
+                self._receive(session, channel, link)
+        self._flush(session)
+
+    def send(self, command: RobotCommand) -> None:
+        """Answer the state last yielded; without effect where that takes no command."""
+        session = self._session_open()
+        session.command(command, _monotonic())
+        self._flush(session)
+
+    def _leave(self) -> None:
+        """Brake, leave the controller's mode, and hear it say so; never for long."""
+        session = self._session
+        deadline_s = _monotonic() + _LEAVE_S
+        session.leave(_monotonic())
+        self._flush(session)
+        while not session.left and (left_s := deadline_s - _monotonic()) > 0.0:
+            session.advance(_monotonic())
+            session.due_state(_monotonic())
+            self._flush(session)
+            if not session.left:
+                self._wait(session, min(left_s, _LONGEST_WAIT_S))
+
+    # -- sockets ----------------------------------------------------------------------------------
+
+    def _connect(self, session: MotorosSession, channel: Channel, now_s: float) -> None:
+        options = self.options
+        port = options.motion_port if channel == "motion" else options.state_port
+        sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        if sock.fileno() >= _SELECT_MAX:
+            sock.close()
+            session.connect_failed(channel, "this process has too many files open", now_s)
+            return
+        try:
+            sock.setblocking(False)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            code = sock.connect_ex((self._address, port))
+        except OSError as error:
+            sock.close()
+            session.connect_failed(channel, error.strerror or str(error), now_s)
+            return
+        if code not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
+            sock.close()
+            session.connect_failed(channel, os.strerror(code), now_s)
+            return
+        self._links[channel] = _Link(sock, now_s)
+
+    def _finish_connecting(
+        self, session: MotorosSession, channel: Channel, link: _Link, now_s: float
+    ) -> None:
+        code = link.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if code == 0 and now_s < link.deadline_s:
+            link.connecting = False
+            session.connected(channel, now_s)
+            return
+        self._cut(channel)
+        reason = os.strerror(code) if code else f"no answer for {_CONNECT_TIMEOUT_S:g} s"
+        session.connect_failed(channel, reason, now_s)
+
+    def _receive(self, session: MotorosSession, channel: Channel, link: _Link) -> None:
+        try:
+            data = link.socket.recv(_RECEIVE_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(session, channel, error.strerror or str(error))
+            return
+        if data:
+            session.received(channel, data, _monotonic())
+        else:
+            self._lost(session, channel, "the controller closed it")
+
+    def _flush(self, session: MotorosSession) -> None:
+        """Send what is to be sent: each message by a send of its own, as MotoROS needs it."""
+        for channel in session.closing():
+            self._cut(channel)
+        for channel, link in tuple(self._links.items()):
+            if link.backlog and not link.connecting:
+                self._push(session, channel, link)
+        for channel, data in session.outgoing():
+            to = self._links.get(channel)
+            if to is None:
+                continue
+            if to.backlog:
+                to.backlog += data
+            else:
+                try:
+                    sent = to.socket.send(data)
+                except BlockingIOError:
+                    sent = 0
+                except OSError as error:
+                    self._lost(session, channel, error.strerror or str(error))
+                    continue
+                to.backlog += data[sent:]
+            if len(to.backlog) > _BACKLOG_BYTES:
+                self._lost(session, channel, "the controller takes nothing any more")
+
+    def _push(self, session: MotorosSession, channel: Channel, link: _Link) -> None:
+        try:
+            del link.backlog[: link.socket.send(link.backlog)]
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(session, channel, error.strerror or str(error))
+
+    def _lost(self, session: MotorosSession, channel: Channel, reason: str) -> None:
+        self._cut(channel)
+        session.disconnected(channel, reason, _monotonic())
+
+    def _cut(self, channel: Channel) -> None:
+        link = self._links.pop(channel, None)
+        if link is not None:
+            link.socket.close()
+
+    # -- what a person asks for -------------------------------------------------------------------
+
+    def enable(self) -> None:
+        """Start motion (START_VEL_MODE or START_TRAJ_MODE), which also resets alarms and switches
+        servos on. Done by the loop; whether it worked, the states' `hold_reason` tells."""
+        self._tasks.append("enable")
+
+    def disable(self) -> None:
+        """Brake along a ramp, then leave the controller's mode. Done by the loop."""
+        self._tasks.append("disable")
+
+    def stop(self) -> None:
+        """Stop dead (STOP_MOTION), without a ramp: for an emergency. Done by the loop."""
+        self._tasks.append("stop")
+
+    def reset_alarm(self) -> None:
+        """Reset alarm and error. Done by the loop, as the two below."""
+        self._tasks.append("reset alarm")
+
+    def servo_on(self) -> None:
+        """Switch the servos on; nothing moves."""
+        self._tasks.append("servo on")
+
+    def servo_off(self) -> None:
+        """Brake along a ramp, then switch the servos off."""
+        self._tasks.append("servo off")
+
+    @property
+    def enabled(self) -> bool:
+        """True while commands move the robot, or would if they came."""
+        return self._open and self._session.enabled
+
+    @property
+    def io(self) -> IoClient:
+        """Inputs, outputs and registers, on a connection of their own; its calls wait for replies.
+
+        Raises NotOpenError while the byte order of the controller is not known: before its first
+        state, unless the option `byte_order` tells.
+        """
+        session = self._session_open()
+        with self._io_lock:
+            if self._io is None:
+                order = session.byte_order
+                if order is None:
+                    raise NotOpenError(
+                        "the controller's byte order is not known yet: wait for its first state, "
+                        "or set byte_order"
+                    )
+                options = self.options
+                self._io = IoClient(
+                    self._address,
+                    options.io_port,
+                    "big" if order is ByteOrder.BIG else "little",
+                    options.request_timeout_s,
+                )
+            return self._io
+
+    # -- for whoever watches ----------------------------------------------------------------------
+
+    def metrics(self) -> dict[str, float]:
+        return self._session.metrics(_monotonic())
+
+    def diagnosis(self) -> tuple[str, ...]:
+        record = (self._record_failure,) if self._record_failure else ()
+        if not self._open:
+            return ("the MotoROS driver is not open", *record)
+        return self._session.diagnosis(_monotonic())

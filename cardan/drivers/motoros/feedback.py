@@ -1,0 +1,167 @@
+"""The listening side: what the state port publishes every 25 ms."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+from cardan.drivers.motoros.options import MotorosOptions
+from cardan.protocols.simple_message import (
+    LONGEST_PREFIX_OF_MOTOROS,
+    ByteOrder,
+    FrameReader,
+    JointFeedback,
+    Malformed,
+    Message,
+    RobotStatus,
+    ValidFields,
+    Wire,
+    detect_wire,
+    name_of,
+    wire,
+)
+from cardan.protocols.simple_message.codes import MessageType
+from cardan.types import NEVER_S
+
+_BAD_IN_A_ROW = 8
+"""So many bad messages after each other, and the connection is given up."""
+
+
+class StateFeed:
+    """The newest status and the newest feedback of one group.
+
+    A message that is none is counted and changes nothing. `failure` says why the stream cannot be
+    followed any more.
+    """
+
+    def __init__(self, options: MotorosOptions) -> None:
+        self.joints = options.joints
+        self.byte_order: ByteOrder | None = options.known_byte_order
+        """Of the controller; None until it was learnt."""
+        self.status: RobotStatus | None = None
+        self.status_s = NEVER_S
+        self.statuses = 0
+        self.positions: tuple[float, ...] = ()
+        """rad, base to tool."""
+        self.velocities: tuple[float, ...] = ()
+        """rad/s; empty where they are not sent or not to be trusted."""
+        self.feedback_s = NEVER_S
+        self.feedbacks = 0
+        self.still_since_s = math.inf
+        """When the robot came to rest; infinite while it moves."""
+        self.failure = ""
+        self.ignored: Counter[str] = Counter()
+        """Messages without effect, by reason."""
+        self._group = options.group
+        self._known = options.known_byte_order
+        self._trust_velocity = options.trust_velocity
+        self._timeout_s = options.state_timeout_s
+        self._reader = FrameReader(self._known, LONGEST_PREFIX_OF_MOTOROS)
+        self._wire: Wire | None = None
+        self._bad = 0
+
+    def connected(self) -> None:
+        """Begin a new connection."""
+        self._reader = FrameReader(self._known, LONGEST_PREFIX_OF_MOTOROS)
+        self._wire = None
+        self._bad = 0
+        self.failure = ""
+        self.disconnected()
+
+    def disconnected(self) -> None:
+        """Nothing that was heard counts as new any more."""
+        self.still_since_s = math.inf
+        self.status_s = self.feedback_s = NEVER_S
+
+    @property
+    def heard(self) -> bool:
+        """True once a whole state was heard."""
+        return bool(self.feedbacks and self.statuses)
+
+    @property
+    def stale_s(self) -> float:
+        """When what is known will be too old."""
+        return min(self.status_s, self.feedback_s) + self._timeout_s
+
+    def live(self, now_s: float) -> bool:
+        """True while both status and feedback are fresh."""
+        return now_s < self.stale_s
+
+    def at_rest_after(self, since_s: float) -> bool:
+        """True when a whole state later than `since_s` says that the robot does not move."""
+        status = self.status
+        return (
+            status is not None
+            and status.in_motion == 0
+            and self.status_s > since_s
+            and self.feedback_s > since_s
+        )
+
+    def received(self, data: bytes, now_s: float) -> None:
+        """Take what TCP delivered."""
+        reader = self._reader
+        reader.feed(data)
+        while not self.failure and (frame := reader.take()) is not None:
+            if self._wire is None:
+                self._wire = self._choose(frame)
+                if self._wire is None:
+                    return
+            message = self._wire.decode(frame)
+            if isinstance(message, Malformed):
+                self._ignore(message.reason)
+            else:
+                self._take(message, now_s)
+        if reader.failure and not self.failure:
+            self._ignore(reader.failure)
+            self.failure = f"the state port sent {reader.failure}"
+
+    def _choose(self, frame: bytes) -> Wire | None:
+        found = detect_wire(frame)
+        if found is not None and found.real_bytes != 4:
+            self.failure = (
+                "the state port sends reals of 8 bytes: this is not MotoROS but another maker's "
+                "server"
+            )
+            return None
+        order = self._reader.byte_order
+        if order is None:  # nothing of the frame is plausible; take() says so then
+            return None
+        self.byte_order = order
+        return wire(order)
+
+    def _ignore(self, reason: str) -> None:
+        self.ignored[reason] += 1
+        self._bad += 1
+        if self._bad >= _BAD_IN_A_ROW:
+            self.failure = f"the state port sent {self._bad} bad messages: {reason}"
+
+    def _take(self, message: Message, now_s: float) -> None:
+        body = message.body
+        if isinstance(body, RobotStatus):
+            self._bad = 0
+            self.status = body
+            self.status_s = now_s
+            self.statuses += 1
+            if body.in_motion != 0:
+                self.still_since_s = math.inf
+            elif self.still_since_s == math.inf:
+                self.still_since_s = now_s
+        elif isinstance(body, JointFeedback):
+            if body.group != self._group:
+                return
+            n = self.joints
+            positions = body.pos[:n]
+            if not body.valid_fields & ValidFields.POSITION:
+                self._ignore("a feedback without positions")
+            elif not all(map(math.isfinite, positions)):
+                self._ignore("a feedback that is no numbers")
+            else:
+                self._bad = 0
+                self.positions = positions
+                self.feedback_s = now_s
+                self.feedbacks += 1
+                speeds = body.vel[:n]
+                told = self._trust_velocity and body.valid_fields & ValidFields.VELOCITY
+                self.velocities = speeds if told and all(map(math.isfinite, speeds)) else ()
+        elif message.msg_type != MessageType.MOTO_JOINT_FEEDBACK_EX:
+            self._ignore(f"{name_of(MessageType, message.msg_type)} on the state port")

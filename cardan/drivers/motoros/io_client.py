@@ -1,0 +1,425 @@
+"""Inputs, outputs and registers of a MotoROS controller: the I/O port, 50242.
+
+`IoExchange` turns a request into bytes and bytes into its result, without a socket; `IoClient` is
+the blocking shell around it. MotoROS serves one such connection: a second one takes the place of
+the first.
+"""
+
+from __future__ import annotations
+
+import operator
+import socket
+import threading
+import time
+from contextlib import suppress
+from types import TracebackType
+from typing import Final, Literal, NamedTuple
+
+from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words
+from cardan.errors import (
+    CommandError,
+    ConfigurationError,
+    IoConnectionError,
+    IoRefusedError,
+    NotOpenError,
+)
+from cardan.protocols.simple_message import (
+    IO_PORT,
+    LONGEST_PREFIX_OF_MOTOROS,
+    Body,
+    ByteOrder,
+    CommType,
+    FrameReader,
+    IoResult,
+    Malformed,
+    Message,
+    MessageType,
+    MotionReply,
+    ReadIo,
+    ReadIoReply,
+    ReadRegister,
+    ReadRegisterReply,
+    WriteIo,
+    WriteIoReply,
+    WriteRegister,
+    WriteRegisterReply,
+    name_of,
+    request,
+    wire,
+)
+
+READABLE_REGISTERS: Final = 1000
+WRITABLE_REGISTERS: Final = 560
+
+_ORDERS = {"little": ByteOrder.LITTLE, "big": ByteOrder.BIG}
+_RECEIVE_BYTES = 4096
+
+
+class _Range(NamedTuple):
+    name: str
+    first: int
+    last: int
+    writable: bool = False
+
+
+_RANGES = (
+    _Range("general inputs", 10, 5127),
+    _Range("general outputs", 10010, 15127, True),
+    _Range("external inputs", 20010, 25127),
+    _Range("network inputs", 27010, 29567, True),
+    _Range("external outputs", 30010, 35127),
+    _Range("network outputs", 37010, 39567),
+    _Range("specific inputs", 40010, 42567),
+    _Range("specific outputs", 50010, 55127),
+    _Range("panel", 60010, 60647, True),
+    _Range("auxiliary relays", 70010, 79997),
+    _Range("control status", 80010, 85127),
+    _Range("pseudo inputs", 87010, 87207),
+)
+"""Bit addresses of a YRC1000, which has the most."""
+
+
+class IoRequest(NamedTuple):
+    """One request, checked. The functions below make them."""
+
+    msg_type: int
+    reply_type: int
+    body: ReadIo | WriteIo | ReadRegister | WriteRegister
+    largest: int
+    """Value of a reply."""
+
+    def __str__(self) -> str:
+        return f"{name_of(MessageType, self.msg_type)} {self.body[0]}"
+
+
+def read_bit(address: int) -> IoRequest:
+    """Ask for one bit. CommandError when there is no such address."""
+    return IoRequest(
+        MessageType.MOTO_READ_IO_BIT,
+        MessageType.MOTO_READ_IO_BIT_REPLY,
+        ReadIo(_bit_address(address, writing=False)),
+        1,
+    )
+
+
+def write_bit(address: int, value: int) -> IoRequest:
+    """Set one bit, 0 or 1. CommandError for an address that cannot be written."""
+    return IoRequest(
+        MessageType.MOTO_WRITE_IO_BIT,
+        MessageType.MOTO_WRITE_IO_BIT_REPLY,
+        WriteIo(_bit_address(address, writing=True), _number("value", value, 1)),
+        0,
+    )
+
+
+def read_group(address: int) -> IoRequest:
+    """Ask for eight bits; `address` is that of the first without its last digit (1001: 10010)."""
+    return IoRequest(
+        MessageType.MOTO_READ_IO_GROUP,
+        MessageType.MOTO_READ_IO_GROUP_REPLY,
+        ReadIo(_group_address(address, writing=False)),
+        0xFF,
+    )
+
+
+def write_group(address: int, value: int) -> IoRequest:
+    """Set eight bits, 0 to 255."""
+    return IoRequest(
+        MessageType.MOTO_WRITE_IO_GROUP,
+        MessageType.MOTO_WRITE_IO_GROUP_REPLY,
+        WriteIo(_group_address(address, writing=True), _number("value", value, 0xFF)),
+        0,
+    )
+
+
+def read_register(register: int) -> IoRequest:
+    """Ask for an M register, 0 to 999."""
+    return IoRequest(
+        MessageType.MOTO_READ_MREGISTER,
+        MessageType.MOTO_READ_MREGISTER,
+        ReadRegister(_number("register", register, READABLE_REGISTERS - 1)),
+        0xFFFF,
+    )
+
+
+def write_register(register: int, value: int) -> IoRequest:
+    """Set an M register, 0 to 559, to 0 to 65535."""
+    return IoRequest(
+        MessageType.MOTO_WRITE_MREGISTER,
+        MessageType.MOTO_WRITE_MREGISTER,
+        WriteRegister(
+            _number("register", register, WRITABLE_REGISTERS - 1),
+            _number("value", value, 0xFFFF),
+        ),
+        0,
+    )
+
+
+def _number(what: str, value: int, largest: int) -> int:
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = -1
+    if not 0 <= number <= largest:
+        raise CommandError(f"{what}: {value!r} is not allowed; it must be 0 to {largest}")
+    return number
+
+
+def _bit_address(address: int, writing: bool) -> int:
+    try:
+        number = operator.index(address)
+    except TypeError:
+        number = -1
+    if number >= 0 and number % 10 > 7:
+        raise CommandError(f"address: {address!r} is not a bit; the last digit must be 0 to 7")
+    if not any(r.first <= number <= r.last and (r.writable or not writing) for r in _RANGES):
+        raise CommandError(_nowhere("address", address, writing, 1))
+    return number
+
+
+def _group_address(address: int, writing: bool) -> int:
+    try:
+        number = operator.index(address)
+    except TypeError:
+        number = -1
+    if not any(
+        r.first // 10 <= number <= r.last // 10 and (r.writable or not writing) for r in _RANGES
+    ):
+        raise CommandError(_nowhere("group", address, writing, 10))
+    return number
+
+
+def _nowhere(what: str, address: int, writing: bool, divisor: int) -> str:
+    allowed = ", ".join(
+        f"{r.first // divisor} to {r.last // divisor} ({r.name})"
+        for r in _RANGES
+        if r.writable or not writing
+    )
+    doing = "written" if writing else "read"
+    return f"{what}: {address!r} cannot be {doing}; allowed are {allowed}"
+
+
+_REPLY_BODIES: dict[int, type[Body]] = {
+    MessageType.MOTO_READ_IO_BIT: ReadIoReply,
+    MessageType.MOTO_READ_IO_GROUP: ReadIoReply,
+    MessageType.MOTO_READ_MREGISTER: ReadRegisterReply,
+    MessageType.MOTO_WRITE_IO_BIT: WriteIoReply,
+    MessageType.MOTO_WRITE_IO_GROUP: WriteIoReply,
+    MessageType.MOTO_WRITE_MREGISTER: WriteRegisterReply,
+}
+"""By the type of the request; replies about registers have the type of their request."""
+
+
+class IoExchange:
+    """One connection's requests and replies, one at a time; sans-I/O.
+
+    Make a new one for every connection: after an IoConnectionError nothing that arrives can be
+    told apart any more.
+    """
+
+    def __init__(self, byte_order: ByteOrder) -> None:
+        self._wire = wire(byte_order)
+        self._reader = FrameReader(byte_order, LONGEST_PREFIX_OF_MOTOROS)
+        self._asked: IoRequest | None = None
+
+    def ask(self, asked: IoRequest) -> bytes:
+        """The bytes of `asked`, to be sent in one piece. RuntimeError while a reply is due."""
+        if self._asked is not None:
+            raise RuntimeError(f"{self._asked} has not been answered yet")
+        self._asked = asked
+        return self._wire.encode(request(asked.body, asked.msg_type))
+
+    def receive(self, data: bytes) -> int | None:
+        """Take what arrived: the value that was read (0 after a write), None while incomplete.
+
+        Raises IoRefusedError when the controller says no, IoConnectionError for anything that is
+        not the reply to the request.
+        """
+        reader = self._reader
+        reader.feed(data)
+        frame = reader.take()
+        if reader.failure:
+            raise IoConnectionError(
+                f"the I/O port sent what is not a message: {reader.failure}; is the byte order "
+                f"{reader.byte_order and reader.byte_order.name.lower()}?"
+            )
+        if frame is None:
+            return None
+        asked, self._asked = self._asked, None
+        message = self._wire.decode(frame)
+        if isinstance(message, Malformed):
+            raise IoConnectionError(f"the I/O port sent a malformed reply: {message.reason}")
+        if asked is None or reader.pending_bytes:
+            name = name_of(MessageType, message.msg_type)
+            raise IoConnectionError(f"the I/O port sent more than was asked for: {name}")
+        return _result(asked, message)
+
+
+def _result(asked: IoRequest, message: Message) -> int:
+    body = message.body
+    if isinstance(body, MotionReply):
+        # So the I/O server answers what it does not understand: result and subcode come first.
+        words = reply_in_words(asked.msg_type, body.group, body.sequence)
+        raise IoRefusedError(f"{asked}: {words}", body.sequence)
+    if (
+        message.msg_type != asked.reply_type
+        or message.comm_type != CommType.SERVICE_REPLY
+        or not isinstance(body, _REPLY_BODIES[asked.msg_type])
+    ):
+        kind, comm = name_of(MessageType, message.msg_type), name_of(CommType, message.comm_type)
+        raise IoConnectionError(f"{asked} was answered by a {kind} ({comm})")
+    assert isinstance(body, (ReadIoReply, ReadRegisterReply, WriteIoReply, WriteRegisterReply))
+    if body.result != IoResult.OK:
+        raise IoRefusedError(f"{asked}: {io_result_in_words(body.result)}", body.result)
+    if isinstance(body, (WriteIoReply, WriteRegisterReply)):
+        return 0
+    if body.value > asked.largest:
+        raise IoConnectionError(
+            f"{asked} was answered by {body.value}; it must be 0 to {asked.largest}"
+        )
+    return body.value
+
+
+class IoClient:
+    """Reads and writes inputs, outputs and registers; blocking, for any number of threads.
+
+    Connects with the first call, and again with the next call after a connection was lost. A call
+    raises CommandError before anything is sent, IoRefusedError when the controller says no,
+    IoConnectionError when there is no answer (then a write may have happened or not), and
+    NotOpenError after `close`.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int = IO_PORT,
+        byte_order: Literal["little", "big"] = "little",
+        timeout_s: float = 0.5,
+    ) -> None:
+        """`byte_order` is that of the controller's CPU: "big" on FS100, else "little".
+
+        `timeout_s` bounds the connecting, and the wait for a reply. ConfigurationError for values
+        that cannot be.
+        """
+        if byte_order not in _ORDERS:
+            raise ConfigurationError("byte_order", f'{byte_order!r} is not "little" or "big"')
+        if not 0.0 < timeout_s < 3600.0:
+            raise ConfigurationError("timeout_s", f"{timeout_s!r} is not above 0 and below 3600 s")
+        if not 0 < port < 0x10000:
+            raise ConfigurationError("port", f"{port!r} is not 1 to 65535")
+        self._address = (host, port)
+        self._order = _ORDERS[byte_order]
+        self._timeout_s = timeout_s
+        self._lock = threading.Lock()
+        self._socket: socket.socket | None = None
+        self._exchange = IoExchange(self._order)
+        self._closed = False
+
+    def read_bit(self, address: int) -> bool:
+        """One bit; addresses end in 0 to 7."""
+        return bool(self._call(read_bit(address)))
+
+    def write_bit(self, address: int, value: bool) -> None:
+        """Set one bit: a general output, a network input or one of the interface panel."""
+        self._call(write_bit(address, value))
+
+    def read_group(self, address: int) -> int:
+        """Eight bits as 0 to 255, the lowest first; group 1001 is bits 10010 to 10017."""
+        return self._call(read_group(address))
+
+    def write_group(self, address: int, value: int) -> None:
+        """Set eight bits, 0 to 255."""
+        self._call(write_group(address, value))
+
+    def read_register(self, register: int) -> int:
+        """An M register, 0 to 999, as 0 to 65535."""
+        return self._call(read_register(register))
+
+    def write_register(self, register: int, value: int) -> None:
+        """Set an M register, 0 to 559, to 0 to 65535."""
+        self._call(write_register(register, value))
+
+    def close(self) -> None:
+        """Close the connection, after a call that is under way; later calls raise NotOpenError."""
+        with self._lock:
+            self._closed = True
+            self._drop()
+
+    def __enter__(self) -> IoClient:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _call(self, asked: IoRequest) -> int:
+        with self._lock:
+            if self._closed:
+                raise NotOpenError("the I/O client is closed; make a new one")
+            try:
+                link = self._connected()
+                link.sendall(self._exchange.ask(asked))
+                return self._reply(link, asked)
+            except IoRefusedError:
+                raise
+            except BaseException as error:
+                self._drop()
+                if isinstance(error, (OSError, UnicodeError)):
+                    raise IoConnectionError(f"{self._name}: {asked}: {error}") from None
+                raise
+
+    @property
+    def _name(self) -> str:
+        return f"{self._address[0]}:{self._address[1]}"
+
+    def _connected(self) -> socket.socket:
+        link = self._socket
+        if link is not None:
+            # Nothing is due: what can be read is the end of the connection, or stray bytes.
+            link.setblocking(False)
+            try:
+                link.recv(1, socket.MSG_PEEK)
+            except BlockingIOError:
+                link.settimeout(self._timeout_s)
+                return link
+            except OSError:
+                pass
+            self._drop()
+        link = socket.create_connection(self._address, self._timeout_s)
+        self._socket = link
+        self._exchange = IoExchange(self._order)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return link
+
+    def _reply(self, link: socket.socket, asked: IoRequest) -> int:
+        deadline_s = time.monotonic() + self._timeout_s
+        while True:
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0.0:
+                raise self._silent(asked)
+            link.settimeout(left_s)
+            try:
+                data = link.recv(_RECEIVE_BYTES)
+            except TimeoutError:
+                raise self._silent(asked) from None
+            if not data:
+                raise IoConnectionError(
+                    f"{self._name}: {asked}: the controller closed the connection; it serves one "
+                    "at a time, so another program may have taken it"
+                )
+            value = self._exchange.receive(data)
+            if value is not None:
+                return value
+
+    def _silent(self, asked: IoRequest) -> IoConnectionError:
+        return IoConnectionError(f"{self._name}: {asked}: no answer within {self._timeout_s:g} s")
+
+    def _drop(self) -> None:
+        link, self._socket = self._socket, None
+        if link is not None:
+            with suppress(OSError):
+                link.close()

@@ -1,0 +1,325 @@
+"""What the three ways to move a robot by MotoROS have in common."""
+
+from __future__ import annotations
+
+import csv
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+
+from cardan.drivers.motoros.diagnosis import reply_in_words
+from cardan.drivers.motoros.feedback import StateFeed
+from cardan.drivers.motoros.guide import JointGuide
+from cardan.drivers.motoros.options import MotorosOptions
+from cardan.drivers.motoros.requests import Answer, MotionRequests
+from cardan.errors import CardanError
+from cardan.protocols.simple_message import (
+    ControllerMode,
+    InvalidSubcode,
+    JointTrajPtFull,
+    Message,
+    MessageType,
+    MotionReply,
+    MotionResult,
+    ValidFields,
+    joints10,
+)
+from cardan.types import RobotCommand
+
+POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
+"""MotoROS demands these and ignores accelerations."""
+
+REST_TIMEOUT_S = 5.0
+"""Nothing takes longer to come to rest; servos lag by less than half a second."""
+
+REST_RAD_S = 1e-6
+"""A guide that follows positions never comes nearer to zero than rounding lets it."""
+
+START_TRIES = 3
+"""Feedback is compared with the commanded position, which an arm that sags may be away from."""
+
+
+@dataclass(slots=True)
+class MotionCounters:
+    """What happened to commands since the driver was opened."""
+
+    commands: int = 0
+    """Points or velocities that were sent."""
+    underruns: int = 0
+    """Times that the controller's queue had run empty in the middle of a motion."""
+    busy_replies: int = 0
+    resent_points: int = 0
+    queue_count: int = 0
+    """Increments in the controller's queue, when it was last asked."""
+    restarts: int = 0
+    """Trajectories begun anew at standstill, for their times had become too large."""
+    replaced: int = 0
+    """Times at rest that the commanded position was set to the measured one."""
+    skipped_instants: int = 0
+    """Command periods that this computer was too late for."""
+    speed_limited: int = 0
+    """Replies that say that the controller limited a speed."""
+    acceleration_limited: int = 0
+    range_limited: int = 0
+    overwritten: int = 0
+    """Velocity commands that a newer one replaced before the controller used them."""
+    command_age_s: float = 0.0
+    """Of the newest command that was asked about, when the controller first used it."""
+
+
+class MotionRecord:
+    """Rows of commands and feedback, kept in memory and written when all is over."""
+
+    HEADER = ("time_s", "kind")
+
+    def __init__(self, path: str, joints: int) -> None:
+        self.path = path
+        self.rows: list[tuple[float, str, tuple[float, ...], tuple[float, ...], int]] = []
+        self._joints = joints
+
+    def add(
+        self,
+        time_s: float,
+        kind: str,
+        commanded: tuple[float, ...],
+        measured: tuple[float, ...],
+        queue_count: int,
+    ) -> None:
+        """Note one row; without a path nothing is kept."""
+        if self.path:
+            self.rows.append((time_s, kind, commanded, measured, queue_count))
+
+    def write(self) -> None:
+        """Write the file, where one was asked for. CardanError when that fails."""
+        if not self.path:
+            return
+        numbers = range(1, self._joints + 1)
+        header = [
+            *self.HEADER,
+            *(f"commanded_{n}_rad" for n in numbers),
+            *(f"measured_{n}_rad" for n in numbers),
+            "queue_count",
+        ]
+        empty = ("",) * self._joints
+        try:
+            with Path(self.path).open("w", newline="", encoding="utf-8") as file:
+                rows = csv.writer(file)
+                rows.writerow(header)
+                for time_s, kind, commanded, measured, count in self.rows:
+                    told, seen = commanded or empty, measured or empty
+                    rows.writerow([f"{time_s:.6f}", kind, *told, *seen, count])
+        except OSError as error:
+            raise CardanError(f"record: {self.path}: {error.strerror or error}") from None
+
+
+class Motion(ABC):
+    """One stay in a mode of the controller, from its start to the end of motion.
+
+    The session calls `advance` when `next_s` has come, answers each control instant that `due`
+    tells with `command`, and looks at `ended`. Replies come through the requests' callbacks.
+    """
+
+    nominal_s: float
+    """Time between two control instants, s."""
+    feeds_at_rest = False
+    """Whether the controller wants commands even while standing still is all they say."""
+
+    def __init__(
+        self,
+        options: MotorosOptions,
+        requests: MotionRequests,
+        feed: StateFeed,
+        guide: JointGuide,
+        counters: MotionCounters,
+        record: MotionRecord,
+    ) -> None:
+        self.options = options
+        self.ended = ""
+        """Why motion is over, in words; empty while it is not."""
+        self.waiting = ""
+        """Why commands do not act yet, in words; empty when they do."""
+        self.next_s = math.inf
+        """When `advance` is to be called."""
+        self.topics: list[Message] = []
+        """To be sent at once, in order."""
+        self._requests, self._feed, self._guide = requests, feed, guide
+        self._counters, self._record = counters, record
+        self._joints = options.joints
+
+    @property
+    def at_rest(self) -> bool:
+        """True while standing still is what is commanded."""
+        return bool(self._guide.at_rest)
+
+    @abstractmethod
+    def advance(self, now_s: float) -> None:
+        """Do what time demands."""
+
+    @abstractmethod
+    def due(self, now_s: float) -> float:
+        """The time since the control instant before, when one has come; else 0."""
+
+    @abstractmethod
+    def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
+        """Answer the control instant. CommandError when the command is none; nothing is sent."""
+
+    def wind_down(self) -> None:  # noqa: B027 - most have nothing to do
+        """Begin nothing new: only holds are commanded from now on."""
+
+    @abstractmethod
+    def settled(self, now_s: float) -> bool:
+        """True when all that was commanded has been played and ends at rest."""
+
+    def ends_by_status(self) -> bool:
+        """True when the newest status says that commands do not act."""
+        status = self._feed.status
+        return (
+            status is None
+            or status.e_stopped != 0
+            or status.in_error != 0
+            or status.mode != ControllerMode.AUTO
+            or (status.motion_possible != 1 and not self.waiting)
+        )
+
+    def _resting(self) -> bool:
+        return all(abs(speed) < REST_RAD_S for speed in self._guide.velocities)
+
+    def _note(self, now_s: float, kind: str) -> None:
+        record = self._record
+        if record.path:
+            record.add(
+                now_s,
+                kind,
+                tuple(self._guide.positions),
+                self._feed.positions,
+                self._counters.queue_count,
+            )
+
+    def _point(self, sequence: int, time_ms: int) -> JointTrajPtFull:
+        """Where the guide is now, as a point of a trajectory."""
+        guide = self._guide
+        return JointTrajPtFull(
+            self.options.group,
+            sequence,
+            POINT_FIELDS,
+            # The controller cuts float32 seconds to whole ms; from the middle none is lost.
+            (time_ms + 0.5) * 1e-3,
+            joints10(guide.positions),
+            joints10(guide.velocities),
+            joints10(()),
+        )
+
+    def _result(self, answer: Answer) -> MotionReply | None:
+        """A reply that says success or busy; any other ends the motion."""
+        if not isinstance(answer, MotionReply):
+            self.ended = "the controller answered with something else than a motion reply"
+            return None
+        if answer.result in (MotionResult.SUCCESS, MotionResult.BUSY):
+            return answer
+        self.ended = reply_in_words(answer.command, answer.result, answer.subcode)
+        return None
+
+
+class Trajectory(Motion):
+    """Motion by points: begins one where the robot stands, and sends point after point."""
+
+    def __init__(
+        self,
+        options: MotorosOptions,
+        requests: MotionRequests,
+        feed: StateFeed,
+        guide: JointGuide,
+        counters: MotionCounters,
+        record: MotionRecord,
+        now_s: float,
+    ) -> None:
+        super().__init__(options, requests, feed, guide, counters, record)
+        self._sequence = 0
+        self._time_ms = 0
+        self._resend: JointTrajPtFull | None = None
+        """The point that met a busy controller."""
+        self._placed = False
+        """Whether the guide stands where the controller was last commanded to be."""
+        self._tries = 0
+        self._rest_since_s = now_s
+        """A status later than this may say that the robot rests."""
+        self._give_up_s = now_s + REST_TIMEOUT_S
+
+    def _wait_for_rest(self, words: str, since_s: float) -> None:
+        self.waiting = words
+        self._rest_since_s = since_s
+        self._give_up_s = since_s + REST_TIMEOUT_S
+        self.next_s = self._give_up_s
+
+    def _rested(self, now_s: float) -> bool:
+        """True when a trajectory can begin; gives up when that takes too long."""
+        feed = self._feed
+        if feed.at_rest_after(self._rest_since_s):
+            status = feed.status
+            if status is not None and status.motion_possible == 1:
+                return True
+        if now_s >= self._give_up_s:
+            self.ended = "the robot did not come to rest, so no trajectory could be begun"
+        return False
+
+    def _begin(self, now_s: float) -> None:
+        """Send point 0 from where the controller was commanded to be, or from the feedback."""
+        if not self._placed:
+            self._guide.place(self._feed.positions)
+            self._placed = True
+        self._sequence = self._time_ms = 0
+        self._send(self._point(0, 0), now_s, "start")
+
+    def _send(self, point: JointTrajPtFull, now_s: float, kind: str) -> None:
+        self._resend = point
+        self.next_s = math.inf
+        self._counters.commands += 1
+        self._note(now_s, kind)
+        self._requests.ask(point, self._replied)
+
+    def _again(self) -> None:
+        """Send the point once more that met a busy controller."""
+        if self._resend is not None:
+            self._counters.resent_points += 1
+            self._requests.ask(self._resend, self._replied)
+
+    def _replied(self, answer: Answer, now_s: float) -> None:
+        point = self._resend
+        if (
+            point is not None
+            and point.sequence == 0
+            and self._tries < START_TRIES
+            and isinstance(answer, MotionReply)
+            and answer.command == MessageType.JOINT_TRAJ_PT_FULL
+            and answer.result == MotionResult.INVALID
+            and answer.subcode == InvalidSubcode.DATA_START_POS
+        ):
+            self._tries += 1
+            self._placed = False
+            self._resend = None
+            self._refused(now_s)
+            return
+        reply = self._result(answer)
+        if reply is None or point is None:
+            return
+        if reply.result == MotionResult.BUSY:
+            self._counters.busy_replies += 1
+            self._busy(now_s)
+            return
+        self._resend = None
+        if point.sequence == 0:
+            self._tries = 0
+        self._accepted(point, now_s)
+
+    @abstractmethod
+    def _refused(self, now_s: float) -> None:
+        """Point 0 was not where the controller stands."""
+
+    @abstractmethod
+    def _busy(self, now_s: float) -> None:
+        """The controller still works on the point before."""
+
+    @abstractmethod
+    def _accepted(self, point: JointTrajPtFull, now_s: float) -> None:
+        """The controller has taken `point`."""

@@ -1,0 +1,196 @@
+"""What can be set about the MotoROS driver."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from cardan.arm_model import load_arm
+from cardan.errors import CardanError
+from cardan.protocols.simple_message import (
+    IO_PORT,
+    JOINTS,
+    MAX_GROUPS,
+    MOTION_PORT,
+    STATE_PORT,
+    ByteOrder,
+)
+from cardan.types import JointLimits
+
+STATE_PERIOD_S = 0.025
+"""The controller publishes its state so often."""
+
+WATCHDOG_MS = (20, 500)
+"""What a controller in velocity mode accepts for its watchdog."""
+
+LONGEST_SPACING_S = 0.2
+
+
+@dataclass(frozen=True)
+class MotorosOptions:
+    """Options of :class:`Motoros`. Joints in rad, base to tool, as MotoROS sends them."""
+
+    host: str = "127.0.0.1"
+    """The robot controller."""
+    motion_port: int = MOTION_PORT
+    state_port: int = STATE_PORT
+    io_port: int = IO_PORT
+    robot: str = "gp8"
+    """An arm's name, or the path of a .toml or .urdf file; number of joints and limits are its."""
+    velocity_rad_s: tuple[float, ...] = ()
+    """Own highest joint speeds; empty: the arm's."""
+    acceleration_rad_s2: tuple[float, ...] = ()
+    """Own highest joint accelerations; empty: the arm's. MotoROS itself limits none."""
+    speed_share: float = 1.0
+    """Share of the highest speeds that is used, above 0 to 1."""
+    group: int = 0
+    """Control group, counted from 0."""
+    mode: Literal["auto", "velocity", "stream", "standard"] = "auto"
+    """velocity: joint speeds to a controller with the velocity mode. stream: one endless
+    trajectory with a shallow queue, for any MotoROS. standard: a trajectory of two points for each
+    goal, after the one before has ended. auto: velocity where the controller has it, else
+    stream."""
+    enable: Literal["on-request", "at-start"] = "on-request"
+    """at-start: motion is enabled once, after the first connection; never by itself again."""
+    byte_order: Literal["auto", "little", "big"] = "auto"
+    """auto: from the first message on the state port. FS100 is big, all others are little."""
+    command_period_s: float = 0.004
+    """Time between two commands in velocity mode."""
+    watchdog_ms: int = 100
+    """In velocity mode the controller brakes after so long without a command."""
+    point_spacing_s: float = 0.020
+    """Time between two points of a stream; rounded to a whole number of `ipc_s`."""
+    queue_low: int = 3
+    """The next point is sent when so many increments are left in the controller's queue."""
+    ipc_s: float = 0.004
+    """The controller's interpolation period: whole ms, usually 4."""
+    reply_every: int = 25
+    """In velocity mode every so many commands one asks what the controller had to limit."""
+    state_timeout_s: float = 3.0 * STATE_PERIOD_S
+    """The link is LOST after so long without a state."""
+    request_timeout_s: float = 0.5
+    start_timeout_s: float = 12.0
+    """The controller may have to switch its servos on and to start a job."""
+    trust_velocity: bool = False
+    """Report the controller's own joint speeds, which lag and have had wrong signs."""
+    lag_s: float = 0.4
+    """The longest that the arm is behind its command in good order: the controller's filter and
+    servos, and what the mode adds ("standard" needs 1.2)."""
+    record: str = ""
+    """A CSV file for commands and feedback, written at close; empty: none."""
+
+    def __post_init__(self) -> None:
+        for name, choice in _CHOICES.items():
+            value = getattr(self, name)
+            _require(name, value, value in choice, "one of " + ", ".join(choice))
+        for name, (low, high) in _WHOLE.items():
+            value = getattr(self, name)
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            _require(name, value, whole and low <= value <= high, f"{low} to {high}")
+        for name, (least, most) in _RANGES.items():
+            value = getattr(self, name)
+            good = _is_number(value) and least <= value <= most
+            _require(name, value, good, f"{least:g} to {most:g}")
+        share = self.speed_share
+        _require("speed_share", share, _is_number(share) and 0.0 < share <= 1.0, "above 0 to 1")
+        _require("host", self.host, isinstance(self.host, str) and bool(self.host), "a host")
+        _require("record", self.record, isinstance(self.record, str), "a file's path or empty")
+        trust = self.trust_velocity
+        _require("trust_velocity", trust, isinstance(trust, bool), "true or false")
+        ipc_ms = 1e3 * self.ipc_s
+        _require("ipc_s", self.ipc_s, abs(ipc_ms - round(ipc_ms)) < 1e-6, "whole milliseconds")
+        spacing = self.point_spacing_s
+        _require(
+            "point_spacing_s",
+            spacing,
+            2.0 * self.ipc_s <= spacing + 1e-9,
+            f"two interpolation periods ({2.0 * self.ipc_s:g} s) or more",
+        )
+        _require(
+            "watchdog_ms",
+            self.watchdog_ms,
+            self.watchdog_ms >= 3e3 * self.command_period_s,
+            "three command periods or more",
+        )
+        ports = (self.motion_port, self.state_port, self.io_port)
+        _require("state_port", self.state_port, len(set(ports)) == 3, "another one than the others")
+        try:
+            joints = len(load_arm(self.robot).joints)
+        except CardanError as error:
+            raise ValueError(f"robot: {error}") from None
+        _require("robot", self.robot, joints <= JOINTS, f"an arm of at most {JOINTS} joints")
+        for name in ("velocity_rad_s", "acceleration_rad_s2"):
+            values = getattr(self, name)
+            good = isinstance(values, (tuple, list)) and all(
+                _is_number(value) and 0.0 < value < math.inf for value in values
+            )
+            _require(name, values, good and len(values) in (0, joints), f"{joints} above 0")
+
+    @property
+    def joints(self) -> int:
+        """How many the arm has."""
+        return len(load_arm(self.robot).joints)
+
+    @property
+    def limits(self) -> JointLimits:
+        """What every command is kept inside of."""
+        arm = load_arm(self.robot)
+        own = self.velocity_rad_s or arm.velocity
+        return JointLimits(
+            lower=arm.lower,
+            upper=arm.upper,
+            velocity=tuple(
+                self.speed_share * min(pair) for pair in zip(own, arm.velocity, strict=True)
+            ),
+            acceleration=tuple(self.acceleration_rad_s2 or (j.acceleration for j in arm.joints)),
+        )
+
+    @property
+    def spacing_increments(self) -> int:
+        """Interpolation periods between two points of a stream."""
+        return max(2, round(self.point_spacing_s / self.ipc_s))
+
+    @property
+    def ipc_ms(self) -> int:
+        """The interpolation period, ms."""
+        return round(1e3 * self.ipc_s)
+
+    @property
+    def known_byte_order(self) -> ByteOrder | None:
+        """None: to be learnt from the state port."""
+        return {"little": ByteOrder.LITTLE, "big": ByteOrder.BIG}.get(self.byte_order)
+
+
+_CHOICES: dict[str, tuple[str, ...]] = {
+    "mode": ("auto", "velocity", "stream", "standard"),
+    "enable": ("on-request", "at-start"),
+    "byte_order": ("auto", "little", "big"),
+}
+_WHOLE = {
+    "motion_port": (1, 65535),
+    "state_port": (1, 65535),
+    "io_port": (1, 65535),
+    "group": (0, MAX_GROUPS - 1),
+    "watchdog_ms": WATCHDOG_MS,
+    "queue_low": (1, 100),
+    "reply_every": (1, 10_000),
+}
+_RANGES = {
+    "command_period_s": (0.001, 0.05),
+    "point_spacing_s": (0.002, LONGEST_SPACING_S),
+    "ipc_s": (0.001, 0.02),
+    "state_timeout_s": (STATE_PERIOD_S, 10.0),
+    "request_timeout_s": (0.01, 60.0),
+    "start_timeout_s": (0.1, 60.0),
+    "lag_s": (0.0, 2.0),
+}
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _require(name: str, value: object, good: bool, allowed: str) -> None:
+    if not good:
+        raise ValueError(f"{name}: {value!r} is not allowed; it must be {allowed}")

@@ -1,0 +1,187 @@
+"""The asking side of the motion connection: one request at a time, every reply checked."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from cardan.histogram import LatencyHistogram
+from cardan.protocols.simple_message import (
+    ZEROS,
+    CommType,
+    Joints,
+    JointTrajPtFull,
+    JointVelocity,
+    Malformed,
+    Message,
+    MessageType,
+    MotionCommand,
+    MotionCtrl,
+    MotionReply,
+    MotionResult,
+    VelocityInfo,
+    VelocityInfoRequest,
+    name_of,
+    request,
+)
+
+Request = MotionCtrl | JointTrajPtFull | JointVelocity | VelocityInfoRequest
+Answer = MotionReply | VelocityInfo
+Then = Callable[[Answer, float], None]
+"""Gets the reply and the time of its reception."""
+
+SEQUENCES = 1 << 31
+
+SLOW = frozenset(
+    {
+        MotionCommand.START_SERVOS,
+        MotionCommand.STOP_SERVOS,
+        MotionCommand.RESET_ALARM,
+        MotionCommand.START_TRAJ_MODE,
+        MotionCommand.START_VEL_MODE,
+    }
+)
+"""They wait for the robot, so they get the long time-out and stay out of the latencies."""
+
+
+class _Asked(NamedTuple):
+    body: Request
+    command: int
+    """What a reply must name: a MotionCommand or the type of the message."""
+    sequence: int
+    then: Then
+    slow: bool
+
+
+class MotionRequests:
+    """Requests wait in a queue, for MotoROS loses bytes of a second one sent before its reply.
+
+    A reply is trusted only if it names the command and the sequence number of its request: MotoROS
+    answers a command that it does not know with the reply before it.
+    """
+
+    def __init__(self, group: int, timeout_s: float = 0.5, slow_timeout_s: float = 12.0) -> None:
+        self.group = group
+        self.latency = LatencyHistogram()
+        """Of replies, except those that wait for the robot."""
+        self.results: Counter[int] = Counter()
+        """Replies by MotionResult."""
+        self._timeout_s, self._slow_timeout_s = timeout_s, slow_timeout_s
+        self._waiting: deque[_Asked] = deque()
+        self._asked: _Asked | None = None
+        self._asked_s = -math.inf
+        self._sequence = 0
+
+    @property
+    def idle(self) -> bool:
+        """True when nothing is asked or waits to be."""
+        return self._asked is None and not self._waiting
+
+    @property
+    def outstanding(self) -> bool:
+        """True while a reply is awaited."""
+        return self._asked is not None
+
+    @property
+    def deadline_s(self) -> float:
+        """When the reply that is awaited is overdue; infinite while none is."""
+        asked = self._asked
+        if asked is None:
+            return math.inf
+        return self._asked_s + (self._slow_timeout_s if asked.slow else self._timeout_s)
+
+    # -- asking -----------------------------------------------------------------------------------
+
+    def ask(self, body: JointTrajPtFull | JointVelocity | VelocityInfoRequest, then: Then) -> None:
+        """Queue a request; `then` gets its reply."""
+        if isinstance(body, VelocityInfoRequest):
+            kind, sequence = MessageType.MOTO_VELOCITY_INFO, -1
+        elif isinstance(body, JointVelocity):
+            kind, sequence = MessageType.MOTO_JOINT_VELOCITY, body.sequence
+        else:
+            kind, sequence = MessageType.JOINT_TRAJ_PT_FULL, body.sequence
+        self._waiting.append(_Asked(body, kind, sequence, then, False))
+
+    def control(self, command: MotionCommand, then: Then, data: Joints = ZEROS) -> None:
+        """Queue a MOTION_CTRL with a sequence number of its own."""
+        self._sequence = (self._sequence + 1) % SEQUENCES
+        body = MotionCtrl(self.group, self._sequence, command, data)
+        self._waiting.append(_Asked(body, command, self._sequence, then, command in SLOW))
+
+    def drop(self) -> None:
+        """Forget what waits to be asked; a reply that is awaited will be checked and dropped."""
+        self._waiting.clear()
+        if self._asked is not None:
+            self._asked = self._asked._replace(then=_nobody)
+
+    def reset(self) -> None:
+        """Begin a new connection."""
+        self._waiting.clear()
+        self._asked = None
+
+    def take(self, now_s: float) -> Message | None:
+        """The request to send now; None while a reply is awaited or nothing is to be asked."""
+        if self._asked is not None or not self._waiting:
+            return None
+        self._asked = asked = self._waiting.popleft()
+        self._asked_s = now_s
+        return request(asked.body)
+
+    # -- replies ----------------------------------------------------------------------------------
+
+    def received(self, message: Message | Malformed, now_s: float) -> str:
+        """Take what came in; "" or why this connection cannot be trusted any more."""
+        asked = self._asked
+        if isinstance(message, Malformed):
+            return f"a bad message: {message.reason}"
+        if asked is None:
+            return f"{name_of(MessageType, message.msg_type)} that nobody asked for"
+        body = message.body
+        wrong = self._mismatch(asked, message)
+        if wrong or not isinstance(body, (MotionReply, VelocityInfo)):
+            return wrong
+        self._asked = None
+        if not asked.slow:
+            self.latency.add(now_s - self._asked_s)
+        if isinstance(body, MotionReply):
+            self.results[body.result] += 1
+        asked.then(body, now_s)
+        return ""
+
+    def _mismatch(self, asked: _Asked, message: Message) -> str:
+        name = _name(asked.command)
+        body = message.body
+        if message.comm_type != CommType.SERVICE_REPLY:
+            return f"the answer to {name} is no reply but of communication type {message.comm_type}"
+        if isinstance(body, VelocityInfo) and isinstance(asked.body, VelocityInfoRequest):
+            return ""
+        if not isinstance(body, MotionReply):
+            return f"the answer to {name} is {name_of(MessageType, message.msg_type)}"
+        # The controller names itself "group -1, sequence -1" where it did not understand.
+        not_understood = body.result == MotionResult.INVALID and body.sequence == -1
+        own_type = body.command == request(asked.body).msg_type
+        if not_understood and own_type:
+            return ""
+        if body.command != asked.command:
+            return f"the answer to {name} is to {_name(body.command)}"
+        if body.sequence != asked.sequence:
+            return f"the answer to {name} {asked.sequence} has sequence number {body.sequence}"
+        return ""
+
+    def overdue(self, now_s: float) -> str:
+        """What was not answered in time, in words; "" while all is well."""
+        asked = self._asked
+        if asked is None or now_s < self.deadline_s:
+            return ""
+        return f"no reply to {_name(asked.command)} for {now_s - self._asked_s:.1f} s"
+
+
+def _nobody(answer: Answer, now_s: float) -> None:
+    """Takes a reply that does not matter any more."""
+
+
+def _name(command: int) -> str:
+    known = command in set(MotionCommand)
+    return name_of(MotionCommand if known else MessageType, command)

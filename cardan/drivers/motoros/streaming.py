@@ -1,0 +1,172 @@
+"""Stock MotoROS as a stream: one endless trajectory whose queue is kept shallow.
+
+A controller cannot replace a trajectory by another without standing still in between, and it
+takes up to 0.8 s of points before it says that it is busy. So there is one trajectory, and its
+next point is computed when the queue has nearly run empty: the robot is the clock.
+
+The stream goes on with equal points while nothing moves. To stop it would be no safer (a MotoROS
+without points stands as still as one with equal points), and to begin it anew takes a robot that
+rests, which its servos need 0.2 to 0.5 s for.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+
+from cardan.drivers.motoros.feedback import StateFeed
+from cardan.drivers.motoros.guide import JointGuide
+from cardan.drivers.motoros.motion import MotionCounters, MotionRecord, Trajectory
+from cardan.drivers.motoros.options import MotorosOptions
+from cardan.drivers.motoros.requests import Answer, MotionRequests
+from cardan.protocols.simple_message import JointTrajPtFull, MotionCommand, MotionResult
+from cardan.types import HoldCommand, RobotCommand
+
+BUSY_RETRY_S = 0.002
+
+LAST_TIME_MS = 8_150_000
+"""Beyond 8192 s float32 cannot tell two ms apart any more."""
+RENEW_TIME_MS = 4_000_000
+"""From here on a standstill of RENEW_REST_S is used to begin a new trajectory."""
+RENEW_REST_S = 2.0
+
+
+class _Phase(enum.Enum):
+    RESTING = enum.auto()
+    """Until the robot rests and point 0 can be sent."""
+    STARTING = enum.auto()
+    """Point 0 is sent."""
+    QUEUED = enum.auto()
+    """The queue holds enough until it is asked for again."""
+    ASKING = enum.auto()
+    """The reply says how much the queue holds."""
+    INSTANT = enum.auto()
+    """The next point is to be computed now."""
+    SENDING = enum.auto()
+    """A point waits to be accepted."""
+
+
+class PointStream(Trajectory):
+    """An endless trajectory. Control instants come when `queue_low` increments are left."""
+
+    def __init__(
+        self,
+        options: MotorosOptions,
+        requests: MotionRequests,
+        feed: StateFeed,
+        guide: JointGuide,
+        counters: MotionCounters,
+        record: MotionRecord,
+        now_s: float,
+    ) -> None:
+        super().__init__(options, requests, feed, guide, counters, record, now_s)
+        self._increments = options.spacing_increments
+        self._ipc_s = options.ipc_ms * 1e-3
+        self._spacing_ms = self._increments * options.ipc_ms
+        self.nominal_s = self._spacing_ms * 1e-3
+        self._phase = _Phase.RESTING
+        self._rest_points = 0
+        self._renewing = False
+        self._moving_at_send = False
+        self._played_s = now_s
+        """When all increments that were accepted will have been played."""
+        self._wait_for_rest("waiting for the robot to rest, to begin a trajectory", now_s)
+
+    # -- time -------------------------------------------------------------------------------------
+
+    def advance(self, now_s: float) -> None:
+        phase = self._phase
+        if phase is _Phase.RESTING:
+            if now_s > self._rest_since_s and self._rested(now_s):
+                self._phase = _Phase.STARTING
+                self._begin(now_s)
+        elif now_s < self.next_s:
+            return
+        elif phase is _Phase.QUEUED:
+            self._phase = _Phase.ASKING
+            self.next_s = math.inf
+            self._requests.control(MotionCommand.CHECK_QUEUE_CNT, self._counted)
+        elif phase in (_Phase.SENDING, _Phase.STARTING):
+            self.next_s = math.inf
+            self._again()
+
+    def due(self, now_s: float) -> float:
+        return self.nominal_s if self._phase is _Phase.INSTANT else 0.0
+
+    def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
+        if self._phase is not _Phase.INSTANT:
+            return
+        guide = self._guide
+        guide.step(HoldCommand() if self._renewing else command, self.nominal_s)
+        if self._renew_now(now_s):
+            return
+        self._sequence += 1
+        self._time_ms += self._spacing_ms
+        self._moving_at_send = not self._resting()
+        self._phase = _Phase.SENDING
+        self._send(self._point(self._sequence, self._time_ms), now_s, "point")
+
+    def _renew_now(self, now_s: float) -> bool:
+        """Leave a trajectory whose times have become large, at standstill."""
+        if not self._resting():
+            self._rest_points = 0
+            self._renewing = self._time_ms >= LAST_TIME_MS
+            return False
+        self._rest_points += 1
+        rested = self._rest_points * self.nominal_s >= RENEW_REST_S
+        # The point that is at rest must have been sent, so the one before must be too.
+        if self._rest_points > 1 and (
+            self._renewing or (rested and self._time_ms >= RENEW_TIME_MS)
+        ):
+            self._counters.restarts += 1
+            self._renewing = False
+            self._rest_points = 0
+            self._phase = _Phase.RESTING
+            self._wait_for_rest("a new trajectory is being begun", self._played_s)
+            return True
+        self._renewing = self._time_ms >= LAST_TIME_MS
+        return False
+
+    def settled(self, now_s: float) -> bool:
+        still = self._guide.at_rest and self._phase is not _Phase.SENDING
+        return bool(still) and now_s >= self._played_s
+
+    # -- replies ----------------------------------------------------------------------------------
+
+    def _accepted(self, point: JointTrajPtFull, now_s: float) -> None:
+        if point.sequence == 0:
+            self.waiting = ""
+            self._counters.queue_count = 0
+            self._played_s = now_s
+            self._moving_at_send = False
+            self._phase = _Phase.INSTANT
+            return
+        count = self._counters.queue_count + self._increments
+        # The point is converted within one period and taken out from the next one on.
+        self._played_s = now_s + (count + 2) * self._ipc_s
+        self._phase = _Phase.QUEUED
+        self.next_s = now_s + max(2, count - self.options.queue_low) * self._ipc_s
+
+    def _counted(self, answer: Answer, now_s: float) -> None:
+        reply = self._result(answer)
+        if reply is None:
+            return
+        if reply.result != MotionResult.SUCCESS or reply.subcode < 0:
+            self.ended = "the controller does not say how much its queue holds"
+            return
+        self._counters.queue_count = count = reply.subcode
+        low = self.options.queue_low
+        if count > low:
+            self._phase = _Phase.QUEUED
+            self.next_s = now_s + (count - low) * self._ipc_s
+            return
+        if count == 0 and self._moving_at_send:
+            self._counters.underruns += 1
+        self._phase = _Phase.INSTANT
+
+    def _busy(self, now_s: float) -> None:
+        self.next_s = now_s + BUSY_RETRY_S
+
+    def _refused(self, now_s: float) -> None:
+        self._phase = _Phase.RESTING
+        self._wait_for_rest("the robot is not where it was commanded to be", now_s)

@@ -1,0 +1,186 @@
+"""Stock MotoROS as its usual driver uses it: a trajectory for each goal, at rest at both ends.
+
+It is here to be compared with; every goal waits until the robot rests (motoman issue 386).
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+
+from cardan.drivers.motoros.diagnosis import reply_in_words
+from cardan.drivers.motoros.feedback import StateFeed
+from cardan.drivers.motoros.guide import JointGuide
+from cardan.drivers.motoros.motion import POINT_FIELDS, MotionCounters, MotionRecord, Trajectory
+from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
+from cardan.drivers.motoros.requests import Answer, MotionRequests
+from cardan.protocols.simple_message import (
+    JointTrajPtFull,
+    MotionCommand,
+    MotionReply,
+    MotionResult,
+    joints10,
+)
+from cardan.types import JointLimits, RobotCommand
+
+BUSY_RETRY_S = 0.005
+"""As motoman_driver does."""
+ARRIVED_RAD = 0.01
+"""How far from its end a trajectory counts as done (motoman_driver's goal tolerance)."""
+SAME_GOAL_RAD = 1e-5
+"""A goal as near as this is the one that was reached; a pulse is a few times more."""
+LONGEST_STEP_S = 0.1
+
+
+def two_point_time_s(start: list[float], goal: list[float], limits: JointLimits) -> float:
+    """The shortest time of a cubic from rest to rest inside speed and acceleration limits, s.
+
+    Its fastest speed is 3/2 of the mean and its largest acceleration 6 Δ/T².
+    """
+    longest = 0.0
+    for a, b, speed, acceleration in zip(
+        start, goal, limits.velocity, limits.acceleration, strict=True
+    ):
+        way = abs(b - a)
+        longest = max(longest, 1.5 * way / speed, math.sqrt(6.0 * way / acceleration))
+    return longest
+
+
+class _Phase(enum.Enum):
+    RESTING = enum.auto()
+    """Until the robot rests for the first time."""
+    IDLE = enum.auto()
+    CHECKING = enum.auto()
+    """Asked whether motion is ready."""
+    STARTING = enum.auto()
+    """Point 0 is sent."""
+    SENDING = enum.auto()
+    """Point 1 is sent."""
+    MOVING = enum.auto()
+
+
+class TwoPointMoves(Trajectory):
+    """The newest goal is kept and moved to when the motion before it has ended.
+
+    Control instants come with the controller's states, every 25 ms.
+    """
+
+    nominal_s = STATE_PERIOD_S
+
+    def __init__(
+        self,
+        options: MotorosOptions,
+        requests: MotionRequests,
+        feed: StateFeed,
+        guide: JointGuide,
+        counters: MotionCounters,
+        record: MotionRecord,
+        now_s: float,
+        limits: JointLimits,
+    ) -> None:
+        super().__init__(options, requests, feed, guide, counters, record, now_s)
+        self._limits = limits
+        self._phase = _Phase.RESTING
+        self._seen = feed.statuses
+        self._instant_s = now_s
+        self._end: list[float] = []
+        self._goal: list[float] = []
+        self._stopping = False
+        self._wait_for_rest("waiting for the robot to rest", now_s)
+
+    def advance(self, now_s: float) -> None:
+        phase = self._phase
+        if phase is _Phase.RESTING:
+            if self._rested(now_s):
+                if not self._end:
+                    self._guide.place(self._feed.positions)
+                self._end = list(self._feed.positions)
+                self.waiting = ""
+                self.next_s = math.inf
+                self._phase = _Phase.IDLE
+        elif phase is _Phase.MOVING:
+            if self._arrived():
+                self._phase = _Phase.IDLE
+        elif phase in (_Phase.STARTING, _Phase.SENDING) and now_s >= self.next_s:
+            self.next_s = math.inf
+            self._again()
+        if self._phase is _Phase.IDLE and not self._stopping and self._has_goal():
+            self._phase = _Phase.CHECKING
+            self._requests.control(MotionCommand.CHECK_MOTION_READY, self._checked)
+
+    def _has_goal(self) -> bool:
+        goal = self._guide.positions
+        return any(abs(a - b) > SAME_GOAL_RAD for a, b in zip(goal, self._end, strict=True))
+
+    def _arrived(self) -> bool:
+        feed = self._feed
+        return feed.at_rest_after(self._rest_since_s) and all(
+            abs(a - b) <= ARRIVED_RAD for a, b in zip(feed.positions, self._end, strict=True)
+        )
+
+    def due(self, now_s: float) -> float:
+        feed = self._feed
+        if feed.statuses == self._seen:
+            return 0.0
+        self._seen = feed.statuses
+        if self.waiting:
+            self._instant_s = now_s
+            return 0.0
+        period_s = now_s - self._instant_s
+        self._instant_s = now_s
+        # States come in pairs after a delay; a time of zero would not be a step.
+        return min(max(period_s, 1e-3), LONGEST_STEP_S)
+
+    def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
+        self._guide.step(command, period_s)
+
+    def wind_down(self) -> None:
+        self._stopping = True
+
+    def settled(self, now_s: float) -> bool:
+        return bool(self._guide.at_rest) and self._phase in (_Phase.IDLE, _Phase.RESTING)
+
+    # -- replies ----------------------------------------------------------------------------------
+
+    def _checked(self, answer: Answer, now_s: float) -> None:
+        if not isinstance(answer, MotionReply) or answer.result != MotionResult.SUCCESS:
+            subcode = answer.subcode if isinstance(answer, MotionReply) else 0
+            self.ended = reply_in_words(
+                MotionCommand.CHECK_MOTION_READY, MotionResult.NOT_READY, subcode
+            )
+            return
+        self._phase = _Phase.STARTING
+        self._sequence = self._time_ms = 0
+        self._send(self._standing(self._end, 0, 0), now_s, "start")
+
+    def _standing(self, positions: list[float], sequence: int, time_ms: int) -> JointTrajPtFull:
+        return JointTrajPtFull(
+            self.options.group,
+            sequence,
+            POINT_FIELDS,
+            (time_ms + 0.5) * 1e-3,
+            joints10(positions),
+            joints10(()),
+            joints10(()),
+        )
+
+    def _accepted(self, point: JointTrajPtFull, now_s: float) -> None:
+        if point.sequence == 0:
+            self._goal = list(self._guide.positions)
+            ipc_ms = self.options.ipc_ms
+            time_ms = math.ceil(1e3 * two_point_time_s(self._end, self._goal, self._limits))
+            self._time_ms = max(2 * ipc_ms, time_ms)
+            self._phase = _Phase.SENDING
+            self._send(self._standing(self._goal, 1, self._time_ms), now_s, "point")
+            return
+        self._end = self._goal
+        # Before that the queue may look empty because the point is still being converted.
+        self._rest_since_s = now_s + 1e-3 * self._time_ms
+        self._phase = _Phase.MOVING
+
+    def _busy(self, now_s: float) -> None:
+        self.next_s = now_s + BUSY_RETRY_S
+
+    def _refused(self, now_s: float) -> None:
+        self._phase = _Phase.RESTING
+        self._wait_for_rest("the robot is not where it was commanded to be", now_s)

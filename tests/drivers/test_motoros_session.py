@@ -1,0 +1,635 @@
+"""The session against the simulated controller, in virtual time."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cardan.drivers.motoros.feedback import StateFeed
+from cardan.drivers.motoros.options import MotorosOptions
+from cardan.drivers.motoros.session import MotorosSession, Phase
+from cardan.errors import CommandError
+from cardan.protocols.simple_message import (
+    ZEROS,
+    ByteOrder,
+    JointFeedback,
+    RobotStatus,
+    Wire,
+    topic,
+    wire,
+)
+from cardan.types import (
+    IDENTITY_POSE,
+    CommandKind,
+    HoldCommand,
+    JointCommand,
+    JointVelocityCommand,
+    PoseCommand,
+    RobotLink,
+)
+from tests.drivers.motoros_rig import Rig
+
+MODES = ("velocity", "stream", "standard")
+SMOOTH = ("velocity", "stream")
+STATUS = RobotStatus(1, 0, 0, 0, 0, 2, 1)
+
+
+def rig(mode="auto", answer=None, start_s=100.0, driver=None, **controller):
+    return Rig({"mode": mode, **(driver or {})}, answer, start_s, tick_s=1e-3, **controller)
+
+
+def turning(rig, speed=0.4):
+    """Joint 1 turns at `speed`, rad/s."""
+    rig.answer = lambda state: JointVelocityCommand((speed,) + (0.0,) * 5)
+    return rig
+
+
+def commanded_speeds(rig, of=0.004):
+    """Speed of joint 1 as the controller commands it, over steps of `of` s."""
+    found, (then, where) = [], rig.trace[0][:2]
+    for now, position, _ in rig.trace:
+        if now - then >= of - 1e-9:
+            found.append((now, (position - where) / (now - then)))
+            then, where = now, position
+    return found
+
+
+# -- connecting -----------------------------------------------------------------------------------
+
+
+def test_after_connecting_it_asks_and_starts_nothing():
+    run = rig("auto").run(1.0)
+    session = run.session
+    assert session.phase is Phase.IDLE
+    assert session.velocity_info.axes == 6
+    assert not session.enabled
+    texts = " ".join(text for _, text in run.controller.events)
+    assert "START" not in texts
+    assert {state.link for state in run.states[5:]} == {RobotLink.LIVE}
+    assert "not enabled" in run.states[-1].hold_reason
+    assert run.states[-1].joints == pytest.approx(run.controller.measured_rad(0), abs=1e-6)
+    assert run.servers.counters.pipelined == 0
+
+
+def test_states_come_at_least_every_tenth_of_a_second():
+    for run in (rig("stream").run(2.0), rig("stream")):
+        if not run.states:
+            run.reachable = False
+            run.run(2.0)
+            assert {state.link for state in run.states} == {RobotLink.WAITING}
+            assert "refused" in run.states[-1].hold_reason
+        stamps = [state.stamp_s for state in run.states]
+        assert max(b - a for a, b in pairwise(stamps)) <= 0.1 + 1e-6
+
+
+def test_a_refused_connection_is_tried_again_later_and_later():
+    session = MotorosSession(MotorosOptions())
+    tried, now_s = [], 10.0
+    while now_s < 20.0:
+        session.advance(now_s)
+        if session.wants("state", now_s):
+            tried.append(now_s)
+            session.connect_failed("state", "Connection refused", now_s)
+        now_s += 0.01
+    gaps = [b - a for a, b in pairwise(tried)]
+    assert gaps[:4] == pytest.approx([0.25, 0.5, 1.0, 2.0], abs=0.02)
+    assert gaps[4:] == pytest.approx([2.0] * len(gaps[4:]), abs=0.02)
+    assert not session.wants("motion", now_s)
+
+
+@pytest.mark.parametrize("big_endian", [False, True])
+def test_the_byte_order_is_the_state_ports(big_endian):
+    run = rig("stream", big_endian=big_endian).ready()
+    assert run.session.byte_order is (ByteOrder.BIG if big_endian else ByteOrder.LITTLE)
+
+
+def test_a_byte_order_that_is_told_wrongly_is_named():
+    run = rig("stream", driver={"byte_order": "big"}).run(1.0)
+    assert run.session.phase is Phase.DOWN
+    assert any("prefix" in words for words in run.session.diagnosis(run.now_s))
+
+
+def test_reals_of_eight_bytes_are_not_motoros():
+    feed = StateFeed(MotorosOptions())
+    body = JointFeedback(0, 2, 0.0, ZEROS, ZEROS, ZEROS)
+    feed.received(Wire(ByteOrder.LITTLE, 8).encode(topic(body)), 1.0)
+    assert "8 bytes" in feed.failure
+    assert not feed.heard
+
+
+def test_a_stock_controller_is_streamed_to():
+    run = rig("auto", velocity_mode=False).ready()
+    assert run.session.velocity_info is None
+    assert run.states[-1].period_s == pytest.approx(0.020)
+    assert run.session.capabilities.period_s == pytest.approx(0.020)
+
+
+def test_velocity_mode_is_refused_in_words_where_there_is_none():
+    run = rig("velocity", velocity_mode=False).run(0.5)
+    run.session.enable(run.now_s)
+    run.run(0.5)
+    assert run.session.phase is Phase.IDLE
+    assert "no velocity mode" in run.states[-1].hold_reason
+
+
+def test_another_group_than_there_is_gives_no_state():
+    run = rig("stream", driver={"group": 2}).run(1.0)
+    assert run.states[-1].link is RobotLink.WAITING
+    assert "group 2" in run.states[-1].hold_reason
+
+
+def test_the_second_of_two_groups_is_moved_alone():
+    run = rig("stream", driver={"group": 1}, groups=2).ready()
+    turning(run).run(0.5)
+    start = run.peer_options.arm.home
+    assert run.controller.command_rad(0) == pytest.approx(start, abs=1e-3)
+    assert run.controller.command_rad(1)[0] > start[0] + 0.1
+
+
+# -- motion ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
+    run = rig(mode).run(0.5)
+    before = run.session.sessions
+    run.ready()
+    assert run.session.sessions == before + 1
+    start = run.controller.measured_rad(0)
+    target = (start[0] + 0.2, start[1] - 0.1, *start[2:])
+    run.answer = lambda state: JointCommand(target)
+    run.run(3.0)
+    assert run.controller.measured_rad(0) == pytest.approx(target, abs=3e-4)
+    assert run.session.enabled
+    assert run.servers.counters.pipelined == 0
+
+
+@pytest.mark.parametrize("mode", SMOOTH)
+def test_added_latency_is_small(mode):
+    """From the control instant to the middle of what is commanded for it."""
+    run = rig(mode).ready()
+    start_s, home = run.now_s, run.states[-1].joints
+    run.trace.clear()
+
+    def goal(time_s):
+        return 0.2 * (1.0 - math.cos(math.pi * 0.5 * time_s))
+
+    def answer(state):
+        time_s = state.stamp_s - start_s
+        speed = 0.2 * 0.5 * math.pi * math.sin(math.pi * 0.5 * time_s)
+        return JointCommand((home[0] + goal(time_s), *home[1:]), (speed,) + (0.0,) * 5)
+
+    run.answer = answer
+    run.run(4.0)
+    rows = [(t - start_s, p - home[0]) for t, p, _ in run.trace[::10] if t - start_s > 1.0]
+
+    def error(lag_s):
+        return sum((goal(t - lag_s) - p) ** 2 for t, p in rows)
+
+    lag_s = min((1e-3 * ms for ms in range(100)), key=error)
+    assert lag_s <= (0.010 if mode == "velocity" else 0.040)
+    assert run.session.counters.underruns == 0
+
+
+@pytest.mark.parametrize("mode", SMOOTH)
+def test_what_is_commanded_keeps_the_limits_whatever_is_asked(mode):
+    run = rig(mode).ready()
+    arm = run.peer_options.arm
+    run.trace.clear()
+    run.answer = lambda state: JointVelocityCommand(
+        (99.0 if state.sequence % 40 < 20 else -99.0,) * 6
+    )
+    run.run(2.0)
+    pulse = 1.0 / 30_000.0 / 0.004
+    speeds = [speed for _, speed in commanded_speeds(run)]
+    assert max(map(abs, speeds)) <= arm.velocity[0] + 2 * pulse
+    for joint, position in zip(arm.joints, run.controller.command_rad(0), strict=True):
+        assert joint.lower - 1e-4 <= position <= joint.upper + 1e-4
+    assert run.session.enabled
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_unanswered_states_are_holds(mode):
+    run = rig(mode).ready()
+    where = run.controller.command_rad(0)
+    run.run(1.0)
+    assert run.controller.command_rad(0) == pytest.approx(where, abs=1e-4)
+    assert run.session.enabled
+
+
+def test_at_start_motion_is_enabled_once_and_never_again():
+    run = rig("stream", driver={"enable": "at-start"}).run(2.0)
+    assert run.session.enabled
+    run.unplug("motion")
+    run.run(4.0)
+    assert run.session.phase is Phase.IDLE
+    assert "enable" in run.states[-1].hold_reason
+
+
+def test_enabling_without_a_connection_is_refused_and_not_remembered():
+    run = rig("stream")
+    run.reachable = False
+    run.run(0.5)
+    run.session.enable(run.now_s)
+    run.reachable = True
+    run.run(4.0)
+    assert run.session.phase is Phase.IDLE
+
+
+@pytest.mark.parametrize("mode", SMOOTH)
+def test_the_guide_and_the_robot_agree_after_rest(mode):
+    """Integrated velocities drift by fractions of a period; rest corrects that."""
+    run = rig(mode).ready()
+    start = run.states[-1].joints
+    run.answer = lambda state: JointVelocityCommand((0.7 if state.sequence % 30 < 15 else 0.1,) * 6)
+    run.run(1.0)
+    target = (start[0] + 0.1, *start[1:])
+    run.answer = lambda state: JointCommand(target)
+    run.run(3.0)
+    assert run.controller.measured_rad(0) == pytest.approx(target, abs=3e-4)
+
+
+# -- what ends it ---------------------------------------------------------------------------------
+
+
+HANDS = {
+    "emergency stop": lambda c, t: c.emergency_stop(t),
+    "alarm": lambda c, t: c.alarm(4107, t),
+    "TEACH": lambda c, t: c.mode("teach", t),
+    "not ready": lambda c, t: c.hold(True, t),
+    "servos are off": lambda c, t: c.servo(False, t),
+}
+
+
+@pytest.mark.parametrize("words", HANDS)
+@pytest.mark.parametrize("mode", MODES)
+def test_a_hand_on_the_pendant_ends_motion_until_it_is_enabled_again(mode, words):
+    run = turning(rig(mode).ready()).run(0.5)
+    HANDS[words](run.controller, run.now_s)
+    run.states.clear()
+    run.run(0.06)
+    assert not run.session.enabled
+    run.run(0.3)
+    where = run.controller.command_rad(0)
+    assert words in run.states[-1].hold_reason
+    run.controller.release_emergency_stop(run.now_s)
+    run.controller.reset_alarm(run.now_s)
+    run.controller.mode("play", run.now_s)
+    run.controller.hold(False, run.now_s)
+    run.controller.servo(True, run.now_s)
+    run.run(1.5)
+    assert run.controller.command_rad(0) == where
+    assert not run.session.enabled
+    run.controller.remote(True, run.now_s)
+    sessions = run.session.sessions
+    run.answer = lambda state: HoldCommand()
+    run.ready()
+    assert run.session.sessions == sessions + 1
+
+
+def test_a_start_that_is_refused_says_why():
+    run = rig("stream").run(0.5)
+    run.controller.mode("teach", run.now_s)
+    run.run(0.2)
+    run.session.enable(run.now_s)
+    run.run(6.0)
+    assert run.session.phase is Phase.IDLE
+    assert "TEACH" in run.states[-1].hold_reason
+
+
+@pytest.mark.parametrize("mode", SMOOTH)
+def test_three_missed_states_brake_along_a_ramp(mode):
+    run = turning(rig(mode).ready()).run(0.5)
+    run.trace.clear()
+    cut_s = run.now_s
+    feed = run.session.feed
+    run.session.feed.received = lambda data, now_s: None
+    run.run(0.11)
+    assert not run.session.enabled
+    assert run.states[-1].link is RobotLink.LOST
+    run.run(0.4)
+    speeds = commanded_speeds(run, 0.02)
+    assert speeds[1][1] == pytest.approx(0.4, abs=0.03)
+    assert speeds[-1][1] == 0.0
+    assert run.now_s - cut_s < 1.0
+    del feed.received
+    run.run(0.5)
+    assert run.states[-1].link is RobotLink.LIVE
+    assert "enable" in run.states[-1].hold_reason
+
+
+def test_a_lost_motion_connection_comes_back_without_motion():
+    run = turning(rig("stream").ready()).run(0.5)
+    run.unplug("motion")
+    run.run(0.2)
+    assert "motion connection was lost" in run.states[-1].hold_reason
+    where = run.controller.command_rad(0)
+    run.run(3.0)
+    assert run.session.phase is Phase.IDLE
+    assert run.controller.command_rad(0) == where  # STOP_MOTION emptied what was left
+    assert run.session.metrics(run.now_s)["reconnects"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "value", "words"),
+    [
+        ("silent", 1.0, "no"),
+        ("cut", 1.0, "closed"),
+        ("reset", 1.0, ""),
+        ("drop-reply", 0.2, "no reply"),
+        ("stale-reply", 0.2, "answer to"),
+        ("state-pause", 0.3, "state"),
+    ],
+)
+@pytest.mark.parametrize("mode", SMOOTH)
+def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, words):
+    run = turning(rig(mode, faults={fault: value}))
+    run.run(0.6)
+    run.session.enable(run.now_s)
+    run.run(5.5 if fault in ("state-pause", "drop-reply") else 2.5)
+    found = " ".join((*run.session.ends, run.session.end_reason, *run.session.diagnosis(run.now_s)))
+    assert words in found
+    if not run.session.enabled:
+        run.run(0.5)
+        where = run.controller.command_rad(0)
+        run.run(1.0)
+        assert run.controller.command_rad(0) == where
+
+
+@pytest.mark.parametrize("fault", [{"split": 1.0}, {"merge": 1.0}, {"strict-recv": 1.0}])
+@pytest.mark.parametrize("mode", MODES)
+def test_how_bytes_are_cut_makes_no_difference(mode, fault):
+    run = turning(rig(mode, faults=fault).ready()).run(1.0)
+    assert run.session.enabled
+    assert run.controller.command_rad(0)[0] > 0.2
+
+
+def test_late_replies_slow_a_stream_down_and_break_nothing():
+    run = turning(rig("stream", faults={"late": 30.0}).ready(), 0.1).run(1.0)
+    assert run.session.enabled
+    assert run.session.counters.underruns > 0
+    assert run.servers.counters.pipelined == 0
+
+
+def test_garbage_between_states_is_named_and_survived():
+    run = rig("stream", faults={"garbage": 0.05}).run(6.0)
+    assert run.session.feed.ignored
+    assert run.session.metrics(run.now_s)["reconnects"] >= 1.0
+    assert run.states[-1].joints
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_robot_slowed_by_its_safety_unit_goes_on(mode):
+    run = turning(rig(mode, faults={"fsu": 0.02}).ready(), 1.0).run(1.0)
+    assert run.session.enabled
+
+
+def test_the_controllers_own_limits_count_where_they_are_narrower():
+    run = turning(rig("velocity", speed_limits=(0.3,) * 6).ready(), 2.0)
+    run.trace.clear()
+    run.run(1.0)
+    assert max(speed for _, speed in commanded_speeds(run, 0.04)) <= 0.3 + 1e-3
+    assert run.session.counters.speed_limited == 0  # nothing was left for it to limit
+
+
+def test_another_arm_than_the_controllers_is_refused():
+    run = rig("velocity", robot="asibot").run(0.5)
+    run.session.enable(run.now_s)
+    run.run(0.3)
+    assert run.session.phase is Phase.IDLE
+    assert "axes" in run.states[-1].hold_reason
+
+
+def test_enabling_while_the_connection_is_set_up_is_for_this_connection_only():
+    def greet(run):
+        return run.run(1.0, until=lambda: run.session.phase is Phase.GREETING)
+
+    run = greet(rig("stream"))
+    run.session.enable(run.now_s)
+    run.run(1.0)
+    assert run.session.enabled
+    run = greet(rig("stream"))
+    run.session.enable(run.now_s)
+    run.unplug("motion")
+    run.run(3.0)
+    assert run.session.phase is Phase.IDLE
+
+
+def test_disabling_while_motion_is_being_started():
+    run = rig("stream", servo_on=False).run(0.5)
+    run.session.enable(run.now_s)
+    run.run(0.1)
+    assert run.session.phase is Phase.STARTING
+    run.session.disable(run.now_s)
+    run.run(3.0)
+    assert run.session.phase is Phase.IDLE
+    assert not run.controller.ready
+
+
+def test_a_connection_that_is_lost_while_motion_is_being_started():
+    run = rig("stream", servo_on=False).run(0.5)
+    run.session.enable(run.now_s)
+    run.run(0.1)
+    run.unplug("motion")
+    run.run(4.0)
+    assert run.session.phase is Phase.IDLE
+    assert "lost" in run.states[-1].hold_reason
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_braking_that_nobody_answers_ends_all_the_same(mode):
+    run = turning(rig(mode).ready()).run(0.5)
+    run.session.disable(run.now_s)
+    received = run.session.received
+    run.session.received = lambda channel, data, now_s: (
+        received(channel, data, now_s) if channel == "state" else None
+    )
+    run.run(3.0)
+    del run.session.received
+    run.run(5.0)
+    assert run.session.phase is Phase.IDLE
+    where = run.controller.command_rad(0)
+    run.run(0.5)
+    assert run.controller.command_rad(0) == where
+
+
+@pytest.mark.parametrize("trust", [True, False])
+def test_measured_speeds_are_told_where_they_are_trusted(trust):
+    run = turning(rig("velocity", driver={"trust_velocity": trust}).ready()).run(0.5)
+    expected = pytest.approx((0.4,) + (0.0,) * 5, abs=0.02) if trust else ()
+    assert run.states[-1].velocities == expected
+
+
+def test_a_robot_that_takes_its_time_is_waited_for():
+    """Servos off: the start takes a second, and states go on meanwhile."""
+    run = rig("stream", servo_on=False).run(0.5)
+    run.session.enable(run.now_s)
+    run.states.clear()
+    run.run(0.5)
+    assert {state.hold_reason for state in run.states} == {Phase.STARTING.value}
+    run.run(2.0)
+    assert run.session.enabled
+
+
+def test_another_client_that_takes_the_place_is_not_fought_for_ever():
+    run = rig("stream").run(1.0)
+    taken = 0
+    for _ in range(400):
+        if "motion" in run.numbers and run.session.phase is Phase.IDLE:
+            taken += 1
+            run.unplug("motion")
+        run.run(0.025)
+    assert taken <= 9  # 10 s, at last 2 s apart
+
+
+# -- asking ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_disabling_brakes_along_a_ramp_and_leaves_the_mode(mode):
+    run = turning(rig(mode).ready()).run(0.5)
+    run.trace.clear()
+    run.session.disable(run.now_s)
+    run.run(1.5)
+    assert run.session.phase is Phase.IDLE
+    assert "disabled" in run.states[-1].hold_reason
+    assert commanded_speeds(run)[-1][1] == 0.0
+    assert run.controller.active_mode != 2
+    if mode != "velocity":
+        assert not run.controller.ready
+    if mode == "stream":
+        steps = [speed for _, speed in commanded_speeds(run)]
+        limit = run.options.limits.acceleration[0] * 0.004
+        drops = [a - b for a, b in pairwise(steps)]
+        assert max(drops) <= 1.3 * limit + 0.02
+
+
+def test_stop_is_at_once():
+    run = turning(rig("stream").ready()).run(0.5)
+    run.session.stop(run.now_s)
+    run.run(0.03)
+    where = run.controller.command_rad(0)
+    run.run(1.0)
+    assert run.controller.command_rad(0) == where
+    assert "stopped" in run.states[-1].hold_reason
+
+
+def test_servos_and_alarms():
+    run = rig("stream", servo_on=False).run(0.5)
+    run.session.ask("servo on", run.now_s)
+    run.run(3.0)
+    assert run.controller.status().drives_powered == 1
+    run.controller.alarm(4107, run.now_s)
+    run.run(0.1)
+    assert any("4107" in words for words in run.session.diagnosis(run.now_s))
+    run.session.ask("reset alarm", run.now_s)
+    run.run(1.0)
+    assert run.controller.status().in_error == 0
+    run.session.ask("servo off", run.now_s)
+    run.run(1.0)
+    assert run.controller.status().drives_powered == 0
+    run.ready()
+    turning(run).run(0.3)
+    run.session.ask("servo off", run.now_s)
+    run.run(2.0)
+    assert run.controller.status().drives_powered == 0
+    assert not run.session.enabled
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_leaving_ends_at_rest_and_in_time(mode):
+    run = turning(rig(mode).ready()).run(0.5)
+    run.session.leave(run.now_s)
+    began_s = run.now_s
+    run.run(2.0, until=lambda: run.session.left)
+    assert run.now_s - began_s < 1.5
+    run.run(0.02)
+    where = run.controller.command_rad(0)
+    run.run(0.5)
+    assert run.controller.command_rad(0) == where
+
+
+# -- commands -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (PoseCommand(IDENTITY_POSE), "pose"),
+        (JointCommand((0.0,) * 5), "5 values for 6"),
+        (JointCommand((math.nan,) * 6), "finite"),
+        (JointCommand((0.0,) * 6, (0.0,) * 7), "velocities"),
+        (JointCommand((0.0,) * 6, None, (1.0,)), "external_axes"),
+        (JointVelocityCommand((math.inf,) * 6), "finite"),
+    ],
+)
+@pytest.mark.parametrize("ready", [True, False])
+def test_a_command_that_cannot_be_is_refused_and_changes_nothing(command, words, ready):
+    run = rig("velocity")
+    if ready:
+        run.ready()
+    sent = run.session.counters.commands
+    with pytest.raises(CommandError, match=words):
+        run.session.command(command, run.now_s)
+    assert run.session.counters.commands == sent
+
+
+def test_capabilities():
+    able = MotorosSession(MotorosOptions(mode="velocity", speed_share=0.5)).capabilities
+    assert able.commands == {CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY}
+    assert able.period_s == 0.004
+    assert able.joints == 6
+    assert able.lag_s == 0.4
+    assert able.limits.velocity[0] == pytest.approx(0.5 * 7.9412)
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        ({"mode": "pose"}, "mode"),
+        ({"enable": "always"}, "enable"),
+        ({"group": 4}, "group"),
+        ({"watchdog_ms": 10}, "watchdog_ms"),
+        ({"command_period_s": 0.05, "watchdog_ms": 100}, "watchdog_ms"),
+        ({"point_spacing_s": 0.004}, "point_spacing_s"),
+        ({"ipc_s": 0.0015}, "ipc_s"),
+        ({"speed_share": 0.0}, "speed_share"),
+        ({"velocity_rad_s": (1.0,) * 5}, "velocity_rad_s"),
+        ({"acceleration_rad_s2": (1.0, 1.0, 1.0, 1.0, 1.0, math.nan)}, "acceleration_rad_s2"),
+        ({"robot": "nobody"}, "robot"),
+        ({"state_port": 50240}, "state_port"),
+        ({"request_timeout_s": math.inf}, "request_timeout_s"),
+        ({"host": ""}, "host"),
+        ({"lag_s": 3.0}, "lag_s"),
+        ({"queue_low": True}, "queue_low"),
+    ],
+)
+def test_options_that_cannot_be_are_named(options, key):
+    with pytest.raises(ValueError, match=f"^{key}"):
+        MotorosOptions(**options)
+
+
+# -- bad bytes ------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.booleans(), st.binary(max_size=200)), max_size=8))
+def test_arbitrary_bytes_never_raise_and_send_no_command(pieces):
+    session, now_s = MotorosSession(MotorosOptions()), 10.0
+    body = JointFeedback(0, 2, 0.0, ZEROS, ZEROS, ZEROS)
+    for motion, data in pieces:
+        for channel in ("state", "motion"):
+            if session.wants(channel, now_s):
+                session.connected(channel, now_s)
+                if channel == "state":
+                    for each in (body, STATUS):
+                        session.received("state", wire().encode(topic(each)), now_s)
+        session.received("motion" if motion else "state", data, now_s)
+        session.advance(now_s)
+        session.due_state(now_s)
+        session.outgoing()
+        now_s += 0.3
+    assert session.counters.commands == 0
+    assert not session.enabled

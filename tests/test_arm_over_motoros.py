@@ -1,0 +1,196 @@
+"""A GP8 steered by hand over MotoROS: the examples' sessions, wire and all, in virtual time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cardan.arm_model import load_arm
+from cardan.drivers.motoros import Motoros
+from cardan.gateway.config import load_config, make_arm
+from cardan.gateway.engine import Phase, TeleopEngine
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.mapping import TwistMapping
+from cardan.gateway.reference import Reference
+from cardan.types import DeviceLink, DeviceState
+from tests.drivers.motoros_rig import Rig
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+REST = (0.0,) * 6
+BOTH = pytest.mark.parametrize(
+    ("example", "velocity_mode"),
+    [("spacemouse-gp8-simulated.toml", True), ("spacemouse-gp8-stream.toml", False)],
+    ids=["velocity", "stream"],
+)
+
+
+class Hand:
+    """A hand on the puck: deflections by time since the dead-man was pressed."""
+
+    def __init__(self, example, velocity_mode, axes, plant="ideal", **options):
+        config = load_config(EXAMPLES / example)
+        table = {
+            k: v for k, v in config.robot.model_dump().items() if k not in ("driver", "enable")
+        }
+        self.rig = Rig(
+            {**table, **options},
+            self._answer,
+            velocity_mode=velocity_mode,
+            plant=plant,
+        )
+        robot = Motoros(self.rig.options)
+        self.follower = make_arm(config, robot)
+        self.engine = TeleopEngine(
+            TwistMapping(config.mapping_options()),
+            Reference(config.reference_limits()),
+            config.watchdog_limits(),
+            (),
+            self.follower,
+        )
+        self.obstacles = config.obstacles
+        self.axes = axes
+        self.pressed_s = None
+        self.joints, self.phases = [], []
+        self.farthest_m = 0.0
+        self.model = ArmKinematics(load_arm("gp8"))
+
+    def _answer(self, state):
+        now_s = state.stamp_s
+        if self.pressed_s is None and state.ready and self.engine.phase is Phase.DISARMED:
+            self.pressed_s = now_s + 0.1
+        held = self.pressed_s is not None and now_s >= self.pressed_s
+        device = DeviceState(
+            now_s,
+            DeviceLink.LIVE,
+            self.axes(now_s - self.pressed_s) if held else REST,
+            frozenset({"left"}) if held else frozenset(),
+        )
+        command = self.engine.tick(state, device)
+        here = self.engine.reference.pose
+        if here is not None and state.ready:
+            away = np.array(here.position) - self.forward(state.joints)
+            self.farthest_m = max(self.farthest_m, float(np.linalg.norm(away)))
+        self.joints.append(self.rig.controller.measured_rad(0))
+        self.phases.append(self.engine.phase)
+        return command
+
+    def run(self, seconds):
+        self.rig.ready()
+        self.rig.run(seconds)
+        return self
+
+    def forward(self, joints):
+        return self.model.forward(np.array(joints)).translation.copy()
+
+
+@BOTH
+def test_joint_and_cartesian_axes_at_once(example, velocity_mode):
+    """Equation 7 of Baklouti et al. 2021."""
+    hand = Hand(example, velocity_mode, lambda t: (0.0, 0.5, 0.0, 0.0, 0.0, 0.8)).run(2.0)
+    first, last = hand.joints[0], hand.joints[-1]
+    moved = hand.forward(last) - hand.forward(first)
+    assert moved[1] > 0.08
+    assert abs(moved[0]) < 0.005
+    assert abs(moved[2]) < 0.005
+    assert last[5] - first[5] > 0.5
+    assert hand.engine.phase is Phase.MOVING
+
+
+@BOTH
+def test_letting_go_stops_in_a_ramp_and_holds(example, velocity_mode):
+    hand = Hand(
+        example, velocity_mode, lambda t: (-0.5, 0.0, 0.0, 0.0, 0.0, 0.0) if t < 1.0 else REST
+    )
+    hand.run(2.5)
+    path = np.array([hand.forward(q) for q in hand.joints[:: max(1, len(hand.joints) // 200)]])
+    assert hand.engine.phase is Phase.HOLDING
+    assert np.linalg.norm(path[-1] - path[-10]) < 1e-4
+    # 75 mm/s for a second, and no way back at the end.
+    assert path[:, 0].min() == pytest.approx(path[-1, 0], abs=5e-4)
+
+
+@BOTH
+@pytest.mark.parametrize("plant", ["ideal", "paper"])
+def test_nothing_of_the_arm_comes_into_the_forbidden_zone(example, velocity_mode, plant):
+    hand = Hand(
+        "spacemouse-gp8-simulated.toml",
+        velocity_mode,
+        lambda t: (0.3, -1.0, 0.0, 0.0, 0.0, 0.0),
+        plant,
+        mode="velocity" if velocity_mode else "stream",
+    )
+    hand.run(4.0)
+    # The servo's own model, at the joints that the arm had.
+    distances = [min(hand.follower.servo.collision.at(np.array(q))) for q in hand.joints[::5]]
+    assert 0.015 < min(distances) < 0.04
+    assert hand.engine.phase is not Phase.NO_ROBOT
+
+
+@BOTH
+def test_through_the_wrist_singularity_inside_joint_limits(example, velocity_mode):
+    hand = Hand(
+        example,
+        velocity_mode,
+        lambda t: (0.0, 0.0, 1.0, 0.0, 1.0, 0.0),
+        speed_share=0.3,
+    )
+    hand.run(4.0)
+    joints = np.array(hand.joints)
+    period_s = hand.rig.session.capabilities.period_s
+    rates = np.abs(np.diff(joints, axis=0)).max(axis=0) / period_s
+    arm = load_arm("gp8")
+    # Joint 5 starts at -70 deg and is turned through zero or past it: nothing runs away.
+    assert np.ptp(joints[:, 4]) > 0.5
+    assert (rates <= 0.3 * np.array(arm.velocity) * 1.05 + 1e-3).all()
+    lower, upper = np.array(arm.lower), np.array(arm.upper)
+    assert ((joints >= lower) & (joints <= upper)).all()
+
+
+def test_a_lagging_arm_is_not_taken_for_one_that_is_held():
+    hand = Hand(
+        "spacemouse-gp8-simulated.toml",
+        True,
+        lambda t: (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0) if t < 1.5 else REST,
+        "paper",
+    )
+    hand.run(3.0)
+    assert hand.engine.status().trips == 0
+    path = np.array([hand.forward(q)[0] for q in hand.joints])
+    # 150 mm/s: it arrives 40 mm after the hand has let go, and is not called back.
+    assert path[-1] - path[0] == pytest.approx(-0.2, abs=0.03)
+    assert path.min() == pytest.approx(path[-1], abs=5e-4)
+
+
+def test_an_arm_that_somebody_holds_is_noticed_and_not_pulled_at():
+    hand = Hand("spacemouse-gp8-simulated.toml", True, lambda t: (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    hand.rig.ready()
+    held = hand.rig.controller.measured_rad(0)
+    feedback = hand.rig.controller.feedback
+    # The command goes on, the joints do not.
+    hand.rig.controller.feedback = lambda group: feedback(group)._replace(
+        pos=(*held, 0.0, 0.0, 0.0, 0.0)
+    )
+    hand.rig.run(3.0)
+    status = hand.engine.status()
+    assert status.trips == 1
+    assert "something else holds it" in status.message
+    leash_m = hand.engine.reference.limits.leash_m
+    lag_s = hand.rig.session.capabilities.lag_s
+    # Never farther than the leash, what it may lag in good order and a braking way; then back.
+    assert hand.farthest_m <= leash_m + 0.15 * lag_s + 0.02
+    commanded = hand.forward(hand.rig.controller.command_rad(0))
+    assert np.linalg.norm(commanded - hand.forward(held)) < 0.01
+
+
+@pytest.mark.parametrize(
+    "example",
+    ["spacemouse-gp8.toml", "spacemouse-gp8-simulated.toml", "spacemouse-gp8-stream.toml"],
+)
+def test_the_examples_keep_their_distance_at_home(example):
+    config = load_config(EXAMPLES / example)
+    table = {k: v for k, v in config.robot.model_dump().items() if k != "driver"}
+    follower = make_arm(config, Motoros(Motoros.Options(**table)))
+    distances = follower.servo.collision.at(np.array(load_arm("gp8").home))
+    assert min(distances) > config.arm.safety_distance_m

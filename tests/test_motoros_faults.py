@@ -1,0 +1,286 @@
+"""Whatever goes wrong between the MotoROS driver and its controller: it stops, and says why.
+
+The rows of the tables in docs/motoman.md and docs/protocols/motoros-velocity-mode.md, with the bytes
+of the wire between both sides and time as an argument.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cardan.protocols.simple_message import ActiveMode
+from cardan.sim_peers.motoros_controller import PORT_KINDS
+from cardan.types import JointVelocityCommand, RobotLink
+from tests.drivers.motoros_rig import Rig
+
+SPEED = 0.3
+IPC_S = 0.004
+MODES = ("velocity", "stream")
+ACCELERATION = 5.0
+ONE_PULSE = 1.0
+"""rad/s² that the command seems to have because it is whole pulses."""
+
+
+def moving(mode, faults=None, **driver):
+    """A robot that turns joint 1 at SPEED, and has for half a second."""
+    rig = Rig(
+        {"mode": mode, "acceleration_rad_s2": (ACCELERATION,) * 6, **driver},
+        lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        faults=faults or {},
+        acceleration_limits=(ACCELERATION,) * 6,
+    )
+    rig.ready()
+    rig.run(0.6)
+    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+    return rig
+
+
+def speed(rig, window_s=0.02):
+    """Of the controller's command, over the last periods."""
+    times = np.array([row[0] for row in rig.trace])
+    command = np.array([row[1] for row in rig.trace])
+    first = int(np.searchsorted(times, times[-1] - window_s))
+    return (command[-1] - command[first]) / (times[-1] - times[first])
+
+
+def hardest(rig, since_s):
+    """Largest change of the commanded speed from one interpolation period to the next, rad/s²."""
+    times = np.array([row[0] for row in rig.trace])
+    command = np.array([row[1] for row in rig.trace])
+    grid = np.arange(since_s - 0.1, times[-1], IPC_S)
+    held = command[np.searchsorted(times, grid, "right") - 1]
+    return np.abs(np.diff(held, 2)).max() / IPC_S**2
+
+
+def travelled(rig, since_s):
+    times = np.array([row[0] for row in rig.trace])
+    command = np.array([row[1] for row in rig.trace])
+    return command[-1] - command[int(np.searchsorted(times, since_s))]
+
+
+BRAKING_RAD = SPEED**2 / (2.0 * ACCELERATION)
+
+AT_ONCE = {
+    "e-stop": (lambda c, now: c.emergency_stop(now), "emergency stop"),
+    "alarm": (lambda c, now: c.alarm(4107, now), "alarm"),
+    "teach": (lambda c, now: c.mode("teach", now), "teach"),
+    "not remote": (lambda c, now: c.remote(False, now), "remote"),
+    "hold": (lambda c, now: c.hold(True, now), "on hold"),
+    "drives off": (lambda c, now: c.servo(False, now), "drive|servo"),
+    "job stopped": (lambda c, now: c.job_stop(now), "init_ros"),
+    "collaborative stop": (lambda c, now: c.collaborative_stop(now), "touched something"),
+}
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("event", AT_ONCE)
+def test_what_the_controller_stops_for(mode, event):
+    act, words = AT_ONCE[event]
+    rig = moving(mode)
+    at_s = rig.now_s
+    act(rig.controller, at_s)
+    rig.run(0.5)
+    # Within 10 ms of status polling and one period more; no ramp.
+    assert travelled(rig, at_s) <= SPEED * (0.010 + 2 * IPC_S) + 1e-4
+    assert rig.controller.active_mode is ActiveMode.NONE
+    state = rig.states[-1]
+    assert not state.ready
+    assert any(word in state.hold_reason.lower() for word in words.lower().split("|"))
+    assert state.hold_reason.isprintable()
+    assert not rig.session.enabled
+    assert_moves_only_when_enabled_anew(rig)
+
+
+def assert_moves_only_when_enabled_anew(rig):
+    """The cause goes; nothing moves by itself, and everything does when it is asked for."""
+    controller, now_s = rig.controller, rig.now_s
+    controller.release_emergency_stop(now_s)
+    controller.reset_alarm(now_s)
+    controller.mode("play", now_s)
+    controller.remote(True, now_s)
+    controller.hold(False, now_s)
+    rig.run(3.0)
+    assert travelled(rig, now_s) == 0.0
+    assert not rig.states[-1].ready
+    rig.ready()
+    rig.run(0.6)
+    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+
+
+def test_velocity_mode_ramps_when_the_motion_connection_is_cut():
+    rig = moving("velocity")
+    at_s = rig.now_s
+    rig.unplug("motion")
+    rig.run(0.2)
+    assert speed(rig) == 0.0
+    assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
+    assert travelled(rig, at_s) <= BRAKING_RAD + SPEED * 3 * IPC_S
+    assert rig.controller.active_mode is not ActiveMode.VELOCITY
+    assert "motion connection was lost" in rig.session.end_reason
+    assert_moves_only_when_enabled_anew(rig)
+
+
+def test_stock_firmware_plays_for_50_ms_when_the_motion_connection_is_cut():
+    rig = moving("stream")
+    at_s = rig.now_s
+    rig.unplug("motion")
+    rig.run(0.3)
+    assert speed(rig) == 0.0
+    assert travelled(rig, at_s) <= SPEED * (0.050 + 2 * IPC_S)
+    assert "motion connection was lost" in rig.session.end_reason
+    # What was left in the queue is not played when the driver is back: it stops first.
+    assert_moves_only_when_enabled_anew(rig)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_half_open_connection(mode):
+    rig = moving(mode, faults={"silent": 3.0})
+    # From the beginning of the controller's time.
+    rig.run(3.0, until=lambda: rig.servers.silent)
+    at_s = rig.now_s
+    rig.run(0.4)
+    assert speed(rig) == 0.0
+    if mode == "velocity":
+        assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
+        assert travelled(rig, at_s) <= SPEED * (0.100 + 2 * IPC_S) + BRAKING_RAD
+    else:
+        assert travelled(rig, at_s) <= SPEED * 0.060
+    state = rig.states[-1]
+    assert state.link is RobotLink.LOST
+    assert "no state" in state.hold_reason or "no state" in rig.session.end_reason
+
+
+def test_the_watchdog_of_velocity_mode_when_the_program_is_dead():
+    rig = moving("velocity")
+    at_s = rig.now_s
+    die(rig, 0.5)
+    assert speed(rig) == 0.0
+    assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
+    assert SPEED * 0.095 <= travelled(rig, at_s) <= SPEED * (0.100 + 3 * IPC_S) + BRAKING_RAD
+    assert rig.controller.status().motion_possible == 0
+    # It wakes up and goes on as if nothing had been: the latch holds.
+    woken_s = rig.now_s
+    rig.run(0.5)
+    assert travelled(rig, woken_s) == 0.0
+    assert not rig.session.enabled
+    assert_moves_only_when_enabled_anew(rig)
+
+
+def test_a_stream_runs_out_when_the_program_is_dead():
+    rig = moving("stream")
+    at_s = rig.now_s
+    die(rig, 0.5)
+    assert speed(rig) == 0.0
+    assert travelled(rig, at_s) <= SPEED * 0.045
+
+
+def die(rig, seconds):
+    """The process with the driver stands still; its kernel keeps the sockets."""
+    end_s = rig.now_s + seconds
+    while rig.now_s < end_s:
+        rig.now_s += 2.5e-4
+        rig.servers.advance(rig.now_s)
+        command = rig.controller.command_rad(0)
+        rig.trace.append((rig.now_s, command[0], rig.controller.measured_rad(0)[0]))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_second_client_is_refused_while_the_robot_moves(mode):
+    rig = moving(mode)
+    assert rig.servers.accepted("motion", rig.now_s) is None
+    rig.run(0.3)
+    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+    assert rig.session.enabled
+
+
+def test_a_second_client_takes_over_at_rest_and_that_is_said():
+    rig = moving("velocity")
+    rig.answer = lambda state: JointVelocityCommand((0.0,) * 6)
+    rig.run(0.5)
+    thief = rig.servers.accepted("motion", rig.now_s)
+    assert thief is not None
+    rig.answer = lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
+    at_s = rig.now_s
+    rig.run(0.2)
+    assert travelled(rig, at_s) == 0.0
+    assert "closed it" in rig.session.end_reason
+    assert not rig.session.enabled
+    rig.servers.eof(thief, rig.now_s)
+    assert_moves_only_when_enabled_anew(rig)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(
+    ("faults", "words"),
+    [
+        ({"cut": 3.0}, "motion connection was lost"),
+        ({"reset": 3.0}, "connection was lost"),
+        ({"late": 700.0}, ""),
+        ({"stale-reply": 1.0}, ""),
+    ],
+    ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
+)
+def test_a_network_or_a_server_that_fails(mode, faults, words):
+    rig = Rig(
+        {"mode": mode},
+        lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        faults=faults,
+    )
+    rig.run(1.0, until=lambda: rig.session.phase.name == "IDLE")
+    rig.session.enable(rig.now_s)
+    rig.run(5.0)
+    assert speed(rig) == 0.0
+    assert not rig.session.enabled
+    assert words in rig.session.end_reason
+    assert rig.states[-1].hold_reason
+
+
+def test_a_pause_of_the_state_port_brakes_in_a_ramp():
+    rig = moving("velocity", faults={"state-pause": 0.3})
+    rig.run(8.0, until=lambda: not rig.session.enabled)
+    at_s = rig.now_s
+    rig.run(0.2)
+    assert speed(rig) == 0.0
+    assert hardest(rig, at_s) <= ACCELERATION + ONE_PULSE
+    assert "no state" in rig.session.end_reason
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("fault", ["split", "merge"])
+def test_segments_that_are_split_or_merged_are_no_fault(mode, fault):
+    rig = moving(mode, faults={fault: 1.0})
+    rig.run(1.0)
+    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+    assert rig.session.enabled
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_safety_unit_slows_the_arm_and_nothing_is_caught_up(mode):
+    rig = moving(mode)
+    rig.controller.speed_limit(0.02, rig.now_s)
+    slow_s = rig.now_s
+    rig.run(1.0)
+    allowed = 0.02 * rig.peer_options.axis_speeds[0]
+    assert allowed < SPEED
+    assert speed(rig) == pytest.approx(allowed, rel=0.1)
+    rig.controller.speed_limit(None, rig.now_s)
+    rig.run(0.5)
+    assert speed(rig) <= SPEED * 1.05
+    assert travelled(rig, slow_s) > 0.0
+
+
+@pytest.mark.parametrize("big_endian", [False, True])
+def test_both_byte_orders(big_endian):
+    rig = Rig(
+        {"mode": "auto"},
+        lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        big_endian=big_endian,
+    )
+    rig.ready()
+    rig.run(0.5)
+    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+
+
+def test_every_kind_of_port_has_its_rule():
+    assert set(PORT_KINDS) == {"motion", "state", "io"}
