@@ -6,13 +6,14 @@ VENV ?= .venv
 DEMO_SECONDS ?= 30
 BIN := $(VENV)/bin
 
-.PHONY: help demo test lint types check bench bench-thesis test-pythons clean
+.PHONY: help demo test lint types check bench bench-motoros bench-thesis test-pythons clean
 
 help:
 	@echo "make demo    run the main job against simulated peers ($(DEMO_SECONDS) s)"
 	@echo "make test    all tests"
 	@echo "make check   lint, types and tests"
 	@echo "make bench   benchmarks, printed as ratios"
+	@echo "make bench-motoros  the latency study of the 2021 paper, with plots for docs/"
 	@echo "make bench-thesis  the measurements of the 2020 thesis, with plots for docs/"
 	@echo "make clean   remove the environment and caches"
 
@@ -42,6 +43,9 @@ check: lint types test
 
 bench: $(VENV)/.cardan-dev
 	$(BIN)/python -m bench
+
+bench-motoros: $(VENV)/.cardan-dev
+	$(BIN)/python -m bench yaskawa --plots docs/images/motoman
 
 bench-thesis: $(VENV)/.cardan-dev
 	$(BIN)/python -m bench thesis --plots docs/images/thesis

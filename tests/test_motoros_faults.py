@@ -1,7 +1,7 @@
 """Whatever goes wrong between the MotoROS driver and its controller: it stops, and says why.
 
-The rows of the tables in docs/motoman.md and docs/protocols/motoros-velocity-mode.md, with the bytes
-of the wire between both sides and time as an argument.
+The rows of the tables in docs/motoman.md and docs/protocols/motoros-velocity-mode.md, with the
+bytes of the wire between both sides and time as an argument.
 """
 
 from __future__ import annotations
@@ -284,3 +284,12 @@ def test_both_byte_orders(big_endian):
 
 def test_every_kind_of_port_has_its_rule():
     assert set(PORT_KINDS) == {"motion", "state", "io"}
+
+
+def test_every_velocity_is_sent_and_accepted_to_the_last():
+    rig = moving("velocity")
+    rig.session.disable(rig.now_s)
+    rig.run(0.5)
+    assert rig.session.counters.commands == rig.controller.velocities_accepted
+    assert rig.controller.velocities_refused == 0
+    assert speed(rig) == 0.0

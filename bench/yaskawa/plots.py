@@ -63,7 +63,7 @@ def _motion(recording: Recording) -> Any:
             whole.axvspan(start_s, start_s + PUSH_S, color="0.93", lw=0)
     end_s = recording.pushes[-1] - origin_s + PUSH_S
     whole.set(ylabel="joint 1, deg", xlim=(0.0, end_s), title=WORDS[recording.mode])
-    whole.legend(loc="upper right", fontsize=8)
+    figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     for axes, start_s, name in zip(
         (fifth, sixth), recording.pushes[-2:] - origin_s, ("phase 5", "phase 6"), strict=True
     ):
@@ -86,6 +86,6 @@ def _averages(results: dict[str, Result]) -> Any:
         at = np.arange(3) + (index - 2) * width
         drawn = axes.bar(at, delays, width * 0.92, color=colour, label=name)
         axes.bar_label(drawn, fmt="%.3f", fontsize=7)
-    axes.set(ylabel="delay, s", xticks=range(3), xticklabels=STAGES, ylim=(0.0, 0.95))
+    axes.set(ylabel="delay, s", xticks=range(3), xticklabels=STAGES, ylim=(-0.05, 0.95))
     axes.legend(fontsize=8, loc="upper left")
     return figure

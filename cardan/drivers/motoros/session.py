@@ -358,6 +358,8 @@ class MotorosSession:
         elif self.phase is Phase.BRAKING and (
             motion.settled(now_s) or now_s >= self._brake_until_s
         ):
+            # The last command, of zero speed, goes before what leaves the mode.
+            self._send_topics()
             self._motion = None
             self.owes_answer = False
             self.requests.drop()
@@ -369,14 +371,18 @@ class MotorosSession:
         """Move what is to be sent into the outbox."""
         if not self._links["motion"].up or self._wire is None:
             return
-        motion = self._motion
-        if motion is not None and motion.topics:
-            for message in motion.topics:
-                self._out.append(("motion", self._wire.encode(message)))
-            motion.topics.clear()
+        self._send_topics()
         request = self.requests.take(now_s)
         if request is not None:
             self._out.append(("motion", self._wire.encode(request)))
+
+    def _send_topics(self) -> None:
+        motion = self._motion
+        if motion is None or self._wire is None or not self._links["motion"].up:
+            return
+        for message in motion.topics:
+            self._out.append(("motion", self._wire.encode(message)))
+        motion.topics.clear()
 
     # -- the start of a connection ----------------------------------------------------------------
 
@@ -598,7 +604,7 @@ class MotorosSession:
             return
         # Old firmware gives no reason, and says 0.
         if answer.result != MotionResult.SUCCESS and answer.subcode:
-            del self.ends[self.end_reason]
+            self.ends -= Counter({self.end_reason: 1})
             self._note_end(reply_in_words(answer.command, answer.result, answer.subcode))
 
     def _note_end(self, reason: str) -> None:
