@@ -9,6 +9,7 @@ import pytest
 
 from cardan.arm_model import load_arm
 from cardan.drivers.motoros import Motoros
+from cardan.gateway.cartesian.controller import CartesianController, Outcome
 from cardan.gateway.config import load_config, make_arm
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -194,3 +195,27 @@ def test_the_examples_keep_their_distance_at_home(example):
     follower = make_arm(config, Motoros(Motoros.Options(**table)))
     distances = follower.servo.collision.at(np.array(load_arm("gp8").home))
     assert min(distances) > config.arm.safety_distance_m
+
+
+@pytest.mark.parametrize("mode", ["velocity", "stream"])
+@pytest.mark.parametrize("plant", ["ideal", "paper"])
+def test_the_cartesian_controller_drives_it_too(mode, plant):
+    rig = Rig({"mode": mode, "speed_share": 0.2}, plant=plant)
+    arm = load_arm("gp8")
+    controller = CartesianController(arm, Motoros(rig.options).capabilities)
+    rig.answer = controller.tick
+    rig.ready()
+
+    def run(motion):
+        rig.run(20.0, until=lambda: controller.start_pending() or motion.over)
+        assert motion.outcome is Outcome.DONE, motion
+        rig.run(0.6)
+        return ArmKinematics(arm).forward(np.array(rig.controller.measured_rad(0))).translation
+
+    rig.run(0.1)
+    start = np.array(controller.stat().pose)
+    goal = start + np.array([-0.05, 0.1, 0.05, 0.0, 0.0, 0.0])
+    there = run(controller.movl(list(goal)))
+    assert there == pytest.approx(goal[:3], abs=2e-3)
+    back = run(controller.movj(list(start)))
+    assert back == pytest.approx(start[:3], abs=2e-3)
