@@ -4,6 +4,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 DEMO_SECONDS ?= 30
+DEMO_ROBOT ?= gofa
 BIN := $(VENV)/bin
 
 .PHONY: help demo test lint types check bench bench-motoros bench-thesis test-pythons clean
@@ -27,7 +28,7 @@ $(VENV)/.cardan-dev: $(VENV)/.cardan
 	@touch $@
 
 demo: $(VENV)/.cardan
-	$(BIN)/cardan demo --seconds $(DEMO_SECONDS)
+	$(BIN)/cardan demo $(DEMO_ROBOT) --seconds $(DEMO_SECONDS)
 
 test: $(VENV)/.cardan-dev
 	$(BIN)/python -m pytest

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from bench.figures import Aim, Figures
 from bench.responders import KINDS
-from cardan.gateway.demo import simulated_peer
+from cardan.gateway.demo import free_udp_port, simulated_peer
 from cardan.protocols.egm import EgmHeader, EgmMotion, EgmPose, EgmRobot, encode_robot
 from cardan.types import Quaternion, Vector3
 
@@ -56,14 +56,6 @@ def datagram(cycle: int) -> bytes:
             utilization_rate=12.5,
         )
     )
-
-
-def free_port() -> int:
-    """A UDP port nobody has now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @contextlib.contextmanager
@@ -115,7 +107,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
     with contextlib.ExitStack() as stack:
         sockets = []
         for name in names:
-            port = free_port()
+            port = free_udp_port()
             stack.enter_context(session(port) if name == SESSION else responder(name, port))
             sock = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             sock.connect(("127.0.0.1", port))

@@ -111,12 +111,14 @@ def _options(
 
 @app.command()
 def demo(
+    robot: Annotated[str, typer.Argument(metavar="gofa|gp8", help="Which robot.")] = "gofa",
     seconds: Annotated[float, typer.Option(min=3.0, help="How long to run.")] = 30.0,
 ) -> None:
-    """Run the main job with no hardware: a simulated SpaceMouse drives a simulated GoFa."""
+    """Run the main job with no hardware: a simulated SpaceMouse drives a simulated robot, an ABB
+    GoFa over EGM or a Motoman GP8 over MotoROS."""
     from cardan.gateway.demo import run_demo
 
-    raise typer.Exit(run_demo(seconds))
+    raise typer.Exit(run_demo(seconds, robot))
 
 
 @app.command(epilog=EPILOG)
@@ -476,6 +478,9 @@ def sim_motoman_gp8(
         str,
         typer.Option(metavar="ideal|paper", help="paper: the arm lags as in Baklouti et al. 2021."),
     ] = "ideal",
+    servo_on: Annotated[
+        bool, typer.Option("--servo-on", help="Its drives have power from the start.")
+    ] = False,
     groups: Annotated[
         int, typer.Option(min=1, max=4, help="Control groups, each with such an arm.")
     ] = 1,
@@ -501,6 +506,7 @@ def sim_motoman_gp8(
         big_endian=big_endian,
         velocity_mode=not no_velocity_mode,
         plant="paper" if plant == "paper" else "ideal",
+        servo_on=servo_on,
         groups=groups,
         faults=parse_faults(fault or (), motoros.FAULTS),
         seed=seed,

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cardan.gateway.config import parse_config
-from cardan.gateway.demo import simulated_peer
+from cardan.gateway.demo import free_tcp_ports, simulated_peer
 from cardan.gateway.session import Session, make_session
 from cardan.gateway.snapshot import Snapshot
 from cardan.protocols.connexion import Motion, Translation, decode_input
@@ -107,20 +107,6 @@ class _Tap:
         self._socket.close()
 
 
-def free_ports() -> int:
-    """The first of three TCP ports in a row that nobody has now."""
-    for first in range(50340, 60000, 7):
-        with contextlib.ExitStack() as probes:
-            try:
-                for port in range(first, first + 3):
-                    probe = probes.enter_context(socket.socket())
-                    probe.bind(("127.0.0.1", port))
-            except OSError:
-                continue
-            return first
-    raise RuntimeError("no three free TCP ports in a row")
-
-
 @contextlib.contextmanager
 def peers(
     directory: Path, script: str, *controller: str, velocity_mode: bool = True
@@ -129,7 +115,7 @@ def peers(
     mouse, log = directory / "mouse.sock", directory / "controller.csv"
     hand = directory / "hand.txt"
     hand.write_text(script)
-    port = free_ports()
+    port = free_tcp_ports()
     options = [*controller, "--base-port", str(port), "--log", str(log)]
     if not velocity_mode:
         options.append("--no-velocity-mode")

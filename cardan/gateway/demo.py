@@ -13,10 +13,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from cardan.errors import DriverError
+from cardan.errors import ConfigurationError, DriverError
 from cardan.gateway.config import SessionConfig, parse_config
 from cardan.gateway.session import EXIT_OK
 from cardan.gateway.snapshot import Snapshot
@@ -37,16 +38,47 @@ MISSED_SHARE = 0.01
 do and does not grant real-time scheduling; a real controller would not mind it either."""
 
 
-def demo_config(hid_path: str, pc_port: int) -> SessionConfig:
-    """The demo's configuration; examples/spacemouse-gofa-simulated.toml is the same as a file."""
-    return parse_config(
-        {
-            "device": {"driver": "spacemouse", "transport": "socket", "path": hid_path},
-            "robot": {"driver": "abb_egm", "listen_port": pc_port},
-            "mapping": {"deadman": "left", "linear_speed_m_s": 0.1, "angular_speed_rad_s": 0.4},
-            "gripper": {"toggle": "right"},
-        }
-    )
+class Demo(NamedTuple):
+    """A robot to show."""
+
+    words: str
+    """What is joined to what."""
+    robot: Callable[[int], dict[str, Any]]
+    """The configuration's tables beside the device's, for the port."""
+    port: Callable[[], int]
+    """Finds a free one, or the first of so many."""
+    peer: Callable[[int], tuple[str, ...]]
+    """``cardan sim`` of the controller, for the port."""
+
+
+def _gofa(port: int) -> dict[str, Any]:
+    """As examples/spacemouse-gofa-simulated.toml."""
+    return {
+        "robot": {"driver": "abb_egm", "listen_port": port},
+        "mapping": {"deadman": "left", "linear_speed_m_s": 0.1, "angular_speed_rad_s": 0.4},
+        "gripper": {"toggle": "right"},
+    }
+
+
+def _gp8(port: int) -> dict[str, Any]:
+    """Velocity mode, by the joints of the arm's model."""
+    return {
+        "robot": {
+            "driver": "motoros",
+            "motion_port": port,
+            "state_port": port + 1,
+            "io_port": port + 2,
+            "enable": "at-start",
+        },
+        "arm": {"model": "gp8"},
+        "mapping": {"deadman": "left", "linear_speed_m_s": 0.1, "angular_speed_rad_s": 0.4},
+    }
+
+
+def demo_config(name: str, hid_path: str, port: int) -> SessionConfig:
+    """The configuration of the demo called `name`."""
+    device = {"driver": "spacemouse", "transport": "socket", "path": hid_path}
+    return parse_config({"device": device, **DEMOS[name].robot(port)})
 
 
 @contextlib.contextmanager
@@ -91,11 +123,45 @@ def _endpoint(process: subprocess.Popen[str], name: str) -> str:
     raise DriverError(f"the simulated {name} did not serve within {READY_WITHIN_S:.0f} s")
 
 
-def _free_udp_port() -> int:
+def free_udp_port() -> int:
+    """A UDP port nobody has now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port
+
+
+def free_tcp_ports(count: int = 3) -> int:
+    """The first of `count` TCP ports in a row that nobody has now."""
+    for _ in range(100):
+        with contextlib.ExitStack() as probes:
+            first = 0
+            try:
+                for offset in range(count):
+                    probe = probes.enter_context(socket.socket())
+                    probe.bind(("127.0.0.1", first + offset if first else 0))
+                    first = first or probe.getsockname()[1]
+            except (OSError, OverflowError):
+                continue
+            return first
+    raise DriverError(f"there are no {count} free TCP ports in a row")
+
+
+DEMOS: Mapping[str, Demo] = {
+    "gofa": Demo(
+        "simulated SpaceMouse (HID reports) -> gateway -> simulated GoFa (EGM, 250 Hz)",
+        _gofa,
+        free_udp_port,
+        lambda port: ("abb-gofa", "--to", f"127.0.0.1:{port}"),
+    ),
+    "gp8": Demo(
+        "simulated SpaceMouse (HID reports) -> gateway -> simulated Motoman GP8 "
+        "(simple message, velocity mode, 250 Hz)",
+        _gp8,
+        free_tcp_ports,
+        lambda port: ("motoman-gp8", "--base-port", str(port), "--servo-on"),
+    ),
+}
 
 
 def shortcomings(last: Snapshot) -> list[str]:
@@ -117,21 +183,22 @@ def shortcomings(last: Snapshot) -> list[str]:
     return found
 
 
-def run_demo(seconds: float) -> int:
-    """Run it; returns the exit code of the command."""
-    port = _free_udp_port()
+def run_demo(seconds: float, name: str = "gofa") -> int:
+    """Run one of DEMOS; returns the exit code of the command."""
+    demo = DEMOS.get(name)
+    if demo is None:
+        raise ConfigurationError("demo", f"{name!r} is none; allowed: {', '.join(DEMOS)}")
+    port = demo.port()
     # Should this process be killed, its peers still end by themselves.
     until = ("--seconds", str(seconds + READY_WITHIN_S + KILL_AFTER_S))
     with tempfile.TemporaryDirectory(prefix="cardan-demo-") as folder, SessionView() as view:
         hid_path = str(Path(folder) / "spacemouse")
-        view.console.print(
-            "simulated SpaceMouse (HID reports) -> gateway -> simulated GoFa (EGM, 250 Hz)"
-        )
+        view.console.print(demo.words)
         with (
             simulated_peer("spacemouse", "--hid", hid_path, "--script", "demo", *until),
-            simulated_peer("abb-gofa", "--to", f"127.0.0.1:{port}", *until),
+            simulated_peer(*demo.peer(port), *until),
         ):
-            outcome = supervise(demo_config(hid_path, port), seconds, view.show)
+            outcome = supervise(demo_config(name, hid_path, port), seconds, view.show)
     view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:
         print(f"cardan: {outcome.last.error}", file=sys.stderr)

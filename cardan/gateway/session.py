@@ -208,8 +208,11 @@ class Session:
         s.axes, s.buttons, s.battery = list(hand.axes), sorted(hand.buttons), hand.battery
         s.robot_link, s.hold_reason = state.link.value, state.hold_reason
         s.sequence, s.joints_rad = state.sequence, list(state.joints)
-        if state.pose is not None:
-            s.pose = [*state.pose.position, *state.pose.orientation]
+        pose = state.pose
+        if pose is None and self.engine.arm is not None and state.ready:
+            pose = self.engine.arm.reported(state)
+        if pose is not None:
+            s.pose = [*pose.position, *pose.orientation]
         if status.pose is not None:
             s.reference = [*status.pose.position, *status.pose.orientation]
         s.twist = [*status.twist.linear, *status.twist.angular]

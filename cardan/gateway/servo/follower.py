@@ -64,6 +64,10 @@ class ArmFollower:
         """
         return to_pose(self.servo.kinematics.forward(self._joints(state)))
 
+    def reported(self, state: RobotState) -> Pose:
+        """The TCP at the joints just as they are reported, by the model, in its base frame."""
+        return to_pose(self.servo.kinematics.forward(np.array(state.joints)))
+
     def _joints(self, state: RobotState) -> FloatArray:
         return self._lag.expected(np.array(state.joints), self.servo.q)
 
