@@ -66,7 +66,7 @@ def test_a_hand_that_moves_makes_nothing_ready(fake_drivers):
 def test_a_robot_that_is_made_ready_elsewhere_has_no_button_for_it(fake_drivers, monkeypatch):
     monkeypatch.delattr(FakeRobot, "enable")
     with pytest.raises(ConfigurationError, match=r"mapping\.enable: .* at its own controller"):
-        session(mapping={"enable": "grip"}).run()
+        session(mapping={"enable": "grip"}, gripper={"toggle": ""}).run()
 
 
 def test_stop_brakes_before_it_leaves(fake_drivers):
