@@ -3,7 +3,6 @@
 import io
 import re
 import struct
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -19,13 +18,9 @@ from cardan.dissect.capture import Frame
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.reader import Options
 from cardan.dissect.simple_message_reader import SimpleMessageReader
+from tests import captures
+from tests.dissect import worked
 
-from . import worked
-
-CAPTURE = (
-    Path(__file__).parents[2].parent
-    / "shared" / "captures" / "motoman_single_group_simple_move.pcapng"
-)  # fmt: skip
 CONTROLLER, CLIENT = Endpoint("10.0.0.1", 50241), Endpoint("10.0.0.2", 40000)
 MOTION = Endpoint("10.0.0.1", 50240)
 
@@ -174,10 +169,9 @@ def test_the_cycle_of_the_real_time_mode():
     assert "RT_JOINT_COMMAND_EX to its reply x1" in "\n".join(reader.summary())
 
 
-@pytest.mark.skipif(not CAPTURE.exists(), reason=f"the capture {CAPTURE.name} is not there")
 def test_a_real_controller():
     out = io.StringIO()
-    counts = dissect_file(CAPTURE, out)
+    counts = dissect_file(captures.require(captures.MOTOMAN), out)
     assert counts.messages["simple message"] == 164
     assert counts.malformed["simple message"] == 0
     assert counts.other_packets == 0

@@ -1,7 +1,7 @@
 """The simulated controller against a capture of a real one, a big-endian controller of 2015.
 
 The client's messages are taken from the capture, which lies beside the repository; the numbers
-here were taken from it too.
+here were taken from it too, and are enough for the most of it where the capture is not there.
 """
 
 from __future__ import annotations
@@ -11,21 +11,22 @@ import select
 import socket
 import statistics
 import time
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
-from cardan.dissect.capture import Capture
-from cardan.dissect.network import Segment, parse
 from cardan.protocols.simple_message import (
+    ZEROS,
     ByteOrder,
     FrameReader,
     JointTrajPtFull,
     MessageType,
     MotionCommand,
+    MotionCtrl,
     MotionResult,
     Wire,
+    joints10,
+    request,
 )
 from cardan.sim_peers.motoros_controller import (
     MotorosController,
@@ -33,16 +34,7 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerPeer,
     MotorosServers,
 )
-
-CAPTURE = (
-    Path(__file__).parents[2].parent
-    / "shared"
-    / "captures"
-    / "motoman_single_group_simple_move.pcapng"
-)
-pytestmark = pytest.mark.skipif(
-    not CAPTURE.exists(), reason="needs the capture of a real controller in ../shared/captures"
-)
+from tests import captures
 
 MOTION, STATE = 50240, 50241
 RETRY_S = 0.0054
@@ -87,11 +79,8 @@ class Real(NamedTuple):
 def real():
     found = Real([], [], [], [], [], [])
     sent_s = []
-    for frame in Capture(CAPTURE):
-        segment = parse(frame)
-        if not isinstance(segment, Segment) or not segment.payload:
-            continue
-        message, time_s = WIRE.decode(segment.payload), frame.time_ns * 1e-9
+    for time_s, segment in captures.tcp_segments(captures.MOTOMAN):
+        message = WIRE.decode(segment.payload)
         if segment.source.port == STATE:
             found.states.append((time_s, message.msg_type))
         elif segment.source.port == MOTION:
@@ -109,6 +98,39 @@ def real():
     first_s = found.accepted_s[0]
     found.accepted_s[:] = [time_s - first_s for time_s in found.accepted_s]
     return found
+
+
+@pytest.fixture(scope="module")
+def told():
+    """The captured client without the capture: its times, on a way of our own."""
+    way = [time_s / TIMES_S[-1] for time_s in TIMES_S]
+    points = [
+        JointTrajPtFull(
+            0,
+            number,
+            15,
+            time_s,
+            joints10((0.1 + 0.1 * share, 1.2, 0.5, 0.0, 0.0, 0.0)),
+            joints10((0.0 if share in (0.0, 1.0) else 0.1 / TIMES_S[-1],)),
+            ZEROS,
+        )
+        for number, (time_s, share) in enumerate(zip(TIMES_S, way, strict=True))
+    ]
+    asked = (MotionCommand.CHECK_MOTION_READY, MotionCommand.START_TRAJ_MODE)
+    return Real(
+        [WIRE.encode(request(point)) for point in points],
+        [WIRE.encode(request(MotionCtrl(0, 0, command))) for command in asked],
+        [],
+        [],
+        [],
+        [],
+    )
+
+
+@pytest.fixture(scope="module", params=["real", "told"])
+def client(request):
+    """The captured client, and what is left of it where the capture is not."""
+    return request.getfixturevalue(request.param)
 
 
 def captured_controller(real, **changes):
@@ -227,9 +249,9 @@ def test_points_are_accepted_and_refused_as_by_the_real_controller(real):
 
 
 @pytest.mark.parametrize("offset_ms", [0.0, 0.3, 0.9, 1.4, 1.9])
-def test_a_client_with_a_steady_retry_sees_the_same(real, offset_ms):
+def test_a_client_with_a_steady_retry_sees_the_same(client, offset_ms):
     """Wherever it stands to the controller's clock."""
-    replay = Replay(real, offset_s=offset_ms * 1e-3)
+    replay = Replay(client, offset_s=offset_ms * 1e-3)
     replay.move()
     assert results(replay.answers, MotionResult.SUCCESS) == 10
     assert results(replay.answers, MotionResult.BUSY) == pytest.approx(48, abs=3)
@@ -237,8 +259,8 @@ def test_a_client_with_a_steady_retry_sees_the_same(real, offset_ms):
     assert refusals(replay.answers) == pytest.approx(BUSY, abs=1)
 
 
-def test_a_point_waits_until_all_but_a_queue_of_the_one_before_is_played(real):
-    replay = Replay(real)
+def test_a_point_waits_until_all_but_a_queue_of_the_one_before_is_played(client):
+    replay = Replay(client)
     replay.move()
     started_s = replay.accepted_s[1]
     for number in range(5, 10):
@@ -246,11 +268,11 @@ def test_a_point_waits_until_all_but_a_queue_of_the_one_before_is_played(real):
         assert 0.0 <= replay.accepted_s[number] - started_s - played_s < RETRY_S + 0.005
 
 
-def test_the_arm_ends_where_the_last_point_says(real):
-    replay = Replay(real)
+def test_the_arm_ends_where_the_last_point_says(client):
+    replay = Replay(client)
     replay.move()
     replay.run(replay.now_s + 1.0)
-    end = WIRE.decode(real.points[-1]).body.pos[:6]
+    end = WIRE.decode(client.points[-1]).body.pos[:6]
     controller = replay.servers.controller
     assert controller.command_rad(0) == pytest.approx(end, abs=1e-4)
     assert controller.queue_count(0) == 0
