@@ -106,7 +106,8 @@ def values(field):
         return ten
     if isinstance(field, sm.RealField):
         return real
-    return u32 if isinstance(field, sm.UnsignedField) else i32
+    unsigned = isinstance(field, (sm.UnsignedField, sm.UnsignedEnumField))
+    return u32 if unsigned else i32
 
 
 @settings(max_examples=200, deadline=None)

@@ -202,9 +202,9 @@ class MotorosController:
         self.replies: list[Message] = []
         """Answers to send, oldest first; whoever sends them takes them out."""
         self.close_requested = False
+        """The motion connection is to be closed; whoever does so resets it."""
         self.velocities_accepted = self.velocities_refused = 0
         """Messages 2040 and 2041 since the start."""
-        """The motion connection is to be closed; whoever does so resets it."""
         self.connections: set[str] = set()
         """Of "motion", "state" and "io", those that have a client; the servers keep it."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
