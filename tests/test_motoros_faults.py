@@ -293,3 +293,79 @@ def test_every_velocity_is_sent_and_accepted_to_the_last():
     assert rig.session.counters.commands == rig.controller.velocities_accepted
     assert rig.controller.velocities_refused == 0
     assert speed(rig) == 0.0
+
+
+@pytest.mark.parametrize("seconds", [0.045, 0.06])
+def test_a_stream_that_ran_empty_begins_anew_from_rest(seconds):
+    rig = moving("stream")
+    die(rig, seconds)
+    assert speed(rig, 0.008) == 0.0
+    at_s = rig.now_s
+    rig.run(1.5)
+    assert rig.session.enabled
+    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+    assert rig.session.counters.underruns == 1
+    # No segment began at the speed that the last point before the pause had.
+    assert hardest(rig, at_s + 0.1) <= ACCELERATION + 3 * ONE_PULSE
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("seconds", [0.15, 4.0])
+def test_a_long_pause_of_this_computer_ends_motion(mode, seconds):
+    rig = moving(mode)
+    die(rig, seconds)
+    rig.run(0.5)
+    at_s = rig.now_s
+    rig.run(1.0)
+    assert travelled(rig, at_s) == 0.0
+    assert not rig.session.enabled
+    assert rig.states[-1].hold_reason
+    assert_moves_only_when_enabled_anew(rig)
+
+
+def test_a_queue_that_is_not_played_ends_motion_and_is_emptied():
+    rig = moving("stream")
+    rig.controller.speed_limit(0.0, rig.now_s)
+    rig.run(2.0)
+    assert not rig.session.enabled
+    assert "plays nothing" in rig.session.end_reason
+    rig.controller.speed_limit(None, rig.now_s)
+    at_s = rig.now_s
+    rig.run(1.0)
+    assert travelled(rig, at_s) == 0.0
+    assert_moves_only_when_enabled_anew(rig)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_energy_saving_is_named_and_ended_by_the_operator(mode):
+    rig = moving(mode)
+    rig.answer = lambda state: JointVelocityCommand((0.0,) * 6)
+    rig.run(1.0)
+    rig.controller.energy_saving(True, rig.now_s)
+    rig.run(0.3)
+    assert not rig.session.enabled
+    assert "saving energy" in rig.states[-1].hold_reason
+    rig.answer = lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0))
+    rig.ready()
+    rig.run(0.6)
+    assert speed(rig) == pytest.approx(SPEED, rel=0.05)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_servos_are_switched_off_whenever_that_is_asked_for(mode):
+    rig = Rig({"mode": mode}, lambda state: JointVelocityCommand((0.0,) * 6))
+    rig.run(1.0, until=lambda: rig.session.phase.name == "IDLE")
+    rig.session.ask("enable", rig.now_s)
+    rig.session.ask("servo off", rig.now_s)
+    rig.run(3.0)
+    assert rig.controller.status().drives_powered == 0
+    assert not rig.session.enabled
+
+
+def test_an_arm_with_more_axes_than_the_model_is_refused_in_a_stream():
+    rig = Rig({"mode": "stream"}, robot="amor", start=(0.1,) * 7)
+    rig.run(1.0, until=lambda: rig.session.phase.name == "IDLE")
+    rig.session.enable(rig.now_s)
+    rig.run(0.5)
+    assert not rig.session.enabled
+    assert "more axes" in rig.states[-1].hold_reason

@@ -12,6 +12,7 @@ dead-man button let go and pressed anew.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
-from cardan.spatial import is_finite, rotation_between, scale, subtract
+from cardan.spatial import is_finite, norm, rotation_between, scale, subtract
 from cardan.types import (
     NEVER_S,
     ZERO3,
@@ -50,6 +51,10 @@ watched, fast enough not to be waited for."""
 RESYNC_GIVE_UP_S = 2.0
 """A reference that has not met its robot after so long, ten time constants, never will: a joint
 that is measured wrongly would be chased for ever."""
+
+MEETING_WAYS, MEETING_M, MEETING_RAD = 1.5, 0.01, 0.05
+"""A reference that goes to its robot needs to go no farther than the distance between them. One
+that has gone so many times as far, and a little, chases a robot that goes along."""
 
 EASE_ABOVE = 0.5
 """Share of the leash beyond which a reference that nobody drives is brought back to its robot, so
@@ -147,6 +152,9 @@ class TeleopEngine:
         self._resync_s = 0.0
         self._joints_asked = False
         self._easing = False
+        self._meeting = False
+        self._way_m = self._way_rad = 0.0
+        """How far the reference may still go to meet its robot."""
         self._ticked_s = NEVER_S
         self._stop_reason = ""
 
@@ -230,6 +238,12 @@ class TeleopEngine:
             EASE_BELOW if self._easing else EASE_ABOVE
         )
         given_up = self._resyncing and self._resync_s > RESYNC_GIVE_UP_S
+        meeting = (self._easing or self._resyncing) and not given_up
+        if meeting and not self._meeting:
+            self._way_m = MEETING_WAYS * self.reference.ahead_m + MEETING_M
+            self._way_rad = MEETING_WAYS * self.reference.ahead_rad + MEETING_RAD
+        self._meeting = meeting
+        before = self.reference.pose
         if self._easing and not given_up:
             wanted = self._resync_twist(measured)
         dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
@@ -242,12 +256,26 @@ class TeleopEngine:
         else:
             self.reference.shape(wanted, dt_s, smooth=self._armed)
             self.arm.advance(self.reference, dt_s, rates)
+        if meeting:
+            self._count_way(before)
         self._settle(robot, device)
         if self.arm is not None:
-            return self.arm.command(robot)
+            return self.arm.command(robot, meeting)
         pose = self.reference.pose
         assert pose is not None
         return PoseCommand(pose, self.reference.twist)
+
+    def _count_way(self, before: Pose | None) -> None:
+        """Give up a reference that goes on and on and does not meet its robot."""
+        after = self.reference.pose
+        assert before is not None
+        assert after is not None
+        self._way_m -= norm(subtract(after.position, before.position))
+        self._way_rad -= norm(rotation_between(before.orientation, after.orientation))
+        if self._way_m < 0.0 or self._way_rad < 0.0:
+            if self._armed:
+                self._trip("the robot goes along when its reference is brought back to it")
+            self._resyncing, self._resync_s = True, math.inf
 
     def _measured(self, robot: RobotState) -> Pose | None:
         """The TCP's measured pose, by the arm's model where there is one."""
@@ -258,6 +286,7 @@ class TeleopEngine:
         return None if self._misfit else self.arm.measured(robot)
 
     def _place(self, measured: Pose, robot: RobotState) -> None:
+        self._resyncing = self._easing = self._meeting = False
         self.reference.place(measured)
         if self.arm is not None:
             self.arm.place(robot)

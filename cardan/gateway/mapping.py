@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from cardan.spatial import rotate
 from cardan.types import ButtonEvent, DeviceLink, DeviceState, Frame, Quaternion, Twist, Vector3
 
+ENABLE_WITHIN_S = 0.5
+"""Older presses of the enable button do not count: this computer may have stood still."""
+
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Names of the device axes and of the twist components they drive, in order."""
 
@@ -106,11 +109,18 @@ class TwistMapping:
         """True while the operator says that motion is wanted."""
         return not self.options.deadman or self.options.deadman in device.buttons
 
-    def asks_to_enable(self, device: DeviceState, events: Iterable[ButtonEvent]) -> bool:
+    def asks_to_enable(
+        self, device: DeviceState, events: Iterable[ButtonEvent], now_s: float
+    ) -> bool:
         """True when the operator asks for the robot, with nothing deflected and no dead-man held:
-        what is made ready must not begin to move."""
+        what is made ready must not begin to move. A press that waited is no wish any more."""
         return (
-            any(event.pressed and event.button == self.options.enable for event in events)
+            any(
+                event.pressed
+                and event.button == self.options.enable
+                and now_s - event.stamp_s <= ENABLE_WITHIN_S
+                for event in events
+            )
             and device.link is DeviceLink.LIVE
             and not any(device.axes)
             and not (self.options.deadman and self.options.deadman in device.buttons)

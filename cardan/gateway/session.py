@@ -141,7 +141,7 @@ class Session:
                 gripper_closed = mapping.gripper_closed
                 self._move_gripper(gripper_closed)
             robot.send(command)
-            if events and mapping.asks_to_enable(hand, events):
+            if events and mapping.asks_to_enable(hand, events, state.stamp_s):
                 robot.enable()
             now_s = monotonic()
             if state.ready:

@@ -118,7 +118,10 @@ def supervise(
         if code != 0 and not last.error:
             last.error = f"the session's process ended with status {code}"
             if code < 0:
-                last.error += "; a robot that moved goes on until its own timeout (CommTimeout)"
+                last.error += (
+                    "; only its controller stops a robot that moved (EGM: CommTimeout; MotoROS: "
+                    "watchdog, or an empty queue)"
+                )
         return Outcome(code if code >= 0 else EXIT_INTERNAL, last)
 
 

@@ -366,11 +366,15 @@ def test_how_bytes_are_cut_makes_no_difference(mode, fault):
     assert run.controller.command_rad(0)[0] > 0.2
 
 
-def test_late_replies_slow_a_stream_down_and_break_nothing():
-    run = turning(rig("stream", faults={"late": 30.0}).ready(), 0.1).run(1.0)
-    assert run.session.enabled
-    assert run.session.counters.underruns > 0
+def test_replies_too_late_for_a_stream_end_it_without_a_step_at_rest():
+    run = turning(rig("stream", faults={"late": 30.0}).ready(), 0.1).run(4.0)
+    assert not run.session.enabled
+    assert run.session.counters.underruns >= 3
+    assert "too slow for a stream" in run.session.end_reason
     assert run.servers.counters.pipelined == 0
+    where = run.controller.command_rad(0)
+    run.run(1.0)
+    assert run.controller.command_rad(0) == where
 
 
 def test_garbage_between_states_is_named_and_survived():

@@ -508,7 +508,7 @@ class Model:
     def advance(self, reference, dt_s, rates):
         pass
 
-    def command(self, robot):
+    def command(self, robot, meeting=False):
         return HoldCommand()
 
 

@@ -64,7 +64,7 @@ _BUSY: Mapping[int, str] = {
         "send the same points again"
     ),
     MotionCommand.START_VEL_MODE: (
-        "points of a trajectory are still queued; wait for its end, or stop the motion first"
+        "the robot still moves, or points of a trajectory are still queued; wait, or stop it first"
     ),
 }
 _BUSY_OTHERWISE = "the controller is at something else; ask again"

@@ -26,7 +26,7 @@ _LONGEST_WAIT_S = 0.05
 """What another thread asks for is seen after so long, whatever the session waits for."""
 _CONNECT_TIMEOUT_S = 2.0
 _LEAVE_S = 1.5
-"""The ramp, and the controller's answers to what ends it."""
+"""Beside the ramp: the controller's answers to what ends it."""
 _BACKLOG_BYTES = 16 * 1024
 """A connection that takes nothing any more is given up with so much unsent."""
 
@@ -110,7 +110,7 @@ class Motoros(RobotDriver):
         self._loop += 1
         if self._loop_thread != threading.get_ident():
             # The loop in another thread sees that when it wakes up, and leaves the robot safe.
-            self._loop_ended.wait(_LONGEST_WAIT_S + _LEAVE_S)
+            self._loop_ended.wait(_LONGEST_WAIT_S + _LEAVE_S + self._session.braking_s)
         with contextlib.suppress(Exception):
             self._leave()
         self._open = False
@@ -196,7 +196,7 @@ class Motoros(RobotDriver):
     def _leave(self) -> None:
         """Brake, leave the controller's mode, and hear it say so; never for long."""
         session = self._session
-        deadline_s = _monotonic() + _LEAVE_S
+        deadline_s = _monotonic() + _LEAVE_S + session.braking_s
         session.leave(_monotonic())
         self._flush(session)
         while not session.left and (left_s := deadline_s - _monotonic()) > 0.0:
@@ -310,7 +310,9 @@ class Motoros(RobotDriver):
         self._tasks.append("disable")
 
     def stop(self) -> None:
-        """Stop dead (STOP_MOTION), without a ramp: for an emergency. Done by the loop."""
+        """STOP_MOTION, without a ramp of ours: a trajectory stops dead, velocity mode ramps down at
+        the controller's own acceleration. Done by the loop, after a reply that is awaited; no
+        substitute for an emergency stop."""
         self._tasks.append("stop")
 
     def reset_alarm(self) -> None:

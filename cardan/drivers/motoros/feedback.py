@@ -23,6 +23,11 @@ from cardan.protocols.simple_message import (
 from cardan.protocols.simple_message.codes import MessageType
 from cardan.types import NEVER_S
 
+_ABSURD = 1e3
+"""rad or m; no joint is so far from its zero."""
+_KINDS_OF_IGNORED = 32
+"""So many reasons are told apart."""
+
 _BAD_IN_A_ROW = 8
 """So many bad messages after each other, and the connection is given up."""
 
@@ -49,6 +54,8 @@ class StateFeed:
         self.feedbacks = 0
         self.still_since_s = math.inf
         """When the robot came to rest; infinite while it moves."""
+        self.other_axis = 0
+        """An axis, counted from 1, that the arm does not have and that is not at zero; 0: none."""
         self.failure = ""
         self.ignored: Counter[str] = Counter()
         """Messages without effect, by reason."""
@@ -130,6 +137,8 @@ class StateFeed:
         return wire(order)
 
     def _ignore(self, reason: str) -> None:
+        if reason not in self.ignored and len(self.ignored) >= _KINDS_OF_IGNORED:
+            reason = "others"
         self.ignored[reason] += 1
         self._bad += 1
         if self._bad >= _BAD_IN_A_ROW:
@@ -155,8 +164,14 @@ class StateFeed:
                 self._ignore("a feedback without positions")
             elif not all(map(math.isfinite, positions)):
                 self._ignore("a feedback that is no numbers")
+            elif max(map(abs, positions)) > _ABSURD:
+                self._ignore("a feedback that no joint can have")
             else:
                 self._bad = 0
+                others = body.pos[n:]
+                self.other_axis = 0
+                if any(others):
+                    self.other_axis = n + 1 + next(i for i, p in enumerate(others) if p)
                 self.positions = positions
                 self.feedback_s = now_s
                 self.feedbacks += 1

@@ -70,6 +70,7 @@ class JointGuide:
         "_upper",
         "_wanted",
         "_zeros",
+        "closing_rad_s",
         "positions",
         "velocities",
     )
@@ -120,10 +121,17 @@ class JointGuide:
         self._range_low = [-_INF] * count
         self._following = False
         self._speedy = self._jerky = self._ranged = 0
+        self.closing_rad_s = _INF
+        """Fastest that a JointCommand with velocities makes good a distance besides them."""
         self.positions: list[float] = [0.0] * count
         """Commanded, rad. The same list always."""
         self.velocities: list[float] = [0.0] * count
         """Commanded, rad/s. The same list always."""
+
+    @property
+    def accelerations(self) -> tuple[float, ...]:
+        """The limits, rad/s²."""
+        return self._acceleration
 
     @property
     def at_rest(self) -> bool:
@@ -169,6 +177,18 @@ class JointGuide:
                 most = self._speed[i]
                 speed = max(min(float(velocities[i]), high, most), low, -most)
             self.velocities[i] = speed
+
+    def shift(self, by: Sequence[float]) -> None:
+        """The joints are `by` so much, rad, from where they were thought to be. No motion."""
+        for i in self._axes:
+            self.positions[i] += by[i]
+
+    def coast(self, dt_s: float) -> None:
+        """`dt_s` have passed at the speeds there were, but for the ends of the ranges."""
+        velocities = tuple(self.velocities)
+        while dt_s >= SHORTEST_STEP_S:
+            self.step(JointVelocityCommand(velocities), dt_s)
+            dt_s -= LONGEST_STEP_S
 
     def step(self, command: RobotCommand, dt_s: float) -> None:
         """Move for `dt_s` as `command` says, as far as limits allow.
@@ -294,6 +314,8 @@ class JointGuide:
             own[i] = rate
             if rate < closing:
                 closing = rate
+            if velocities is not None and closing * abs(left) > self.closing_rad_s:
+                closing = self.closing_rad_s / abs(left)
         low = self._low
         high = self._high
         for i in self._axes:

@@ -36,6 +36,16 @@ REST_TIMEOUT_S = 5.0
 REST_RAD_S = 1e-6
 """A guide that follows positions never comes nearer to zero than rounding lets it."""
 
+BRAKE_MARGIN_S = 1.0
+"""Beside the ramp itself: queues that are played out, and replies."""
+
+WAKING_S = 0.06
+"""After the first point statuses may still be from before it: two cycles of them."""
+
+READY_S = 0.1
+"""After START_TRAJ_MODE the status may lag behind its reply: the inputs are polled every 10 ms, the
+state is sent every 25 ms."""
+
 START_TRIES = 3
 """Feedback is compared with the commanded position, which an arm that sags may be away from."""
 
@@ -137,10 +147,14 @@ class Motion(ABC):
         self.options = options
         self.ended = ""
         """Why motion is over, in words; empty while it is not."""
+        self.unexplained = False
+        """Whether the controller can tell more about what `ended` says."""
         self.waiting = ""
         """Why commands do not act yet, in words; empty when they do."""
         self.next_s = math.inf
         """When `advance` is to be called."""
+        self._acting_s = math.inf
+        """A status later than this must say that the drives have power."""
         self.topics: list[Message] = []
         """To be sent at once, in order."""
         self._requests, self._feed, self._guide = requests, feed, guide
@@ -180,7 +194,19 @@ class Motion(ABC):
             or status.in_error != 0
             or status.mode != ControllerMode.AUTO
             or (status.motion_possible != 1 and not self.waiting)
+            # Energy saving: motion is possible, but only a first point wakes the drives.
+            or (status.drives_powered == 0 and self._feed.status_s > self._acting_s)
         )
+
+    @property
+    def braking_s(self) -> float:
+        """How long the ramp to rest takes, and what is queued before it."""
+        guide = self._guide
+        ramp_s = max(
+            abs(speed) / acceleration
+            for speed, acceleration in zip(guide.velocities, guide.accelerations, strict=True)
+        )
+        return ramp_s + BRAKE_MARGIN_S
 
     def _resting(self) -> bool:
         return all(abs(speed) < REST_RAD_S for speed in self._guide.velocities)
@@ -255,12 +281,18 @@ class Trajectory(Motion):
     def _rested(self, now_s: float) -> bool:
         """True when a trajectory can begin; gives up when that takes too long."""
         feed = self._feed
-        if feed.at_rest_after(self._rest_since_s):
-            status = feed.status
-            if status is not None and status.motion_possible == 1:
-                return True
+        status = feed.status
+        possible = status is not None and status.motion_possible == 1
+        if possible and feed.at_rest_after(self._rest_since_s):
+            return True
+        late_s = READY_S if self._acting_s == math.inf else 0.0
+        if not possible and feed.status_s > self._rest_since_s + late_s:
+            self.ended = "the controller does not allow motion"
+            self.unexplained = True
+            return False
         if now_s >= self._give_up_s:
             self.ended = "the robot did not come to rest, so no trajectory could be begun"
+            self.unexplained = True
         return False
 
     def _begin(self, now_s: float) -> None:
@@ -310,6 +342,7 @@ class Trajectory(Motion):
         self._resend = None
         if point.sequence == 0:
             self._tries = 0
+            self._acting_s = now_s + WAKING_S
         self._accepted(point, now_s)
 
     @abstractmethod

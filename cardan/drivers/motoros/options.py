@@ -95,7 +95,8 @@ class MotorosOptions:
         share = self.speed_share
         _require("speed_share", share, _is_number(share) and 0.0 < share <= 1.0, "above 0 to 1")
         _require("host", self.host, isinstance(self.host, str) and bool(self.host), "a host")
-        _require("record", self.record, isinstance(self.record, str), "a file's path or empty")
+        path = isinstance(self.record, str) and "\0" not in self.record
+        _require("record", self.record, path, "a file's path or empty")
         trust = self.trust_velocity
         _require("trust_velocity", trust, isinstance(trust, bool), "true or false")
         ipc_ms = 1e3 * self.ipc_s

@@ -71,7 +71,7 @@ class MotionRequests:
         self._timeout_s, self._slow_timeout_s = timeout_s, slow_timeout_s
         self._waiting: deque[_Asked] = deque()
         self._asked: _Asked | None = None
-        self._asked_s = -math.inf
+        self.asked_s = -math.inf
         self._sequence = 0
 
     @property
@@ -90,7 +90,7 @@ class MotionRequests:
         asked = self._asked
         if asked is None:
             return math.inf
-        return self._asked_s + (self._slow_timeout_s if asked.slow else self._timeout_s)
+        return self.asked_s + (self._slow_timeout_s if asked.slow else self._timeout_s)
 
     # -- asking -----------------------------------------------------------------------------------
 
@@ -126,7 +126,7 @@ class MotionRequests:
         if self._asked is not None or not self._waiting:
             return None
         self._asked = asked = self._waiting.popleft()
-        self._asked_s = now_s
+        self.asked_s = now_s
         return request(asked.body)
 
     # -- replies ----------------------------------------------------------------------------------
@@ -144,7 +144,7 @@ class MotionRequests:
             return wrong
         self._asked = None
         if not asked.slow:
-            self.latency.add(now_s - self._asked_s)
+            self.latency.add(now_s - self.asked_s)
         if isinstance(body, MotionReply):
             self.results[body.result] += 1
         asked.then(body, now_s)
@@ -175,7 +175,7 @@ class MotionRequests:
         asked = self._asked
         if asked is None or now_s < self.deadline_s:
             return ""
-        return f"no reply to {_name(asked.command)} for {now_s - self._asked_s:.1f} s"
+        return f"no reply to {_name(asked.command)} for {now_s - self.asked_s:.1f} s"
 
 
 def _nobody(answer: Answer, now_s: float) -> None:

@@ -60,8 +60,8 @@ IDLE_CHECK_S = 1.0
 FLOAT32_SHARE = 1.0 - 1e-6
 """Of a limit that came as float32: what goes back as float32 is not above it either."""
 
-BRAKE_TIMEOUT_S = 1.0
-"""No braking ramp within sensible limits takes longer."""
+STALL_S = 0.1
+"""After a pause of this computer longer than this the robot is not where it was left."""
 BRAKE_CHECK_S = 0.004
 """Whether a braked robot has come to rest is looked at so often."""
 STOP_TRIES = 5
@@ -180,6 +180,11 @@ class MotorosSession:
         return self.feed.byte_order
 
     @property
+    def braking_s(self) -> float:
+        """How long it takes to come to rest from now, at most; 0 while nothing moves."""
+        return 0.0 if self._motion is None else self._motion.braking_s
+
+    @property
     def enabled(self) -> bool:
         """True while commands move the robot, or would if they came."""
         return self.phase is Phase.MOVING
@@ -262,6 +267,10 @@ class MotorosSession:
                 self._drop("motion", "the controller has changed its byte order", now_s)
             self._look(now_s)
         elif self._wire is not None:
+            overdue = self.requests.overdue(now_s)
+            if overdue:
+                self._drop("motion", overdue, now_s)
+                return
             reader = self._reader
             reader.feed(data)
             while self._links["motion"].up and (frame := reader.take()) is not None:
@@ -321,7 +330,9 @@ class MotorosSession:
 
     def advance(self, now_s: float) -> None:
         """Do what time demands: time-outs, polls, points that are due, ramps."""
-        self._advanced_s = now_s
+        paused_s, self._advanced_s = now_s - self._advanced_s, now_s
+        if self.phase is Phase.MOVING and paused_s > STALL_S:
+            self._over(f"this computer stood still for {paused_s:.2f} s")
         overdue = self.requests.overdue(now_s)
         if overdue:
             self._drop("motion", overdue, now_s)
@@ -355,6 +366,8 @@ class MotorosSession:
             return
         if motion.ended:
             self._over(motion.ended)
+            if motion.unexplained:
+                self.requests.control(MotionCommand.CHECK_MOTION_READY, self._learnt)
         elif self.phase is Phase.BRAKING and (
             motion.settled(now_s) or now_s >= self._brake_until_s
         ):
@@ -436,7 +449,12 @@ class MotorosSession:
             elif self.phase in (Phase.DOWN, Phase.GREETING):
                 self._answer = f"{task}: {self.phase.value}"
             elif command is MotionCommand.STOP_SERVOS:
-                self._brake("the servos were switched off", now_s, (command,))
+                if self.phase is Phase.STARTING:
+                    self.disable(now_s)
+                if self.phase is Phase.LEAVING:
+                    self._after.append(command)
+                else:
+                    self._brake("the servos were switched off", now_s, (command,))
             # Alarms and servos that are off would have ended the motion.
         self._flush(now_s)
 
@@ -446,7 +464,7 @@ class MotorosSession:
         if phase is Phase.GREETING:
             self._asked_early = True
         elif phase is Phase.DOWN:
-            self.end_reason = f"motion cannot be enabled: {self._why_down()}"
+            self.end_reason = "motion could not be enabled while there was no connection"
         elif phase is Phase.IDLE:
             if self._lacking():
                 return
@@ -464,6 +482,11 @@ class MotorosSession:
         """What makes a start useless, in words."""
         if self.options.mode == "velocity" and not self._velocity:
             return "the controller has no velocity mode; set mode to stream or auto"
+        if self.feed.other_axis:
+            return (
+                f"axis {self.feed.other_axis} of group {self.options.group} is not at zero: the "
+                f"controller has more axes than {self.options.robot}'s {self.options.joints}"
+            )
         info = self.velocity_info
         if self._uses_velocity and info is not None and info.axes != self.options.joints:
             return (
@@ -524,15 +547,16 @@ class MotorosSession:
         if self.phase is Phase.STARTING:
             self.phase = Phase.LEAVING
             self._stop_tries = 0
-            self._after = [self._stop_command()]
+            self._after = list(self._stop_commands)
             self.requests.drop()
             self._leave(now_s)
         else:
-            self._brake("motion was disabled", now_s, (self._stop_command(),))
+            self._brake("motion was disabled", now_s, self._stop_commands)
         self._flush(now_s)
 
     def stop(self, now_s: float) -> None:
-        """Stop the command dead, without a ramp: for an emergency."""
+        """STOP_MOTION at once: a trajectory's command stops dead, velocity mode ramps down at the
+        controller's own acceleration. A reply that is awaited comes first."""
         self._start_once = self._asked_early = False
         if self.phase in (Phase.DOWN, Phase.GREETING):
             return
@@ -550,9 +574,13 @@ class MotorosSession:
         phase = self.phase
         return phase in (Phase.DOWN, Phase.GREETING) or (phase is Phase.IDLE and self.requests.idle)
 
-    def _stop_command(self) -> MotionCommand:
-        velocity = self._uses_velocity
-        return MotionCommand.STOP_VEL_MODE if velocity else MotionCommand.STOP_TRAJ_MODE
+    @property
+    def _stop_commands(self) -> tuple[MotionCommand, ...]:
+        """What leaves the modes; trajectory mode stays behind when velocity mode is left."""
+        trajectory = MotionCommand.STOP_TRAJ_MODE
+        if self._uses_velocity:
+            return MotionCommand.STOP_VEL_MODE, trajectory
+        return (trajectory,)
 
     def _control(self, command: MotionCommand, now_s: float) -> None:
         def told(answer: Answer, now_s: float) -> None:
@@ -570,7 +598,7 @@ class MotorosSession:
         if self.phase is Phase.MOVING:
             self._note_end(reason)
             self.phase = Phase.BRAKING
-            self._brake_until_s = now_s + BRAKE_TIMEOUT_S
+            self._brake_until_s = now_s + motion.braking_s
             self.owes_answer = False
             motion.wind_down()
             # Velocity mode is left in any case, for its watchdog would call the silence a fault. A

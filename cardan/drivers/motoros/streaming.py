@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections import deque
 
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import JointGuide
@@ -23,6 +24,11 @@ from cardan.protocols.simple_message import JointTrajPtFull, MotionCommand, Moti
 from cardan.types import HoldCommand, RobotCommand
 
 BUSY_RETRY_S = 0.002
+
+STANDS_STILL_S = 0.5
+"""A queue that does not get shorter for so long is not being played."""
+EMPTY_WITHIN_S, EMPTY_TIMES = 10.0, 3
+"""A stream that ran empty so often in so long is none."""
 
 LAST_TIME_MS = 8_150_000
 """Beyond 8192 s float32 cannot tell two ms apart any more."""
@@ -67,7 +73,13 @@ class PointStream(Trajectory):
         self._phase = _Phase.RESTING
         self._rest_points = 0
         self._renewing = False
-        self._moving_at_send = False
+        self._moving_at_send = self._was_moving = False
+        """Whether the newest point, and the one before it, is one in motion."""
+        self._empty_s = now_s
+        """The queue has not run empty before this, if the controller plays it."""
+        self._shorter_s = now_s
+        """When the queue was last seen to have become shorter."""
+        self._ran_empty_s: deque[float] = deque(maxlen=EMPTY_TIMES)
         self._played_s = now_s
         """When all increments that were accepted will have been played."""
         self._wait_for_rest("waiting for the robot to rest, to begin a trajectory", now_s)
@@ -96,12 +108,16 @@ class PointStream(Trajectory):
     def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
         if self._phase is not _Phase.INSTANT:
             return
+        if self._moving_at_send and now_s > self._empty_s:
+            self._ran_empty(now_s)
+            return
         guide = self._guide
         guide.step(HoldCommand() if self._renewing else command, self.nominal_s)
         if self._renew_now(now_s):
             return
         self._sequence += 1
         self._time_ms += self._spacing_ms
+        self._was_moving = self._moving_at_send
         self._moving_at_send = not self._resting()
         self._phase = _Phase.SENDING
         self._send(self._point(self._sequence, self._time_ms), now_s, "point")
@@ -127,6 +143,22 @@ class PointStream(Trajectory):
         self._renewing = self._time_ms >= LAST_TIME_MS
         return False
 
+    def _ran_empty(self, now_s: float) -> None:
+        """The command has stopped dead. The next segment would begin at the speed that the last
+        point had, so it takes a new trajectory, from rest."""
+        self._counters.underruns += 1
+        self._ran_empty_s.append(now_s)
+        if len(self._ran_empty_s) == EMPTY_TIMES and now_s - self._ran_empty_s[0] <= EMPTY_WITHIN_S:
+            self.ended = (
+                "the controller's queue ran empty again and again: its replies or this computer "
+                "are too slow for a stream; set point_spacing_s or queue_low higher"
+            )
+            return
+        self._guide.place(tuple(self._guide.positions))
+        self._moving_at_send = False
+        self._phase = _Phase.RESTING
+        self._wait_for_rest("the stream had run empty, a new one is being begun", now_s)
+
     def settled(self, now_s: float) -> bool:
         still = self._guide.at_rest and self._phase is not _Phase.SENDING
         return bool(still) and now_s >= self._played_s
@@ -137,11 +169,16 @@ class PointStream(Trajectory):
         if point.sequence == 0:
             self.waiting = ""
             self._counters.queue_count = 0
-            self._played_s = now_s
+            self._played_s = self._empty_s = self._shorter_s = now_s
             self._moving_at_send = False
             self._phase = _Phase.INSTANT
             return
+        if self._was_moving and now_s > self._empty_s:
+            self._ran_empty(now_s)
+            return
         count = self._counters.queue_count + self._increments
+        self._empty_s += self._increments * self._ipc_s
+        self._shorter_s = now_s
         # The point is converted within one period and taken out from the next one on.
         self._played_s = now_s + (count + 2) * self._ipc_s
         self._phase = _Phase.QUEUED
@@ -154,14 +191,26 @@ class PointStream(Trajectory):
         if reply.result != MotionResult.SUCCESS or reply.subcode < 0:
             self.ended = "the controller does not say how much its queue holds"
             return
+        before = self._counters.queue_count
         self._counters.queue_count = count = reply.subcode
+        if count < before:
+            self._shorter_s = now_s
+        elif count and now_s - self._shorter_s > STANDS_STILL_S:
+            self.ended = (
+                f"the controller plays nothing of its queue ({count} increments): a speed limit of "
+                "the safety unit, or a stop that its status does not tell"
+            )
+            return
+        # Somewhere between question and answer there were so many.
+        self._empty_s = self._requests.asked_s + count * self._ipc_s
         low = self.options.queue_low
         if count > low:
             self._phase = _Phase.QUEUED
             self.next_s = now_s + (count - low) * self._ipc_s
             return
-        if count == 0 and self._moving_at_send:
-            self._counters.underruns += 1
+        if self._moving_at_send and (count == 0 or now_s > self._empty_s):
+            self._ran_empty(now_s)
+            return
         self._phase = _Phase.INSTANT
 
     def _busy(self, now_s: float) -> None:

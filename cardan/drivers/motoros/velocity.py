@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from cardan.drivers.motoros.arm_watch import ArmWatch
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import JointGuide
 from cardan.drivers.motoros.motion import Motion, MotionCounters, MotionRecord
@@ -22,15 +23,22 @@ from cardan.protocols.simple_message import (
 )
 from cardan.types import RobotCommand
 
-FIELDS = ValidFields.TIME | ValidFields.VELOCITY
+FIELDS = ValidFields.TIME | ValidFields.VELOCITY | ValidFields.ACCELERATION
 
-LONGEST_STEP_S = 0.1
-"""After a pause of this computer the command goes on; it does not leap."""
+REST_RAD_S = 1e-5
+"""Slower than this is no motion: sent as it is, the controller would count it as one for ever."""
 
-REST_S = 0.3
-"""The servos have followed after so long at rest."""
-REPLACE_RAD = 2e-4
-"""Feedback as near as this to the commanded position agrees with it."""
+AGREES_RAD = 0.004
+"""What the arm may be away from its commanded way without being corrected: curves are cut by the
+controller's filter, and an arm sags."""
+FOUND_RAD_S = 0.05
+"""How fast the commanded position is set to what is measured, and the speed it had besides: one
+wrong feedback changes next to nothing."""
+CLOSING_RAD_S = 0.2
+"""Nobody steers what brings the arm to where it was lost from."""
+LOST_RAD = 0.15
+LOST_S = 0.5
+"""So far away for so long, and the arm does not obey, or is not measured rightly."""
 
 ZEROS_BEFORE_END = 4
 """The controller has come to rest by itself when so many commands have said zero."""
@@ -43,9 +51,9 @@ that sags in its servos never does."""
 class VelocityStream(Motion):
     """Commands in velocity mode.
 
-    The guide integrates what is sent, the controller what it used; in motion the two part by
-    fractions of a period. So whenever the robot rests, the guide is set to what is measured: that
-    changes no command, because its speed is zero, and the next one corrects the difference.
+    The guide integrates what is sent, the controller what it used, and the arm does what it can.
+    Where the three part, the guide is set to what is measured, slowly; that commands nothing. The
+    next position that is asked for then makes up for it, slowly too.
     """
 
     feeds_at_rest = True
@@ -64,18 +72,26 @@ class VelocityStream(Motion):
         self.nominal_s = options.command_period_s
         self._started_s = self._deadline_s = now_s
         self._sequence = 0
-        self._asked = False
         self._since_asked = 0
-        self._rest_since_s = now_s
-        self._overwritten = 0
+        self._accelerations = joints10(guide.accelerations)
+        self._missed_s = 0.0
+        self._zeros = 0
+        """Commands in a row that said zero."""
         self.waiting = "velocity mode is being entered"
+        guide.closing_rad_s = CLOSING_RAD_S
         guide.place(feed.positions)
+        self._watch = ArmWatch(options.lag_s, feed.positions, now_s)
+        self._watched = feed.feedbacks
+        self._watched_s = now_s
+        self._lost_since_s = math.inf
         self.next_s = now_s
 
     def advance(self, now_s: float) -> None:
         """Until the controller says so nobody may move: its status is older than its reply."""
         feed = self._feed
         if not self.waiting:
+            if feed.feedbacks != self._watched:
+                self._look(now_s)
             return
         waited_s = now_s - self._started_s
         status = feed.status
@@ -86,10 +102,39 @@ class VelocityStream(Motion):
         )
         if possible and (feed.at_rest_after(self._started_s) or waited_s >= SETTLE_S):
             self._guide.place(feed.positions)
-            self._rest_since_s = now_s
+            self._watch.begin(feed.positions, now_s)
+            self._watched, self._watched_s = feed.feedbacks, now_s
+            self._acting_s = now_s
             self.waiting = ""
         elif waited_s >= SETTLE_S and not possible:
             self.ended = "velocity mode was started, but the controller does not allow motion"
+
+    def _look(self, now_s: float) -> None:
+        """Set the guide to where the arm is, if it is not where it should be."""
+        feed, guide = self._feed, self._guide
+        passed_s = min(now_s - self._watched_s, self.options.state_timeout_s)
+        self._watched, self._watched_s = feed.feedbacks, now_s
+        away = self._watch.away(feed.positions, guide.positions)
+        worst = max(range(self._joints), key=lambda i: abs(away[i]))
+        size = abs(away[worst])
+        if size <= LOST_RAD:
+            self._lost_since_s = math.inf
+        else:
+            self._lost_since_s = min(self._lost_since_s, now_s)
+            if now_s - self._lost_since_s >= LOST_S:
+                self.ended = (
+                    f"joint {worst + 1} is {size:.2f} rad from where its commands should have "
+                    "brought it: something holds it, a speed limit acts, or it is measured wrongly"
+                )
+                return
+        if size <= AGREES_RAD:
+            return
+        most = passed_s * (FOUND_RAD_S + max(map(abs, guide.velocities)))
+        share = min(1.0 - AGREES_RAD / size, most / size)
+        by = [share * each for each in away]
+        guide.shift(by)
+        self._watch.shift(by)
+        self._counters.replaced += 1
 
     def due(self, now_s: float) -> float:
         late_s = now_s - self._deadline_s
@@ -97,25 +142,28 @@ class VelocityStream(Motion):
             return 0.0
         missed = int(late_s / self.nominal_s)
         self._counters.skipped_instants += missed
-        self._deadline_s += (missed + 1) * self.nominal_s
+        self._missed_s = missed * self.nominal_s
+        self._deadline_s += self._missed_s + self.nominal_s
         self.next_s = self._deadline_s
-        return min((missed + 1) * self.nominal_s, LONGEST_STEP_S)
+        return self._missed_s + self.nominal_s
 
     def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
         guide = self._guide
-        if self._resting():
-            self._agree(now_s)
-        guide.step(command, period_s)
-        if not self._resting():
-            self._rest_since_s = now_s
+        if self._missed_s:
+            # Meanwhile the controller has gone on at the speeds it had.
+            guide.coast(self._missed_s)
+            self._missed_s = 0.0
+        guide.step(command, self.nominal_s)
+        self._zeros = self._zeros + 1 if self.at_rest else 0
+        self._watch.note(guide.positions, now_s)
         body = JointVelocity(
             self.options.group,
             self._sequence,
             FIELDS,
             now_s - self._started_s,
             ZEROS,
-            joints10(guide.velocities),
-            ZEROS,
+            joints10(v if abs(v) >= REST_RAD_S else 0.0 for v in guide.velocities),
+            self._accelerations,
         )
         self._sequence = self._sequence + 1 if self._sequence + 1 < SEQUENCES else 1
         self._counters.commands += 1
@@ -129,21 +177,8 @@ class VelocityStream(Motion):
             return
         self.topics.append(topic(body))
 
-    def _agree(self, now_s: float) -> None:
-        """Set the guide to what is measured, where both have been at rest for long enough."""
-        feed = self._feed
-        guide = self._guide
-        if now_s - max(self._rest_since_s, feed.still_since_s) < REST_S:
-            return
-        if any(
-            abs(a - b) > REPLACE_RAD for a, b in zip(guide.positions, feed.positions, strict=True)
-        ):
-            guide.place(feed.positions)
-            self._rest_since_s = now_s
-            self._counters.replaced += 1
-
     def settled(self, now_s: float) -> bool:
-        return self.at_rest and now_s - self._rest_since_s >= ZEROS_BEFORE_END * self.nominal_s
+        return self._zeros >= ZEROS_BEFORE_END
 
     def _told(self, answer: Answer, now_s: float) -> None:
         reply = self._result(answer)

@@ -340,6 +340,7 @@ class CartesianController:
         self._measured = np.zeros(kinematics.joints)
         self._speeds = np.zeros(kinematics.joints)
         self._velocity_sent = np.zeros(kinematics.joints)
+        self._rest = np.zeros(kinematics.joints)
         self._trips = self._refusals = self._late = self._scaled = 0
         self._last_refusal = ""
 
@@ -941,7 +942,9 @@ class CartesianController:
         servo = self.servo
         self._lag.note(servo.q, self.stamp_s)
         if self._drive is CommandKind.JOINT:
-            return JointCommand(tuple(servo.q.tolist()), tuple(servo.v.tolist()))
+            # Joints that go to where the arm is do not take it along.
+            v = self._rest if isinstance(self._activity, Recover) else servo.v
+            return JointCommand(tuple(servo.q.tolist()), tuple(v.tolist()))
         if self._drive is CommandKind.JOINT_VELOCITY:
             return self._velocity_command(dt_s)
         bare = self._bare

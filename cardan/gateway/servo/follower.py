@@ -54,6 +54,7 @@ class ArmFollower:
         self._twist = np.zeros((2, 3))
         self._highest = servo.kinematics.velocity
         self._sent: FloatArray | None = None
+        self._still = np.zeros(servo.joints)
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
         self._lag = ResponseLag(lag_s, servo.kinematics.continuous)
 
@@ -144,14 +145,19 @@ class ArmFollower:
         linear, angular = servo.twist.tolist()
         reference.move(Vector3(*linear), Vector3(*angular), dt_s)
 
-    def command(self, state: RobotState) -> RobotCommand:
-        """What the robot is sent."""
+    def command(self, state: RobotState, meeting: bool = False) -> RobotCommand:
+        """What the robot is sent.
+
+        `meeting`: the commanded joints go to the robot, so it is not told to go along. One that is
+        commanded by velocities would keep its distance for ever.
+        """
         servo = self.servo
         self._lag.note(servo.q, state.stamp_s)
+        v = self._still if meeting else servo.v
         if self._kind is CommandKind.JOINT:
-            return JointCommand(tuple(servo.q.tolist()), tuple(servo.v.tolist()))
+            return JointCommand(tuple(servo.q.tolist()), tuple(v.tolist()))
         if self._kind is CommandKind.JOINT_VELOCITY:
-            return JointVelocityCommand(tuple(self._velocities(state).tolist()))
+            return JointVelocityCommand(tuple(self._velocities(state, v).tolist()))
         kinematics = servo.kinematics
         kinematics.update(servo.q)
         lines = kinematics.placement.rotation @ (kinematics.jacobian @ servo.v).reshape(2, 3).T
@@ -160,11 +166,11 @@ class ArmFollower:
             to_pose(kinematics.placement), Twist(Vector3(*linear), Vector3(*angular))
         )
 
-    def _velocities(self, state: RobotState) -> FloatArray:
-        """The servo's velocities and what brings the robot back to its positions, within limits."""
+    def _velocities(self, state: RobotState, wanted: FloatArray) -> FloatArray:
+        """`wanted` and what brings the robot back to its positions, within limits."""
         servo, highest = self.servo, self._highest
         most = CORRECTION_SHARE * highest
-        v = servo.v + np.clip(VELOCITY_GAIN_1_S * self._error(state), -most, most)
+        v = wanted + np.clip(VELOCITY_GAIN_1_S * self._error(state), -most, most)
         np.clip(v, -highest, highest, out=v)
         if self._sent is None:
             self._sent = np.zeros(servo.joints)
