@@ -857,7 +857,7 @@ class MotorosSession:
                 f"the controller's queue ran empty in motion {underruns} times: this computer is "
                 "late; raise queue_low"
             )
-        found += [f"{count} messages ignored: {why}" for why, count in self.feed.ignored.items()]
+        found += [f"{count} messages ignored: {why}" for why, count in self.feed.ignored.most_common(5)]
         found += [f"motion ended {n} times: {why}" for why, n in self.ends.most_common(3) if n > 1]
         return tuple(found)
 
