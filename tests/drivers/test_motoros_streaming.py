@@ -8,7 +8,7 @@ import pytest
 
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import JointGuide
-from cardan.drivers.motoros.motion import MotionCounters, MotionRecord
+from cardan.drivers.motoros.motion import MotionCounters, MotionParts, MotionRecord
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.streaming import LAST_TIME_MS, RENEW_TIME_MS, PointStream
@@ -55,16 +55,11 @@ class Bench:
         self.position = list(HOME)
         self.feed.connected()
         self.publish()
-        more = (LIMITS,) if kind is TwoPointMoves else ()
         self.motion = kind(
-            self.options,
-            self.requests,
-            self.feed,
-            self.guide,
-            self.counters,
-            self.record,
+            MotionParts(
+                self.options, self.requests, self.feed, self.guide, self.counters, self.record
+            ),
             self.now_s,
-            *more,
         )
 
     def publish(self, in_motion=0, motion_possible=1, **more):
@@ -349,10 +344,10 @@ class TestTwoPointMoves:
 
     def test_the_time_of_a_move_keeps_speed_and_acceleration(self):
         for way in (1e-4, 0.01, 0.3, 2.5):
-            time_s = two_point_time_s([0.0] * 6, [way] + [0.0] * 5, LIMITS)
+            time_s = two_point_time_s([0.0] * 6, [way] + [0.0] * 5, JointGuide(*LIMITS))
             assert 1.5 * way / time_s <= 2.0 + 1e-9
             assert 6.0 * way / time_s**2 <= 10.0 + 1e-9
-        assert two_point_time_s([0.0] * 6, [0.0] * 6, LIMITS) == 0.0
+        assert two_point_time_s([0.0] * 6, [0.0] * 6, JointGuide(*LIMITS)) == 0.0
 
 
 class TestVelocityStream:

@@ -129,6 +129,11 @@ class JointGuide:
         """Commanded, rad/s. The same list always."""
 
     @property
+    def speeds(self) -> tuple[float, ...]:
+        """The limits, rad/s."""
+        return self._speed
+
+    @property
     def accelerations(self) -> tuple[float, ...]:
         """The limits, rad/s²."""
         return self._acceleration

@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from cardan.drivers.motoros.diagnosis import reply_in_words
 from cardan.drivers.motoros.feedback import StateFeed
@@ -123,6 +124,18 @@ class MotionRecord:
             raise CardanError(f"record: {self.path}: {error.strerror or error}") from None
 
 
+class MotionParts(NamedTuple):
+    """What the session lends to a motion."""
+
+    options: MotorosOptions
+    requests: MotionRequests
+    feed: StateFeed
+    guide: JointGuide
+    """Of the limits that hold for this motion."""
+    counters: MotionCounters
+    record: MotionRecord
+
+
 class Motion(ABC):
     """One stay in a mode of the controller, from its start to the end of motion.
 
@@ -135,16 +148,8 @@ class Motion(ABC):
     feeds_at_rest = False
     """Whether the controller wants commands even while standing still is all they say."""
 
-    def __init__(
-        self,
-        options: MotorosOptions,
-        requests: MotionRequests,
-        feed: StateFeed,
-        guide: JointGuide,
-        counters: MotionCounters,
-        record: MotionRecord,
-    ) -> None:
-        self.options = options
+    def __init__(self, parts: MotionParts) -> None:
+        self.options = parts.options
         self.ended = ""
         """Why motion is over, in words; empty while it is not."""
         self.unexplained = False
@@ -157,9 +162,9 @@ class Motion(ABC):
         """A status later than this must say that the drives have power."""
         self.topics: list[Message] = []
         """To be sent at once, in order."""
-        self._requests, self._feed, self._guide = requests, feed, guide
-        self._counters, self._record = counters, record
-        self._joints = options.joints
+        self._requests, self._feed, self._guide = parts.requests, parts.feed, parts.guide
+        self._counters, self._record = parts.counters, parts.record
+        self._joints = parts.options.joints
 
     @property
     def at_rest(self) -> bool:
@@ -250,17 +255,8 @@ class Motion(ABC):
 class Trajectory(Motion):
     """Motion by points: begins one where the robot stands, and sends point after point."""
 
-    def __init__(
-        self,
-        options: MotorosOptions,
-        requests: MotionRequests,
-        feed: StateFeed,
-        guide: JointGuide,
-        counters: MotionCounters,
-        record: MotionRecord,
-        now_s: float,
-    ) -> None:
-        super().__init__(options, requests, feed, guide, counters, record)
+    def __init__(self, parts: MotionParts, now_s: float) -> None:
+        super().__init__(parts)
         self._sequence = 0
         self._time_ms = 0
         self._resend: JointTrajPtFull | None = None

@@ -15,7 +15,7 @@ from cardan.drivers.motoros.connections import CHANNELS, Channel, Connection
 from cardan.drivers.motoros.diagnosis import reply_in_words, status_in_words
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import JointGuide
-from cardan.drivers.motoros.motion import Motion, MotionCounters, MotionRecord
+from cardan.drivers.motoros.motion import Motion, MotionCounters, MotionParts, MotionRecord
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import Answer, MotionRequests
 from cardan.drivers.motoros.streaming import PointStream
@@ -85,6 +85,13 @@ _CONTROLS: dict[str, MotionCommand] = {
     "reset alarm": MotionCommand.RESET_ALARM,
     "servo on": MotionCommand.START_SERVOS,
     "servo off": MotionCommand.STOP_SERVOS,
+}
+
+
+_BY_POINTS: dict[str, type[PointStream] | type[TwoPointMoves]] = {
+    "auto": PointStream,
+    "stream": PointStream,
+    "standard": TwoPointMoves,
 }
 
 
@@ -512,13 +519,11 @@ class MotorosSession:
         self._check_s = math.inf
         limits = self._agreed_limits()
         guide = JointGuide(limits.lower, limits.upper, limits.velocity, limits.acceleration)
-        common = (self.options, self.requests, self.feed, guide, self.counters, self.record, now_s)
-        if self._uses_velocity:
-            self._motion = VelocityStream(*common)
-        elif self.options.mode == "standard":
-            self._motion = TwoPointMoves(*common, limits)
-        else:
-            self._motion = PointStream(*common)
+        parts = MotionParts(
+            self.options, self.requests, self.feed, guide, self.counters, self.record
+        )
+        kind = VelocityStream if self._uses_velocity else _BY_POINTS[self.options.mode]
+        self._motion = kind(parts, now_s)
         self._motion.advance(now_s)
         self._hold(self._motion, now_s)
 
@@ -857,7 +862,9 @@ class MotorosSession:
                 f"the controller's queue ran empty in motion {underruns} times: this computer is "
                 "late; raise queue_low"
             )
-        found += [f"{count} messages ignored: {why}" for why, count in self.feed.ignored.most_common(5)]
+        found += [
+            f"{count} messages ignored: {why}" for why, count in self.feed.ignored.most_common(5)
+        ]
         found += [f"motion ended {n} times: {why}" for why, n in self.ends.most_common(3) if n > 1]
         return tuple(found)
 

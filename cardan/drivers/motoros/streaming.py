@@ -15,11 +15,8 @@ import enum
 import math
 from collections import deque
 
-from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.guide import JointGuide
-from cardan.drivers.motoros.motion import MotionCounters, MotionRecord, Trajectory
-from cardan.drivers.motoros.options import MotorosOptions
-from cardan.drivers.motoros.requests import Answer, MotionRequests
+from cardan.drivers.motoros.motion import MotionParts, Trajectory
+from cardan.drivers.motoros.requests import Answer
 from cardan.protocols.simple_message import JointTrajPtFull, MotionCommand, MotionResult
 from cardan.types import HoldCommand, RobotCommand
 
@@ -55,17 +52,9 @@ class _Phase(enum.Enum):
 class PointStream(Trajectory):
     """An endless trajectory. Control instants come when `queue_low` increments are left."""
 
-    def __init__(
-        self,
-        options: MotorosOptions,
-        requests: MotionRequests,
-        feed: StateFeed,
-        guide: JointGuide,
-        counters: MotionCounters,
-        record: MotionRecord,
-        now_s: float,
-    ) -> None:
-        super().__init__(options, requests, feed, guide, counters, record, now_s)
+    def __init__(self, parts: MotionParts, now_s: float) -> None:
+        super().__init__(parts, now_s)
+        options = parts.options
         self._increments = options.spacing_increments
         self._ipc_s = options.ipc_ms * 1e-3
         self._spacing_ms = self._increments * options.ipc_ms

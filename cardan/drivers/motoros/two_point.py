@@ -9,11 +9,10 @@ import enum
 import math
 
 from cardan.drivers.motoros.diagnosis import reply_in_words
-from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import JointGuide
-from cardan.drivers.motoros.motion import POINT_FIELDS, MotionCounters, MotionRecord, Trajectory
-from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
-from cardan.drivers.motoros.requests import Answer, MotionRequests
+from cardan.drivers.motoros.motion import POINT_FIELDS, MotionParts, Trajectory
+from cardan.drivers.motoros.options import STATE_PERIOD_S
+from cardan.drivers.motoros.requests import Answer
 from cardan.protocols.simple_message import (
     JointTrajPtFull,
     MotionCommand,
@@ -21,7 +20,7 @@ from cardan.protocols.simple_message import (
     MotionResult,
     joints10,
 )
-from cardan.types import JointLimits, RobotCommand
+from cardan.types import RobotCommand
 
 BUSY_RETRY_S = 0.005
 """As motoman_driver does."""
@@ -32,14 +31,14 @@ SAME_GOAL_RAD = 1e-5
 LONGEST_STEP_S = 0.1
 
 
-def two_point_time_s(start: list[float], goal: list[float], limits: JointLimits) -> float:
+def two_point_time_s(start: list[float], goal: list[float], guide: JointGuide) -> float:
     """The shortest time of a cubic from rest to rest inside speed and acceleration limits, s.
 
     Its fastest speed is 3/2 of the mean and its largest acceleration 6 Δ/T².
     """
     longest = 0.0
     for a, b, speed, acceleration in zip(
-        start, goal, limits.velocity, limits.acceleration, strict=True
+        start, goal, guide.speeds, guide.accelerations, strict=True
     ):
         way = abs(b - a)
         longest = max(longest, 1.5 * way / speed, math.sqrt(6.0 * way / acceleration))
@@ -67,21 +66,10 @@ class TwoPointMoves(Trajectory):
 
     nominal_s = STATE_PERIOD_S
 
-    def __init__(
-        self,
-        options: MotorosOptions,
-        requests: MotionRequests,
-        feed: StateFeed,
-        guide: JointGuide,
-        counters: MotionCounters,
-        record: MotionRecord,
-        now_s: float,
-        limits: JointLimits,
-    ) -> None:
-        super().__init__(options, requests, feed, guide, counters, record, now_s)
-        self._limits = limits
+    def __init__(self, parts: MotionParts, now_s: float) -> None:
+        super().__init__(parts, now_s)
         self._phase = _Phase.RESTING
-        self._seen = feed.statuses
+        self._seen = parts.feed.statuses
         self._instant_s = now_s
         self._end: list[float] = []
         self._goal: list[float] = []
@@ -168,7 +156,7 @@ class TwoPointMoves(Trajectory):
         if point.sequence == 0:
             self._goal = list(self._guide.positions)
             ipc_ms = self.options.ipc_ms
-            time_ms = math.ceil(1e3 * two_point_time_s(self._end, self._goal, self._limits))
+            time_ms = math.ceil(1e3 * two_point_time_s(self._end, self._goal, self._guide))
             self._time_ms = max(2 * ipc_ms, time_ms)
             self._phase = _Phase.SENDING
             self._send(self._standing(self._goal, 1, self._time_ms), now_s, "point")

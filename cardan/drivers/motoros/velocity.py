@@ -8,11 +8,8 @@ from __future__ import annotations
 import math
 
 from cardan.drivers.motoros.arm_watch import ArmWatch
-from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.guide import JointGuide
-from cardan.drivers.motoros.motion import Motion, MotionCounters, MotionRecord
-from cardan.drivers.motoros.options import MotorosOptions
-from cardan.drivers.motoros.requests import SEQUENCES, Answer, MotionRequests
+from cardan.drivers.motoros.motion import Motion, MotionParts
+from cardan.drivers.motoros.requests import SEQUENCES, Answer
 from cardan.protocols.simple_message import (
     ZEROS,
     JointVelocity,
@@ -58,17 +55,9 @@ class VelocityStream(Motion):
 
     feeds_at_rest = True
 
-    def __init__(
-        self,
-        options: MotorosOptions,
-        requests: MotionRequests,
-        feed: StateFeed,
-        guide: JointGuide,
-        counters: MotionCounters,
-        record: MotionRecord,
-        now_s: float,
-    ) -> None:
-        super().__init__(options, requests, feed, guide, counters, record)
+    def __init__(self, parts: MotionParts, now_s: float) -> None:
+        super().__init__(parts)
+        options, feed, guide = parts.options, parts.feed, parts.guide
         self.nominal_s = options.command_period_s
         self._started_s = self._deadline_s = now_s
         self._sequence = 0
