@@ -13,6 +13,7 @@ from cardan.drivers.motoros import Motoros, MotorosOptions
 from cardan.errors import AddressError, CommandError, NotOpenError
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.types import HoldCommand, JointVelocityCommand, RobotLink
+from tests.serving import in_a_thread
 
 PATIENCE_S = 10.0
 TURN = JointVelocityCommand((0.4, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -23,21 +24,8 @@ def controller(**options):
     """A simulated controller, served by a thread."""
     options.setdefault("servo_on", True)
     peer = MotorosControllerPeer(MotorosControllerOptions(base_port=0, **options))
-    peer.open()
-    over = threading.Event()
-
-    def serve():
-        while not over.is_set():
-            peer.step(time.monotonic() + 0.02)
-
-    thread = threading.Thread(target=serve, daemon=True)
-    thread.start()
-    try:
+    with in_a_thread(peer):
         yield peer
-    finally:
-        over.set()
-        thread.join(5.0)
-        peer.close()
 
 
 def driver(peer, **options):

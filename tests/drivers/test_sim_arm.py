@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import threading
 import time
 from contextlib import contextmanager
 from itertools import islice, pairwise
@@ -27,6 +26,7 @@ from cardan.types import (
     RobotLink,
     TorqueCommand,
 )
+from tests.serving import in_a_thread
 from tests.test_docs import rows, section, text, written
 
 ROBOT = "gofa_crb15000_5"
@@ -311,21 +311,8 @@ def served(**options):
             robot=ROBOT, plant=PlantOptions(start=START), port=0, period_s=0.004, **options
         )
     )
-    peer.open()
-    stopping = threading.Event()
-
-    def serve():
-        while not stopping.is_set():
-            peer.step(time.monotonic() + 0.02)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with in_a_thread(peer):
         yield peer
-    finally:
-        stopping.set()
-        thread.join()
-        peer.close()
 
 
 def over_udp(endpoint):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
-import threading
 import time
 from contextlib import contextmanager
 
@@ -16,6 +15,7 @@ from cardan.arm_model import load_arm
 from cardan.errors import AddressError
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, decode_state, encode_command
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
+from tests.serving import in_a_thread
 
 HELLO = encode_command(ArmCommand(0, 1, 0.0, ControlMode.HOLD), 6)
 
@@ -28,21 +28,8 @@ def options(**changes):
 @contextmanager
 def serving(**changes):
     peer = SimulatedArmPeer(options(**changes))
-    peer.open()
-    stopping = threading.Event()
-
-    def serve():
-        while not stopping.is_set():
-            peer.step(time.monotonic() + 0.02)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with in_a_thread(peer):
         yield peer
-    finally:
-        stopping.set()
-        thread.join()
-        peer.close()
 
 
 @contextmanager

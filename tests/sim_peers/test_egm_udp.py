@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import threading
 import time
 from contextlib import ExitStack, contextmanager
 from itertools import pairwise
@@ -14,6 +13,7 @@ from cardan.errors import AddressError
 from cardan.protocols.egm import decode_robot, encode_sensor
 from cardan.protocols.egm.messages import EgmRobot
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer
+from tests.serving import in_a_thread
 from tests.sim_peers.egm_pc import TS, echo
 
 
@@ -29,21 +29,8 @@ def pc_socket():
 def serving(**options):
     """A served peer; it steps in a thread of its own."""
     peer = EgmControllerPeer(EgmControllerOptions(**options))
-    peer.open()
-    stopping = threading.Event()
-
-    def serve():
-        while not stopping.is_set():
-            peer.step(time.monotonic() + 0.02)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with in_a_thread(peer):
         yield peer
-    finally:
-        stopping.set()
-        thread.join()
-        peer.close()
 
 
 def converse(pc, count, answer=True):
