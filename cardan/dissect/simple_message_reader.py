@@ -71,17 +71,21 @@ class _Stream:
 
     def __init__(self, flow: _Flow) -> None:
         self.segments = self.retransmitted = self.reordered = self.gaps = self.lost_bytes = 0
+        self.skipped_bytes = 0
+        """Of messages whose beginning is missing."""
         self._flow = flow
         self._next: int | None = None
         self._buffer = bytearray()
         self._synchronised = False
+        self._early = b""
+        """Too few bytes to tell whether a message begins with them."""
         self._held: list[tuple[int, bytes, int]] = []  # sequence, payload, time
         self._held_since_ns = 0
 
     @property
     def left_bytes(self) -> int:
         """Of a message that has begun and not ended."""
-        return len(self._buffer)
+        return len(self._buffer) + len(self._early)
 
     def feed(self, segment: Segment, time_ns: int) -> Iterator[_Piece]:
         """One segment; what can be read now."""
@@ -156,6 +160,7 @@ class _Stream:
         if self._buffer:
             note += f", {len(self._buffer)} bytes of an unfinished message dropped"
         yield _Piece(b"", note=note)
+        yield from self._skip_early()
         self._buffer.clear()
         self._synchronised = False
         self._next = ((self._next or 0) + nearest) % SEQUENCE_MODULUS
@@ -164,6 +169,7 @@ class _Stream:
     def end(self) -> Iterator[_Piece]:
         """The connection has ended."""
         yield from self.flush()
+        yield from self._skip_early()
         if self._buffer:
             yield _Piece(bytes(self._buffer), "the connection ends inside a message")
         self._buffer.clear()
@@ -176,11 +182,18 @@ class _Stream:
 
     def _cut(self, payload: bytes) -> Iterator[_Piece]:
         """The next bytes of the stream; the messages they end."""
-        if not self._synchronised:
-            if not begins_message(payload, self._flow.byte_order):
-                yield _Piece(b"", note=f"SKIPPED {len(payload)} bytes that begin no message")
+        while not self._synchronised:
+            fresh = self._early + payload
+            if len(fresh) < PREFIX_BYTES:
+                self._early = fresh
                 return
-            self._synchronised = True
+            if begins_message(fresh, self._flow.byte_order):
+                payload, self._early, self._synchronised = fresh, b"", True
+            elif self._early:
+                yield from self._skip_early()
+            else:
+                yield self._skipped(len(payload))
+                return
         self._buffer += payload
         while len(self._buffer) >= PREFIX_BYTES:
             order = self._flow.byte_order or byte_order(self._buffer)
@@ -199,6 +212,15 @@ class _Stream:
             yield _Piece(bytes(self._buffer), reason)
             self._buffer.clear()
             self._synchronised = False
+
+    def _skip_early(self) -> Iterator[_Piece]:
+        if self._early:
+            yield self._skipped(len(self._early))
+            self._early = b""
+
+    def _skipped(self, count: int) -> _Piece:
+        self.skipped_bytes += count
+        return _Piece(b"", note=f"SKIPPED {count} bytes that begin no message")
 
 
 def _difference(sequence: int, other: int) -> int:
@@ -230,6 +252,7 @@ class _Direction:
                 f"out of order {stream.reordered} gaps {stream.gaps}"
             )
             line += f" ({stream.lost_bytes} B missing)" if stream.gaps else ""
+            line += f" skipped {stream.skipped_bytes} B" if stream.skipped_bytes else ""
             if stream.left_bytes:
                 line += f", the capture ends {stream.left_bytes} B into a message"
         yield line

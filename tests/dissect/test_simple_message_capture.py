@@ -117,6 +117,31 @@ def test_joining_in_the_middle_bad_prefixes_and_an_early_end():
     assert reader.malformed.total() == 1
 
 
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("first", [1, 2, 3])
+def test_a_first_segment_may_be_shorter_than_a_prefix(first, order):
+    messages = states(2, order)
+    stream = b"".join(messages)
+    expected, _ = fed(segments(messages))
+    lines, reader = fed(segments([stream[:first], stream[first:200], stream[200:]]))
+    assert lines == expected
+    # Or the end of a message that began before.
+    lines, reader = fed(segments([b"\xff" * first, stream]))
+    assert lines == [f"SKIPPED {first} bytes that begin no message", *expected]
+    assert f"gaps 0 skipped {first} B" in "\n".join(reader.summary())
+    _, reader = fed(segments([stream[:first]]))
+    assert f"the capture ends {first} B into a message" in "\n".join(reader.summary())
+
+
+def test_what_is_skipped_after_a_gap_is_in_the_summary():
+    parts = segments([*states(2), *[b"\xff" * n for n in (3, 30, 2)], *states(1)])
+    lines, reader = fed([parts[0], *parts[2:]], period_s=0.6)
+    shown = [int(line.split()[1]) for line in lines if line.startswith("SKIPPED")]
+    text = "\n".join(reader.summary())
+    assert sum(shown) > 0
+    assert f"gaps 1 (44 B missing) skipped {sum(shown)} B" in text
+
+
 def test_replies_are_matched_with_requests():
     point = sm.JointTrajPtFull(sequence=3)
     asked = [bytes(point), worked.PING_REQUEST, bytes(sm.ReadIoBit(address=10010))]

@@ -157,6 +157,17 @@ def test_starting_takes_its_time_and_blocks():
     assert cell.now_s == before_s
 
 
+def test_motion_is_possible_a_good_while_before_starting_is_answered():
+    """As captured: not at 60 ms, but at 85 ms, and the answer came at 110 ms."""
+    cell = Cell()
+    cell.it.motion(request(MotionCtrl(0, 1, MotionCommand.START_TRAJ_MODE)), cell.now_s)
+    cell.run(0.07)
+    assert cell.it.status().motion_possible == 0
+    cell.run(0.016)
+    assert cell.it.status().motion_possible == 1
+    assert cell.it.blocked
+
+
 def test_starting_from_servo_off_takes_a_second():
     cell = Cell(servo_on=False)
     assert cell.it.status().drives_powered == 0
@@ -254,6 +265,10 @@ def test_an_unknown_command_gets_the_reply_before_it():
     assert cell.ask(unknown).body[:3] == (0, 1, MotionCommand.CHECK_QUEUE_CNT)
     cell.ask(request(Empty(), msg_type=MessageType.PING))
     assert cell.ask(unknown).msg_type == MessageType.PING
+    # Of the connection: the next client's begins with nothing.
+    cell.it.disconnected(cell.now_s)
+    cell.it.connected(cell.now_s)
+    assert cell.ask(unknown).body == MotionReply(0, 0, 0, 0, 0)
 
 
 def test_unknown_types_and_types_that_are_not_served():
@@ -643,6 +658,36 @@ def test_a_client_that_is_replaced_takes_its_waiting_request_along():
     assert cell.reason()[0] == FAILURE
 
 
+@pytest.mark.parametrize("after_s", [0.1, 1.05])
+def test_a_request_dies_with_its_connection(after_s):
+    """While the servos come on, and while the job starts."""
+    cell = Cell(servo_on=False)
+    cell.it.motion(request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)), cell.now_s)
+    cell.run(after_s)
+    assert cell.it.blocked
+    cell.it.disconnected(cell.now_s)
+    assert not cell.it.blocked
+    cell.run(5.0)
+    assert not cell.it.replies
+    assert cell.it.active_mode != ActiveMode.VELOCITY
+    cell.it.connected(cell.now_s)
+    cell.start()
+    assert cell.it.active_mode == ActiveMode.TRAJECTORY
+
+
+def test_a_client_that_comes_finds_the_velocity_mode_off():
+    cell = Cell()
+    cell.start_velocity()
+    cell.it.disconnected(cell.now_s)
+    assert cell.it.active_mode == ActiveMode.TRAJECTORY
+    cell.it.connected(cell.now_s)
+    cell.start_velocity()
+    # Nobody has said that the client before has gone.
+    cell.it.connected(cell.now_s)
+    assert cell.it.active_mode == ActiveMode.TRAJECTORY
+    assert cell.velocity(0.1)[3:5] == (NOT_READY, 5040)
+
+
 def test_old_firmware_plays_a_left_queue_on():
     cell = Cell(faults={"old-firmware": 1.0}).start()
     cell.move(0.4)
@@ -762,10 +807,16 @@ def test_stopping_ramps_tells_how_long_and_ends_the_mode():
     assert answer[3:5] == (SUCCESS, 0)
     assert answer.data[0] == pytest.approx(2.0 / a_max)
     assert cell.velocity(1.0)[3:5] == (NOT_READY, 5040)
+    assert cell.velocity(1.0, sequence=0)[3:5] == (NOT_READY, 5040)
+    assert cell.it.status().motion_possible == 0
+    assert cell.reason() == (FAILURE, 5040)
+    assert cell.control(MotionCommand.START_VEL_MODE).result == BUSY
     cell.run(answer.data[0] - 2 * IPC_S)
     assert cell.it.active_mode == ActiveMode.VELOCITY
+    assert cell.control(MotionCommand.STOP_VEL_MODE).data[0] < answer.data[0]
     cell.run(5 * IPC_S)
     assert cell.it.active_mode == ActiveMode.TRAJECTORY
+    assert cell.it.status().motion_possible == 1
     assert not cell.moving()
 
 
@@ -794,6 +845,52 @@ def test_nobody_is_late_before_the_stream_is_armed():
     assert cell.it.status().motion_possible == 1
     assert cell.velocity(0.1, sequence=5)[3:5] == (INVALID, 3040)
     assert cell.velocity(0.1, sequence=0).result == SUCCESS
+
+
+def test_starting_again_at_rest_disarms_the_stream():
+    cell = Cell()
+    cell.start_velocity()
+    cell.drive(0.1, 0.2)
+    assert cell.control(MotionCommand.START_VEL_MODE).result == BUSY
+    assert cell.velocity(0.0).result == SUCCESS
+    cell.run(0.05)
+    assert cell.velocity(0.0, wants=False) is None
+    assert cell.velocity(0.0, wants=False) is None
+    cell.start_velocity()
+    cell.run(1.0)
+    assert cell.it.status().motion_possible == 1
+    assert cell.velocity(0.1, sequence=9)[3:5] == (INVALID, 3040)
+    assert cell.velocity(0.0).data == ZEROS
+
+
+def test_checks_come_in_their_order():
+    """Each command is wrong in all that is checked later, too."""
+    nan = joints10((math.nan,))
+
+    def verdict(cell, sequence, *commands):
+        commands = [JointFeedback(g, fields, 0.0, ZEROS, v, ZEROS) for g, fields, v in commands]
+        return cell.ask(request(JointVelocityEx(sequence, tuple(commands)))).body[3:5]
+
+    cell = Cell(groups=2)
+    assert verdict(cell, -1) == (NOT_READY, 5008)
+    cell.start()
+    assert verdict(cell, -1) == (NOT_READY, 5040)
+    cell.start_velocity()
+    assert verdict(cell, -1) == (INVALID, 3010)
+    assert verdict(cell, -1, (2, 2, nan)) == (INVALID, 3005)
+    assert verdict(cell, 3, (2, 2, nan)) == (INVALID, 3004)
+    good = (0, 4, ZEROS)
+    assert verdict(cell, 3, good, (0, 2, nan)) == (INVALID, 3010)
+    assert verdict(cell, 3, good, (1, 2, nan)) == (INVALID, 3015)
+    assert verdict(cell, 3, good, (1, 6, nan)) == (INVALID, 3010)
+    assert verdict(cell, 3, good, (1, 4, nan)) == (INVALID, 3041)
+    assert verdict(cell, 3, good, (1, 4, ZEROS)) == (INVALID, 3040)
+    assert verdict(cell, 0, (1, 4, ZEROS)) == (SUCCESS, 0)
+    cell.run(0.2)
+    assert verdict(cell, 0, good) == (SUCCESS, 0)
+    assert verdict(cell, 0, good, (1, 6, ZEROS)) == (INVALID, 3010)
+    assert verdict(cell, 1, good, (1, 4, ZEROS)) == (NOT_READY, 5041)
+    assert verdict(cell, 1, good) == (SUCCESS, 0)
 
 
 def test_stop_motion_ramps_and_latches():
@@ -830,6 +927,7 @@ def test_sequences_must_rise():
     cell.start_velocity()
     for sequence in (0, 1, 5, 2**30, 2**31 - 1, 1):
         assert cell.velocity(0.1, sequence=sequence).result == SUCCESS
+    assert cell.velocity(0.2, sequence=1 + 2**30)[3:5] == (INVALID, 3040)
     for sequence in (1, 2**31 - 1):
         assert cell.velocity(0.2, sequence=sequence)[3:5] == (INVALID, 3040)
     assert cell.velocity(0.2, sequence=-1)[3:5] == (INVALID, 3005)
@@ -845,6 +943,8 @@ def test_bad_commands_change_nothing():
     assert cell.velocity(0.0, -math.inf)[3:5] == (INVALID, 3041)
     assert cell.velocity(0.5, fields=5, time_s=math.nan)[3:5] == (INVALID, 3041)
     assert cell.velocity(0.5, fields=12, acc=(math.nan,))[3:5] == (INVALID, 3041)
+    assert cell.velocity(*[0.0] * 9, math.nan)[3:5] == (INVALID, 3041)
+    assert cell.velocity(0.1, time_s=math.nan, acc=(math.nan,)).result == SUCCESS
     assert cell.velocity(0.5, fields=1)[3:5] == (INVALID, 3015)
     assert cell.velocity(0.5, fields=6)[3:5] == (INVALID, 3010)
     assert cell.velocity(0.5, group=1)[3:5] == (INVALID, 3004)
@@ -912,6 +1012,35 @@ def test_a_speed_limit_discards_in_velocity_mode():
     assert cell.it.command_rad(0)[0] - before == pytest.approx(0.25, abs=0.003)
 
 
+def test_a_speed_limit_keeps_the_direction_and_fractions_of_pulses():
+    cell = Cell()
+    cell.it.speed_limit(0.1, cell.now_s)
+    cell.start_velocity()
+    before = np.array(cell.it.command_rad(0))
+    cell.drive(0.4, 5.0, 0.02, 0.0, 0.5)
+    assert cell.velocity(5.0, 0.02, 0.0, 0.5).data[0] == 1.0
+    way = np.array(cell.it.command_rad(0)) - before
+    assert way[0] == pytest.approx(0.4 * 0.1 * load_arm("gp8").velocity[0], rel=0.05)
+    assert way[[1, 3]] == pytest.approx(way[0] * np.array([0.004, 0.1]), abs=4e-5)
+
+
+def test_a_speed_limit_that_comes_and_goes_acts_at_once_and_lets_go_in_a_ramp():
+    cell = Cell()
+    cell.start_velocity()
+    cell.drive(0.3, 2.0)
+    highest, a_max = load_arm("gp8").velocity[0], load_arm("gp8").joints[0].acceleration
+    cell.it.speed_limit(0.1, cell.now_s)
+    for _ in range(5):
+        before = cell.it.command_rad(0)[0]
+        cell.run(IPC_S)
+        assert cell.it.command_rad(0)[0] - before <= 0.1 * highest * IPC_S + 4e-5
+    assert cell.it.velocity_rad_s(0)[0] == pytest.approx(0.1 * highest)
+    cell.velocity(2.0)
+    cell.it.speed_limit(None, cell.now_s)
+    cell.run(4 * IPC_S)
+    assert cell.it.velocity_rad_s(0)[0] == pytest.approx(0.1 * highest + 4 * a_max * IPC_S)
+
+
 def test_a_speed_limit_does_not_move_the_position_limits():
     cell = Cell()
     cell.start_velocity()
@@ -963,6 +1092,56 @@ def test_two_groups_start_in_the_same_period():
     assert cell.velocity(0.1, sequence=20)[3:5] == (NOT_READY, 5041)
     cell.run(0.1)
     assert all(cell.it.velocity_rad_s(group)[0] == 0.0 for group in (0, 1))
+
+
+def test_the_latch_is_each_groups_own():
+    cell = Cell(groups=2)
+    cell.start_velocity()
+    for group in (0, 1):
+        assert cell.velocity(0.1, sequence=0, group=group).result == SUCCESS
+    cell.run(0.2)
+    assert cell.velocity(0.1, sequence=0, group=0).result == SUCCESS
+    assert cell.velocity(0.1, sequence=1, group=0).result == SUCCESS
+    assert cell.velocity(0.1, sequence=1, group=1)[3:5] == (NOT_READY, 5041)
+    assert cell.it.status().motion_possible == 0
+    assert cell.reason() == (FAILURE, 5041)
+    assert cell.velocity(0.1, sequence=0, group=1).result == SUCCESS
+    assert cell.it.status().motion_possible == 1
+    assert cell.reason() == (SUCCESS, 0)
+
+
+def test_a_group_that_was_never_armed_is_not_latched():
+    cell = Cell(groups=2)
+    cell.start_velocity()
+    cell.velocity(0.1, sequence=0)
+    cell.run(0.2)
+    assert cell.velocity(0.1, sequence=1, group=1)[3:5] == (INVALID, 3040)
+    assert cell.velocity(0.1, sequence=0).result == SUCCESS
+    assert cell.it.status().motion_possible == 1
+
+
+def test_a_reply_for_several_groups_tells_of_all_of_them():
+    cell = Cell(groups=2)
+    cell.start_velocity()
+
+    def both(sequence, *speeds):
+        commands = [
+            JointFeedback(group, 4, 0.0, ZEROS, joints10(v), ZEROS)
+            for group, v in enumerate(speeds)
+        ]
+        return JointVelocityEx(sequence, tuple(commands))
+
+    assert cell.ask(topic(both(0, (99.0,), (0.0, 0.1)))) is None
+    assert cell.ask(topic(both(1, (99.0,), (0.0, 99.0)))) is None
+    cell.run(0.001)
+    assert cell.velocity(99.0, sequence=2, wants=False) is None
+    cell.run(0.02)
+    answer = cell.ask(request(both(3, (0.0,), (0.0,)))).body
+    assert answer[:5] == (1, 3, 2041, SUCCESS, 0)
+    speed, acceleration, position, age_ms, overwritten = answer.data[:5]
+    assert (speed, acceleration, position, overwritten) == (3.0, 3.0, 0.0, 3.0)
+    assert age_ms == pytest.approx(2.0)  # group 0's is 1 ms
+    assert cell.ask(request(both(4, (0.0,), (0.0,)))).body.data[0] == 0.0
 
 
 def test_the_senders_time_tells_how_late_commands_come():

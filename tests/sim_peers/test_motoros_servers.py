@@ -28,6 +28,7 @@ from cardan.protocols.simple_message import (
     ReadIoReply,
     ReadRegister,
     SelectTool,
+    VelocityInfoRequest,
     Wire,
     WriteIo,
     WriteIoReply,
@@ -168,6 +169,54 @@ def test_a_newer_motion_client_is_refused_while_the_arm_moves():
     world.run(1.5)
     assert world.connect("motion") is not None
     assert first in world.closed
+
+
+@pytest.mark.parametrize("end", ["fin", "rst", "cut"])
+def test_nobody_comes_while_the_velocity_mode_ramps_down(end):
+    """Not even when the place is free again: the ramp takes longer than the 50 ms after a FIN."""
+    world = World(acceleration_limits=(2.0,) * 6, faults={"cut": 1.5} if end == "cut" else {})
+    motion = world.connect("motion")
+    world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))
+    world.run(0.2)
+    for sequence in range(65):
+        world.send(motion, velocity(sequence, 1.0))
+        world.run(0.02)
+    if end == "fin":
+        world.servers.eof(motion, world.now_s)
+    elif end == "rst":
+        world.servers.lost(motion, world.now_s, "reset")
+    world.run(0.1)
+    assert motion in world.closed
+    assert 0.5 < world.controller.velocity_rad_s(0)[0] < 1.0
+    assert world.connect("motion") is None
+    assert world.connect("state") is not None
+    world.run(0.5)
+    assert world.connect("motion") is not None
+    assert world.controller.active_mode == 1
+
+
+def test_a_client_that_is_reset_while_it_starts_the_velocity_mode_leaves_it_off():
+    world = World(servo_on=False)
+    motion = world.connect("motion")
+    world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))
+    world.run(0.1)
+    world.servers.lost(motion, world.now_s, "reset")
+    world.run(3.0)
+    motion = world.connect("motion")
+    info = world.ask(motion, request(VelocityInfoRequest(0))).body
+    assert info.active_mode == 0
+
+
+def test_a_client_that_closes_while_it_starts_the_velocity_mode_leaves_it_off():
+    """What it sent is served to its end, as a server that is busy sees a FIN only then."""
+    world = World(servo_on=False)
+    motion = world.connect("motion")
+    world.send(motion, request(MotionCtrl(0, 1, MotionCommand.START_VEL_MODE)))
+    world.servers.eof(motion, world.now_s)
+    world.run(2.0)
+    motion = world.connect("motion")
+    info = world.ask(motion, request(VelocityInfoRequest(0))).body
+    assert info.active_mode == 1
 
 
 def test_four_clients_get_states_and_a_fifth_takes_the_first_ones_place():
@@ -499,6 +548,21 @@ def test_old_clients_use_bits_and_groups_on_the_motion_port():
 
 
 # -- states ---------------------------------------------------------------------------------------
+
+
+def test_an_unknown_command_repeats_whatever_the_connection_was_answered_last():
+    world = World()
+    motion = world.connect("motion")
+    unknown = request(MotionCtrl(0, 5, 209999))
+    read = world.ask(motion, request(ReadIo(10010), T.MOTO_READ_IO_BIT))
+    assert world.ask(motion, unknown) == read
+    short = world.wire.encode(READY)[:40]
+    world.raw(motion, (36).to_bytes(4, "little") + short[4:])
+    (refused,) = world.take(motion)
+    assert refused.body.subcode == 3001
+    assert world.ask(motion, unknown) == refused
+    again = world.connect("motion")
+    assert world.ask(again, unknown).body == MotionReply(0, 0, 0, 0, 0)
 
 
 def test_states_come_every_25_ms_in_order():

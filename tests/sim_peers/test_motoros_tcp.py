@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -30,6 +31,7 @@ from cardan.protocols.simple_message import (
     request,
 )
 from cardan.sim_peers.motoros_controller import (
+from tests.serving import in_a_thread
     FAULTS,
     MotorosControllerOptions,
     MotorosControllerPeer,
@@ -76,21 +78,8 @@ class Client:
 def serving(**changes):
     options = MotorosControllerOptions(**{"base_port": 0, "servo_on": True, **changes})
     peer = MotorosControllerPeer(options)
-    peer.open()
-    stopping = threading.Event()
-
-    def serve():
-        while not stopping.is_set():
-            peer.step(time.monotonic() + 0.02)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with in_a_thread(peer):
         yield peer
-    finally:
-        stopping.set()
-        thread.join()
-        peer.close()
 
 
 @pytest.mark.parametrize("order", ByteOrder)
@@ -228,6 +217,28 @@ def test_a_taken_port_and_a_bad_log_are_named(tmp_path):
         bad.open()
     bad.step(time.monotonic() + 0.1)
     bad.close()
+
+
+def test_who_cannot_listen_leaves_the_log_as_it_is(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("of another one\n")
+    with serving() as peer:
+        options = MotorosControllerOptions(base_port=peer.motion_port, log=str(path))
+        with pytest.raises(AddressError):
+            MotorosControllerPeer(options).open()
+    assert path.read_text() == "of another one\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_a_log_that_cannot_be_written_ends_and_nothing_else(caplog):
+    with serving(log="/dev/full", ipc_s=0.001) as peer, Client(peer.motion_port) as motion:
+        deadline_s = time.monotonic() + 5.0
+        while not caplog.records and time.monotonic() < deadline_s:
+            assert motion.ask(PING).msg_type == MessageType.PING
+        for _ in range(20):
+            assert motion.ask(PING).msg_type == MessageType.PING
+    (record,) = [each for each in caplog.records if each.levelname == "ERROR"]
+    assert record.getMessage().startswith("/dev/full ends here, it cannot be written: No space")
 
 
 def test_it_can_be_opened_again():

@@ -94,6 +94,38 @@ def test_the_direction_is_kept_from_rest(target, ticks):
                 assert v[a] * target[b] == pytest.approx(v[b] * target[a], abs=1e-7)
 
 
+@settings(max_examples=100, deadline=None)
+@given(speeds, st.floats(0.0, 1.0), st.lists(speeds, min_size=1, max_size=4))
+def test_a_speed_limit_slows_all_axes_alike(before, share, targets):
+    it = law()
+    run(it, before, 40)
+    for target in [*targets, None]:
+        for _ in range(20):
+            increments = it.step(target, ACCELERATION, share)
+            for axis in range(3):
+                most = share * SPEED[axis]
+                assert abs(it.velocity[axis]) <= most + TINY
+                # One pulse for the fraction that was carried.
+                assert abs(increments[axis]) <= most * IPC_S * PER_RAD[axis] + 1.0 + TINY
+
+
+@settings(max_examples=60, deadline=None)
+@given(speeds, st.floats(0.01, 0.2), st.integers(50, 200))
+def test_a_speed_limit_keeps_the_direction_without_drift(target, share, ticks):
+    it = law()
+    run(it, (0.0, 0.0, 0.0), 1)
+    total = [0, 0, 0]
+    for _ in range(ticks):
+        increments = it.step(target, ACCELERATION, share)
+        total = [a + b for a, b in zip(total, increments, strict=True)]
+        if it.position_mask:
+            return
+    way = [pulses / each for pulses, each in zip(total, PER_RAD, strict=True)]
+    for a in range(3):
+        for b in range(a):
+            assert way[a] * target[b] == pytest.approx(way[b] * target[a], abs=3e-3)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(*[st.floats(-0.05, 0.05)] * 3), st.integers(100, 1000))
 def test_there_is_no_dead_band_and_no_drift(target, ticks):
@@ -170,3 +202,5 @@ def test_sequences_rise_and_wrap():
     assert not is_newer(5, 5)
     assert not is_newer(4, 5)
     assert not is_newer(SEQUENCES - 1, 1)
+    assert is_newer(2**30 + 4, 5)
+    assert not is_newer(2**30 + 5, 5)

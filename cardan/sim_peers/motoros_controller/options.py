@@ -54,7 +54,8 @@ class MotorosControllerOptions:
     """Joints at the start, rad or m; None: the arm's home."""
 
     job_start_s: float = 0.11
-    """START_TRAJ_MODE takes so long with the servos on."""
+    """START_TRAJ_MODE takes so long with the servos on; from about two thirds of it on motion is
+    possible."""
     servo_on_s: float = 1.0
     """From the order to power the drives until they have it."""
     servo_off_s: float = 0.05

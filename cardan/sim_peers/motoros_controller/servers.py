@@ -238,14 +238,15 @@ class MotorosServers:
     def accepted(self, kind: PortKind, now_s: float) -> int | None:
         """A client has come; the number of its connection, None to close it at once."""
         self._go(now_s)
-        slots = self._slots[kind]
-        if None not in slots:
+        slots, controller = self._slots[kind], self.controller
+        full = None not in slots
+        if (full and controller.moving_data) or (kind == "motion" and controller.velocity_moves):
+            self.counters.refused += 1
+            self._note(now_s, f"{kind}: a client is refused, the arm moves")
+            return None
+        if full:
             oldest = slots[0]
             assert oldest is not None
-            if self.controller.moving_data:
-                self.counters.refused += 1
-                self._note(now_s, f"{kind}: a client is refused, the arm moves")
-                return None
             self.counters.replaced += 1
             self._drop(oldest, now_s, "another client takes its place")
         self._count += 1
@@ -255,10 +256,10 @@ class MotorosServers:
         self._connections[self._count] = connection
         self.counters.accepted += 1
         self._note(now_s, f"{kind}: connection {self._count}")
-        self.controller.connections.add(kind)
+        controller.connections.add(kind)
         if kind == "motion":
-            self.controller.replies.clear()
-            self.controller.connected(now_s)
+            controller.replies.clear()
+            controller.connected(now_s)
         return self._count
 
     def data(self, connection: int, data: bytes, now_s: float) -> None:
@@ -553,8 +554,10 @@ class MotorosServers:
             self.counters.malformed += 1
             self._note_once(connection, now_s, f"malformed {msg_type}", message.reason)
             if len(frame) < _TOP_BYTES or not (unknown or msg_type in _NOT_SERVED):
+                refusal = self._invalid(frame, InvalidSubcode.MSGSIZE)
+                self.controller.remember(refusal)
                 if self._answers("motion", msg_type, comm_type):
-                    self._reply(connection, self._invalid(frame, InvalidSubcode.MSGSIZE), now_s)
+                    self._reply(connection, refusal, now_s)
                 return
             message = Message(msg_type, comm_type, reply_code, Raw(frame[_TOP_BYTES:]))
         if msg_type in BIT_AND_GROUP_TYPES:
@@ -564,7 +567,10 @@ class MotorosServers:
         else:
             self.controller.motion(message, now_s)
             return
-        if answer is not None and comm_type != CommType.SERVICE_REPLY:
+        if answer is None:
+            return
+        self.controller.remember(answer)
+        if comm_type != CommType.SERVICE_REPLY:
             self._reply(connection, answer, now_s)
 
     def _trimmed(self, frame: bytes, msg_type: int) -> bytes:

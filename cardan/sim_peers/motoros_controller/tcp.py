@@ -87,11 +87,12 @@ class MotorosControllerPeer(SimulatedPeer):
         if self._selector is not None:
             return
         try:
-            if self.options.log:
-                self._log_file = _created(self.options.log)
-                csv.writer(self._log_file).writerow(self.controller.log_columns)
             for kind in PORT_KINDS:
                 self._listeners[kind] = _listening(self.options.host, self._port(kind))
+            if self.options.log:
+                # Only now: whoever fails to start does not empty another one's log.
+                self._log_file = _created(self.options.log)
+                self.controller.log.insert(0, self.controller.log_columns)
         except BaseException:
             self.close()
             raise
@@ -111,11 +112,8 @@ class MotorosControllerPeer(SimulatedPeer):
         if self._selector is not None:
             self._selector.close()
             self._selector = None
-        if self._log_file is not None:
-            with contextlib.suppress(OSError, ValueError):
-                self._write_log()
-                self._log_file.close()
-            self._log_file = None
+        self._write_log()
+        self._end_log()
 
     def step(self, until_s: float) -> None:
         selector, servers = self._selector, self.servers
@@ -136,8 +134,7 @@ class MotorosControllerPeer(SimulatedPeer):
                     self._accept(key.data)
                 self._flush()
             self._report()
-        if self._log_file is not None:
-            self._write_log()
+        self._write_log()
 
     # -- sockets ----------------------------------------------------------------------------------
 
@@ -251,11 +248,26 @@ class MotorosControllerPeer(SimulatedPeer):
                 self._logged[index] = fresh[0]
 
     def _write_log(self) -> None:
-        """The rows since the last time; the controller keeps none of them."""
+        """The rows since the last time; the controller keeps none of them. A file that cannot be
+        written any more ends, and nothing else does."""
         rows = self.controller.log
         if self._log_file is not None and rows:
-            csv.writer(self._log_file).writerows(rows)
-            rows.clear()
+            try:
+                csv.writer(self._log_file).writerows(rows)
+            except OSError as error:
+                self._end_log(error)
+        rows.clear()
+
+    def _end_log(self, error: OSError | None = None) -> None:
+        file, self._log_file = self._log_file, None
+        if file is None:
+            return
+        try:
+            file.close()
+        except OSError as closing:
+            error = error or closing
+        if error is not None:
+            log.error("%s ends here, it cannot be written: %s", self.options.log, error.strerror)
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -21,6 +21,34 @@ def is_newer(sequence: int, newest: int) -> bool:
     return 0 < (sequence - newest) % SEQUENCES < SEQUENCES // 2
 
 
+class VelocityStream:
+    """The velocity commands of one group: one slot, the newest wins. Each group has its own
+    sequence, watchdog and latch."""
+
+    def __init__(self, accelerations: Sequence[float]) -> None:
+        self.armed = False
+        self.latched = False
+        """Was armed, until the watchdog or STOP_MOTION; sequence 0 ends it."""
+        self.sequence = 0
+        self.target: list[float] | None = None
+        """rad/s; None: nothing to follow."""
+        self.accelerations = list(accelerations)
+        self.heard_s = -math.inf
+        self.unused = False
+        self.age_ms = 0.0
+        """Of the command that was used last, when it was first used."""
+        self.overwritten = 0
+        self.offset_s = math.inf
+        """Smallest difference of local time and the sender's."""
+        self.worst_lateness_s = 0.0
+
+    def disarm(self, latched: bool = False) -> None:
+        self.latched = latched and (self.armed or self.latched)
+        self.armed = False
+        self.target = None
+        self.unused = False
+
+
 class VelocityLaw:
     """Speeds of one group.
 
@@ -85,12 +113,16 @@ class VelocityLaw:
         )
 
     def step(
-        self, target_rad_s: Sequence[float] | None, accelerations_rad_s2: Sequence[float]
+        self,
+        target_rad_s: Sequence[float] | None,
+        accelerations_rad_s2: Sequence[float],
+        speed_share: float = 1.0,
     ) -> list[int]:
         """One IPC toward `target_rad_s`; None stops, each axis as hard as it may.
 
-        `accelerations_rad_s2` hold for this command, each at most the axis's own. Returns the
-        increments in pulses.
+        `accelerations_rad_s2` hold for this command, each at most the axis's own. `speed_share` of
+        the highest speeds is what the functional safety unit lets through (0 to 1): all axes are
+        slowed alike, and `velocity` is what is left. Returns the increments in pulses.
         """
         velocity, ipc_s = self.velocity, self._ipc_s
         if target_rad_s is None:
@@ -101,9 +133,10 @@ class VelocityLaw:
                 for v, a in zip(velocity, self.accelerations_rad_s2, strict=True)
             ]
         else:
-            new = self._toward(target_rad_s, accelerations_rad_s2)
+            new = self._toward(target_rad_s, accelerations_rad_s2, speed_share)
+        way = 1.0 if speed_share == 1.0 else self._cut(new, speed_share)
         increments = []
-        exact, sent, half_s = self._exact, self._sent, 0.5 * ipc_s
+        exact, sent, half_s = self._exact, self._sent, 0.5 * ipc_s * way
         moving = False
         for axis, v in enumerate(new):
             if v or velocity[axis]:
@@ -116,11 +149,31 @@ class VelocityLaw:
         self.still = not moving
         return increments
 
-    def _toward(self, target: Sequence[float], accelerations: Sequence[float]) -> list[float]:
+    def _cut(self, new: list[float], speed_share: float) -> float:
+        """Scale the next speeds to `speed_share` at once; which share of the way of this period,
+        that the speeds before belong to as well, is let through."""
+        cut = way = 1.0
+        for v, highest in zip(new, self.speeds_rad_s, strict=True):
+            most = speed_share * highest
+            if abs(v) * cut > most:
+                cut = most / abs(v)
+        if cut < 1.0:
+            new[:] = [v * cut for v in new]
+        for old, v, highest in zip(self.velocity, new, self.speeds_rad_s, strict=True):
+            most = speed_share * highest
+            mean = 0.5 * abs(old + v)
+            if mean * way > most:
+                way = most / mean
+        return way
+
+    def _toward(
+        self, target: Sequence[float], accelerations: Sequence[float], speed_share: float
+    ) -> list[float]:
         """The next speeds."""
         ipc_s, velocity = self._ipc_s, self.velocity
         scale = 1.0
-        for axis, highest in enumerate(self.speeds_rad_s):
+        for axis, full in enumerate(self.speeds_rad_s):
+            highest = speed_share * full
             speed = abs(target[axis])
             if speed > highest:
                 self.speed_mask |= 1 << axis
