@@ -8,7 +8,6 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,11 +30,11 @@ from cardan.protocols.simple_message import (
     request,
 )
 from cardan.sim_peers.motoros_controller import (
-from tests.serving import in_a_thread
     FAULTS,
     MotorosControllerOptions,
     MotorosControllerPeer,
 )
+from tests.serving import in_a_thread
 
 PING = request(Empty(), MessageType.PING)
 READY = request(MotionCtrl(0, 7, MotionCommand.CHECK_MOTION_READY))
