@@ -149,6 +149,28 @@ def test_through_the_wrist_singularity_inside_joint_limits(example, velocity_mod
     assert ((joints >= lower) & (joints <= upper)).all()
 
 
+@BOTH
+def test_a_stretched_elbow_is_held_still_whatever_the_period(example, velocity_mode):
+    hand = Hand(
+        "spacemouse-gp8-stream.toml",
+        velocity_mode,
+        lambda t: (0.4, -0.8, 0.0, 0.0, 0.0, 0.8) if t < 5.5 else REST,
+        mode="velocity" if velocity_mode else "stream",
+    )
+    hand.rig.ready()
+    hand.rig.run(5.0)
+    pushed = []
+    for _ in range(20):
+        hand.rig.run(0.025)
+        pushed.append(hand.forward(hand.rig.controller.command_rad(0)))
+    assert "singular (0.000)" in hand.engine.status().arm.in_words()
+    assert np.ptp(np.array(pushed), axis=0).max() < 0.004
+    hand.rig.run(1.0)
+    assert hand.engine.phase is Phase.HOLDING
+    after = hand.forward(hand.rig.controller.command_rad(0))
+    assert np.linalg.norm(after - pushed[-1]) < 0.01
+
+
 def test_a_lagging_arm_is_not_taken_for_one_that_is_held():
     hand = Hand(
         "spacemouse-gp8-simulated.toml",

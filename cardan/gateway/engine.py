@@ -254,8 +254,9 @@ class TeleopEngine:
         elif self._resyncing:
             self.reference.place(self.arm.glide(robot, RESYNC_TIME_S, dt_s))
         else:
-            self.reference.shape(wanted, dt_s, smooth=self._armed)
-            self.arm.advance(self.reference, dt_s, rates)
+            for step_s in self.arm.steps(dt_s):
+                self.reference.shape(wanted, step_s, smooth=self._armed)
+                self.arm.advance(self.reference, step_s, rates)
         if meeting:
             self._count_way(before)
         self._settle(robot, device)

@@ -508,6 +508,9 @@ class Model:
     def advance(self, reference, dt_s, rates):
         pass
 
+    def steps(self, dt_s):
+        return [dt_s]
+
     def command(self, robot, meeting=False):
         return HoldCommand()
 

@@ -60,7 +60,13 @@ from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.gateway.reference import ReferenceLimits
 from cardan.gateway.servo.lag import ResponseLag
-from cardan.gateway.servo.servo import Policy, Servo, ServoOptions, ServoStatus
+from cardan.gateway.servo.servo import (
+    Policy,
+    Servo,
+    ServoOptions,
+    ServoStatus,
+    servo_steps,
+)
 from cardan.spatial import (
     add,
     compose,
@@ -859,8 +865,8 @@ class CartesianController:
                 self._trips += 1
                 self._brake()
             self._supervise()
-            if dt_s > 0.0:
-                self._move(dt_s)
+            for step_s in servo_steps(dt_s):
+                self._move(step_s)
             return self._command(dt_s)
 
     def _usable(self, state: RobotState, before: RobotState | None) -> bool:

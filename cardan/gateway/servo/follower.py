@@ -10,7 +10,7 @@ import numpy as np
 from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
 from cardan.gateway.reference import Reference
 from cardan.gateway.servo.lag import ResponseLag
-from cardan.gateway.servo.servo import Servo, ServoStatus
+from cardan.gateway.servo.servo import Servo, ServoStatus, servo_steps
 from cardan.spatial import is_finite, norm, subtract
 from cardan.types import (
     CommandKind,
@@ -122,6 +122,11 @@ class ArmFollower:
         error: FloatArray = self.servo.q - self._joints(state)
         turns = np.rint(error / (2.0 * math.pi))
         return np.where(self.servo.kinematics.continuous, error - 2.0 * math.pi * turns, error)
+
+    @staticmethod
+    def steps(dt_s: float) -> list[float]:
+        """`dt_s` in steps that are short enough for `advance`."""
+        return servo_steps(dt_s)
 
     def advance(
         self, reference: Reference, dt_s: float, joint_rates: Mapping[str, float] | None = None

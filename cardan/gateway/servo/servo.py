@@ -60,6 +60,10 @@ SINGULAR = 0.03
 TIGHT_M_S = 1e-4
 """A pair this near to its closing speed is what ends the motion."""
 
+LONGEST_SERVO_STEP_S = 0.005
+"""A tick that is longer is taken in steps: near a singularity the servo is only as good as its
+linear model. At 20 ms a GP8 whose elbow is stretched goes to and fro by 30 mm for ever."""
+
 FREE_DIRECTION = 1e-9
 """Regularises projections onto what an arm can do; far below any real direction."""
 
@@ -160,6 +164,14 @@ class ServoStatus(NamedTuple):
                 f"{self.unreachable_rad_s:.2f} rad/s of what is asked"
             )
         return found
+
+
+def servo_steps(dt_s: float) -> list[float]:
+    """`dt_s` in equal steps of at most LONGEST_SERVO_STEP_S; none where no time has passed."""
+    if dt_s <= 0.0:
+        return []
+    count = max(1, math.ceil(dt_s / LONGEST_SERVO_STEP_S - 1e-9))
+    return [dt_s / count] * count
 
 
 class Servo:
