@@ -368,3 +368,46 @@ def test_an_arm_with_more_axes_than_the_model_is_refused_in_a_stream():
     rig.run(0.5)
     assert not rig.session.enabled
     assert "more axes" in rig.states[-1].hold_reason
+
+
+@pytest.mark.parametrize(
+    ("driver", "controller"),
+    [
+        ({}, {"faults": {"late": 2.0}}),
+        ({}, {"faults": {"late": 8.0}}),
+        ({"ipc_s": 0.008}, {"ipc_s": 0.008}),
+        ({"point_spacing_s": 0.008}, {}),
+        ({"point_spacing_s": 0.1}, {}),
+        ({"queue_low": 2}, {}),
+    ],
+    ids=str,
+)
+def test_a_stream_keeps_its_queue_filled(driver, controller):
+    rig = Rig(
+        {"mode": "stream", **driver},
+        lambda state: JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        **controller,
+    )
+    rig.ready()
+    rig.run(0.3)
+    at_s = rig.now_s
+    rig.run(2.0)
+    assert rig.session.counters.underruns == 0
+    assert travelled(rig, at_s) == pytest.approx(2.0 * SPEED, rel=0.02)
+
+
+def test_curves_that_the_arms_filter_cuts_are_not_corrected():
+    start_s = 0.0
+
+    def circle(state):
+        t = state.stamp_s - start_s
+        speed = 0.3 * 2.0 * np.pi
+        wrist = (speed * np.cos(2.0 * np.pi * t), speed * np.sin(2.0 * np.pi * t))
+        return JointVelocityCommand((0.0, 0.0, 0.0, wrist[0], 0.0, wrist[1]))
+
+    rig = Rig({"mode": "velocity"}, circle, plant="paper")
+    rig.ready()
+    start_s = rig.now_s
+    rig.run(3.0)
+    assert rig.session.enabled
+    assert rig.session.counters.replaced == 0

@@ -234,8 +234,12 @@ class TeleopEngine:
         self._joints_asked = any(rates.values())
         asked = self._joints_asked or wanted.linear != ZERO3 or wanted.angular != ZERO3
         used = self.reference.leash_used
-        self._easing = (not asked or self._resyncing) and used > (
-            EASE_BELOW if self._easing else EASE_ABOVE
+        # From rest only: a robot that lags may still be on its way while the reference brakes.
+        rests = self._easing or not self._moving
+        self._easing = (
+            rests
+            and (not asked or self._resyncing)
+            and used > (EASE_BELOW if self._easing else EASE_ABOVE)
         )
         given_up = self._resyncing and self._resync_s > RESYNC_GIVE_UP_S
         meeting = (self._easing or self._resyncing) and not given_up
@@ -251,7 +255,7 @@ class TeleopEngine:
             self.reference.advance(wanted, dt_s, smooth=self._armed)
         elif given_up:
             self.reference.place(self.arm.halt(dt_s))
-        elif self._resyncing:
+        elif self._resyncing or self._easing:
             self.reference.place(self.arm.glide(robot, RESYNC_TIME_S, dt_s))
         else:
             for step_s in self.arm.steps(dt_s):

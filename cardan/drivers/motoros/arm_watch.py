@@ -2,12 +2,14 @@
 
 A controller in velocity mode says nothing of the position that it has commanded, and the arm is
 late by design. So what is measured is compared with all that was commanded within the lag: an arm
-in good order is somewhere on that way. What it is away from it, is what velocities were lost by: a
-speed limit, a late command, a person in the way.
+in good order is somewhere on that way, or beside it where the controller's filter cuts a curve. An
+arm that is not even at the way's beginning has lost something: to a speed limit, a late command, a
+person in the way. At rest the way is one place, and every distance counts.
 """
 
 from __future__ import annotations
 
+import operator
 from collections import deque
 from collections.abc import Sequence
 
@@ -37,12 +39,15 @@ class ArmWatch:
             while len(way) > 1 and way[1][0] <= now_s - self._lag_s:
                 way.popleft()
 
-    def away(self, measured: Sequence[float], commanded: Sequence[float]) -> list[float]:
-        """From the nearest place of the way, which ends at `commanded`, to `measured`; rad."""
+    def away(self, measured: Sequence[float], commanded: Sequence[float]) -> list[float] | None:
+        """From the nearer end of the way, which ends at `commanded`, to `measured`, rad; None when
+        a place between the ends is nearest."""
         best: list[float] | None = None
         nearest = 0.0
+        outside = False
         start = self._way[0][1]
-        for _, end in (*self._way, (0.0, list(commanded))):
+        places = (*self._way, (0.0, list(commanded)))
+        for number, (_, end) in enumerate(places):
             along = square = 0.0
             for a, b, m in zip(start, end, measured, strict=True):
                 along += (m - a) * (b - a)
@@ -52,9 +57,10 @@ class ArmWatch:
             size = sum(each * each for each in found)
             if best is None or size < nearest:
                 best, nearest = found, size
+                before = not any(map(operator.ne, start, places[0][1])) and share == 0.0
+                outside = before or (number == len(places) - 1 and share == 1.0)
             start = end
-        assert best is not None
-        return best
+        return best if outside else None
 
     def shift(self, by: Sequence[float]) -> None:
         """The whole way was somewhere else than thought, `by` so much."""

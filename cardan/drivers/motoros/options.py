@@ -174,7 +174,7 @@ _WHOLE = {
     "io_port": (1, 65535),
     "group": (0, MAX_GROUPS - 1),
     "watchdog_ms": WATCHDOG_MS,
-    "queue_low": (1, 100),
+    "queue_low": (2, 100),
     "reply_every": (1, 10_000),
 }
 _RANGES = {

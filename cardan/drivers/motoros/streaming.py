@@ -24,6 +24,10 @@ BUSY_RETRY_S = 0.002
 
 STANDS_STILL_S = 0.5
 """A queue that does not get shorter for so long is not being played."""
+SLOW_REPLY_S = 0.02
+"""A reply that takes longer leaves it open what has been played meanwhile."""
+RTT_MEMORY = 0.95
+"""How much of the longest round trip is remembered at the next one."""
 EMPTY_WITHIN_S, EMPTY_TIMES = 10.0, 3
 """A stream that ran empty so often in so long is none."""
 
@@ -65,7 +69,11 @@ class PointStream(Trajectory):
         self._moving_at_send = self._was_moving = False
         """Whether the newest point, and the one before it, is one in motion."""
         self._empty_s = now_s
-        """The queue has not run empty before this, if the controller plays it."""
+        """The queue has run empty by then, unless something is added."""
+        self._counted_s = now_s
+        """When `queue_count` was told."""
+        self._rtt_s = 0.0
+        """The longest round trip of late."""
         self._shorter_s = now_s
         """When the queue was last seen to have become shorter."""
         self._ran_empty_s: deque[float] = deque(maxlen=EMPTY_TIMES)
@@ -158,20 +166,36 @@ class PointStream(Trajectory):
         if point.sequence == 0:
             self.waiting = ""
             self._counters.queue_count = 0
-            self._played_s = self._empty_s = self._shorter_s = now_s
+            self._played_s = self._empty_s = self._shorter_s = self._counted_s = now_s
             self._moving_at_send = False
             self._phase = _Phase.INSTANT
             return
-        if self._was_moving and now_s > self._empty_s:
+        if self._timed(now_s) > SLOW_REPLY_S and self._was_moving:
             self._ran_empty(now_s)
             return
-        count = self._counters.queue_count + self._increments
+        played = int((now_s - self._counted_s) / self._ipc_s)
+        self._counters.queue_count += self._increments
+        count = max(self._counters.queue_count - played, 0)
         self._empty_s += self._increments * self._ipc_s
         self._shorter_s = now_s
         # The point is converted within one period and taken out from the next one on.
         self._played_s = now_s + (count + 2) * self._ipc_s
+        if count <= self._low:
+            self._phase = _Phase.INSTANT
+            return
         self._phase = _Phase.QUEUED
-        self.next_s = now_s + max(2, count - self.options.queue_low) * self._ipc_s
+        self.next_s = now_s + (count - self._low) * self._ipc_s
+
+    def _timed(self, now_s: float) -> float:
+        """The round trip that ends now, s."""
+        took_s = now_s - self._requests.asked_s
+        self._rtt_s = max(RTT_MEMORY * self._rtt_s, took_s)
+        return took_s
+
+    @property
+    def _low(self) -> int:
+        """How much has to be left when the next point is computed: asking and sending take time."""
+        return self.options.queue_low + round(2.0 * self._rtt_s / self._ipc_s)
 
     def _counted(self, answer: Answer, now_s: float) -> None:
         reply = self._result(answer)
@@ -190,14 +214,16 @@ class PointStream(Trajectory):
                 "the safety unit, or a stop that its status does not tell"
             )
             return
-        # Somewhere between question and answer there were so many.
-        self._empty_s = self._requests.asked_s + count * self._ipc_s
-        low = self.options.queue_low
+        took_s = self._timed(now_s)
+        self._counted_s = now_s
+        # So many there were at the end of the round trip at the latest.
+        self._empty_s = now_s + (count + 2) * self._ipc_s
+        low = self._low
         if count > low:
             self._phase = _Phase.QUEUED
             self.next_s = now_s + (count - low) * self._ipc_s
             return
-        if self._moving_at_send and (count == 0 or now_s > self._empty_s):
+        if self._moving_at_send and (count == 0 or took_s > SLOW_REPLY_S):
             self._ran_empty(now_s)
             return
         self._phase = _Phase.INSTANT

@@ -104,6 +104,9 @@ class VelocityStream(Motion):
         passed_s = min(now_s - self._watched_s, self.options.state_timeout_s)
         self._watched, self._watched_s = feed.feedbacks, now_s
         away = self._watch.away(feed.positions, guide.positions)
+        if away is None:
+            self._lost_since_s = math.inf
+            return
         worst = max(range(self._joints), key=lambda i: abs(away[i]))
         size = abs(away[worst])
         if size <= LOST_RAD:
