@@ -26,8 +26,8 @@ REST_RAD_S = 1e-5
 """Slower than this is no motion: sent as it is, the controller would count it as one for ever."""
 
 AGREES_RAD = 0.004
-"""What the arm may be away from its commanded way without being corrected: curves are cut by the
-controller's filter, and an arm sags."""
+"""What the arm may be away from the ends of its commanded way without being corrected: it sags, and
+the two clocks are never quite one."""
 FOUND_RAD_S = 0.05
 """How fast the commanded position is set to what is measured, and the speed it had besides: one
 wrong feedback changes next to nothing."""
@@ -76,7 +76,8 @@ class VelocityStream(Motion):
         self.next_s = now_s
 
     def advance(self, now_s: float) -> None:
-        """Until the controller says so nobody may move: its status is older than its reply."""
+        """Until the controller says so nobody may move, for its status is older than its reply;
+        then look where the arm is."""
         feed = self._feed
         if not self.waiting:
             if feed.feedbacks != self._watched:
