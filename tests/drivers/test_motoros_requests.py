@@ -52,7 +52,7 @@ def test_requests_leave_one_by_one_and_in_order():
     first = asked.sent()
     assert first.command == STOP
     assert asked.sent() is None
-    assert asked.requests.outstanding
+    assert not asked.requests.idle
     assert asked.requests.received(reply(MotionReply(0, first.sequence, STOP, 0, 0)), 0.01) == ""
     second = asked.sent(0.01)
     assert second.command == COUNT

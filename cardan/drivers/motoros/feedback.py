@@ -52,8 +52,6 @@ class StateFeed:
         """rad/s; empty where they are not sent or not to be trusted."""
         self.feedback_s = NEVER_S
         self.feedbacks = 0
-        self.still_since_s = math.inf
-        """When the robot came to rest; infinite while it moves."""
         self.other_axis = 0
         """An axis, counted from 1, that the arm does not have and that is not at zero; 0: none."""
         self.failure = ""
@@ -77,7 +75,6 @@ class StateFeed:
 
     def disconnected(self) -> None:
         """Nothing that was heard counts as new any more."""
-        self.still_since_s = math.inf
         self.status_s = self.feedback_s = NEVER_S
 
     @property
@@ -151,10 +148,6 @@ class StateFeed:
             self.status = body
             self.status_s = now_s
             self.statuses += 1
-            if body.in_motion != 0:
-                self.still_since_s = math.inf
-            elif self.still_since_s == math.inf:
-                self.still_since_s = now_s
         elif isinstance(body, JointFeedback):
             if body.group != self._group:
                 return

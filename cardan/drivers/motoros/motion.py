@@ -66,7 +66,7 @@ class MotionCounters:
     restarts: int = 0
     """Trajectories begun anew at standstill, for their times had become too large."""
     replaced: int = 0
-    """Times at rest that the commanded position was set to the measured one."""
+    """Feedbacks in velocity mode by which the commanded position was set nearer to the arm's."""
     skipped_instants: int = 0
     """Command periods that this computer was too late for."""
     speed_limited: int = 0

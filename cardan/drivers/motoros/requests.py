@@ -80,11 +80,6 @@ class MotionRequests:
         return self._asked is None and not self._waiting
 
     @property
-    def outstanding(self) -> bool:
-        """True while a reply is awaited."""
-        return self._asked is not None
-
-    @property
     def deadline_s(self) -> float:
         """When the reply that is awaited is overdue; infinite while none is."""
         asked = self._asked
