@@ -128,6 +128,8 @@ class DeviceState(NamedTuple):
     """Charge, 0..1, where the device reports it."""
     reason: str = ""
     """Why `link` is not LIVE, in words; empty when it is."""
+    wrench: Wrench | None = None
+    """What the device measures of force and torque, for force-torque sensors."""
 
 
 class DeviceCapabilities(NamedTuple):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from types import TracebackType
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from cardan.errors import CommandError
 from cardan.types import (
@@ -65,8 +65,26 @@ class Driver(ABC):
         self.close()
 
 
+class FoundDevice(NamedTuple):
+    """A device that is plugged in, for ``cardan devices``."""
+
+    name: str
+    identity: str
+    """USB vendor and product ("256f:c635"), a Bluetooth address, or empty."""
+    transport: str
+    path: str
+    """What the driver's options call it."""
+    obstacle: str = ""
+    """What stands in the way of opening it, in words; empty: nothing known."""
+
+
 class OperatorDevice(Driver):
     """A hand-held device. It reads itself (usually in a thread of its own)."""
+
+    @classmethod
+    def find(cls) -> list[FoundDevice]:
+        """What of this kind is plugged in. Opens nothing for longer than a look; never raises."""
+        return []
 
     @property
     @abstractmethod

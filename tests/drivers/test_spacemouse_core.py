@@ -11,10 +11,10 @@ from pyspacemouse.config_helpers import apply_axis_convention
 from pyspacemouse.device import SpaceMouseDevice
 from pyspacemouse.types import AxisConvention
 
+from cardan.drivers.shaping import NEUTRAL
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spacemouse.buttons import MAX_EVENTS
 from cardan.drivers.spacemouse.core import GAP_AFTER_S, SETTLE_S, STALE_AFTER_S
-from cardan.drivers.spacemouse.shaping import NEUTRAL
 from cardan.errors import CommandError
 from cardan.protocols.connexion import (
     Family,

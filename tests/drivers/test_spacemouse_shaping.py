@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cardan.drivers.shaping import NEUTRAL, Shaper
 from cardan.drivers.spacemouse import SpaceMouseOptions
-from cardan.drivers.spacemouse.shaping import NEUTRAL, Shaper
 
 unit = st.floats(-1.0, 1.0)
 six = st.tuples(*[unit] * 6)

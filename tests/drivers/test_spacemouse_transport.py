@@ -12,13 +12,11 @@ from collections import deque
 
 import pytest
 
-from cardan.drivers import registry
+from cardan.drivers import access, registry
 from cardan.drivers.spacemouse import (
     SpaceMouse,
     SpaceMouseOptions,
-    access,
     list_devices,
-    udev_rules,
 )
 from cardan.drivers.spacemouse import device as shell
 from cardan.drivers.spacemouse.transports import HidTransport, SocketTransport
@@ -594,14 +592,6 @@ def test_permission_is_told_from_a_busy_device(usb, monkeypatch):
 def test_refusal_on_macos(monkeypatch):
     monkeypatch.setattr(access.sys, "platform", "darwin")
     assert "3DconnexionHelper" in access.refusal("DevSrvsID:1", OSError("open failed"))
-
-
-def test_udev_rules_cover_both_vendors_and_both_back_ends():
-    rules = [line for line in udev_rules().splitlines() if line and not line.startswith("#")]
-    for subsystem in ("hidraw", "usb"):
-        for vendor in ("046d", "256f"):
-            assert any(f'"{subsystem}"' in rule and f'"{vendor}"' in rule for rule in rules)
-    assert all('TAG+="uaccess"' in rule for rule in rules)
 
 
 # -- socket ------------------------------------------------------------------------------------

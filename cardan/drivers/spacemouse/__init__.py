@@ -1,6 +1,5 @@
 """3Dconnexion's six-axis devices (SpaceMouse, SpaceNavigator and kin) as operator devices."""
 
-from cardan.drivers.spacemouse.access import udev_rules
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.drivers.spacemouse.device import SpaceMouse, list_devices
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
@@ -12,5 +11,4 @@ __all__ = [
     "SpaceMouseCore",
     "SpaceMouseOptions",
     "list_devices",
-    "udev_rules",
 ]

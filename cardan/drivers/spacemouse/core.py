@@ -16,10 +16,10 @@ from collections import Counter
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
 from cardan.drivers.spacemouse.buttons import Buttons
 from cardan.drivers.spacemouse.drift import DRIFT_AFTER_S, DriftDetector
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
-from cardan.drivers.spacemouse.shaping import NEUTRAL, Axes, Shaper
 from cardan.errors import CommandError
 from cardan.protocols.connexion import (
     DEFAULT_FULL_SCALE,

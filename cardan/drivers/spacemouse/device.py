@@ -6,8 +6,8 @@ import threading
 import time
 from collections.abc import Iterable, Sequence
 
+from cardan.drivers.access import obstacle
 from cardan.drivers.base import OperatorDevice
-from cardan.drivers.spacemouse.access import obstacle
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
 from cardan.drivers.spacemouse.transports import (

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from cardan.drivers.spacemouse.access import refusal
+from cardan.drivers.access import refusal
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.connexion import CONNEXION, LOGITECH, Model, find_model, is_candidate
 

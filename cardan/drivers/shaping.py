@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Literal
 
-from cardan.drivers.spacemouse.options import SpaceMouseOptions
+DEAD_ZONE_SHAPES = ("axis", "radial")
 
 Axes = tuple[float, float, float, float, float, float]
+"""Deflections in -1..1: x forward, y left, z up, then right-handed rotations about them."""
 Triple = tuple[float, float, float]
 
 NEUTRAL: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -16,10 +20,42 @@ DOMINANCE_MARGIN = 1.1
 """Another axis takes over when it is deflected so much more: no flutter between two."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ShapingOptions:
+    """Options of every driver with deflections. Raises ValueError for what is not allowed."""
+
+    dead_zone: float = 0.05
+    """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
+    dead_zone_shape: Literal["axis", "radial"] = "axis"
+    """axis: each axis by itself; radial: the lengths of translation and rotation."""
+    curve: float = 0.0
+    """Response: 0 linear to 1 cubic, which gives fine control near rest."""
+    translation: bool = True
+    """False: translation is locked at zero."""
+    rotation: bool = True
+    """False: rotation is locked at zero."""
+    dominant_axis: bool = False
+    """Only the axis that is deflected most acts."""
+
+    def __post_init__(self) -> None:
+        check_choice("dead_zone_shape", self.dead_zone_shape, DEAD_ZONE_SHAPES)
+        if not 0.0 <= self.dead_zone < 1.0:
+            raise ValueError(f"dead_zone is {self.dead_zone!r}; allowed: from 0 to below 1")
+        if not 0.0 <= self.curve <= 1.0:
+            raise ValueError(f"curve is {self.curve!r}; allowed: from 0 (linear) to 1 (cubic)")
+
+
+def check_choice(name: str, value: object, allowed: Collection[str]) -> None:
+    """Raise ValueError when the option `name` is none of the `allowed`; "" stays unnamed."""
+    if value not in allowed:
+        words = ", ".join(word for word in allowed if word)
+        raise ValueError(f"{name} is {value!r}; allowed: {words}")
+
+
 class Shaper:
     """Shapes six deflections in -1..1; the result is continuous and in -1..1, too."""
 
-    def __init__(self, options: SpaceMouseOptions) -> None:
+    def __init__(self, options: ShapingOptions) -> None:
         self._dead = options.dead_zone
         self._reach = 1.0 - options.dead_zone
         self._linear = 1.0 - options.curve

@@ -9,30 +9,11 @@ import re
 import sys
 from pathlib import Path
 
-UDEV_HINT = "install the udev rules (`cardan devices --udev` prints them) and plug it in again"
+UDEV_HINT = "install the udev rules (`cardan udev` prints them) and plug it in again"
 
 _PERMISSION = (errno.EACCES, errno.EPERM)
 _LIBUSB_PATH = re.compile(r"(?P<port>\d+-[\d.]+):\d+\.\d+")
 _OLD_LIBUSB_PATH = re.compile(r"(?P<bus>[0-9a-f]{4}):(?P<device>[0-9a-f]{4}):[0-9a-f]{2}")
-
-
-_RULES = """\
-# 3Dconnexion six-axis devices. Save as /etc/udev/rules.d/70-spacemouse.rules: the number must be
-# below 73 for uaccess. Then, as root: udevadm control --reload, and plug the device in again.
-# For users who are not at the console (ssh, services) add GROUP="plugdev", or another group of
-# theirs, to each rule.
-SUBSYSTEM=="hidraw", ATTRS{idVendor}=="256f", MODE="0660", TAG+="uaccess"
-SUBSYSTEM=="hidraw", ATTRS{idVendor}=="046d", ATTRS{idProduct}=="c6[0-4]?", MODE="0660", TAG+="uaccess"
-SUBSYSTEM=="usb", ENV{DEVTYPE}=="usb_device", ATTR{idVendor}=="256f", MODE="0660", TAG+="uaccess"
-SUBSYSTEM=="usb", ENV{DEVTYPE}=="usb_device", ATTR{idVendor}=="046d", ATTR{idProduct}=="c6[0-4]?", MODE="0660", TAG+="uaccess"
-# Over Bluetooth there is no idVendor.
-SUBSYSTEM=="hidraw", KERNELS=="0005:256F:*", MODE="0660", TAG+="uaccess"
-"""  # noqa: E501
-
-
-def udev_rules() -> str:
-    """The udev rules that let the user at the console read these devices (hidraw and libusb)."""
-    return _RULES
 
 
 def obstacle(path: str, *, root: Path = Path("/")) -> str:

@@ -1,0 +1,45 @@
+"""Which buttons of a device are down, and every edge of theirs, for one consumer."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from cardan.types import ButtonEvent
+
+MAX_EVENTS = 4096
+"""Button edges kept for a consumer that does not come; beyond, the oldest go (and are counted)."""
+
+
+class ButtonEdges:
+    """Turns the set of buttons that are down into edges."""
+
+    def __init__(self) -> None:
+        self.held: frozenset[str] = frozenset()
+        self.lost_edges = 0
+        self._events: deque[ButtonEvent] = deque(maxlen=MAX_EVENTS)
+
+    def set(self, labels: Sequence[str], now_s: float) -> None:
+        """`labels` are down at `now_s`, no others. Queues the edges, releases first."""
+        held = frozenset(labels)
+        if held == self.held:
+            return
+        edges = [ButtonEvent(now_s, label, False) for label in sorted(self.held - held)]
+        edges += [
+            ButtonEvent(now_s, label, True)
+            for label in dict.fromkeys(labels)
+            if label not in self.held
+        ]
+        self.lost_edges += max(0, len(self._events) + len(edges) - MAX_EVENTS)
+        self._events.extend(edges)
+        self.held = held
+
+    def release_all(self, now_s: float) -> None:
+        """Count every button as released: nobody can tell any more."""
+        self.set((), now_s)
+
+    def events(self) -> list[ButtonEvent]:
+        """Edges since the last call, oldest first."""
+        events = list(self._events)
+        self._events.clear()
+        return events

@@ -1,0 +1,175 @@
+"""What operator devices share that a thread reads: opening, reading, losing, opening again."""
+
+from __future__ import annotations
+
+import threading
+import time
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, Generic, Protocol, TypeVar
+
+from cardan.drivers.base import OperatorDevice
+from cardan.errors import DriverError
+from cardan.types import ButtonEvent, DeviceState
+
+RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
+"""Pause between attempts to open a lost device, doubled each time: few systems tell of plugs."""
+
+JOIN_TIMEOUT_S = 2.0
+"""A reader looks at `stop` at least every 50 ms; one that does not is left to die as a daemon."""
+
+
+class DeviceCore(Protocol):
+    """What a device's reports mean, without any I/O. Times are monotonic, s."""
+
+    @property
+    def heard(self) -> bool:
+        """Whether any usable report came since the device was opened."""
+
+    def on_lost(self, reason: str, now_s: float) -> None:
+        """It cannot be read, or is not there: link LOST, axes zero, buttons released."""
+
+    def on_closed(self, now_s: float) -> None:
+        """It was closed on request: link CLOSED, axes zero, buttons released."""
+
+    def state(self, now_s: float) -> DeviceState:
+        """The newest state as of `now_s`."""
+
+    def events(self) -> list[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+
+    def diagnosis(self, now_s: float) -> list[str]:
+        """What stands in the way or deserves attention, worst first."""
+
+    def metrics(self, now_s: float) -> dict[str, float]:
+        """Live figures by name."""
+
+
+C = TypeVar("C", bound=DeviceCore)
+
+
+class ReadDevice(OperatorDevice, Generic[C]):
+    """An operator device that a thread of its own reads, and opens again when it is lost.
+
+    Its options have `wait_for_device`: open() succeeds without a device.
+    """
+
+    def __init__(self, options: Any, core: C) -> None:
+        super().__init__(options)
+        self._core = core
+        self._lock = threading.Lock()
+        """Guards the core, for some µs at a time."""
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    # -- what drivers implement ----------------------------------------------------------------
+
+    @abstractmethod
+    def _connect(self) -> None:
+        """Open the device and tell the core, under the lock. Raises DriverError."""
+
+    @abstractmethod
+    def _serve(self, stop: threading.Event) -> None:
+        """Read the open device until `stop` is set, or OSError: it is gone.
+
+        Looks at `stop` at least every 50 ms.
+        """
+
+    @abstractmethod
+    def _release(self) -> None:
+        """Let go of what `_connect` opened, or of a part of it. Never raises; twice is fine."""
+
+    # -- the interface -------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open the device and start to read it.
+
+        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
+        """
+        if self._thread is not None:
+            return
+        self._stop = threading.Event()
+        connected = True
+        try:
+            self._connect()
+        except DriverError as error:
+            self._lose(str(error))
+            if not self.options.wait_for_device:
+                raise
+            connected = False
+        self._thread = threading.Thread(
+            target=self._run,
+            args=(self._stop, connected),
+            name=f"cardan-{type(self).__name__.lower()}",
+            daemon=True,
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading and release the device."""
+        if self._thread is None:
+            return
+        self._stop.set()
+        self._thread.join(JOIN_TIMEOUT_S)
+        self._thread = None
+        with self._lock:
+            self._core.on_closed(time.monotonic())
+
+    def state(self) -> DeviceState:
+        """The newest state."""
+        with self._lock:
+            return self._core.state(time.monotonic())
+
+    def button_events(self) -> Sequence[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        with self._lock:
+            return self._core.events()
+
+    def metrics(self) -> dict[str, float]:
+        """Live figures by name."""
+        with self._lock:
+            return self._core.metrics(time.monotonic())
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What stands in the way or deserves attention, worst first."""
+        with self._lock:
+            return tuple(self._core.diagnosis(time.monotonic()))
+
+    # -- the reader ----------------------------------------------------------------------------
+
+    @property
+    def _opened(self) -> bool:
+        """True between open() and close()."""
+        return self._thread is not None
+
+    def _run(self, stop: threading.Event, connected: bool) -> None:
+        retry_s = RETRY_FIRST_S
+        try:
+            while not stop.is_set():
+                if not connected:
+                    try:
+                        self._connect()
+                        connected = True
+                    except DriverError as error:
+                        self._lose(str(error))
+                if connected:
+                    try:
+                        self._serve(stop)
+                    except OSError as error:
+                        if self._core.heard:
+                            retry_s = RETRY_FIRST_S
+                        self._lose(f"unplugged, or it cannot be read ({error.strerror or error})")
+                        connected = False
+                stop.wait(retry_s)
+                retry_s = min(2.0 * retry_s, RETRY_LAST_S)
+        except BaseException as error:
+            self._lose(f"the reader failed: {error!r}")
+            raise
+        finally:
+            self._release()
+
+    def _lose(self, reason: str) -> None:
+        # Neutral first: letting go of a device may take its time.
+        with self._lock:
+            self._core.on_lost(reason, time.monotonic())
+        self._release()

@@ -1,0 +1,154 @@
+"""The thread that all read devices share: open, lose, open again, close."""
+
+import threading
+
+import pytest
+
+from cardan.drivers import reading
+from cardan.drivers.reading import ReadDevice
+from cardan.errors import DeviceNotFoundError
+from cardan.types import (
+    NEVER_S,
+    ZERO_TWIST,
+    DeviceCapabilities,
+    DeviceLink,
+    DeviceState,
+)
+
+PATIENCE_S = 10.0
+NEUTRAL = (*ZERO_TWIST.linear, *ZERO_TWIST.angular)
+
+
+class Core:
+    def __init__(self):
+        self.heard = False
+        self.link, self.reason = DeviceLink.CLOSED, "not opened"
+        self.history = []
+
+    def _go(self, link, reason):
+        self.link, self.reason = link, reason
+        self.history.append((link, reason))
+
+    def on_opened(self):
+        self._go(DeviceLink.NEEDS_NEUTRAL, "opened")
+
+    def on_lost(self, reason, now_s):
+        self._go(DeviceLink.LOST, reason)
+
+    def on_closed(self, now_s):
+        self._go(DeviceLink.CLOSED, "closed")
+
+    def state(self, now_s):
+        return DeviceState(NEVER_S, self.link, NEUTRAL, frozenset(), reason=self.reason)
+
+    def events(self):
+        return []
+
+    def diagnosis(self, now_s):
+        return [self.reason]
+
+    def metrics(self, now_s):
+        return {"heard": float(self.heard)}
+
+
+class Options:
+    wait_for_device = False
+
+
+class Patient(Options):
+    wait_for_device = True
+
+
+class Device(ReadDevice):
+    """Reads a hardware that is there while `plugged` is set."""
+
+    def __init__(self, options=None, plugged=True):
+        super().__init__(options or Options(), Core())
+        self.plugged = threading.Event()
+        if plugged:
+            self.plugged.set()
+        self.connected, self.released = threading.Event(), threading.Event()
+        self.error = OSError(19, "No such device")
+
+    capabilities = DeviceCapabilities(False, (), frozenset(), False)
+
+    def _connect(self):
+        if not self.plugged.is_set():
+            raise DeviceNotFoundError("nothing is plugged in")
+        with self._lock:
+            self._core.on_opened()
+        self.connected.set()
+
+    def _serve(self, stop):
+        while not stop.wait(0.001):
+            if not self.plugged.is_set():
+                self.connected.clear()
+                raise self.error
+
+    def _release(self):
+        self.released.set()
+
+
+@pytest.fixture(autouse=True)
+def _hasty(monkeypatch):
+    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.001)
+    monkeypatch.setattr(reading, "RETRY_LAST_S", 0.002)
+
+
+def test_it_opens_and_closes():
+    device = Device()
+    with device:
+        assert device.state().link is DeviceLink.NEEDS_NEUTRAL
+        device.open()
+    assert device.state().link is DeviceLink.CLOSED
+    assert device.released.is_set()
+    device.close()
+
+
+def test_a_missing_device_is_an_error():
+    device = Device(plugged=False)
+    with pytest.raises(DeviceNotFoundError, match="nothing is plugged in"):
+        device.open()
+    assert device.state().link is DeviceLink.LOST
+    device.plugged.set()
+    with device:
+        assert device.connected.is_set()
+
+
+def test_a_missing_device_may_be_waited_for():
+    device = Device(Patient(), plugged=False)
+    with device:
+        assert device.state() == DeviceState(
+            NEVER_S, DeviceLink.LOST, NEUTRAL, frozenset(), reason="nothing is plugged in"
+        )
+        device.plugged.set()
+        assert device.connected.wait(PATIENCE_S)
+        assert device.state().link is DeviceLink.NEEDS_NEUTRAL
+
+
+def test_a_lost_device_is_opened_again():
+    device = Device()
+    with device:
+        device.plugged.clear()
+        assert device.released.wait(PATIENCE_S)
+        assert device.diagnosis()[0] != "opened"
+        device.plugged.set()
+        assert device.connected.wait(PATIENCE_S)
+        links = [link for link, _ in device._core.history]
+    assert links[:2] == [DeviceLink.NEEDS_NEUTRAL, DeviceLink.LOST]
+    reasons = {reason for _, reason in device._core.history}
+    assert "unplugged, or it cannot be read (No such device)" in reasons
+
+
+def test_a_reader_that_fails_leaves_no_deflection(monkeypatch):
+    failures = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: failures.append(args.exc_value))
+    device = Device()
+    device.error = ZeroDivisionError("a bug")
+    device.open()
+    device.plugged.clear()
+    assert device.released.wait(PATIENCE_S)
+    assert device.state().link is DeviceLink.LOST
+    assert "ZeroDivisionError" in device.state().reason
+    device.close()
+    assert [type(failure) for failure in failures] == [ZeroDivisionError]
