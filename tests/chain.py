@@ -69,7 +69,7 @@ class Chain:
         model: str = "spacenavigator",
         hand_faults: dict[str, float] | None = None,
         robot_faults: dict[str, float] | None = None,
-        deadman: str = "left",
+        deadman: tuple[str, ...] = ("left",),
         limits: ReferenceLimits | None = None,
         arm: ArmFollower | None = None,
         egm: AbbEgmOptions | None = None,

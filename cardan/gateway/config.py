@@ -31,9 +31,10 @@ from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.errors import ConfigurationError
 from cardan.gateway.engine import Watchdogs
+from cardan.gateway.feedback import RUMBLE_SOURCES, FeedbackOptions
 from cardan.gateway.filters import registry as filter_registry
 from cardan.gateway.filters.base import TwistFilter
-from cardan.gateway.mapping import AXES, GripperAction, MappingOptions
+from cardan.gateway.mapping import AXES, GripperAction, MappingOptions, Mode
 from cardan.gateway.reference import ReferenceLimits
 from cardan.spatial import from_euler_zyx, norm, scale
 from cardan.types import IDENTITY_POSE, CommandKind, Frame, Pose, RobotCapabilities, Vector3
@@ -92,16 +93,40 @@ class FilterTable(BaseModel):
 class MappingTable(_Table):
     """``[mapping]``"""
 
+    mode: Mode = Mode.RATE
     frame: Frame = Frame.BASE
     linear_speed_m_s: Positive = 0.1
     angular_speed_rad_s: Positive = 0.4
     axes: Annotated[list[str], Field(min_length=6, max_length=6)] = list(AXES)
     scale: Annotated[list[Finite], Field(min_length=6, max_length=6)] = [1.0] * 6
     yaw_deg: Finite = 0.0
+    device_rpy_deg: Point = (0.0, 0.0, 0.0)
+    slip_m: Positive = 0.15
+    slip_rad: Annotated[float, Field(gt=0, le=1.5)] = 0.6
     joints: dict[str, str] = {}
     joint_speed_rad_s: Positive = 0.4
-    deadman: str = ""
+    deadman: str | list[str] = ""
     enable: str = ""
+
+    @property
+    def deadman_buttons(self) -> tuple[str, ...]:
+        """The buttons of which one is held."""
+        names = [self.deadman] if isinstance(self.deadman, str) else self.deadman
+        return tuple(name for name in names if name)
+
+    @model_validator(mode="after")
+    def _fits_the_mode(self) -> MappingTable:
+        if self.mode is Mode.POSITION:
+            if not self.deadman_buttons:
+                raise ValueError(
+                    'deadman: mode = "position" needs one, the clutch: what the hand moves while '
+                    "it is held, the TCP moves"
+                )
+            if self.joints:
+                raise ValueError('joints: in mode = "position" no axis drives a joint')
+        elif any(self.device_rpy_deg):
+            raise ValueError('device_rpy_deg: only mode = "position" turns the device\'s axes')
+        return self
 
     @field_validator("axes")
     @classmethod
@@ -144,6 +169,22 @@ class GripperTable(_Table):
         if output != "digital" and not (whole and output in range(MAX_OUTPUT + 1)):
             raise ValueError(f'{output!r} is no output; allowed: "digital", or 0 to {MAX_OUTPUT}')
         return output
+
+
+class FeedbackTable(_Table):
+    """``[feedback]``: what the hand is given back, where the device can."""
+
+    led: bool = True
+    rumble: list[str] = ["trip", "limit"]
+    full_force_n: Positive = 20.0
+
+    @field_validator("rumble")
+    @classmethod
+    def _known_sources(cls, sources: list[str]) -> list[str]:
+        for source in sources:
+            if source not in RUMBLE_SOURCES:
+                raise ValueError(f"{source!r} is none; allowed: {', '.join(RUMBLE_SOURCES)}")
+        return sources
 
 
 class LimitsTable(_Table):
@@ -235,6 +276,7 @@ class SessionConfig(_Table):
     filters: tuple[FilterTable, ...] = ()
     """Shared control, applied in this order."""
     gripper: GripperTable = GripperTable()
+    feedback: FeedbackTable = FeedbackTable()
     limits: LimitsTable = LimitsTable()
     watchdogs: WatchdogTable = WatchdogTable()
 
@@ -263,13 +305,11 @@ class SessionConfig(_Table):
 
     @model_validator(mode="after")
     def _one_meaning_a_button(self) -> SessionConfig:
-        buttons = {
-            "mapping.deadman": self.mapping.deadman,
-            "mapping.enable": self.mapping.enable,
-        }
-        buttons |= {f"gripper.{a.value}": getattr(self.gripper, a.value) for a in GripperAction}
-        for key, button in buttons.items():
-            for other, same in buttons.items():
+        buttons = [("mapping.deadman", button) for button in self.mapping.deadman_buttons]
+        buttons.append(("mapping.enable", self.mapping.enable))
+        buttons += [(f"gripper.{a.value}", getattr(self.gripper, a.value)) for a in GripperAction]
+        for key, button in buttons:
+            for other, same in buttons:
                 if button and button == same and key < other:
                     raise ValueError(f"{key} and {other} are the same button, {button!r}")
         return self
@@ -304,21 +344,32 @@ class SessionConfig(_Table):
         """The mapping's options."""
         table, gripper = self.mapping, self.gripper
         return MappingOptions(
+            mode=table.mode,
             frame=table.frame,
             linear_speed_m_s=table.linear_speed_m_s,
             angular_speed_rad_s=table.angular_speed_rad_s,
             axes=tuple(table.axes),
             scale=tuple(table.scale),
             yaw_deg=table.yaw_deg,
+            device_rpy_deg=table.device_rpy_deg,
+            slip_m=table.slip_m,
+            slip_rad=table.slip_rad,
             joints=tuple(table.joints.items()),
             joint_speed_rad_s=table.joint_speed_rad_s,
-            deadman=table.deadman,
+            deadman=table.deadman_buttons,
             enable=table.enable,
             gripper=tuple(
                 (getattr(gripper, action.value), action)
                 for action in GripperAction
                 if getattr(gripper, action.value)
             ),
+        )
+
+    def feedback_options(self) -> FeedbackOptions:
+        """What the hand is told."""
+        table = self.feedback
+        return FeedbackOptions(
+            led=table.led, rumble=tuple(table.rumble), full_force_n=table.full_force_n
         )
 
     def reference_limits(self) -> ReferenceLimits:

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from cardan.gateway.filters.base import TwistFilter
-from cardan.gateway.mapping import TwistMapping
+from cardan.gateway.mapping import Mode, TwistMapping
+from cardan.gateway.position import PositionMapping
 from cardan.gateway.reference import Reference
 from cardan.spatial import is_finite, norm, rotation_between, scale, subtract
 from cardan.types import (
@@ -121,7 +122,7 @@ class EngineStatus(NamedTuple):
 
 
 class TeleopEngine:
-    """Rate control of a TCP with a virtual reference point."""
+    """Rate or position control of a TCP with a virtual reference point."""
 
     def __init__(
         self,
@@ -138,6 +139,9 @@ class TeleopEngine:
         self.filters = tuple(filters)
         """Shared control: applied in this order between mapping and reference."""
         self.arm = arm
+        self._position: PositionMapping | None = None
+        if mapping.options.mode is Mode.POSITION:
+            self._position = PositionMapping(mapping.options, reference.limits)
         self._misfit = ""
         self._filter_fault = ""
         self._phase = Phase.NO_ROBOT
@@ -220,9 +224,15 @@ class TeleopEngine:
         if events and self._armed and self.mapping.deadman_held(device):
             self.mapping.take_gripper(events)
 
+        dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
         wanted = ZERO_TWIST
-        if self._armed and self.mapping.deadman_held(device):
+        if not self._armed or not self.mapping.deadman_held(device):
+            if self._position is not None:
+                self._position.release()
+        elif self._position is None:
             wanted = self.mapping.twist(device.axes)
+        else:
+            wanted = self._follow(self._position, device.pose, dt_s)
         if self.filters:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot if self.arm is None else robot._replace(pose=measured)
@@ -250,7 +260,6 @@ class TeleopEngine:
         before = self.reference.pose
         if self._easing and not given_up:
             wanted = self._resync_twist(measured)
-        dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
         if self.arm is None:
             self.reference.advance(wanted, dt_s, smooth=self._armed)
         elif given_up:
@@ -269,6 +278,15 @@ class TeleopEngine:
         pose = self.reference.pose
         assert pose is not None
         return PoseCommand(pose, self.reference.twist)
+
+    def _follow(self, position: PositionMapping, hand: Pose | None, dt_s: float) -> Twist:
+        """What the hand's displacement since the clutch was pressed asks for."""
+        tcp = self.reference.pose
+        assert hand is not None  # _supervise() has seen to it.
+        assert tcp is not None
+        if not position.engaged:
+            position.engage(hand, tcp)
+        return position.twist(hand, tcp, dt_s)
 
     def _count_way(self, before: Pose | None) -> None:
         """Give up a reference that goes on and on and does not meet its robot."""
@@ -370,6 +388,7 @@ class TeleopEngine:
             self._resync_s += min(max(robot.period_s, 0.0), limits.longest_step_s)
         if not self._armed:
             return
+        age_s = robot.stamp_s - device.stamp_s
         if self._stop_reason:
             self._armed = False
         elif robot.alarm:
@@ -378,9 +397,14 @@ class TeleopEngine:
             self._trip(device.reason or f"the device is {device.link.value}")
         elif not is_finite(device.axes):
             self._trip("the device gives values that are not numbers")
-        elif device.axes != NO_DEFLECTION and robot.stamp_s - device.stamp_s > limits.device_age_s:
-            age_s = robot.stamp_s - device.stamp_s
-            self._trip(f"the device is deflected but silent for {age_s:.2f} s")
+        elif self._position is None:
+            if device.axes != NO_DEFLECTION and age_s > limits.device_age_s:
+                self._trip(f"the device is deflected but silent for {age_s:.2f} s")
+        elif self.mapping.deadman_held(device):
+            if not _has_pose(device):
+                self._trip("the clutch is held, but the device gives no pose")
+            elif age_s > limits.device_age_s:
+                self._trip(f"the clutch is held, but the device is silent for {age_s:.2f} s")
 
     def _arm(self, robot: RobotState, device: DeviceState) -> None:
         """Arm after the deliberate act: device at rest, dead-man up, dead-man pressed anew."""
@@ -394,7 +418,7 @@ class TeleopEngine:
             self._armed = device.axes == NO_DEFLECTION
         elif not self.mapping.deadman_held(device):
             self._deadman_was_up = self._deadman_was_up or device.axes == NO_DEFLECTION
-        elif self._deadman_was_up:
+        elif self._deadman_was_up and (self._position is None or _has_pose(device)):
             self._armed = True
         if self._armed:
             self._trip_reason = ""
@@ -437,9 +461,14 @@ class TeleopEngine:
         if device.link is not DeviceLink.LIVE:
             reason = device.reason or f"the device is {device.link.value}"
             return why + reason if reason not in why else reason
-        deadman = self.mapping.options.deadman
+        deadman = " or ".join(repr(button) for button in self.mapping.options.deadman)
         if not deadman:
             return f"{why}let go of the device to go on"
         if self._deadman_was_up:
-            return f"{why}press {deadman!r} to move"
-        return f"{why}let go of the device and of {deadman!r}, then press {deadman!r} to go on"
+            return f"{why}press {deadman} to move"
+        return f"{why}let go of the device and of {deadman}, then press {deadman} to go on"
+
+
+def _has_pose(device: DeviceState) -> bool:
+    pose = device.pose
+    return pose is not None and is_finite(pose.position) and is_finite(pose.orientation)

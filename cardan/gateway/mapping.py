@@ -1,7 +1,8 @@
-"""From the axes and buttons of a device to what the operator asks of the robot.
+"""From the axes, the pose and the buttons of a device to what the operator asks of the robot.
 
-Pure values in and out: no clock, no hardware. The published mapping of the SpaceNavigator (rate
-control, base frame) is the default; see Łukawski, Victores and Balaguer 2023, Table 1.
+Pure values in and out: no clock, no hardware. The mappings are those of Łukawski, Victores and
+Balaguer 2023, Table 1: rate control in the base frame (SpaceNavigator), which is the default, rate
+control in the tool frame (Wiimote), and position control in the base frame (Leap Motion).
 """
 
 from __future__ import annotations
@@ -21,6 +22,15 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Names of the device axes and of the twist components they drive, in order."""
 
 
+class Mode(enum.Enum):
+    """What a hand's motion means."""
+
+    RATE = "rate"
+    """Deflections are velocities."""
+    POSITION = "position"
+    """What the hand moved since the clutch was pressed, the TCP moves."""
+
+
 class GripperAction(enum.Enum):
     """What a gripper button does when it goes down."""
 
@@ -31,19 +41,27 @@ class GripperAction(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class MappingOptions:
-    """How a rate-control device is turned into a twist of the TCP."""
+    """How a device is turned into a motion of the TCP."""
 
+    mode: Mode = Mode.RATE
     frame: Frame = Frame.BASE
-    """Axes the twist is expressed along: the robot's base, the tool, or mixed."""
+    """Axes the motion is expressed along: the robot's base, the tool, or mixed. In position mode
+    the tool's axes are those when the clutch was pressed."""
     linear_speed_m_s: float = 0.1
-    """TCP speed at full deflection."""
+    """TCP speed at full deflection; rate mode."""
     angular_speed_rad_s: float = 0.4
-    """Turning speed at full deflection."""
+    """Turning speed at full deflection; rate mode."""
     axes: tuple[str, ...] = AXES
     """Device axis that drives each of x y z rx ry rz: a name, "-name" to turn it round, or
     "fixed" for a component that must not move."""
     scale: tuple[float, ...] = (1.0,) * 6
     """Factor on each component."""
+    device_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """How the device's axes stand in those of `frame` (roll, pitch, yaw); position mode."""
+    slip_m: float = 0.15
+    """How far the hand may be ahead of the TCP before the clutch slips; position mode."""
+    slip_rad: float = 0.6
+    """The same for its orientation."""
     yaw_deg: float = 0.0
     """Where the operator faces, seen from above, relative to the robot's x axis."""
     joints: tuple[tuple[str, str], ...] = ()
@@ -51,8 +69,9 @@ class MappingOptions:
     Baklouti et al. 2021, equation 7. "-axis" turns it round."""
     joint_speed_rad_s: float = 0.4
     """Of such a joint at full deflection; m/s for one that slides."""
-    deadman: str = ""
-    """Button to hold while moving; empty: deflection alone moves (not beside a person)."""
+    deadman: tuple[str, ...] = ()
+    """Buttons of which one is held while moving, the clutch in position mode; none: deflection
+    alone moves (not beside a person)."""
     enable: str = ""
     """Button that asks for the robot's drives and program; empty: none."""
     gripper: tuple[tuple[str, GripperAction], ...] = ()
@@ -107,7 +126,8 @@ class TwistMapping:
 
     def deadman_held(self, device: DeviceState) -> bool:
         """True while the operator says that motion is wanted."""
-        return not self.options.deadman or self.options.deadman in device.buttons
+        deadman = self.options.deadman
+        return not deadman or not device.buttons.isdisjoint(deadman)
 
     def asks_to_enable(
         self, device: DeviceState, events: Iterable[ButtonEvent], now_s: float
@@ -123,7 +143,7 @@ class TwistMapping:
             )
             and device.link is DeviceLink.LIVE
             and not any(device.axes)
-            and not (self.options.deadman and self.options.deadman in device.buttons)
+            and device.buttons.isdisjoint(self.options.deadman)
         )
 
     def take_gripper(self, events: Iterable[ButtonEvent]) -> bool:

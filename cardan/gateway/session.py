@@ -30,7 +30,8 @@ from cardan.gateway.config import (
     parse_config,
 )
 from cardan.gateway.engine import Phase, TeleopEngine
-from cardan.gateway.mapping import TwistMapping
+from cardan.gateway.feedback import HandFeedback
+from cardan.gateway.mapping import Mode, TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.gateway.snapshot import Snapshot
 from cardan.histogram import LatencyHistogram
@@ -69,7 +70,8 @@ class Session:
         self._ticks = LatencyHistogram()
         self._square_sum_m2 = 0.0
         self._moving_cycles = 0
-        self._led: bool | None = None
+        self._feedback_options = config.feedback_options()
+        self._feedback = HandFeedback(self._feedback_options, ())
         self._stop_reason = ""
 
     def stop(self, reason: str) -> None:
@@ -84,6 +86,8 @@ class Session:
         with contextlib.ExitStack() as opened:
             opened.enter_context(self.device)
             self._check()
+            channels = self.device.capabilities.feedback
+            self._feedback = HandFeedback(self._feedback_options, channels)
             for each in self.engine.filters:
                 opened.enter_context(each)
             # The loop makes no cycles of references worth collecting, and a collection in it
@@ -98,7 +102,7 @@ class Session:
             finally:
                 gc.enable()
                 gc.unfreeze()
-                self._show_led(False)
+                self._give(self._feedback.last())
         return self.snapshot
 
     def _check(self) -> None:
@@ -112,8 +116,15 @@ class Session:
             raise ConfigurationError(
                 "mapping.enable", "this robot is made ready at its own controller; leave it out"
             )
+        measures = self.device.capabilities.gives_pose
+        if measures is not (options.mode is Mode.POSITION):
+            needed, what = ("position", "the hand's pose") if measures else ("rate", "deflections")
+            raise ConfigurationError(
+                "mapping.mode",
+                f'this device measures {what}: set mode = "{needed}"',
+            )
         for key, button in (
-            ("mapping.deadman", options.deadman),
+            *(("mapping.deadman", button) for button in options.deadman),
             ("mapping.enable", options.enable),
             *((f"gripper.{action.value}", name) for name, action in options.gripper),
         ):
@@ -124,7 +135,7 @@ class Session:
 
     def _loop(self, seconds: float) -> None:
         robot, device, engine = self.robot, self.device, self.engine
-        mapping = engine.mapping
+        mapping, hand_feedback = engine.mapping, self._feedback
         monotonic, tick_cost = time.monotonic, self._ticks.add
         gripper_closed = mapping.gripper_closed
         start_s = monotonic()
@@ -150,6 +161,8 @@ class Session:
                 if engine.phase is Phase.MOVING or engine.phase is Phase.BRAKING:
                     self._account(state)
             # Everything below is bookkeeping: the answer has left.
+            if hand_feedback.useful and hand_feedback.due(now_s):
+                self._give(hand_feedback.update(engine.status(), state, now_s))
             if self._stop_reason or now_s >= end_s:
                 if give_up_s == math.inf:
                     engine.request_stop(self._stop_reason or "the session's time is over")
@@ -190,14 +203,12 @@ class Session:
             values[table.output] = table.closed_value if closed else table.open_value
             self.robot.set_outputs(values=values)
 
-    def _show_led(self, on: bool) -> None:
-        """The device's light says that the hand is on the robot."""
-        if on is self._led or "led" not in self.device.capabilities.feedback:
-            return
-        self._led = on
-        # A light that cannot be set is no reason to stop: the link itself is watched elsewhere.
-        with contextlib.suppress(DriverError):
-            self.device.feedback(DeviceFeedback(led=on))
+    def _give(self, feedback: DeviceFeedback | None) -> None:
+        """To the hand. A light or motor that fails is no reason to stop: the link itself is
+        watched elsewhere."""
+        if feedback is not None:
+            with contextlib.suppress(DriverError):
+                self.device.feedback(feedback)
 
     def _publish(self, state: RobotState, hand: DeviceState, elapsed_s: float) -> None:
         status = self.engine.status()
@@ -234,7 +245,6 @@ class Session:
         s.diagnosis = [*self.robot.diagnosis(), *self.device.diagnosis()]
         for each in self.engine.filters:
             s.diagnosis += each.diagnosis()
-        self._show_led(status.phase in (Phase.HOLDING, Phase.MOVING))
         self._tell(s)
 
     def _tell(self, snapshot: Snapshot) -> None:

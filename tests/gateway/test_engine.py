@@ -34,7 +34,7 @@ REST = (0.0,) * 6
 class Rig:
     """An engine, a device set by hand and an ideal robot that is where it is told."""
 
-    def __init__(self, deadman="left", gripper=(), limits=None, filters=()):
+    def __init__(self, deadman=("left",), gripper=(), limits=None, filters=()):
         self.engine = TeleopEngine(
             TwistMapping(MappingOptions(deadman=deadman, gripper=gripper)),
             Reference(limits or ReferenceLimits()),
@@ -163,7 +163,7 @@ def test_a_deadman_released_while_deflected_does_not_arm():
 
 
 def test_without_a_deadman_the_device_must_have_been_at_rest():
-    rig = Rig(deadman="")
+    rig = Rig(deadman=())
     rig.hand(FORWARD)
     rig.run(0.2)
     assert rig.engine.at_rest
@@ -477,7 +477,7 @@ def test_a_filter_that_fails_takes_the_hand_off_the_robot(rule, words):
 
 def test_without_a_deadman_a_failing_filter_trips_once():
     rule = Rule(halved)
-    rig = Rig(deadman="", filters=(rule,)).run()
+    rig = Rig(deadman=(), filters=(rule,)).run()
     rule.rule = raises
     rig.run(0.5)
     assert rig.status.trips == 1

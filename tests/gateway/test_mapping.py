@@ -65,7 +65,7 @@ def state(*buttons):
 
 def test_deadman():
     assert TwistMapping(MappingOptions()).deadman_held(state())
-    mapping = TwistMapping(MappingOptions(deadman="left"))
+    mapping = TwistMapping(MappingOptions(deadman=("left",)))
     assert not mapping.deadman_held(state("right"))
     assert mapping.deadman_held(state("right", "left"))
 
@@ -96,7 +96,7 @@ def test_gripper_buttons_act_when_they_go_down():
 
 
 def test_making_the_robot_ready_takes_a_hand_at_rest():
-    mapping = TwistMapping(MappingOptions(deadman="left", enable="right"))
+    mapping = TwistMapping(MappingOptions(deadman=("left",), enable="right"))
     rest = state()
     assert mapping.asks_to_enable(rest, edges("right"), 0.1)
     assert mapping.asks_to_enable(rest, edges("right", "-right"), 0.1)
