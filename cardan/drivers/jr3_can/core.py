@@ -1,0 +1,730 @@
+"""What a JR3's frames mean, and what to ask it next, without any I/O and in the caller's time.
+
+The board is brought up by requests, one at a time, since an acknowledgement does not say what it
+answers: ping, start, full scales; then, once the filter has settled and the force is steady, zero.
+A board that reports a boot, or is silent for `RESTART_AFTER_S`, is brought up again from the ping.
+
+A sensor sends all the time, so silence is never rest: after `STALE_AFTER_S` without a new sample
+the axes are zero and there is no wrench. Samples are new when their counter has gone on: a board
+whose sensor is unplugged repeats the last one for ever. After opening, a silence, an overload or a
+zeroing the axes stay zero (NEEDS_NEUTRAL) until the wrench was inside the dead bands for `REST_S`.
+
+Zero is taken by itself once, when the sensor is opened. A board that boots later has lost its zero,
+and a hand that is still on it must not become the new one: it counts again after `ask_zero`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from cardan.drivers.jr3_can.options import Jr3Options
+from cardan.errors import CommandError
+from cardan.protocols.jr3_can import (
+    FULL_SCALE_COUNTS,
+    NODE_MASK,
+    SAMPLE_PERIOD_S,
+    Ack,
+    Bootup,
+    Forces,
+    Frame,
+    GetFsForces,
+    GetFsMoments,
+    GetState,
+    HostMessage,
+    Malformed,
+    Moments,
+    Opcode,
+    Six,
+    StartAsync,
+    StartSync,
+    State,
+    Stop,
+    Sync,
+    ZeroOffs,
+    centihertz,
+    decode_from_board,
+    encode_from_host,
+    samples_between,
+)
+from cardan.spatial import add, from_euler_zyx, rotate
+from cardan.types import (
+    NEVER_S,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    Vector3,
+    Wrench,
+)
+from cardan.types import (
+    Frame as CoordinateFrame,
+)
+
+NEUTRAL: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+Raw = tuple[int, int, int, int, int, int]
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+
+STALE_AFTER_S = 0.1
+"""Without a new sample for so long, nothing of what was measured counts."""
+
+REST_S = 0.1
+"""The wrench must be inside the dead bands for so long to count as rest: after zeroing, a board
+sends one sample of zeros whatever it measures."""
+
+ACK_TIMEOUT_S = 0.25
+"""A board answers within 2 ms; after this a request is lost."""
+
+TRIES = 3
+"""So often a request is sent before everything is begun again from the ping."""
+
+RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
+"""Pause before a request is sent again, doubled for each ping. It lets a late acknowledgement
+pass, which could be taken for that of another request."""
+
+RESTART_AFTER_S = 1.0
+"""A board that should send and has been silent for so long is brought up again."""
+
+SETTLE_S, SETTLE_TIME_CONSTANTS = 0.1, 5.0
+"""From the start to where the board's filter shows what is measured."""
+
+STEADY_WINDOW_S = 0.25
+"""How far back the change of force is looked at before zero is taken."""
+
+LOOK_AGAIN_S = 0.05
+"""How soon after a look that found it changing."""
+
+CLOCK_TOLERANCE = 0.02
+"""The board's clock may run so much slower than `SAMPLE_PERIOD_S` says."""
+
+_COUNTERS: Mapping[str, str] = MappingProxyType(
+    {
+        "boots": "times the board came up anew",
+        "timeouts": "requests without an answer",
+        "refusals": "requests answered with an error",
+        "unexpected_acks": "acknowledgements that nobody waited for",
+        "lost_samples": "samples lost (by the counter)",
+        "unpaired_samples": "forces without their moments, or moments without their forces",
+        "repeated_samples": "samples that repeat the one before",
+        "late_samples": f"samples older than {STALE_AFTER_S:.1f} s when they came",
+        "overloads": "samples beyond full scale",
+        "silences": f"silences of more than {STALE_AFTER_S:.1f} s",
+        "foreign_frames": "frames that are no data frames with an eleven-bit identifier",
+        "garbled_frames": "frames that the CAN interface could not read",
+        "bus_errors": "error frames: check termination, bit rate and cable",
+    }
+)
+"""What is counted, and the words for it."""
+
+LOOK_AT = "check the power of the sensor's board, its node id, bit rate and cables"
+OPENED_REASON = "starting the sensor"
+REST_REASON = "not seen at rest yet: take the hand off the sensor"
+RESUMED_REASON = (
+    "it was silent: take the hand off the sensor; if it is off, zero is lost: start again"
+)
+BOOTED_REASON = "the sensor's board came up"
+ZERO_LOST_REASON = (
+    "the sensor's board restarted, so zero is lost: take the hand off, then start again or zero()"
+)
+ZEROING_REASON = "taking zero: keep the hand off the sensor"
+
+
+class _Step(NamedTuple):
+    """One request of the way up."""
+
+    message: HostMessage
+    name: str
+    scales: bool = False
+    """Its acknowledgement carries full scales."""
+
+
+_PING = _Step(GetState(), "ping")
+_ZERO = _Step(ZeroOffs(), "zero")
+
+
+class _HeldSteady:
+    """Whether the wrench has kept still of late, component by component."""
+
+    def __init__(self, limits: Six) -> None:
+        self._limits = limits
+        """Change of each component over the window that is still steady."""
+        self._window: deque[tuple[float, Six]] = deque()
+        self.overloaded = False
+
+    def clear(self, overloaded: bool = False) -> None:
+        """What came before must not count. `overloaded`: until the next value there is none."""
+        self._window.clear()
+        self.overloaded = overloaded
+
+    def add(self, stamp_s: float, values: Six) -> None:
+        """Take the wrench of a sample."""
+        self.overloaded = False
+        window = self._window
+        window.append((stamp_s, values))
+        # One sample from before the window's start stays, so that the window is seen to be full.
+        while len(window) > 2 and window[1][0] <= stamp_s - STEADY_WINDOW_S:
+            window.popleft()
+
+    @property
+    def full(self) -> bool:
+        """Whether the window has been watched from one end to the other."""
+        window = self._window
+        return bool(window) and window[-1][0] - window[0][0] >= STEADY_WINDOW_S
+
+    def fastest(self) -> tuple[int, float]:
+        """The component that changes most by its limit, and its rate over the window, per s."""
+        columns = zip(*(values for _, values in self._window), strict=True)
+        spans = [max(column) - min(column) for column in columns]
+        worst = max(range(6), key=lambda index: spans[index] / self._limits[index])
+        return worst, spans[worst] / STEADY_WINDOW_S
+
+    def obstacle(self) -> str:
+        """Why zero must not be taken now; empty: it may."""
+        if not self.full:
+            return f"the force has not been watched for {STEADY_WINDOW_S:g} s yet"
+        index, rate = self.fastest()
+        if rate * STEADY_WINDOW_S <= self._limits[index]:
+            return ""
+        unit = "N/s" if index < 3 else "N·m/s"
+        allowed = self._limits[index] / STEADY_WINDOW_S
+        return f"{COMPONENTS[index]} changes by {rate:.1f} {unit}, more than {allowed:g}"
+
+
+class Jr3Core:
+    """The state of one sensor. Times are monotonic, s.
+
+    `poll` gives the frames to send now, and `next_due_s` says when to ask it again; every frame
+    that is heard goes to `on_frame`.
+    """
+
+    def __init__(self, options: Jr3Options) -> None:
+        self._options = options
+        self._link = DeviceLink.CLOSED
+        self._reason = "not opened"
+        self._open = False
+        self._heard = False
+        self._answered = False
+        self._counts = Counter(dict.fromkeys(_COUNTERS, 0))
+        self._malformed: Counter[tuple[str, int]] = Counter()
+        self._cached: DeviceState | None = None
+        self._stamp_s = NEVER_S
+        # The way up.
+        self._plan: tuple[_Step, ...] = ()
+        self._done = 0
+        self._tries = 0
+        self._asked: _Step | None = None
+        self._deadline_s = math.inf
+        self._not_before_s = NEVER_S
+        self._retry_s = RETRY_FIRST_S
+        self._started_s = NEVER_S
+        self._sampling = False
+        """The board was told to send and has acknowledged it."""
+        self._running = False
+        """Brought up: zeroed where that is asked for."""
+        self._has_run = False
+        """It has been running since it was opened on request: zero is not taken by itself any
+        more, since a hand may be on the sensor that just came back."""
+        self._zero_lost = False
+        self._zeros = 0
+        self._sync_s = math.inf
+        self._forces_n: tuple[int, int, int] | None = None
+        """Full scales."""
+        self._torques_nm: tuple[float, float, float] | None = None
+        # Samples.
+        self._believed = False
+        """What was measured last still counts."""
+        self._forces: Forces | None = None
+        self._counter: int | None = None
+        self._counter_time_s = 0.0
+        self._least_offset_s = math.inf
+        self._stands_since_s = math.inf
+        """Since when the counter has stood still."""
+        self._rest_since_s = math.inf
+        self._measured: Six = NEUTRAL
+        """N and N·m at the sensor's origin, along its axes, right-handed and filtered."""
+        self._filter_stamp_s = NEVER_S
+        self._per_count: Six | None = None
+        """N and N·m of a count; None: the full scales are not known yet."""
+        steady_n, steady_nm = options.steady_n_s, options.steady_nm_s
+        self._steady = _HeldSteady(
+            tuple(  # type: ignore[arg-type]
+                rate * STEADY_WINDOW_S for rate in (*(steady_n,) * 3, *(steady_nm,) * 3)
+            )
+        )
+        roll, pitch, yaw = map(math.radians, options.sensor_rpy_deg)
+        self._turn = from_euler_zyx(roll, pitch, yaw)
+        self._turned = any(options.sensor_rpy_deg)
+        self._lever = Vector3(*options.sensor_xyz_m)
+        self._levered = any(options.sensor_xyz_m)
+        self._host_tau_s = (
+            1.0 / (math.tau * options.host_cutoff_hz) if options.host_cutoff_hz else 0.0
+        )
+
+    # -- what happens to the sensor ------------------------------------------------------------
+
+    def on_opened(self, now_s: float) -> None:
+        """The bus was opened (again): what was known of the sensor is void."""
+        self._open = True
+        self._heard = self._answered = False
+        self._retry_s = RETRY_FIRST_S
+        self._bring_up(now_s)
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
+
+    def on_lost(self, reason: str, now_s: float) -> None:
+        """The bus cannot be read, or the sensor is not there."""
+        self._halt()
+        self._open = False
+        self._distrust(DeviceLink.LOST, reason)
+
+    def on_closed(self, now_s: float) -> None:
+        """It was closed on request."""
+        self._halt()
+        self._open = self._has_run = self._zero_lost = False
+        self._distrust(DeviceLink.CLOSED, "closed")
+
+    def on_frame(self, arbitration_id: int, data: bytes, now_s: float) -> None:
+        """A data frame with an eleven-bit identifier was received at `now_s`. Never raises."""
+        if not self._open or arbitration_id & NODE_MASK != self._options.node_id:
+            return
+        value = decode_from_board(arbitration_id, data)
+        if value is None:
+            return
+        if isinstance(value, Forces):
+            if self._forces is not None:
+                self._counts["unpaired_samples"] += 1
+            self._forces = value
+        elif isinstance(value, Moments):
+            forces, self._forces = self._forces, None
+            if forces is None or forces.counter != value.counter:
+                self._counts["unpaired_samples"] += 1
+            elif self._sampling:
+                self._on_sample(forces, value, now_s)
+        elif isinstance(value, Ack):
+            self._on_ack(value, now_s)
+        elif isinstance(value, Bootup):
+            self._on_bootup(now_s)
+        else:
+            self._on_malformed(value)
+
+    def on_unusable(self, kind: str) -> None:
+        """A frame came that is none of ours: "foreign_frames", "garbled_frames", "bus_errors"."""
+        self._counts[kind] += 1
+
+    # -- what to send --------------------------------------------------------------------------
+
+    @property
+    def next_due_s(self) -> float:
+        """When `poll` has something to do next; inf when only a frame can bring that about."""
+        if not self._open:
+            return math.inf
+        due_s = self._sync_s
+        if self._asked is not None:
+            return min(due_s, self._deadline_s)
+        if self._done < len(self._plan):
+            due_s = min(due_s, self._not_before_s)
+        return min(due_s, self._silent_s + RESTART_AFTER_S)
+
+    def poll(self, now_s: float) -> list[Frame]:
+        """The frames to send at `now_s`, in this order."""
+        if not self._open:
+            return []
+        frames: list[Frame] = []
+        if self._asked is not None:
+            if now_s >= self._deadline_s:
+                self._on_no_answer(self._asked, now_s)
+        elif now_s - self._silent_s >= RESTART_AFTER_S:
+            self._distrust(DeviceLink.STALE, self._silence())
+            self._bring_up(now_s)
+        if self._asked is None and self._done < len(self._plan) and now_s >= self._not_before_s:
+            step = self._plan[self._done]
+            if step is not _ZERO or self._may_zero(now_s):
+                self._asked = step
+                self._deadline_s = now_s + ACK_TIMEOUT_S
+                frames.append(encode_from_host(step.message, self._options.node_id))
+        if now_s >= self._sync_s:
+            # A late SYNC is left out: its sample would only repeat the next one.
+            period_s = self._options.period_s
+            self._sync_s += (1 + int((now_s - self._sync_s) / period_s)) * period_s
+            frames.append(_SYNC)
+        return frames
+
+    def farewell(self) -> list[Frame]:
+        """What to send before the bus is closed in good order."""
+        return [encode_from_host(Stop(), self._options.node_id)] if self._answered else []
+
+    def ask_zero(self, now_s: float) -> int:
+        """Have what is measured now taken for zero; `zeros` reaches the result when it was.
+
+        Raises CommandError, and asks for nothing, while the force changes or nothing is measured.
+        """
+        self._watch(now_s)
+        if not (self._running and self._believed):
+            raise CommandError(f"cannot take zero: {self._reason or 'the sensor is not running'}")
+        if obstacle := self._steady.obstacle():
+            raise CommandError(f"cannot take zero: {obstacle}; take the hand off the sensor")
+        self._running = False
+        self._plan, self._done = (_ZERO,), 0
+        self._asked, self._not_before_s = None, now_s
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, ZEROING_REASON)
+        return self._zeros + 1
+
+    # -- what it says --------------------------------------------------------------------------
+
+    @property
+    def heard(self) -> bool:
+        """Whether any usable sample came since the bus was opened."""
+        return self._heard
+
+    @property
+    def answered(self) -> bool:
+        """Whether the board has answered, or reported a boot, since the bus was opened."""
+        return self._answered
+
+    @property
+    def watching(self) -> bool:
+        """Whether the force is still to be watched before zero can be asked for."""
+        return self._running and self._believed and not self._steady.full
+
+    @property
+    def zeros(self) -> int:
+        """How often zero was taken."""
+        return self._zeros
+
+    def state(self, now_s: float) -> DeviceState:
+        """The newest state as of `now_s`."""
+        self._watch(now_s)
+        if self._cached is None:
+            live = self._link is DeviceLink.LIVE
+            known = self._running and self._believed and not self._zero_lost
+            wrench = self._wrench() if known else None
+            self._cached = DeviceState(
+                self._stamp_s,
+                self._link,
+                self._axes(wrench) if live and wrench is not None else NEUTRAL,
+                frozenset(),
+                reason="" if live else self._reason,
+                wrench=wrench,
+            )
+        return self._cached
+
+    def events(self) -> list[ButtonEvent]:
+        """None: a sensor has no buttons."""
+        return []
+
+    def metrics(self, now_s: float) -> dict[str, float]:
+        """Age of the newest sample in s (inf: none yet), and counts."""
+        return {
+            "sample_age_s": now_s - self._stamp_s,
+            **self._counts,
+            "malformed_frames": self._malformed.total(),
+        }
+
+    def diagnosis(self, now_s: float) -> list[str]:
+        """What stands in the way or deserves attention, worst first."""
+        words = [reason] if (reason := self.state(now_s).reason) else []
+        words += [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
+        for (reason, opcode), count in self._malformed.most_common():
+            words.append(f"{count} {Opcode(opcode).name} frames {reason}, ignored")
+        return words
+
+    # -- the way up ----------------------------------------------------------------------------
+
+    def _bring_up(self, now_s: float) -> None:
+        """Begin with the ping, at once."""
+        options = self._options
+        cutoff = centihertz(options.cutoff_hz)
+        start: HostMessage
+        if options.mode == "async":
+            start = StartAsync(cutoff, round(options.period_s * 1e6))
+        else:
+            start = StartSync(cutoff)
+        plan = [_PING, _Step(start, "start")]
+        if options.force_full_scales_n is None:
+            plan.append(_Step(GetFsForces(), "query of the forces' full scales", True))
+        if options.torque_full_scales_nm is None:
+            plan.append(_Step(GetFsMoments(), "query of the moments' full scales", True))
+        if options.zero_on_open and not self._has_run:
+            plan.append(_ZERO)
+        self._halt()
+        self._plan = tuple(plan)
+        self._not_before_s = now_s
+        self._forces_n = options.force_full_scales_n
+        self._torques_nm = options.torque_full_scales_nm
+        self._set_per_count()
+
+    def _halt(self) -> None:
+        """Forget what was asked, and everything measured."""
+        self._sampling = self._running = False
+        self._plan, self._done, self._tries = (), 0, 0
+        self._asked, self._deadline_s = None, math.inf
+        self._sync_s = math.inf
+        self._believed = False
+        self._forces = None
+        self._counter = None
+        self._least_offset_s = self._stands_since_s = math.inf
+        self._filter_stamp_s = NEVER_S
+        self._steady.clear()
+        self._cached = None
+
+    def _fail(self, why: str, now_s: float) -> None:
+        """Go back to the ping, after a pause."""
+        pause_s = self._retry_s
+        self._retry_s = min(2.0 * self._retry_s, RETRY_LAST_S)
+        self._bring_up(now_s + pause_s)
+        self._distrust(DeviceLink.LOST, why)
+
+    def _on_no_answer(self, step: _Step, now_s: float) -> None:
+        self._counts["timeouts"] += 1
+        self._tries += 1
+        if step is not _PING and self._tries < TRIES:
+            self._asked, self._deadline_s = None, math.inf
+            self._not_before_s = now_s + RETRY_FIRST_S
+        else:
+            node_id = self._options.node_id
+            self._fail(f"node {node_id} does not answer its {step.name}: {LOOK_AT}", now_s)
+
+    def _on_ack(self, ack: Ack, now_s: float) -> None:
+        step = self._asked
+        if step is None or (ack.full_scales is not None) is not step.scales:
+            self._counts["unexpected_acks"] += 1
+            return
+        self._asked, self._deadline_s = None, math.inf
+        self._answered = True
+        self._tries = 0
+        if ack.state != State.READY:
+            self._counts["refusals"] += 1
+            self._fail(
+                "the board has not read the sensor's calibration: check the sensor's cable"
+                if ack.state == State.NOT_INITIALIZED
+                else f"the board answers its {step.name} with error {ack.state}",
+                now_s,
+            )
+            return
+        if step.scales and not self._take_scales(step, ack):
+            self._counts["refusals"] += 1
+            self._fail(f"the board gives full scales of {ack.full_scales}", now_s)
+            return
+        self._done += 1
+        if step is _PING:
+            self._retry_s = RETRY_FIRST_S
+            if self._link is DeviceLink.LOST:
+                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
+        elif isinstance(step.message, (StartAsync, StartSync)):
+            self._start(now_s)
+        elif step is _ZERO:
+            self._zeros += 1
+            self._zero_lost = False
+            self._steady.clear()
+            self._filter_stamp_s = NEVER_S
+        if self._done < len(self._plan):
+            if self._plan[self._done] is _ZERO:
+                self._not_before_s = self._started_s + self._settle_s()
+        else:
+            self._run()
+
+    def _take_scales(self, step: _Step, ack: Ack) -> bool:
+        given = ack.full_scales
+        if given is None or not all(given):
+            return False
+        if isinstance(step.message, GetFsForces):
+            self._forces_n = given
+        else:
+            x, y, z = given
+            self._torques_nm = (0.1 * x, 0.1 * y, 0.1 * z)
+        self._set_per_count()
+        return True
+
+    def _set_per_count(self) -> None:
+        if self._forces_n is None or self._torques_nm is None:
+            self._per_count = None
+            return
+        a, b, c, d, e, f = (
+            scale / FULL_SCALE_COUNTS for scale in (*self._forces_n, *self._torques_nm)
+        )
+        self._per_count = (-a, b, c, -d, e, f) if self._options.left_handed else (a, b, c, d, e, f)
+
+    def _start(self, now_s: float) -> None:
+        self._sampling = True
+        self._started_s = now_s
+        if self._options.mode == "sync" and self._options.send_sync:
+            self._sync_s = now_s
+
+    def _run(self) -> None:
+        self._running = True
+        if self._link is DeviceLink.NEEDS_NEUTRAL:
+            zeroed = self._plan[-1] is _ZERO or not self._has_run
+            self._distrust(DeviceLink.NEEDS_NEUTRAL, REST_REASON if zeroed else RESUMED_REASON)
+        self._has_run = True
+
+    def _settle_s(self) -> float:
+        cutoff_hz = self._options.cutoff_hz
+        slow_s = SETTLE_TIME_CONSTANTS / (math.tau * cutoff_hz) if cutoff_hz else 0.0
+        return max(SETTLE_S, slow_s)
+
+    def _may_zero(self, now_s: float) -> bool:
+        """Whether zero may be taken now; if not, says why and when to look again."""
+        obstacle = self._steady.obstacle()
+        self._not_before_s = now_s + LOOK_AGAIN_S
+        if self._believed and not self._steady.overloaded:
+            moves = obstacle and self._steady.full
+            self._reason = f"{ZEROING_REASON} ({obstacle})" if moves else ZEROING_REASON
+            self._cached = None
+        return not obstacle
+
+    def _on_bootup(self, now_s: float) -> None:
+        self._counts["boots"] += 1
+        self._answered = True
+        self._zero_lost = self._has_run
+        self._retry_s = RETRY_FIRST_S
+        self._bring_up(now_s)
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, BOOTED_REASON)
+
+    # -- samples -------------------------------------------------------------------------------
+
+    def _on_sample(self, forces: Forces, moments: Moments, now_s: float) -> None:
+        self._watch(now_s)
+        stamp_s = self._stamp_of(forces.counter, now_s)
+        if stamp_s is None:
+            return
+        self._heard = self._believed = True
+        self._stamp_s = stamp_s
+        self._cached = None
+        if self._link is DeviceLink.STALE:
+            self._distrust(DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON)
+        per_count = self._per_count
+        if per_count is None:
+            return
+        raw = (forces.x, forces.y, forces.z, moments.x, moments.y, moments.z)
+        self._measure(raw, per_count, stamp_s)
+        if max(raw) > FULL_SCALE_COUNTS or min(raw) < -FULL_SCALE_COUNTS:
+            self._counts["overloads"] += 1
+            self._steady.clear(overloaded=True)
+            self._distrust(DeviceLink.NEEDS_NEUTRAL, _overload(raw))
+            return
+        self._steady.add(stamp_s, self._measured)
+        if not self._running or self._zero_lost or self._link is not DeviceLink.NEEDS_NEUTRAL:
+            return
+        if any(self._axes(self._wrench())):
+            self._rest_since_s = math.inf
+        elif self._rest_since_s > stamp_s:
+            self._rest_since_s = stamp_s
+        elif stamp_s - self._rest_since_s >= REST_S:
+            self._link, self._reason = DeviceLink.LIVE, ""
+
+    def _watch(self, now_s: float) -> None:
+        """Notice a silence."""
+        if self._believed and now_s - self._stamp_s > STALE_AFTER_S:
+            self._counts["silences"] += 1
+            self._believed = False
+            self._steady.clear()
+            self._distrust(DeviceLink.STALE, self._silence())
+
+    def _stamp_of(self, counter: int, now_s: float) -> float | None:
+        """When a sample that came at `now_s` was taken at the latest; None: it is of no use."""
+        before = self._counter
+        if before is None:
+            steps = 0
+        else:
+            steps = samples_between(counter, before)
+            if steps == 0:
+                self._counts["repeated_samples"] += 1
+                self._stands_since_s = min(self._stands_since_s, now_s)
+                if now_s - self._stands_since_s > 0.5 * STALE_AFTER_S:
+                    # The sensor is unplugged: once it is back, the counter lags behind for good.
+                    self._least_offset_s = math.inf
+                return None
+            between = steps * SAMPLE_PERIOD_S
+            self._counts["lost_samples"] += max(0, round(between / self._options.period_s) - 1)
+            self._counter_time_s += between
+            # The board's clock against ours, from the sample that was least on its way.
+            self._least_offset_s += CLOCK_TOLERANCE * between
+        self._counter = counter
+        self._stands_since_s = math.inf
+        offset_s = now_s - self._counter_time_s
+        self._least_offset_s = min(self._least_offset_s, offset_s)
+        late_s = offset_s - self._least_offset_s
+        if late_s > STALE_AFTER_S:
+            self._counts["late_samples"] += 1
+            return None
+        return now_s - late_s
+
+    def _measure(self, raw: Raw, per_count: Six, stamp_s: float) -> None:
+        a, b, c, d, e, f = per_count
+        values = (raw[0] * a, raw[1] * b, raw[2] * c, raw[3] * d, raw[4] * e, raw[5] * f)
+        before_s, self._filter_stamp_s = self._filter_stamp_s, stamp_s
+        if self._host_tau_s and before_s != NEVER_S:
+            step_s = max(0.0, stamp_s - before_s)
+            share = step_s / (step_s + self._host_tau_s)
+            values = tuple(  # type: ignore[assignment]
+                old + share * (new - old) for old, new in zip(self._measured, values, strict=True)
+            )
+        self._measured = values
+
+    def _wrench(self) -> Wrench:
+        fx, fy, fz, mx, my, mz = self._measured
+        force, torque = Vector3(fx, fy, fz), Vector3(mx, my, mz)
+        if self._turned:
+            force, torque = rotate(self._turn, force), rotate(self._turn, torque)
+        if self._levered:
+            (x, y, z), (fx, fy, fz) = self._lever, force
+            torque = add(torque, Vector3(y * fz - z * fy, z * fx - x * fz, x * fy - y * fx))
+        return Wrench(force, torque, CoordinateFrame.TOOL)
+
+    def _axes(self, wrench: Wrench) -> Six:
+        options = self._options
+        fx, fy, fz = wrench.force
+        mx, my, mz = wrench.torque
+        band, full = options.force_dead_band_n, options.force_full_n
+        turn_band, turn_full = options.torque_dead_band_nm, options.torque_full_nm
+        return (
+            _deflection(fx, band, full),
+            _deflection(fy, band, full),
+            _deflection(fz, band, full),
+            _deflection(mx, turn_band, turn_full),
+            _deflection(my, turn_band, turn_full),
+            _deflection(mz, turn_band, turn_full),
+        )
+
+    # -- inside --------------------------------------------------------------------------------
+
+    @property
+    def _silent_s(self) -> float:
+        """Since when there has been no sample although there should be; inf: none is due."""
+        return max(self._stamp_s, self._started_s) if self._sampling else math.inf
+
+    def _silence(self) -> str:
+        """Why there are no new samples, as far as that can be told."""
+        if self._options.mode == "sync" and not self._options.send_sync and not self._heard:
+            return "no samples: nobody on the bus sends SYNC; start its master, or set send_sync"
+        return f"no new sample for {STALE_AFTER_S:.1f} s: {LOOK_AT}"
+
+    def _on_malformed(self, value: Malformed) -> None:
+        self._malformed[value.reason, value.opcode] += 1
+
+    def _distrust(self, link: DeviceLink, reason: str) -> None:
+        """Go to a state in which nothing that was measured moves anything."""
+        if link is DeviceLink.NEEDS_NEUTRAL and self._zero_lost:
+            reason = ZERO_LOST_REASON
+        self._link, self._reason = link, reason
+        self._rest_since_s = math.inf
+        self._cached = None
+
+
+_SYNC = encode_from_host(Sync(), 0)
+
+
+def _deflection(value: float, band: float, full: float) -> float:
+    """`value` beyond the dead band as a share of a full deflection, -1..1."""
+    if value > band:
+        return min(1.0, (value - band) / full)
+    if value < -band:
+        return max(-1.0, (value + band) / full)
+    return 0.0
+
+
+def _overload(raw: Raw) -> str:
+    worst = max(range(6), key=lambda index: abs(raw[index]))
+    percent = 100.0 * abs(raw[worst]) / FULL_SCALE_COUNTS
+    return f"overloaded: {COMPONENTS[worst]} is at {percent:.0f} % of full scale; let go"

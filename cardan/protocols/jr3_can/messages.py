@@ -1,0 +1,289 @@
+"""CAN frames of a JR3 force-torque sensor behind uc3m's mbed board: frames to values and back.
+
+Eleven-bit identifiers: an operation code plus the node's number, 1 to 127; only SYNC has no
+number. Integers are little-endian.
+
+Source: roboticslab-uc3m/jr3-mbed-firmware, jr3-mbed-firmware-can and yarp-devices (Jr3Mbed).
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import struct
+from typing import NamedTuple
+
+MAX_NODE_ID = 127
+NODE_MASK = 0x7F
+"""Of an identifier: the node's number; the rest is the operation code."""
+
+COUNTER_MODULUS = 1 << 16
+RAW_MIN, RAW_MAX = -32768, 32767
+MAX_CUTOFF_HZ = 655.35
+MAX_PERIOD_US = 0xFFFFFFFF
+
+
+class Opcode(enum.IntEnum):
+    """Operation codes: the identifier without the node's number."""
+
+    SYNC = 0x080
+    ACK = 0x100
+    START_SYNC = 0x180
+    START_ASYNC = 0x200
+    STOP = 0x280
+    ZERO_OFFS = 0x300
+    SET_FILTER = 0x380
+    GET_STATE = 0x400
+    GET_FS_FORCES = 0x480
+    GET_FS_MOMENTS = 0x500
+    RESET = 0x580
+    FORCES = 0x600
+    MOMENTS = 0x680
+    BOOTUP = 0x700
+    GRIPPER_PWM = 0x780
+
+
+class State(enum.IntEnum):
+    """What a board says of itself in every acknowledgement."""
+
+    READY = 0
+    NOT_INITIALIZED = 1
+
+
+class Frame(NamedTuple):
+    """A data frame with an eleven-bit identifier."""
+
+    arbitration_id: int
+    data: bytes
+
+
+# -- from the host ------------------------------------------------------------------------------
+
+
+class Sync(NamedTuple):
+    """Asks every board that acquires for one pair of FORCES and MOMENTS. Not acknowledged."""
+
+
+class StartSync(NamedTuple):
+    """Acquire, and send a pair at each SYNC."""
+
+    cutoff_centihz: int
+    """Of the board's low-pass filter, 0.01 Hz; 0: unfiltered."""
+
+
+class StartAsync(NamedTuple):
+    """Acquire, and send a pair every `period_us`."""
+
+    cutoff_centihz: int
+    period_us: int
+
+
+class Stop(NamedTuple):
+    """Stop acquiring; the counter and the data start again from 0."""
+
+
+class ZeroOffs(NamedTuple):
+    """Take the present filtered value for zero. One sample of zeros follows."""
+
+
+class SetFilter(NamedTuple):
+    """Change the cut-off while acquiring."""
+
+    cutoff_centihz: int
+
+
+class GetState(NamedTuple):
+    """Ask for an acknowledgement."""
+
+
+class GetFsForces(NamedTuple):
+    """Ask for the full scales of the forces, N."""
+
+
+class GetFsMoments(NamedTuple):
+    """Ask for the full scales of the moments, 0.1 N·m."""
+
+
+class Reset(NamedTuple):
+    """Read the sensor's calibration again; acknowledged once it is read."""
+
+
+class GripperPwm(NamedTuple):
+    """Duty of the gripper on the same board, -100 to 100 %. Not acknowledged."""
+
+    percent: float
+
+
+HostMessage = (
+    Sync
+    | StartSync
+    | StartAsync
+    | Stop
+    | ZeroOffs
+    | SetFilter
+    | GetState
+    | GetFsForces
+    | GetFsMoments
+    | Reset
+    | GripperPwm
+)
+
+# -- from the board -----------------------------------------------------------------------------
+
+
+class Ack(NamedTuple):
+    """The answer to a request. It does not say to which."""
+
+    state: int
+    """A `State`; others are errors, too."""
+    full_scales: tuple[int, int, int] | None = None
+    """Of the two queries only: x, y, z in N or 0.1 N·m."""
+
+
+class Forces(NamedTuple):
+    """Raw forces; ±16384 is the full scale."""
+
+    x: int
+    y: int
+    z: int
+    counter: int
+
+
+class Moments(NamedTuple):
+    """Raw moments of the sample with the same counter."""
+
+    x: int
+    y: int
+    z: int
+    counter: int
+
+
+class Bootup(NamedTuple):
+    """The board has come up and read its sensor; nothing that it was told before holds."""
+
+
+BoardMessage = Ack | Forces | Moments | Bootup
+
+
+class Malformed(NamedTuple):
+    """A frame from a board that says nothing we can use."""
+
+    reason: str
+    """One of a few fixed phrases, fit for counting by."""
+    opcode: int
+
+
+_SAMPLE = struct.Struct("<3hH")
+_SCALES = struct.Struct("<B3H")
+_CUTOFF = struct.Struct("<H")
+_START = struct.Struct("<HI")
+_PWM = struct.Struct("<f")
+
+_ACK_BYTES = 1
+
+
+def decode_from_board(arbitration_id: int, data: bytes) -> BoardMessage | Malformed | None:
+    """What a board says in a frame; None for a frame that boards do not send. Never raises.
+
+    Longer payloads than those of the protocol are malformed, too.
+    """
+    opcode = arbitration_id & ~NODE_MASK
+    size = len(data)
+    if opcode == Opcode.FORCES or opcode == Opcode.MOMENTS:
+        if size != _SAMPLE.size:
+            return Malformed("of a wrong length", opcode)
+        if opcode == Opcode.FORCES:
+            return Forces(*_SAMPLE.unpack(data))
+        return Moments(*_SAMPLE.unpack(data))
+    if opcode == Opcode.ACK:
+        if size == _ACK_BYTES:
+            return Ack(data[0])
+        if size == _SCALES.size:
+            state, x, y, z = _SCALES.unpack(data)
+            return Ack(state, (x, y, z))
+        return Malformed("of a wrong length", opcode)
+    if opcode == Opcode.BOOTUP:
+        return Malformed("of a wrong length", opcode) if data else Bootup()
+    return None
+
+
+def encode_from_board(message: BoardMessage, node_id: int) -> Frame:
+    """The frame in which the board `node_id` says `message`."""
+    if isinstance(message, Forces):
+        return Frame(Opcode.FORCES + node_id, _SAMPLE.pack(*message))
+    if isinstance(message, Moments):
+        return Frame(Opcode.MOMENTS + node_id, _SAMPLE.pack(*message))
+    if isinstance(message, Bootup):
+        return Frame(Opcode.BOOTUP + node_id, b"")
+    if message.full_scales is None:
+        return Frame(Opcode.ACK + node_id, bytes((message.state,)))
+    return Frame(Opcode.ACK + node_id, _SCALES.pack(message.state, *message.full_scales))
+
+
+def decode_from_host(arbitration_id: int, data: bytes) -> HostMessage | None:
+    """What a host asks in a frame, as a board reads it; None for what boards ignore.
+
+    As on the board, a field that the payload is too short for reads as 0, and what follows the
+    last field is ignored. Never raises.
+    """
+    opcode = arbitration_id & ~NODE_MASK
+    if opcode == Opcode.SYNC:
+        return Sync() if arbitration_id == Opcode.SYNC else None
+    if opcode == Opcode.START_ASYNC:
+        return StartAsync(_unsigned(data, 0, 2), _unsigned(data, 2, 4))
+    if opcode == Opcode.START_SYNC:
+        return StartSync(_unsigned(data, 0, 2))
+    if opcode == Opcode.SET_FILTER:
+        return SetFilter(_unsigned(data, 0, 2))
+    if opcode == Opcode.GRIPPER_PWM:
+        return GripperPwm(_PWM.unpack_from(data)[0] if len(data) >= _PWM.size else 0.0)
+    plain = _PLAIN.get(opcode)
+    return None if plain is None else plain()
+
+
+def encode_from_host(message: HostMessage, node_id: int) -> Frame:
+    """The frame that asks the board `node_id`; ValueError for a value that does not fit."""
+    try:
+        if isinstance(message, StartAsync):
+            data = _START.pack(*message)
+        elif isinstance(message, (StartSync, SetFilter)):
+            data = _CUTOFF.pack(*message)
+        elif isinstance(message, GripperPwm):
+            data = _PWM.pack(*message)
+        else:
+            data = b""
+    except (struct.error, OverflowError) as error:
+        raise ValueError(f"{message}: {error}") from None
+    opcode = _OPCODES[type(message)]
+    return Frame(opcode if opcode is Opcode.SYNC else opcode + node_id, data)
+
+
+def _unsigned(data: bytes, offset: int, size: int) -> int:
+    field = data[offset : offset + size]
+    return int.from_bytes(field, "little") if len(field) == size else 0
+
+
+_PLAIN: dict[int, type[Stop | ZeroOffs | GetState | GetFsForces | GetFsMoments | Reset]] = {
+    Opcode.STOP: Stop,
+    Opcode.ZERO_OFFS: ZeroOffs,
+    Opcode.GET_STATE: GetState,
+    Opcode.GET_FS_FORCES: GetFsForces,
+    Opcode.GET_FS_MOMENTS: GetFsMoments,
+    Opcode.RESET: Reset,
+}
+
+_OPCODES: dict[type[HostMessage], Opcode] = {
+    Sync: Opcode.SYNC,
+    StartSync: Opcode.START_SYNC,
+    StartAsync: Opcode.START_ASYNC,
+    SetFilter: Opcode.SET_FILTER,
+    GripperPwm: Opcode.GRIPPER_PWM,
+    **{message: Opcode(opcode) for opcode, message in _PLAIN.items()},
+}
+
+
+def centihertz(cutoff_hz: float) -> int:
+    """A cut-off as it travels, 0.01 Hz. Raises ValueError outside 0 to `MAX_CUTOFF_HZ`."""
+    if not (math.isfinite(cutoff_hz) and 0.0 <= cutoff_hz <= MAX_CUTOFF_HZ):
+        raise ValueError(f"a cut-off of {cutoff_hz!r} Hz; allowed: 0 to {MAX_CUTOFF_HZ}")
+    return round(cutoff_hz * 100.0)

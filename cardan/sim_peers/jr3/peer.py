@@ -1,0 +1,174 @@
+"""The simulated JR3 on a real bus: by python-can, or on a bus of its own that socketcand serves."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from cardan.errors import ConfigurationError
+from cardan.protocols.jr3_can import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, Frame, Six
+from cardan.sim_peers.base import SimulatedPeer, check_faults, load_script
+from cardan.sim_peers.jr3.can_bus import PythonCanBus
+from cardan.sim_peers.jr3.core import SimulatedJr3
+from cardan.sim_peers.jr3.faults import FAULTS
+from cardan.sim_peers.jr3.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand, play
+from cardan.sim_peers.jr3.socketcand import SocketcandHub
+
+UDP_MULTICAST_GROUP, UDP_MULTICAST_PORT = "239.74.163.2", 43113
+SOCKETCAND_PORT = 29536
+STALL_S = 0.02
+"""Samples older than this when the peer comes to run are left out: a late peer makes no burst."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jr3PeerOptions:
+    """What to simulate and on which bus."""
+
+    interface: str = "udp_multicast"
+    """python-can's name of the way to the bus."""
+    channel: str = UDP_MULTICAST_GROUP
+    serve_socketcand: bool = False
+    """Serve a bus of its own at `host` and `port`, as socketcand does, instead of joining one;
+    needs no python-can."""
+    host: str = "127.0.0.1"
+    """Of socketcand, served or joined."""
+    port: int | None = None
+    """Of udp_multicast (None: 43113) and socketcand (None: 29536; served: 0 is any)."""
+    hop_limit: int = 0
+    """Of udp_multicast; 0: frames stay on this computer."""
+    bitrate: int = 1_000_000
+    """Of a bus by hardware other than socketcan."""
+    sensor: str = "right-hand"
+    """Whose full scales: one of TEO's four sensors."""
+    node_id: int = 0
+    """0: that of TEO's sensor."""
+    script: str = "demo"
+    """A built-in script or a file."""
+    boot_s: float = 2.0
+    """From power to BOOTUP."""
+    offset: Six = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
+    """What the sensor shows before it is zeroed: its own zero and what is mounted on it."""
+    noise_n: float = 0.05
+    """Standard deviation of the unfiltered forces."""
+    noise_nm: float = 0.002
+    """The same of the moments."""
+    faults: Mapping[str, float] = field(default_factory=dict)
+    """Values by the names of `FAULTS`; times count from when the board is told to acquire."""
+    seed: int = 0
+    """Of the noise and of the faults' choices."""
+
+    def __post_init__(self) -> None:
+        def check(key: str, good: bool, allowed: str) -> None:
+            if not good:
+                raise ConfigurationError(key, f"{getattr(self, key)!r} is not {allowed}")
+
+        check("interface", bool(self.interface), "a name, as python-can calls it")
+        check("channel", bool(self.channel), "a name, as python-can calls it")
+        check("sensor", self.sensor in TEO_SENSORS, f"one of {', '.join(TEO_SENSORS)}")
+        check("node_id", 0 <= self.node_id <= MAX_NODE_ID, f"1 to {MAX_NODE_ID}, or 0")
+        check("port", self.port is None or 0 <= self.port <= 65535, "a port, 0 to 65535")
+        check("hop_limit", 0 <= self.hop_limit <= 255, "0 to 255")
+        for key in ("boot_s", "noise_n", "noise_nm"):
+            check(key, 0.0 <= getattr(self, key) < math.inf, "finite and at least 0")
+        check("offset", len(self.offset) == 6 and all(map(math.isfinite, self.offset)), "six loads")
+        check_faults(self.faults, FAULTS)
+
+
+class _Bus(Protocol):
+    @property
+    def endpoint(self) -> str: ...
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def receive(self, timeout_s: float) -> list[Frame]: ...
+
+    def send(self, frame: Frame) -> None: ...
+
+
+class Jr3Peer(SimulatedPeer):
+    """Serves a `SimulatedJr3` (`board`). Raises ScriptError or ConfigurationError for nonsense."""
+
+    def __init__(self, options: Jr3PeerOptions | None = None) -> None:
+        self.options = options = Jr3PeerOptions() if options is None else options
+        self.board = SimulatedJr3(
+            options.node_id or TEO_NODE_IDS[options.sensor],
+            TEO_SENSORS[options.sensor],
+            boot_s=options.boot_s,
+            offset=options.offset,
+            noise_n=options.noise_n,
+            noise_nm=options.noise_nm,
+            faults=options.faults,
+            seed=options.seed,
+        )
+        self._hand = ScriptedHand(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
+        self._bus: _Bus
+        if options.serve_socketcand:
+            port = SOCKETCAND_PORT if options.port is None else options.port
+            self._bus = SocketcandHub(options.host, port)
+        else:
+            self._bus = PythonCanBus(options.interface, options.channel, _extra(options))
+        self._start_s = math.inf
+        self._played_s = 0.0
+        self._starts = 0
+        self._ready = False
+
+    @property
+    def endpoint(self) -> str:
+        """The address served, or the bus joined, and the node."""
+        if isinstance(self._bus, SocketcandHub):
+            return self._bus.endpoint
+        return f"{self._bus.endpoint} node {self.board.node_id}"
+
+    def open(self) -> None:
+        """Join the bus, or serve it; the board's power is on from here. AddressError."""
+        if self._ready:
+            return
+        self._bus.open()
+        self._ready = True
+        self._start_s = time.monotonic()
+
+    def step(self, until_s: float) -> None:
+        """Serve until the monotonic time `until_s`."""
+        while self._ready:
+            now_s = time.monotonic()
+            self._play(now_s)
+            if now_s >= until_s:
+                return
+            due_s = self._start_s + min(self.board.next_due_s, self._hand.next_due_s)
+            for frame in self._bus.receive(max(0.0, min(due_s, until_s) - now_s)):
+                self.board.receive(*frame, time.monotonic() - self._start_s)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.close()
+        self._ready = False
+
+    def _play(self, now_s: float) -> None:
+        board_s = now_s - self._start_s
+        if board_s - self._played_s > STALL_S:
+            self.board.skip_to(board_s - STALL_S)
+        self._played_s = board_s
+        for frame in play(self.board, self._hand, board_s):
+            self._bus.send(frame)
+        if self.board.starts != self._starts:
+            self._starts = self.board.starts
+            _log.info("told to acquire")
+
+
+def _extra(options: Jr3PeerOptions) -> dict[str, Any]:
+    """What an interface wants to be told beside its channel."""
+    if options.interface == "udp_multicast":
+        port = UDP_MULTICAST_PORT if options.port is None else options.port
+        return {"port": port, "hop_limit": options.hop_limit}
+    if options.interface == "socketcand":
+        port = SOCKETCAND_PORT if options.port is None else options.port
+        return {"host": options.host, "port": port, "tcp_tune": True}
+    return {} if options.interface in ("socketcan", "virtual") else {"bitrate": options.bitrate}
