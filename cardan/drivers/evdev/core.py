@@ -1,0 +1,307 @@
+"""What an input device's events mean as far as all kinds share it, without any I/O.
+
+The kernel reports changes only, so silence while deflected is normal. What is known stays true as
+long as the reader keeps finding that nothing waits and that the device is there; that moment, or
+that of the newest event, is the stamp of the state.
+
+What the kernel says of a device that nobody has touched since it was plugged in or opened is a
+guess, all zero; the first frame makes it true. So that frame has to come, and what it shows pressed
+was perhaps held all the time: it counts once it has been let go. When events were lost
+(SYN_DROPPED, garbled packets) the device is asked for all it holds, and has to be seen at rest
+before it counts again.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+
+from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.evdev.nodes import Description, Snapshot
+from cardan.drivers.shaping import NEUTRAL, Axes
+from cardan.protocols.evdev import (
+    EV_ABS,
+    EV_KEY,
+    EV_SYN,
+    KEY_DOWN,
+    KEY_UP,
+    SYN_DROPPED,
+    SYN_REPORT,
+    InputEvent,
+    Malformed,
+    decode_events,
+)
+from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+
+UNREAD_AFTER_S = 0.1
+"""A deflected device that nobody looked at for so long does not count any more."""
+
+LONGEST_FRAME = 256
+"""Events between two SYN_REPORT; more than any device has is garbage."""
+
+DROPPED_REASON = "the system dropped events of it, for want of a reader"
+GARBLED_REASON = "it sent bytes that are no events"
+UNREAD_REASON = f"deflected, but not read for {UNREAD_AFTER_S:.1f} s: this computer is too busy"
+
+_COUNTERS = {
+    "dropped": "times the system dropped events, for want of a reader",
+    "garbled": "packets that are no events, ignored",
+    "overlong_frames": "frames without an end, ignored",
+    "silences": "silences while deflected",
+}
+"""What is counted, and the words for it."""
+
+
+class EvdevCore(ABC):
+    """The state of one device. Times are monotonic, s."""
+
+    def __init__(self, touch_words: str, release_words: str, stale_after_s: float = 0.0) -> None:
+        self._touch_words = touch_words
+        """What the operator does to be heard ("press any button once")."""
+        self._release_words = release_words
+        """What the operator does to bring the device to rest ("let go of the sticks")."""
+        self._stale_after_s = stale_after_s
+        self.description = Description("", 0, 0, frozenset(), {}, frozenset())
+        self.needs_snapshot = False
+        """True: what is known is void until `on_snapshot`."""
+        self._down: set[int] = set()
+        self._values: dict[int, int] = {}
+        self._frame: list[InputEvent] = []
+        self._skipping = False
+        """After SYN_DROPPED, up to the end of the frame."""
+        self._buttons = ButtonEdges()
+        self._not_before_release: set[str] = set()
+        """Buttons that were down when trust ended: they count again once they have been up."""
+        self._link = DeviceLink.CLOSED
+        self._reason = "not opened"
+        self._open = False
+        self._heard = False
+        self._stamp_s = NEVER_S
+        self._event_s = NEVER_S
+        self._counts = Counter(dict.fromkeys(_COUNTERS, 0))
+        self._cached: DeviceState | None = None
+
+    # -- what a kind of device is --------------------------------------------------------------
+
+    @abstractmethod
+    def _labels(self) -> list[str]:
+        """Labels of the buttons that are down."""
+
+    @abstractmethod
+    def _axes(self, now_s: float) -> Axes:
+        """The shaped deflections at `now_s`."""
+
+    @abstractmethod
+    def _away_from_rest(self) -> str:
+        """What is deflected, in words; empty at rest."""
+
+    @abstractmethod
+    def _on_description(self) -> None:
+        """`description` is new."""
+
+    def _on_key(self, code: int, pressed: bool, now_s: float) -> None:  # noqa: B027
+        """A key went down or up; `_down` says so already."""
+
+    def _on_distrust(self) -> None:  # noqa: B027
+        """What is deflected does not count any more."""
+
+    def _changes_by_itself(self, now_s: float) -> bool:
+        """Whether the deflections change without an event."""
+        return False
+
+    # -- what happens to the device ------------------------------------------------------------
+
+    def on_opened(self, description: Description, snapshot: Snapshot, now_s: float) -> None:
+        """The device was opened (again) and asked what it holds: what was known of it is void."""
+        self.description = description
+        self._on_description()
+        self._open = True
+        self._event_s = now_s
+        self._skipping = self._heard = False
+        self._renew(snapshot, "not heard of yet", now_s)
+
+    def on_snapshot(self, snapshot: Snapshot, now_s: float) -> None:
+        """It was asked what it holds, since events had been lost."""
+        if self._open:
+            self._renew(snapshot, self._reason, now_s)
+
+    def on_lost(self, reason: str, now_s: float) -> None:
+        """It was unplugged, cannot be read, or is not there: axes zero, buttons released."""
+        self._forget(DeviceLink.LOST, reason, now_s)
+
+    def on_closed(self, now_s: float) -> None:
+        """It was closed on request."""
+        self._forget(DeviceLink.CLOSED, "closed", now_s)
+
+    def on_packet(self, data: bytes, now_s: float) -> None:
+        """The events of one read. Never raises."""
+        if not self._open:
+            return
+        events = decode_events(data)
+        if isinstance(events, Malformed):
+            self._void("garbled", GARBLED_REASON, now_s)
+            return
+        self.on_checked(now_s)
+        for event in events:
+            if event.type != EV_SYN:
+                if not self._skipping:
+                    self._frame.append(event)
+            elif event.code == SYN_REPORT:
+                if not self._skipping:
+                    self._take(now_s)
+                self._frame.clear()
+                self._skipping = False
+            elif event.code == SYN_DROPPED:
+                self._void("dropped", DROPPED_REASON, now_s)
+                self._skipping = True
+        if len(self._frame) > LONGEST_FRAME:
+            self._void("overlong_frames", GARBLED_REASON, now_s)
+
+    def on_checked(self, now_s: float) -> None:
+        """The device is there and everything it said has been read."""
+        if not self._open:
+            return
+        self._watch(now_s)
+        self._stamp_s = now_s
+        self._cached = None
+        if self._link is DeviceLink.STALE and self._reason == UNREAD_REASON:
+            self._link = DeviceLink.NEEDS_NEUTRAL
+            self._settle()
+
+    # -- what it says --------------------------------------------------------------------------
+
+    @property
+    def heard(self) -> bool:
+        """Whether an event came since the device was opened."""
+        return self._heard
+
+    def state(self, now_s: float) -> DeviceState:
+        """The newest state as of `now_s`."""
+        self._watch(now_s)
+        if self._cached is None or self._changes_by_itself(now_s):
+            live = self._link is DeviceLink.LIVE
+            self._cached = DeviceState(
+                self._stamp_s,
+                self._link,
+                self._axes(now_s) if live else NEUTRAL,
+                self._buttons.held,
+                reason="" if live else self._words(),
+            )
+        return self._cached
+
+    def events(self) -> list[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        return self._buttons.events()
+
+    def diagnosis(self, now_s: float) -> list[str]:
+        """What stands in the way or deserves attention, worst first."""
+        words = [reason] if (reason := self.state(now_s).reason) else []
+        if self._buttons.lost_edges:
+            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+        return words + [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
+
+    def metrics(self, now_s: float) -> dict[str, float]:
+        """Ages of the newest event and of the newest look at the device in s, and counts."""
+        return {
+            "event_age_s": now_s - self._event_s,
+            "checked_age_s": now_s - self._stamp_s,
+            **self._counts,
+            "lost_edges": self._buttons.lost_edges,
+        }
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _take(self, now_s: float) -> None:
+        """Apply a whole frame."""
+        if not self._frame or self.needs_snapshot:
+            return
+        first = not self._heard
+        for event in self._frame:
+            if event.type == EV_ABS and event.code in self._values:
+                self._values[event.code] = event.value
+            elif event.type == EV_KEY and event.value in (KEY_UP, KEY_DOWN):
+                pressed = event.value == KEY_DOWN
+                (self._down.add if pressed else self._down.discard)(event.code)
+                self._on_key(event.code, pressed, now_s)
+                if not first:
+                    self._tell_buttons(now_s)
+            else:
+                continue
+            self._event_s = now_s
+            self._heard = True
+            if self._link is DeviceLink.STALE:
+                self._link = DeviceLink.NEEDS_NEUTRAL
+        if first and self._heard:
+            self._not_before_release.update(self._labels())
+        self._tell_buttons(now_s)
+        self._settle()
+
+    def _tell_buttons(self, now_s: float) -> None:
+        labels = self._labels()
+        if self._not_before_release:
+            self._not_before_release.intersection_update(labels)
+            labels = [label for label in labels if label not in self._not_before_release]
+        self._buttons.set(labels, now_s)
+
+    def _settle(self) -> None:
+        """Believe a device that is seen at rest."""
+        self._cached = None
+        if (
+            self._link is DeviceLink.NEEDS_NEUTRAL
+            and self._heard
+            and not (self.needs_snapshot or self._away_from_rest())
+        ):
+            self._link, self._reason = DeviceLink.LIVE, ""
+
+    def _watch(self, now_s: float) -> None:
+        """Notice that nobody read the device while it was deflected, or that it fell silent."""
+        if self._link is not DeviceLink.LIVE:
+            return
+        if now_s - self._stamp_s > UNREAD_AFTER_S:
+            if self._buttons.held or self._away_from_rest():
+                self._counts["silences"] += 1
+                self._distrust(DeviceLink.STALE, UNREAD_REASON, now_s)
+        elif 0.0 < self._stale_after_s < now_s - self._event_s and self._away_from_rest():
+            self._counts["silences"] += 1
+            silent = f"deflected, but no event for {self._stale_after_s:g} s (stale_after_s)"
+            self._distrust(DeviceLink.STALE, silent, now_s)
+
+    def _words(self) -> str:
+        """Why the link is not LIVE, and what to do."""
+        if self._link is not DeviceLink.NEEDS_NEUTRAL:
+            return self._reason
+        away = self._away_from_rest()
+        todo = f"{self._release_words} ({away})" if away else self._touch_words
+        return f"{self._reason}: {todo}"
+
+    def _void(self, counter: str, reason: str, now_s: float) -> None:
+        """Events were lost: ask the device for all it holds, and let it come to rest."""
+        self._counts[counter] += 1
+        self._frame.clear()
+        self.needs_snapshot = True
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
+
+    def _renew(self, snapshot: Snapshot, reason: str, now_s: float) -> None:
+        """Begin anew from what the device holds."""
+        self._frame.clear()
+        self.needs_snapshot = False
+        self._down = {*snapshot.keys}
+        self._values = dict(snapshot.values)
+        self._stamp_s = now_s
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
+        self._settle()
+
+    def _forget(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        self._down.clear()
+        self._values.clear()
+        self._frame.clear()
+        self._open = self._heard = self.needs_snapshot = False
+        self._distrust(link, reason, now_s)
+
+    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        """Go to a state in which no deflection and no button that was known counts any more."""
+        self._link, self._reason = link, reason
+        self._on_distrust()
+        self._buttons.release_all(now_s)
+        self._not_before_release = {*self._labels()}
+        self._cached = None

@@ -1,0 +1,188 @@
+"""The shell that all input devices share: finds the node, reads it, asks it what it holds."""
+
+from __future__ import annotations
+
+import threading
+import time
+from abc import abstractmethod
+from typing import Any, ClassVar, Protocol, TypeVar
+
+from cardan.drivers.base import FoundDevice
+from cardan.drivers.evdev.core import EvdevCore
+from cardan.drivers.evdev.links import Link, NodeLink, open_socket
+from cardan.drivers.evdev.nodes import (
+    Description,
+    Node,
+    describe,
+    find_nodes,
+    kernel_driver,
+    obstacle,
+    refusal,
+    take_snapshot,
+)
+from cardan.drivers.reading import ReadDevice
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
+
+TRANSPORTS = ("evdev", "socket")
+
+READ_TIMEOUT_S = 0.02
+"""How long a silent device is waited for before it counts as looked at."""
+
+SNAPSHOT_PERIOD_S = 0.02
+"""Not more often is a device asked for all it holds, whatever it sends."""
+
+
+class EvdevOptions(Protocol):
+    """The options that finding and reading need."""
+
+    @property
+    def transport(self) -> str:
+        """ "evdev" or "socket"."""
+
+    @property
+    def path(self) -> str:
+        """Of the node or the socket; empty: the first found."""
+
+    @property
+    def name(self) -> str:
+        """A part of the device's name; empty: any."""
+
+
+def check_way(options: EvdevOptions) -> None:
+    """Raise ValueError unless transport, path and name go together."""
+    if options.transport not in TRANSPORTS:
+        raise ValueError(f"transport is {options.transport!r}; allowed: {', '.join(TRANSPORTS)}")
+    if options.transport == "socket" and not options.path:
+        raise ValueError("path is ''; transport 'socket' needs the path of the socket")
+
+
+K = TypeVar("K", bound=EvdevCore)
+
+
+class EvdevDevice(ReadDevice[K]):
+    """An input device of one kind."""
+
+    _kind: ClassVar[str]
+    """What people call it."""
+    _permission_hint: ClassVar[str]
+
+    def __init__(self, options: Any, core: K) -> None:
+        super().__init__(options, core)
+        self._link: Link | None = None
+
+    @classmethod
+    def find(cls) -> list[FoundDevice]:
+        """The devices of this kind, each with what stands in its way. Never raises."""
+        return [
+            FoundDevice(
+                node.name, node.identity, "evdev", node.path,
+                obstacle(node.path, cls._permission_hint),
+            )
+            for node in cls._nodes()
+        ]  # fmt: skip
+
+    @staticmethod
+    @abstractmethod
+    def _fits(keys: frozenset[int], axes: frozenset[int]) -> bool:
+        """Whether a device with these keys and axes is of the kind."""
+
+    @abstractmethod
+    def _attend(self, link: Link) -> None:
+        """What else there is to do with the open device, after each look. May raise OSError."""
+
+    def _before_release(self, link: Link) -> None:
+        """Leave the device as it was. May raise OSError."""
+
+    # -- the reader ----------------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        link, driver = self._open_link()
+        try:
+            description = describe(link, driver)
+            if not self._fits(description.keys, frozenset(description.axes)):
+                raise DeviceNotFoundError(
+                    f"{description.name} ({self.options.path}) is no {self._kind}: "
+                    f"leave path empty, or see `cardan devices`"
+                )
+            snapshot = take_snapshot(link, description)
+        except OSError as error:
+            link.close()
+            raise DeviceAccessError(
+                f"the {self._kind} does not say what it is: {error.strerror or error}"
+            ) from None
+        except DriverError:
+            link.close()
+            raise
+        self._link = link
+        with self._lock:
+            self._core.on_opened(description, snapshot, time.monotonic())
+
+    def _serve(self, stop: threading.Event) -> None:
+        link, core = self._link, self._core
+        assert link is not None
+        snapshot_due_s = 0.0
+        while not stop.is_set():
+            data = link.read(READ_TIMEOUT_S)
+            now_s = time.monotonic()
+            with self._lock:
+                if data is None:
+                    core.on_checked(now_s)
+                else:
+                    core.on_packet(data, now_s)
+                needs_snapshot = core.needs_snapshot
+            if needs_snapshot and now_s >= snapshot_due_s:
+                self._ask(link, core.description)
+                snapshot_due_s = time.monotonic() + SNAPSHOT_PERIOD_S
+            self._attend(link)
+
+    def _ask(self, link: Link, description: Description) -> None:
+        snapshot = take_snapshot(link, description)
+        with self._lock:
+            self._core.on_snapshot(snapshot, time.monotonic())
+
+    def _release(self) -> None:
+        link, self._link = self._link, None
+        if link is None:
+            return
+        try:
+            self._before_release(link)
+        except OSError:
+            pass  # it is gone, and what it held with it
+        finally:
+            link.close()
+
+    # -- finding and opening -------------------------------------------------------------------
+
+    @classmethod
+    def _nodes(cls) -> list[Node]:
+        return [node for node in find_nodes() if cls._fits(node.keys, node.axes)]
+
+    def _open_link(self) -> tuple[Link, str]:
+        """The device that the options mean, and the name of its kernel driver."""
+        options = self.options
+        if options.transport == "socket":
+            return open_socket(options.path, f"the simulated {self._kind}"), ""
+        if options.path:
+            return self._open_node(options.path)
+        refusals: list[str] = []
+        nodes = self._nodes()
+        for node in nodes:
+            if options.name.lower() in node.name.lower():
+                try:
+                    return self._open_node(node.path)
+                except DeviceAccessError as error:
+                    refusals.append(str(error))
+        if refusals:
+            raise DeviceAccessError("; ".join(refusals))
+        there = ", ".join(node.name for node in nodes)
+        wanted = f" with name {options.name!r}" if options.name else ""
+        raise DeviceNotFoundError(
+            f"no {self._kind}{wanted} is plugged in"
+            + (f"; there are: {there}" if there else ": see `cardan devices`")
+        )
+
+    def _open_node(self, path: str) -> tuple[Link, str]:
+        try:
+            return NodeLink(path), kernel_driver(path)
+        except OSError as error:
+            raise DeviceAccessError(refusal(path, error, self._permission_hint)) from None

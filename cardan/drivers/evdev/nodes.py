@@ -1,0 +1,175 @@
+"""Which input devices the system has, what an open one is, and what stands in the way of one."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+from cardan.drivers.evdev.links import Link
+from cardan.protocols.evdev import (
+    ABS_X,
+    ABS_Y,
+    BTN_SOUTH,
+    EV_ABS,
+    EV_FF,
+    EV_KEY,
+    EVIOCGID,
+    EVIOCGKEY,
+    EVIOCGNAME,
+    KEY_CODES,
+    AbsInfo,
+    decode_absinfo,
+    decode_bits,
+    decode_id,
+    eviocgabs,
+    eviocgbit,
+)
+
+_LETTERS = frozenset(KEY_CODES[label] for label in ("q", "a", "z", "p", "l", "m", "space", "enter"))
+"""Keys that tell a keyboard from a power button, a remote control or a row of media keys."""
+
+CONSOLE_HINT = (
+    "log in at the console, or install the udev rules (`cardan udev` prints them) and plug it in "
+    "again"
+)
+GROUP_HINT = (
+    "add a rule for this keyboard (`cardan udev` prints one), or join the group input "
+    "(sudo usermod -aG input $USER, and log in again): either lets your programs read all that "
+    "is typed"
+)
+
+
+class Node(NamedTuple):
+    """An input device, as /sys describes it without opening it."""
+
+    path: str
+    """Its node, /dev/input/eventN."""
+    name: str
+    identity: str
+    """Vendor and product ("045e:028e")."""
+    keys: frozenset[int]
+    axes: frozenset[int]
+
+
+class Description(NamedTuple):
+    """What an open device is and has."""
+
+    name: str
+    vendor: int
+    product: int
+    keys: frozenset[int]
+    axes: dict[int, AbsInfo]
+    effects: frozenset[int]
+    kernel_driver: str = ""
+    """Name of the kernel's driver ("xpad"); empty: not known."""
+
+
+class Snapshot(NamedTuple):
+    """What an open device holds now."""
+
+    keys: frozenset[int]
+    """Codes of the keys and buttons that are down."""
+    values: dict[int, int]
+    """Values of the axes."""
+
+
+def is_gamepad(keys: frozenset[int], axes: frozenset[int]) -> bool:
+    """A pad by the kernel's rule for gamepads: a south button, and a stick."""
+    return BTN_SOUTH in keys and {ABS_X, ABS_Y} <= axes
+
+
+def is_keyboard(keys: frozenset[int], axes: frozenset[int]) -> bool:
+    """A keyboard with letters."""
+    return keys >= _LETTERS
+
+
+def find_nodes(root: Path = Path("/")) -> list[Node]:
+    """Every input device of the system, in the order of its numbers. Never raises."""
+    found: list[tuple[int, Node]] = []
+    with contextlib.suppress(OSError):
+        for entry in (root / "sys/class/input").iterdir():
+            if match := re.fullmatch(r"event(\d+)", entry.name):
+                device = entry / "device"
+                vendor, product = _text(device / "id/vendor"), _text(device / "id/product")
+                node = Node(
+                    path=f"/dev/input/{entry.name}",
+                    name=_text(device / "name") or entry.name,
+                    identity=f"{vendor}:{product}" if vendor else "",
+                    keys=_bits(_text(device / "capabilities/key")),
+                    axes=_bits(_text(device / "capabilities/abs")),
+                )
+                found.append((int(match[1]), node))
+    return [node for _, node in sorted(found)]
+
+
+def kernel_driver(path: str, root: Path = Path("/")) -> str:
+    """The name of the kernel's driver behind the node at `path`; empty where there is none."""
+    link = root / "sys/class/input" / os.path.basename(os.path.realpath(path)) / "device/device"
+    try:
+        return (link / "driver").resolve(strict=True).name
+    except OSError:
+        return ""
+
+
+def describe(link: Link, driver: str = "") -> Description:
+    """Ask an open device what it is. Raises OSError."""
+    device_id = decode_id(link.call(EVIOCGID))
+    name = link.call(EVIOCGNAME).split(b"\0", 1)[0].decode(errors="replace")
+    types = decode_bits(link.call(eviocgbit(0)))
+    keys, axes, effects = (
+        decode_bits(link.call(eviocgbit(kind))) if kind in types else frozenset[int]()
+        for kind in (EV_KEY, EV_ABS, EV_FF)
+    )
+    infos = {code: decode_absinfo(link.call(eviocgabs(code))) for code in sorted(axes)}
+    return Description(
+        name, device_id.vendor, device_id.product, keys, infos, effects, kernel_driver=driver
+    )
+
+
+def take_snapshot(link: Link, description: Description) -> Snapshot:
+    """Ask an open device what it holds now. Raises OSError."""
+    keys = decode_bits(link.call(EVIOCGKEY)) if description.keys else frozenset[int]()
+    values = {code: decode_absinfo(link.call(eviocgabs(code))).value for code in description.axes}
+    return Snapshot(keys, values)
+
+
+def obstacle(path: str, hint: str) -> str:
+    """Why the node at `path` cannot be opened, with `hint` where it is for want of permission."""
+    try:
+        os.close(os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC))
+    except OSError as error:
+        return refusal(path, error, hint)
+    return ""
+
+
+def refusal(path: str, error: OSError, hint: str) -> str:
+    """What opening the node at `path` failed with, in words."""
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return f"no permission for {path}: {hint}"
+    if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return f"{path} is gone: plug it in again"
+    return f"{path}: {error.strerror or error}"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+
+
+def _bits(words: str) -> frozenset[int]:
+    """The codes in a mask as /sys prints it: words of the size of a long, highest first."""
+    width = sys.maxsize.bit_length() + 1
+    mask = 0
+    for word in words.split():
+        try:
+            mask = mask << width | int(word, 16)
+        except ValueError:
+            return frozenset()
+    return frozenset(code for code in range(mask.bit_length()) if mask >> code & 1)

@@ -1,0 +1,234 @@
+"""What a gamepad's events mean, without any I/O and in the caller's time.
+
+Pads differ in where their right stick and triggers are: RX and RY with the triggers on Z and RZ
+(Xbox by cable, PlayStation), or Z and RZ with the triggers on GAS and BRAKE (Xbox by Bluetooth), or
+as buttons (Switch, simple pads). What the pad says it has decides.
+"""
+
+from __future__ import annotations
+
+from cardan.drivers.evdev.core import EvdevCore
+from cardan.drivers.gamepad.options import GamepadOptions
+from cardan.drivers.shaping import Axes, Shaper
+from cardan.protocols.evdev import (
+    ABS_BRAKE,
+    ABS_GAS,
+    ABS_HAT0X,
+    ABS_HAT0Y,
+    ABS_RX,
+    ABS_RY,
+    ABS_RZ,
+    ABS_X,
+    ABS_Y,
+    ABS_Z,
+    BTN_NORTH,
+    BTN_TL2,
+    BTN_TR2,
+    BTN_WEST,
+    FF_RUMBLE,
+    PAD_BUTTONS,
+    AbsInfo,
+    north_and_west_exchanged,
+)
+
+LEAST_REST = 0.02
+"""Deflection that counts as rest whatever the dead zone: the centre of 0..255 is between two."""
+
+TRIGGER_DOWN, TRIGGER_UP = 0.5, 0.3
+"""An analogue trigger as a button goes down above the first and up below the second."""
+
+_HATS = ((ABS_HAT0X, "dpad-left", "dpad-right"), (ABS_HAT0Y, "dpad-up", "dpad-down"))
+_NAMES = {
+    "left_x": "left stick, left and right",
+    "left_y": "left stick, up and down",
+    "right_x": "right stick, left and right",
+    "right_y": "right stick, up and down",
+    "left_trigger": "left trigger",
+    "right_trigger": "right trigger",
+}
+
+
+class _Stick:
+    """One direction of a stick: -1 to 1 from what its axis declares."""
+
+    __slots__ = ("centre", "code", "flat", "negative", "positive", "sign")
+
+    def __init__(self, code: int, info: AbsInfo, sign: float) -> None:
+        low, high = info.minimum, info.maximum
+        self.code = code
+        self.sign = sign
+        self.centre = 0.0 if low < 0 < high else 0.5 * (low + high)
+        self.positive = max(high - self.centre, 1.0)
+        self.negative = max(self.centre - low, 1.0)
+        self.flat = info.flat / self.positive
+
+    def of(self, values: dict[int, int]) -> float:
+        away = values[self.code] - self.centre
+        share = away / (self.positive if away > 0.0 else self.negative)
+        return self.sign * min(1.0, max(-1.0, share))
+
+
+class _Trigger:
+    """A trigger: 0 to 1, from an axis or, without one, a button."""
+
+    __slots__ = ("button", "code", "down", "label", "low", "span")
+
+    def __init__(self, label: str, code: int | None, info: AbsInfo | None, button: int) -> None:
+        self.label = label
+        self.code = code
+        self.button = button
+        self.low, self.span = (info.minimum, info.maximum - info.minimum) if info else (0, 1)
+        self.down = False
+
+    def of(self, values: dict[int, int], keys: set[int]) -> float:
+        if self.code is None:
+            return 1.0 if self.button in keys else 0.0
+        return min(1.0, max(0.0, (values[self.code] - self.low) / max(self.span, 1)))
+
+    def pressed(self, values: dict[int, int], keys: set[int]) -> bool:
+        share = self.of(values, keys)
+        self.down = share >= (TRIGGER_UP if self.down else TRIGGER_DOWN)
+        return self.down
+
+
+class GamepadCore(EvdevCore):
+    """The state of one gamepad. Times are monotonic, s."""
+
+    def __init__(self, options: GamepadOptions) -> None:
+        super().__init__("press any button once", "let go of the sticks", options.stale_after_s)
+        self._options = options
+        self._shaper = Shaper(options)
+        self._on_triggers = options.layout == "triggers"
+        if self._on_triggers:
+            self._release_words = "let go of the sticks and triggers"
+        self._sticks: dict[str, _Stick] = {}
+        self._triggers: tuple[_Trigger, ...] = ()
+        self._names: dict[int, str] = dict(PAD_BUTTONS)
+
+    @property
+    def buttons(self) -> tuple[str, ...]:
+        """Labels of the buttons that the open pad has; of a pad like an Xbox's before."""
+        keys = self.description.keys
+        if not keys:
+            return tuple(PAD_BUTTONS.values())
+        labels = [label for code, label in self._names.items() if code in keys]
+        for code, low, high in _HATS:
+            if code in self.description.axes:
+                labels += [low, high]
+        labels += [trigger.label for trigger in self._trigger_buttons]
+        return tuple(dict.fromkeys(labels))
+
+    @property
+    def rumbles(self) -> bool:
+        """Whether the open pad can rumble."""
+        return FF_RUMBLE in self.description.effects
+
+    # -- what a gamepad is ---------------------------------------------------------------------
+
+    def _on_description(self) -> None:
+        axes, keys = self.description.axes, self.description.keys
+        right, left_trigger, right_trigger = (ABS_RX, ABS_RY), ABS_Z, ABS_RZ
+        if not {ABS_RX, ABS_RY} <= axes.keys():
+            right, left_trigger, right_trigger = (ABS_Z, ABS_RZ), ABS_BRAKE, ABS_GAS
+        # Sticks count to the right and down; here to the right and up, which is away.
+        self._sticks = {
+            name: _Stick(code, axes[code], sign)
+            for name, code, sign in (
+                ("left_x", ABS_X, 1.0),
+                ("left_y", ABS_Y, -1.0),
+                ("right_x", right[0], 1.0),
+                ("right_y", right[1], -1.0),
+            )
+            if code in axes
+        }
+        self._triggers = tuple(
+            _Trigger(label, code if code in axes else None, axes.get(code), button)
+            for label, code, button in (
+                ("left-trigger", left_trigger, BTN_TL2),
+                ("right-trigger", right_trigger, BTN_TR2),
+            )
+            if code in axes or button in keys
+        )
+        self._names = dict(PAD_BUTTONS)
+        if north_and_west_exchanged(self.description.vendor, self.description.kernel_driver):
+            self._names[BTN_NORTH], self._names[BTN_WEST] = "west", "north"
+
+    @property
+    def _trigger_buttons(self) -> list[_Trigger]:
+        """Analogue triggers that are buttons, too: those that no axis is on."""
+        if self._on_triggers:
+            return []
+        return [trigger for trigger in self._triggers if trigger.code is not None]
+
+    def _labels(self) -> list[str]:
+        values, names = self._values, self._names
+        labels = [names.get(code) or f"button-{code}" for code in sorted(self._down)]
+        for code, low, high in _HATS:
+            value = values.get(code, 0)
+            if value:
+                labels.append(low if value < 0 else high)
+        if values:
+            labels += [
+                trigger.label
+                for trigger in self._trigger_buttons
+                if trigger.pressed(values, self._down)
+            ]
+        return labels
+
+    def _axes(self, now_s: float) -> Axes:
+        left_x, left_y, right_x, right_y = (
+            self._stick("left_x"),
+            self._stick("left_y"),
+            self._stick("right_x"),
+            self._stick("right_y"),
+        )
+        shift = self._options.shift in self._buttons.held
+        axes: Axes
+        if self._on_triggers:
+            x, y, z = (
+                left_y,
+                0.0 - left_x,
+                self._trigger("right-trigger") - self._trigger("left-trigger"),
+            )
+            axes = (
+                (x, y, z, right_x, right_y, 0.0)
+                if shift
+                else (x, y, z, 0.0, right_y, 0.0 - right_x)
+            )
+        else:
+            if self._options.layout == "swapped":
+                left_x, left_y, right_x, right_y = right_x, right_y, left_x, left_y
+            z, yaw = right_y, 0.0 - right_x
+            axes = (
+                (0.0, 0.0, z, left_x, left_y, yaw)
+                if shift
+                else (left_y, 0.0 - left_x, z, 0.0, 0.0, yaw)
+            )
+        return self._shaper(axes)
+
+    def _away_from_rest(self) -> str:
+        values = self._values
+        if not values:
+            return ""
+        dead = max(self._options.dead_zone, LEAST_REST)
+        away = []
+        for name, stick in self._sticks.items():
+            share = stick.of(values)
+            if abs(share) > max(dead, stick.flat):
+                away.append(f"{_NAMES[name]}: {share:+.2f}")
+        if self._on_triggers:
+            for trigger in self._triggers:
+                share = trigger.of(values, self._down)
+                if share > dead:
+                    away.append(f"{trigger.label.replace('-', ' ')}: {share:.2f}")
+        return ", ".join(away)
+
+    def _stick(self, name: str) -> float:
+        stick = self._sticks.get(name)
+        return stick.of(self._values) if stick else 0.0
+
+    def _trigger(self, label: str) -> float:
+        for trigger in self._triggers:
+            if trigger.label == label:
+                return trigger.of(self._values, self._down)
+        return 0.0

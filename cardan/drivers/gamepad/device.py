@@ -1,0 +1,122 @@
+"""The gamepad driver: reads an input device, and makes it rumble."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+
+from cardan.drivers.evdev.device import EvdevDevice
+from cardan.drivers.evdev.links import Link
+from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad
+from cardan.drivers.gamepad.core import GamepadCore
+from cardan.drivers.gamepad.options import GamepadOptions
+from cardan.errors import NotOpenError
+from cardan.protocols.evdev import (
+    EV_FF,
+    EVIOCRMFF,
+    EVIOCSFF,
+    InputEvent,
+    Malformed,
+    Rumble,
+    decode_rumble,
+    encode_events,
+    encode_int,
+    encode_rumble,
+)
+from cardan.types import DeviceCapabilities, DeviceFeedback
+
+RUMBLE_MS = 400
+"""A rumble ends by itself after so long, should nobody renew it."""
+RUMBLE_AGAIN_S = 0.2
+
+_FULL = 0xFFFF
+_NEW = -1
+
+
+class Gamepad(EvdevDevice[GamepadCore]):
+    """A gamepad as an operator device.
+
+    Its axes are LIVE only after its sticks were seen at rest; see :mod:`cardan.drivers.evdev.core`
+    for the rules. It is opened again by itself after it was unplugged.
+    """
+
+    Options = GamepadOptions
+    options: GamepadOptions
+    _kind = "gamepad"
+    _permission_hint = CONSOLE_HINT
+    _fits = staticmethod(is_gamepad)
+
+    def __init__(self, options: GamepadOptions | None = None) -> None:
+        options = GamepadOptions() if options is None else options
+        super().__init__(options, GamepadCore(options))
+        self._level = 0.0
+        """Of the rumble that is wanted, 0 to 1."""
+        self._shown = 0.0
+        self._effect = _NEW
+        self._again_s = 0.0
+        self._rumble_failures = 0
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """What the pad has; before it is open, the buttons of an Xbox pad, and no rumble."""
+        with self._lock:
+            return DeviceCapabilities(
+                gives_pose=False,
+                buttons=self._core.buttons,
+                feedback=frozenset({"rumble"} if self._core.rumbles else ()),
+                battery=False,
+            )
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What stands in the way or deserves attention, worst first."""
+        words = super().diagnosis()
+        if self._rumble_failures:
+            words += (f"{self._rumble_failures} times the pad would not rumble",)
+        return words
+
+    def _feedback(self, feedback: DeviceFeedback) -> None:
+        if not self._opened:
+            raise NotOpenError("the gamepad is not open: call open() before feedback()")
+        if feedback.rumble is not None:
+            self._level = min(1.0, max(0.0, feedback.rumble))
+
+    # -- rumble, by the reader -----------------------------------------------------------------
+
+    def _attend(self, link: Link) -> None:
+        level, now_s = self._level, time.monotonic()
+        if level == self._shown and (level == 0.0 or now_s < self._again_s):
+            return
+        try:
+            self._rumble(link, level)
+        except OSError:
+            # The link is judged by reading; a pad may refuse effects and be well otherwise.
+            self._rumble_failures += 1
+            self._effect = _NEW
+        self._shown, self._again_s = level, now_s + RUMBLE_AGAIN_S
+
+    def _rumble(self, link: Link, level: float) -> None:
+        if level > 0.0 and (level != self._shown or self._effect == _NEW):
+            strength = round(_FULL * level)
+            effect = decode_rumble(
+                link.call(
+                    EVIOCSFF, encode_rumble(Rumble(self._effect, strength, strength, RUMBLE_MS))
+                )
+            )
+            if isinstance(effect, Malformed):
+                self._rumble_failures += 1
+                return
+            self._effect = effect.id
+        if self._effect != _NEW:
+            link.write(encode_events([InputEvent(0, 0, EV_FF, self._effect, int(level > 0.0))]))
+
+    def _before_release(self, link: Link) -> None:
+        effect, self._effect, self._shown = self._effect, _NEW, 0.0
+        if effect != _NEW:
+            with contextlib.suppress(OSError):
+                link.write(encode_events([InputEvent(0, 0, EV_FF, effect, 0)]))
+            link.call(EVIOCRMFF, encode_int(effect))
+
+    def close(self) -> None:
+        """Stop reading and rumbling, and release the pad."""
+        super().close()
+        self._level = 0.0

@@ -1,0 +1,44 @@
+"""What can be set about the gamepad driver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from cardan.drivers.evdev.device import check_way
+from cardan.drivers.shaping import ShapingOptions, check_choice
+from cardan.protocols.evdev import PAD_CODES
+
+LAYOUTS = ("sticks", "swapped", "triggers")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GamepadOptions(ShapingOptions):
+    """Options of :class:`Gamepad`. Raises ValueError for a value that is not allowed."""
+
+    transport: Literal["evdev", "socket"] = "evdev"
+    """evdev: a node of /dev/input. socket: a simulated gamepad."""
+    path: str = ""
+    """The node's path as ``cardan devices`` lists it, or the socket's; empty: the first found."""
+    name: str = ""
+    """A part of the pad's name, where several are plugged in; empty: any."""
+    layout: Literal["sticks", "swapped", "triggers"] = "sticks"
+    """sticks: left stick x and y, right stick z and yaw. swapped: the sticks exchanged.
+    triggers: left stick x and y, triggers z, right stick pitch and yaw."""
+    shift: str = "right-shoulder"
+    """Button to hold for the other rotations; empty: none."""
+    dead_zone: float = 0.1
+    """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
+    stale_after_s: float = 0.0
+    """For pads that never fall silent in the hand: deflected without any event for so long, the
+    pad is taken for lost, s. 0: off."""
+    wait_for_device: bool = False
+    """open() succeeds without a pad, which is picked up once it is plugged in."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_way(self)
+        check_choice("layout", self.layout, LAYOUTS)
+        check_choice("shift", self.shift, ("", *PAD_CODES))
+        if not 0.0 <= self.stale_after_s <= 60.0:
+            raise ValueError(f"stale_after_s is {self.stale_after_s!r}; allowed: 0 (off) to 60 s")

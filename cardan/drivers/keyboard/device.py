@@ -1,0 +1,66 @@
+"""The keyboard driver: reads an input device, and keeps it from other programs where asked to."""
+
+from __future__ import annotations
+
+from cardan.drivers.evdev.device import EvdevDevice
+from cardan.drivers.evdev.links import Link
+from cardan.drivers.evdev.nodes import GROUP_HINT, is_keyboard
+from cardan.drivers.keyboard.core import KeyboardCore
+from cardan.drivers.keyboard.options import KeyboardOptions
+from cardan.protocols.evdev import EVIOCGRAB, encode_int
+from cardan.types import DeviceCapabilities
+
+
+class Keyboard(EvdevDevice[KeyboardCore]):
+    """A keyboard as an operator device.
+
+    It is LIVE only after no key that moves the robot was seen down; see
+    :mod:`cardan.drivers.evdev.core` for the rules. It is opened again by itself after it was
+    unplugged.
+    """
+
+    Options = KeyboardOptions
+    options: KeyboardOptions
+    _kind = "keyboard"
+    _permission_hint = GROUP_HINT
+    _fits = staticmethod(is_keyboard)
+
+    def __init__(self, options: KeyboardOptions | None = None) -> None:
+        options = KeyboardOptions() if options is None else options
+        super().__init__(options, KeyboardCore(options))
+        self._grabbed = False
+        self._grab_refused = False
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """What the keyboard has: keys that move nothing are buttons."""
+        with self._lock:
+            buttons = self._core.buttons
+        return DeviceCapabilities(
+            gives_pose=False, buttons=buttons, feedback=frozenset(), battery=False
+        )
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What stands in the way or deserves attention, worst first."""
+        words = super().diagnosis()
+        if self._grab_refused:
+            words += ("another program has grabbed the keyboard: end it, or set grab = false",)
+        return words
+
+    def _attend(self, link: Link) -> None:
+        with self._lock:
+            wanted, nothing_down = self._core.wants_grab, self._core.nothing_down
+        # Taken with a key down, its release would never reach who saw it pressed.
+        if wanted == self._grabbed or (wanted and (self._grab_refused or not nothing_down)):
+            return
+        try:
+            link.call(EVIOCGRAB, encode_int(int(wanted)))
+        except OSError:
+            self._grab_refused = wanted
+            return
+        self._grabbed = wanted
+
+    def _before_release(self, link: Link) -> None:
+        grabbed, self._grabbed, self._grab_refused = self._grabbed, False, False
+        if grabbed:
+            link.call(EVIOCGRAB, encode_int(0))

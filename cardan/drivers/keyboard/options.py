@@ -1,0 +1,42 @@
+"""What can be set about the keyboard driver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from cardan.drivers.evdev.device import check_way
+from cardan.drivers.shaping import ShapingOptions, check_choice
+
+LAYOUTS = ("letters", "arrows")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyboardOptions(ShapingOptions):
+    """Options of :class:`Keyboard`. Raises ValueError for a value that is not allowed."""
+
+    transport: Literal["evdev", "socket"] = "evdev"
+    """evdev: a node of /dev/input. socket: a simulated keyboard."""
+    path: str = ""
+    """The node's path as ``cardan devices`` lists it, or the socket's; empty: the first found."""
+    name: str = ""
+    """A part of the keyboard's name, where several are plugged in; empty: any."""
+    layout: Literal["letters", "arrows"] = "letters"
+    """letters: a z, s x, d c along x, y, z; f v, g b, h n about them. arrows: the arrow keys and
+    page up and down along, the number pad about them."""
+    ramp_s: float = 0.3
+    """From pressing a key to full deflection; letting go is at once."""
+    grab: bool = False
+    """No other program gets the keys while the keyboard is read: Esc gives it back, F12 takes it
+    again."""
+    dead_zone: float = 0.0
+    """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
+    wait_for_device: bool = False
+    """open() succeeds without a keyboard, which is picked up once it is plugged in."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_way(self)
+        check_choice("layout", self.layout, LAYOUTS)
+        if not 0.0 <= self.ramp_s <= 5.0:
+            raise ValueError(f"ramp_s is {self.ramp_s!r}; allowed: 0 to 5 s")

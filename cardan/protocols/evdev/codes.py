@@ -1,0 +1,130 @@
+"""Names of keys, buttons and axes: our labels for the kernel's numbers.
+
+The numbers are those of linux/input-event-codes.h, the meaning of a pad's that of the kernel's
+gamepad.rst: buttons by where they are (south is A on an Xbox pad, the cross on a PlayStation's).
+Keys are named after their caps on a US keyboard, whatever is printed on this one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, ABS_RZ = range(6)
+ABS_GAS, ABS_BRAKE = 0x09, 0x0A
+ABS_HAT0X, ABS_HAT0Y = 0x10, 0x11
+ABS_COUNT = 0x40
+KEY_COUNT = 0x300
+FF_COUNT = 0x80
+
+FF_RUMBLE = 0x50
+FF_GAIN = 0x60
+
+BTN_JOYSTICK = 0x120
+BTN_SOUTH, BTN_EAST, BTN_NORTH, BTN_WEST = 0x130, 0x131, 0x133, 0x134
+BTN_TL, BTN_TR, BTN_TL2, BTN_TR2 = 0x136, 0x137, 0x138, 0x139
+BTN_SELECT, BTN_START, BTN_MODE, BTN_THUMBL, BTN_THUMBR = 0x13A, 0x13B, 0x13C, 0x13D, 0x13E
+BTN_DPAD_UP, BTN_DPAD_DOWN, BTN_DPAD_LEFT, BTN_DPAD_RIGHT = 0x220, 0x221, 0x222, 0x223
+
+PAD_BUTTONS: Mapping[int, str] = MappingProxyType(
+    {
+        BTN_SOUTH: "south",
+        BTN_EAST: "east",
+        BTN_NORTH: "north",
+        BTN_WEST: "west",
+        BTN_TL: "left-shoulder",
+        BTN_TR: "right-shoulder",
+        BTN_TL2: "left-trigger",
+        BTN_TR2: "right-trigger",
+        BTN_SELECT: "select",
+        BTN_START: "start",
+        BTN_MODE: "mode",
+        BTN_THUMBL: "left-stick",
+        BTN_THUMBR: "right-stick",
+        BTN_DPAD_UP: "dpad-up",
+        BTN_DPAD_DOWN: "dpad-down",
+        BTN_DPAD_LEFT: "dpad-left",
+        BTN_DPAD_RIGHT: "dpad-right",
+    }
+)
+"""Labels of a gamepad's buttons."""
+
+KEYS: Mapping[int, str] = MappingProxyType(
+    {
+        1: "esc",
+        **{code: str((code - 1) % 10) for code in range(2, 12)},
+        12: "minus",
+        13: "equal",
+        14: "backspace",
+        15: "tab",
+        **dict(enumerate("qwertyuiop", 16)),
+        26: "left-brace",
+        27: "right-brace",
+        28: "enter",
+        29: "left-ctrl",
+        **dict(enumerate("asdfghjkl", 30)),
+        39: "semicolon",
+        40: "apostrophe",
+        41: "grave",
+        42: "left-shift",
+        43: "backslash",
+        **dict(enumerate("zxcvbnm", 44)),
+        51: "comma",
+        52: "dot",
+        53: "slash",
+        54: "right-shift",
+        55: "kp-asterisk",
+        56: "left-alt",
+        57: "space",
+        58: "caps-lock",
+        **{code: f"f{code - 58}" for code in range(59, 69)},
+        69: "num-lock",
+        70: "scroll-lock",
+        **{code: f"kp-{number}" for code, number in zip(range(71, 74), (7, 8, 9), strict=True)},
+        74: "kp-minus",
+        **{code: f"kp-{number}" for code, number in zip(range(75, 78), (4, 5, 6), strict=True)},
+        78: "kp-plus",
+        **{code: f"kp-{number}" for code, number in zip(range(79, 83), (1, 2, 3, 0), strict=True)},
+        83: "kp-dot",
+        86: "102nd",
+        87: "f11",
+        88: "f12",
+        96: "kp-enter",
+        97: "right-ctrl",
+        98: "kp-slash",
+        99: "sysrq",
+        100: "right-alt",
+        102: "home",
+        103: "up",
+        104: "page-up",
+        105: "left",
+        106: "right",
+        107: "end",
+        108: "down",
+        109: "page-down",
+        110: "insert",
+        111: "delete",
+        119: "pause",
+        125: "left-meta",
+        126: "right-meta",
+        127: "compose",
+    }
+)
+"""Labels of a keyboard's keys."""
+
+KEY_CODES: Mapping[str, int] = MappingProxyType({label: code for code, label in KEYS.items()})
+PAD_CODES: Mapping[str, int] = MappingProxyType(
+    {label: code for code, label in PAD_BUTTONS.items()}
+)
+
+MICROSOFT = 0x045E
+"""Vendor whose pads, and everything that the kernel's xpad drives, have two numbers exchanged."""
+
+
+def north_and_west_exchanged(vendor: int, kernel_driver: str) -> bool:
+    """Whether 0x133 is the west button and 0x134 the north one.
+
+    The kernel gives an Xbox pad's X (west) and Y (north) the numbers once called BTN_X and BTN_Y,
+    which are those of north and west on every other pad.
+    """
+    return vendor == MICROSOFT or kernel_driver == "xpad"

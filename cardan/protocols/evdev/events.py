@@ -1,0 +1,70 @@
+"""Linux's struct input_event: what a read() of /dev/input/eventN gives and a write() takes.
+
+The layout is this machine's own (native byte order and long), as the kernel's is. Source: the
+kernel's uapi headers linux/input.h and linux/input-event-codes.h.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from typing import NamedTuple
+
+_EVENT = struct.Struct("@llHHi")
+
+EVENT_BYTES = _EVENT.size
+"""24 on 64-bit systems, 16 on 32-bit ones."""
+
+EV_SYN, EV_KEY, EV_REL, EV_ABS, EV_MSC = 0x00, 0x01, 0x02, 0x03, 0x04
+EV_LED, EV_SND, EV_REP, EV_FF = 0x11, 0x12, 0x14, 0x15
+EV_UINPUT = 0x0101
+"""Of a uinput device only: the kernel asks its maker for something."""
+
+SYN_REPORT = 0
+"""Ends a frame: what came since the last one happened together."""
+SYN_DROPPED = 3
+"""The kernel threw events away, since nobody read them in time: what is known is void."""
+MSC_SCAN = 4
+
+KEY_UP, KEY_DOWN, KEY_REPEAT = 0, 1, 2
+"""Values of EV_KEY."""
+
+
+class InputEvent(NamedTuple):
+    """One event, with the kernel's time of it (s and µs, wall clock unless set otherwise)."""
+
+    sec: int
+    usec: int
+    type: int
+    code: int
+    value: int
+
+
+class Malformed(NamedTuple):
+    """Bytes that say nothing we can use."""
+
+    reason: str
+    """One of a few fixed phrases, fit for counting by."""
+    size: int
+
+
+EMPTY = "empty"
+CUT = "cut in the middle of an event"
+NO_CALL = "neither events nor the answer that was asked for"
+
+
+def decode_events(data: bytes) -> list[InputEvent] | Malformed:
+    """The events of one read. Never raises; of a read that is cut short nothing is taken."""
+    if not data:
+        return Malformed(EMPTY, 0)
+    if len(data) % EVENT_BYTES:
+        return Malformed(CUT, len(data))
+    return [*map(InputEvent._make, _EVENT.iter_unpack(data))]
+
+
+def encode_events(events: Iterable[InputEvent]) -> bytes:
+    """The bytes of `events`. Raises ValueError for a value that does not fit its field."""
+    try:
+        return b"".join(_EVENT.pack(*event) for event in events)
+    except struct.error as error:
+        raise ValueError(f"cannot encode an event: {error}") from None

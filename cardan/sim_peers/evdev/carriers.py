@@ -1,0 +1,471 @@
+"""What carries a simulated input device's events: a Unix socket, or the kernel's uinput."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import random
+import selectors
+import socket
+import stat
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from cardan.errors import AddressError
+from cardan.protocols.evdev import (
+    EV_ABS,
+    EV_FF,
+    EV_KEY,
+    EV_MSC,
+    EV_REP,
+    EV_SYN,
+    EV_UINPUT,
+    EVENT_BYTES,
+    MSC_SCAN,
+    SYN_DROPPED,
+    SYN_REPORT,
+    InputEvent,
+    Malformed,
+    decode_call,
+    decode_events,
+    encode_call,
+    encode_events,
+)
+from cardan.protocols.evdev.uinput import (
+    SYSNAME_BYTES,
+    UI_ABS_SETUP,
+    UI_BEGIN_FF_ERASE,
+    UI_BEGIN_FF_UPLOAD,
+    UI_DEV_CREATE,
+    UI_DEV_DESTROY,
+    UI_DEV_SETUP,
+    UI_END_FF_ERASE,
+    UI_END_FF_UPLOAD,
+    UI_FF_ERASE,
+    UI_FF_UPLOAD,
+    UI_GET_SYSNAME,
+    UI_SET_ABSBIT,
+    UI_SET_EVBIT,
+    UI_SET_FFBIT,
+    UI_SET_KEYBIT,
+    UI_SET_MSCBIT,
+    begin_upload,
+    decode_erase,
+    decode_upload,
+    encode_abs_setup,
+    encode_erase,
+    encode_setup,
+    end_upload,
+)
+from cardan.sim_peers.evdev.core import EFFECTS, Frame, SimulatedInput
+
+if sys.platform != "win32":
+    import fcntl
+
+MAX_CLIENTS = 8
+"""Programs that may have the device open at once."""
+QUEUE_EVENTS = 64
+"""Events the kernel keeps for a program that does not read; one more, and all are dropped."""
+_ROOM = 4096
+_SMALLEST_BUFFER = 1
+"""Makes the socket keep as little as it can (a few packets), so that QUEUE_EVENTS counts."""
+
+Clock = Callable[[], float]
+"""The device's time, s from its script's start."""
+
+
+class Carrier(ABC):
+    """Carries frames to whoever opened the device, and requests back."""
+
+    @property
+    @abstractmethod
+    def endpoint(self) -> str:
+        """What others open."""
+
+    @property
+    @abstractmethod
+    def there(self) -> bool:
+        """Whether the device can be opened."""
+
+    @abstractmethod
+    def appear(self) -> None:
+        """Plug the device in. Raises AddressError."""
+
+    @abstractmethod
+    def vanish(self) -> None:
+        """Unplug it. Never raises."""
+
+    @abstractmethod
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Carry what the device reported."""
+
+
+# ---------------------------------------------------------------------------------------------
+# Socket
+
+
+class _Client:
+    """One program that has the device open, and the kernel's queue for it."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALLEST_BUFFER)
+        self.sock = sock
+        self.overruns = 0
+        self._queue: deque[bytes] = deque()
+        self._events = 0
+
+    @property
+    def waiting(self) -> bool:
+        return bool(self._queue)
+
+    def send(self, events: Sequence[InputEvent]) -> None:
+        """Queue a frame; a full queue is dropped whole, as the kernel does."""
+        if self._events + len(events) > QUEUE_EVENTS:
+            self._queue.clear()
+            self._events = 0
+            self.overruns += 1
+            events = [events[0]._replace(type=EV_SYN, code=SYN_DROPPED, value=0), events[-1]]
+        self.send_bytes(encode_events(events))
+
+    def send_bytes(self, packet: bytes) -> None:
+        self._queue.append(packet)
+        self._events += len(packet) // EVENT_BYTES
+
+    def flush(self) -> None:
+        """Pass on what the client has room for. Raises OSError when it is gone."""
+        with contextlib.suppress(BlockingIOError):
+            while self._queue:
+                self.sock.send(self._queue[0])
+                self._events -= len(self._queue.popleft()) // EVENT_BYTES
+
+
+class SocketCarrier(Carrier):
+    """A socket (AF_UNIX, SOCK_SEQPACKET) that stands for a node: a packet is a read or a write.
+
+    A packet that is not of whole events is an ioctl request or its answer. Removed by unplugging.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        device: SimulatedInput,
+        faults: Mapping[str, float],
+        seed: int,
+        selector: selectors.BaseSelector,
+        clock: Clock,
+        on_connect: Callable[[], None],
+    ) -> None:
+        self._path = path
+        self._device = device
+        self._faults = faults
+        self._random = random.Random(seed)
+        self._selector = selector
+        self._clock = clock
+        self._on_connect = on_connect
+        self._listener: socket.socket | None = None
+        self._identity: tuple[int, int] | None = None
+        self._clients: list[_Client] = []
+        self._frames = 0
+        self._overruns_of_gone = 0
+
+    @property
+    def endpoint(self) -> str:
+        """The socket's path."""
+        return self._path
+
+    @property
+    def there(self) -> bool:
+        """Whether the socket exists."""
+        return self._listener is not None
+
+    @property
+    def overruns(self) -> int:
+        """How often a client was too slow, and its events were dropped."""
+        return self._overruns_of_gone + sum(client.overruns for client in self._clients)
+
+    def appear(self) -> None:
+        """Create the socket."""
+        _remove_stale(self._path)
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            listener.setblocking(False)
+            listener.bind(self._path)
+            info = os.stat(self._path)
+            listener.listen(MAX_CLIENTS)
+        except OSError as error:
+            listener.close()
+            raise AddressError(
+                f"cannot create the socket {self._path!r}: {error.strerror or error}; "
+                f"give a short path in a directory that can be written"
+            ) from None
+        self._identity = (info.st_dev, info.st_ino)
+        self._listener = listener
+        self._selector.register(listener, selectors.EVENT_READ, self._accept)
+
+    def vanish(self) -> None:
+        """Close every connection and remove the socket, if it is still ours."""
+        for client in tuple(self._clients):
+            self._drop(client)
+        if self._listener is None:
+            return
+        self._selector.unregister(self._listener)
+        self._listener.close()
+        self._listener = None
+        with contextlib.suppress(OSError):
+            info = os.stat(self._path)
+            if (info.st_dev, info.st_ino) == self._identity:
+                os.unlink(self._path)
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """One packet a frame, to all, or to the one that has grabbed the device."""
+        # The kernel stamps events with the wall clock unless a program asks for another.
+        offset_s = time.time() - self._clock()
+        for frame in frames:
+            self._frames += 1
+            events = frame.stamped(offset_s)
+            if self._strikes("dropped"):
+                events = [
+                    events[0]._replace(type=EV_SYN, code=SYN_DROPPED, value=0),
+                    events[0]._replace(type=EV_SYN, code=SYN_REPORT, value=0),
+                ]
+            for client in tuple(self._clients):
+                if self._device.grabbed_by not in (None, client):
+                    continue
+                if self._strikes("garbage"):
+                    client.send_bytes(self._random.randbytes(self._random.randint(1, 90)))
+                if self._strikes("short"):
+                    client.send_bytes(encode_events(events)[: -self._random.randint(1, 23)])
+                else:
+                    client.send(events)
+        for client in tuple(self._clients):
+            if client.waiting:
+                self._flush(client)
+
+    def _strikes(self, fault: str) -> bool:
+        return fault in self._faults and self._frames % int(self._faults[fault]) == 0
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        try:
+            sock, _ = self._listener.accept()
+        except OSError:
+            return
+        if len(self._clients) == MAX_CLIENTS or _hung_up(sock):
+            sock.close()
+            return
+        client = _Client(sock)
+        self._clients.append(client)
+        self._selector.register(sock, selectors.EVENT_READ, lambda: self._serve(client))
+        self._on_connect()
+
+    def _serve(self, client: _Client) -> None:
+        """The client wrote, has room again, or is gone."""
+        if client not in self._clients:
+            return
+        try:
+            packet = client.sock.recv(_ROOM)
+        except BlockingIOError:
+            self._flush(client)
+            return
+        except OSError:
+            packet = b""
+        if not packet:
+            self._drop(client)
+            return
+        if len(packet) % EVENT_BYTES == 0:
+            self._device.write(client, packet, self._clock())
+        else:
+            call = decode_call(packet)
+            if isinstance(call, Malformed):
+                self._device.refused += 1
+            else:
+                answer = self._device.call(client, call.request, call.argument, self._clock())
+                client.send_bytes(encode_call(answer))
+        self._flush(client)
+
+    def _flush(self, client: _Client) -> None:
+        try:
+            client.flush()
+        except OSError:
+            self._drop(client)
+            return
+        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.waiting else 0)
+        key = self._selector.get_key(client.sock)
+        if key.events != wanted:
+            self._selector.modify(client.sock, wanted, key.data)
+
+    def _drop(self, client: _Client) -> None:
+        self._selector.unregister(client.sock)
+        client.sock.close()
+        self._clients.remove(client)
+        self._overruns_of_gone += client.overruns
+        self._device.gone(client)
+
+
+def _hung_up(sock: socket.socket) -> bool:
+    """True when whoever connected only looked whether somebody listens (as `_remove_stale`)."""
+    try:
+        return not sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+def _remove_stale(path: str) -> None:
+    """Remove a socket file that nobody listens on. Raises AddressError for anything else."""
+    try:
+        if not stat.S_ISSOCK(os.lstat(path).st_mode):
+            raise AddressError(f"{path!r} exists and is not a socket; give another path")
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise AddressError(f"cannot use {path!r}: {error.strerror}") from None
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        probe.setblocking(False)
+        try:
+            result = probe.connect_ex(path)
+        except OSError as error:
+            raise AddressError(f"cannot use {path!r}: {error}") from None
+    if result == errno.ECONNREFUSED:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
+    elif result != errno.ENOENT:
+        how = os.strerror(result) if result else "it answers"
+        raise AddressError(f"another program serves {path!r} ({how}); end it or give another path")
+
+
+# ---------------------------------------------------------------------------------------------
+# uinput
+
+
+class UinputCarrier(Carrier):
+    """The kernel's own: the device becomes a node of /dev/input, with all that the kernel does.
+
+    `root` is where /dev and /sys are.
+    """
+
+    def __init__(
+        self,
+        device: SimulatedInput,
+        selector: selectors.BaseSelector,
+        clock: Clock,
+        root: Path = Path("/"),
+    ) -> None:
+        self._device = device
+        self._selector = selector
+        self._clock = clock
+        self._root = root
+        self._fd: int | None = None
+        self._node = ""
+
+    @property
+    def endpoint(self) -> str:
+        """The node's path."""
+        return self._node
+
+    @property
+    def there(self) -> bool:
+        """Whether the node exists."""
+        return self._fd is not None
+
+    def appear(self) -> None:
+        """Make the device."""
+        path = self._root / "dev/uinput"
+        try:
+            self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+            self._make(self._fd)
+        except OSError as error:
+            if self._fd is not None:
+                os.close(self._fd)
+                self._fd = None
+            raise AddressError(
+                f"cannot make an input device by {path}: {error.strerror or error}; "
+                "load the module (sudo modprobe uinput) and let this user write to it"
+            ) from None
+        self._selector.register(self._fd, selectors.EVENT_READ, self._serve)
+
+    def vanish(self) -> None:
+        """Take the device away."""
+        fd, self._fd = self._fd, None
+        if fd is not None:
+            self._selector.unregister(fd)
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(fd, UI_DEV_DESTROY)
+            os.close(fd)
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """One write a frame; the kernel puts its own time to it."""
+        assert self._fd is not None
+        for frame in frames:
+            events = [InputEvent(0, 0, *event) for event in frame.events]
+            os.write(self._fd, encode_events(events))
+
+    def _make(self, fd: int) -> None:
+        model = self._device.model
+        kinds = {EV_KEY, *([EV_ABS] if model.axes else []), *([EV_FF] if model.effects else [])}
+        if model.repeats:
+            kinds |= {EV_MSC, EV_REP}
+            fcntl.ioctl(fd, UI_SET_MSCBIT, MSC_SCAN)
+        for kind in sorted(kinds):
+            fcntl.ioctl(fd, UI_SET_EVBIT, kind)
+        for code in model.codes.values():
+            fcntl.ioctl(fd, UI_SET_KEYBIT, code)
+        for effect in sorted(model.effects):
+            fcntl.ioctl(fd, UI_SET_FFBIT, effect)
+        for code, info in model.axes.items():
+            fcntl.ioctl(fd, UI_SET_ABSBIT, code)
+            fcntl.ioctl(fd, UI_ABS_SETUP, encode_abs_setup(code, info))
+        effects = EFFECTS if model.effects else 0
+        fcntl.ioctl(fd, UI_DEV_SETUP, encode_setup(model.id, model.name, effects))
+        fcntl.ioctl(fd, UI_DEV_CREATE)
+        self._node = self._find_node(fd)
+
+    def _find_node(self, fd: int) -> str:
+        name = bytearray(SYSNAME_BYTES)
+        fcntl.ioctl(fd, UI_GET_SYSNAME, name, True)
+        folder = self._root / "sys/devices/virtual/input" / name.split(b"\0", 1)[0].decode()
+        nodes = sorted(entry.name for entry in folder.glob("event*"))
+        if not nodes:
+            raise OSError(errno.ENODEV, "the kernel made no node for it")
+        return f"/dev/input/{nodes[0]}"
+
+    def _serve(self) -> None:
+        """The kernel passes on what a client wants of the motors, or a LED."""
+        fd = self._fd
+        if fd is None:
+            return
+        try:
+            events = decode_events(os.read(fd, _ROOM // EVENT_BYTES * EVENT_BYTES))
+        except OSError:
+            return
+        if isinstance(events, Malformed):
+            return
+        for event in events:
+            if event.type == EV_UINPUT and event.code == UI_FF_UPLOAD:
+                self._upload(fd, event.value)
+            elif event.type == EV_UINPUT and event.code == UI_FF_ERASE:
+                self._erase(fd, event.value)
+            elif event.type == EV_FF:
+                self._device.play(event.code, self._clock(), on=event.value > 0)
+
+    def _upload(self, fd: int, request_id: int) -> None:
+        argument = bytearray(begin_upload(request_id & 0xFFFFFFFF))
+        fcntl.ioctl(fd, UI_BEGIN_FF_UPLOAD, argument, True)
+        effect = decode_upload(bytes(argument)).effect
+        if effect is not None:
+            self._device.take_effect(effect, self._clock())
+        result = 0 if effect is not None else -errno.EINVAL
+        fcntl.ioctl(fd, UI_END_FF_UPLOAD, end_upload(bytes(argument), result))
+
+    def _erase(self, fd: int, request_id: int) -> None:
+        argument = bytearray(encode_erase(request_id & 0xFFFFFFFF))
+        fcntl.ioctl(fd, UI_BEGIN_FF_ERASE, argument, True)
+        self._device.erase(decode_erase(bytes(argument)))
+        fcntl.ioctl(fd, UI_END_FF_ERASE, bytes(argument))

@@ -1,0 +1,120 @@
+"""The input devices that can be simulated, as the kernel's drivers present them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from cardan.protocols.evdev import (
+    ABS_HAT0X,
+    ABS_HAT0Y,
+    ABS_RX,
+    ABS_RY,
+    ABS_RZ,
+    ABS_X,
+    ABS_Y,
+    ABS_Z,
+    BTN_NORTH,
+    BTN_TL2,
+    BTN_TR2,
+    BTN_WEST,
+    BUS_USB,
+    FF_GAIN,
+    FF_RUMBLE,
+    KEY_CODES,
+    PAD_CODES,
+    AbsInfo,
+    InputId,
+    north_and_west_exchanged,
+)
+
+_MEMLESS_EFFECTS = frozenset({FF_RUMBLE, 0x51, 0x58, 0x59, 0x5A, FF_GAIN})
+"""What the kernel makes of two motors: rumble, and periodic effects that it turns into rumble."""
+
+
+class Model(NamedTuple):
+    """One kind of device."""
+
+    key: str
+    name: str
+    id: InputId
+    codes: Mapping[str, int]
+    """Key and button codes by our labels."""
+    axes: Mapping[int, AbsInfo]
+    effects: frozenset[int]
+    period_s: float
+    """How often the hardware is polled."""
+    repeats: bool = False
+    """The kernel repeats a key that is held."""
+
+    @property
+    def is_gamepad(self) -> bool:
+        """Whether it has sticks."""
+        return ABS_X in self.axes
+
+
+def _pad_codes(vendor: int, *, trigger_buttons: bool) -> Mapping[str, int]:
+    """Codes by label: dpads are hats, so they have none."""
+    codes = {label: code for label, code in PAD_CODES.items() if not label.startswith("dpad")}
+    if not trigger_buttons:
+        codes = {label: code for label, code in codes.items() if code not in (BTN_TL2, BTN_TR2)}
+    if north_and_west_exchanged(vendor, ""):
+        codes["west"], codes["north"] = BTN_NORTH, BTN_WEST
+    return MappingProxyType(codes)
+
+
+def _pad_axes(stick: AbsInfo, trigger_most: int) -> Mapping[int, AbsInfo]:
+    trigger, hat = AbsInfo(0, 0, trigger_most, 0, 0, 0), AbsInfo(0, -1, 1, 0, 0, 0)
+    return MappingProxyType(
+        {
+            **dict.fromkeys((ABS_X, ABS_Y, ABS_RX, ABS_RY), stick),
+            **dict.fromkeys((ABS_Z, ABS_RZ), trigger),
+            **dict.fromkeys((ABS_HAT0X, ABS_HAT0Y), hat),
+        }
+    )
+
+
+_XBOX_STICK = AbsInfo(0, -32768, 32767, 16, 128, 0)
+_SONY_STICK = AbsInfo(128, 0, 255, 0, 0, 0)
+
+MODELS = (
+    Model(
+        "xbox-360",
+        "Microsoft X-Box 360 pad",
+        InputId(BUS_USB, 0x045E, 0x028E, 0x0110),
+        _pad_codes(0x045E, trigger_buttons=False),
+        _pad_axes(_XBOX_STICK, 255),
+        _MEMLESS_EFFECTS,
+        0.004,
+    ),
+    Model(
+        "xbox-one",
+        "Microsoft Xbox One S pad",
+        InputId(BUS_USB, 0x045E, 0x02EA, 0x0301),
+        _pad_codes(0x045E, trigger_buttons=False),
+        _pad_axes(_XBOX_STICK, 1023),
+        _MEMLESS_EFFECTS,
+        0.004,
+    ),
+    Model(
+        "dualshock-4",
+        "Sony Interactive Entertainment Wireless Controller",
+        InputId(BUS_USB, 0x054C, 0x09CC, 0x8111),
+        _pad_codes(0x054C, trigger_buttons=True),
+        _pad_axes(_SONY_STICK, 255),
+        _MEMLESS_EFFECTS,
+        0.004,
+    ),
+    Model(
+        "keyboard",
+        "AT Translated Set 2 keyboard",
+        InputId(0x11, 0x0001, 0x0001, 0xAB41),
+        KEY_CODES,
+        MappingProxyType({}),
+        frozenset(),
+        0.008,
+        repeats=True,
+    ),
+)
+"""The first of a kind is its default."""

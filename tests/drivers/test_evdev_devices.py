@@ -1,0 +1,355 @@
+"""Finding nodes, opening them, and the drivers against simulated devices over their sockets."""
+
+import errno
+import fcntl
+import os
+import time
+
+import pytest
+
+from cardan.drivers.evdev import device as shell
+from cardan.drivers.evdev import nodes
+from cardan.drivers.gamepad import Gamepad, GamepadOptions
+from cardan.drivers.keyboard import Keyboard, KeyboardOptions
+from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
+from cardan.protocols import evdev
+from cardan.protocols.evdev import encode_bits, encode_events
+from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions, SimulatedInput
+from cardan.types import DeviceFeedback, DeviceLink
+from tests.drivers.evdev_bench import BY_KEY
+from tests.serving import in_a_thread
+
+DEADLINE_S = 5.0
+
+
+def wait_for(condition, what):
+    end_s = time.monotonic() + DEADLINE_S
+    while not (value := condition()):
+        assert time.monotonic() < end_s, what
+        time.sleep(0.002)
+    return value
+
+
+# ---------------------------------------------------------------------------------------------
+# What the system has
+
+
+def words_of(codes):
+    """A mask as /sys prints it: words of 64 bits, highest first."""
+    mask = int.from_bytes(encode_bits(codes, 96), "little")
+    words = []
+    while mask:
+        words.insert(0, f"{mask & 0xFFFFFFFFFFFFFFFF:x}")
+        mask >>= 64
+    return " ".join(words) or "0"
+
+
+def add_node(root, number, model, name=None):
+    device = root / f"sys/class/input/event{number}/device"
+    (device / "capabilities").mkdir(parents=True)
+    (device / "id").mkdir()
+    (device / "name").write_text((name or model.name) + "\n")
+    (device / "id/vendor").write_text(f"{model.id.vendor:04x}\n")
+    (device / "id/product").write_text(f"{model.id.product:04x}\n")
+    (device / "capabilities/key").write_text(words_of(model.codes.values()) + "\n")
+    (device / "capabilities/abs").write_text(words_of(model.axes) + "\n")
+    return device
+
+
+def test_nodes_are_found_by_what_they_can_do(tmp_path):
+    add_node(tmp_path, 11, BY_KEY["dualshock-4"])
+    add_node(tmp_path, 2, BY_KEY["keyboard"])
+    pad = add_node(tmp_path, 3, BY_KEY["xbox-360"])
+    power = BY_KEY["keyboard"]._replace(name="Power Button", codes={"power": 116})
+    add_node(tmp_path, 0, power)
+    (tmp_path / "sys/class/input/js0").mkdir()
+    (tmp_path / "drivers/xpad").mkdir(parents=True)
+    (pad / "device").mkdir()
+    (pad / "device/driver").symlink_to(tmp_path / "drivers/xpad")
+
+    found = nodes.find_nodes(tmp_path)
+    assert [node.path for node in found] == [f"/dev/input/event{n}" for n in (0, 2, 3, 11)]
+    kinds = [(nodes.is_gamepad(n.keys, n.axes), nodes.is_keyboard(n.keys, n.axes)) for n in found]
+    assert kinds == [(False, False), (False, True), (True, False), (True, False)]
+    assert (found[2].name, found[2].identity) == ("Microsoft X-Box 360 pad", "045e:028e")
+    assert nodes.kernel_driver("/dev/input/event3", tmp_path) == "xpad"
+    assert nodes.kernel_driver("/dev/input/event2", tmp_path) == ""
+
+
+def test_a_system_without_input_devices(tmp_path):
+    assert nodes.find_nodes(tmp_path) == []
+
+
+def test_garbled_capabilities_are_none(tmp_path):
+    device = add_node(tmp_path, 1, BY_KEY["keyboard"])
+    (device / "capabilities/key").write_text("not a mask")
+    assert nodes.find_nodes(tmp_path)[0].keys == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.EACCES, "no permission for /dev/input/event3: do this"),
+        (errno.ENOENT, "is gone: plug it in again"),
+        (errno.ENODEV, "is gone: plug it in again"),
+        (errno.EIO, "Input/output error"),
+    ],
+)
+def test_what_stands_in_the_way(number, words):
+    error = OSError(number, os.strerror(number))
+    assert words in nodes.refusal("/dev/input/event3", error, "do this")
+
+
+def test_nothing_plugged_in(monkeypatch):
+    monkeypatch.setattr(shell, "find_nodes", list)
+    with pytest.raises(DeviceNotFoundError, match="no gamepad is plugged in"):
+        Gamepad().open()
+    assert Gamepad.find() == []
+    with pytest.raises(DeviceAccessError, match="/nowhere/event1 is gone"):
+        Keyboard(KeyboardOptions(path="/nowhere/event1")).open()
+
+
+# ---------------------------------------------------------------------------------------------
+# A node, with the kernel's answers from the simulated device
+
+
+class FakeKernel:
+    """A FIFO that stands for a node, and its ioctls."""
+
+    def __init__(self, tmp_path, monkeypatch, model):
+        self.path = str(tmp_path / "event7")
+        os.mkfifo(self.path)
+        self.device = SimulatedInput(BY_KEY[model])
+        self.writer = os.open(self.path, os.O_RDWR | os.O_NONBLOCK)
+        self.now_s = 0.0
+        self.requests = []
+        self.gone = False
+        monkeypatch.setattr(fcntl, "ioctl", self.ioctl)
+
+    def ioctl(self, fd, request, argument, mutate=False):
+        if self.gone:
+            raise OSError(errno.ENODEV, "No such device")
+        self.requests.append(request)
+        data = evdev.encode_int(argument) if isinstance(argument, int) else bytes(argument)
+        answer = self.device.call("client", request, data, self.now_s)
+        if answer.result < 0:
+            raise OSError(-answer.result, os.strerror(-answer.result))
+        if mutate:
+            argument[:] = answer.argument
+        return 0
+
+    def run(self, seconds):
+        self.now_s += seconds
+        for frame in self.device.frames(self.now_s):
+            os.write(self.writer, encode_events(frame.stamped(0.0)))
+
+    def tap(self, label):
+        self.device.press(label)
+        self.run(0.02)
+        self.device.release(label)
+        self.run(0.02)
+
+
+@pytest.fixture
+def kernel(tmp_path, monkeypatch):
+    made = []
+
+    def make(model):
+        made.append(FakeKernel(tmp_path, monkeypatch, model))
+        return made[0]
+
+    yield make
+    for fake in made:
+        os.close(fake.writer)
+
+
+def test_a_pad_read_from_a_node(kernel):
+    fake = kernel("xbox-360")
+    with Gamepad(GamepadOptions(path=fake.path)) as pad:
+        fake.tap("start")
+        wait_for(lambda: pad.state().link is DeviceLink.LIVE, "not live")
+        fake.device.set_controls((0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+        fake.run(0.02)
+        wait_for(lambda: pad.state().axes[0] == 1.0, "not deflected")
+        assert pad.diagnosis() == ()
+    assert pad.state().link is DeviceLink.CLOSED
+    assert evdev.EVIOCGRAB not in fake.requests
+
+
+def test_a_keyboard_is_grabbed_only_while_no_key_is_down(kernel):
+    fake = kernel("keyboard")
+    fake.device.press("enter")  # of the command that starts the session
+    fake.run(0.02)
+    os.read(fake.writer, 1000)
+    with Keyboard(KeyboardOptions(path=fake.path, grab=True)) as keyboard:
+        wait_for(lambda: keyboard.metrics()["checked_age_s"] < 1.0, "not read")
+        assert fake.device.grabbed_by is None
+        fake.device.release("enter")
+        fake.run(0.02)
+        wait_for(lambda: fake.device.grabbed_by, "not grabbed")
+        fake.device.press("esc")
+        fake.run(0.02)
+        wait_for(lambda: not fake.device.grabbed_by, "not given back")
+        fake.device.release("esc")
+        fake.tap("f12")
+        wait_for(lambda: fake.device.grabbed_by, "not taken again")
+    assert fake.device.grabbed_by is None
+
+
+def test_a_keyboard_that_another_program_has_grabbed(kernel):
+    fake = kernel("keyboard")
+    fake.device.grabbed_by = "another"
+    with Keyboard(KeyboardOptions(path=fake.path, grab=True)) as keyboard:
+        wait_for(lambda: "another program has grabbed" in str(keyboard.diagnosis()), "not said")
+    assert fake.device.grabbed_by == "another"
+
+
+def test_a_node_of_another_kind_is_refused(kernel):
+    fake = kernel("keyboard")
+    with pytest.raises(DeviceNotFoundError, match=r"Set 2 keyboard .* is no gamepad"):
+        Gamepad(GamepadOptions(path=fake.path)).open()
+
+
+def test_a_file_that_is_no_input_device(tmp_path):
+    path = str(tmp_path / "fifo")
+    os.mkfifo(path)
+    with pytest.raises(DeviceAccessError, match="does not say what it is"):
+        Gamepad(GamepadOptions(path=path)).open()
+
+
+# ---------------------------------------------------------------------------------------------
+# Driver and simulated peer over the socket
+
+
+def peer(tmp_path, kind="gamepad", script="0.0 neutral", **options):
+    file = tmp_path / "script"
+    file.write_text(script)
+    return EvdevPeer(
+        EvdevPeerOptions(kind=kind, path=str(tmp_path / "s"), script=str(file), **options)
+    )
+
+
+def gamepad(tmp_path, **options):
+    return Gamepad(GamepadOptions(transport="socket", path=str(tmp_path / "s"), **options))
+
+
+@pytest.mark.judged(device="Gamepad", transport="socket", by="simulated peer")
+@pytest.mark.parametrize("model", ["xbox-360", "xbox-one", "dualshock-4"])
+def test_a_pad_over_its_socket(tmp_path, model):
+    script = """
+        0.05 hold start for 0.05
+        0.20 press left-shoulder
+        0.25 sticks 0 1 0 0
+        0.60 release left-shoulder
+        0.70 neutral
+        1.00 loop
+    """
+    with in_a_thread(peer(tmp_path, script=script, model=model)), gamepad(tmp_path) as pad:
+        state = wait_for(lambda: any((s := pad.state()).axes) and s, "not deflected")
+        assert state.axes[0] > 0.9
+        assert {"west", "left-shoulder"} <= set(pad.capabilities.buttons)
+        edges = []
+
+        def both_ways():
+            edges.extend(e.pressed for e in pad.button_events() if e.button == "left-shoulder")
+            return len(edges) > 1
+
+        wait_for(both_ways, "no edges")
+        assert edges[:2] == [True, False]
+        assert (pad.metrics()["garbled"], pad.metrics()["dropped"]) == (0, 0)
+
+
+@pytest.mark.judged(device="Keyboard", transport="socket", by="simulated peer")
+def test_a_keyboard_over_its_socket(tmp_path):
+    script = """
+        0.05 hold enter for 0.05
+        0.20 press space
+        0.25 hold h for 0.8
+        1.10 release space
+        1.30 loop
+    """
+    options = KeyboardOptions(transport="socket", path=str(tmp_path / "s"), grab=True)
+    with in_a_thread(peer(tmp_path, "keyboard", script)) as served, Keyboard(options) as keyboard:
+        state = wait_for(lambda: (s := keyboard.state()).axes[5] == 1.0 and s, "no full yaw")
+        assert state.buttons == {"space"}
+        assert served.device.grabbed_by is not None
+        wait_for(lambda: not any(keyboard.state().axes), "not let go")
+
+
+@pytest.mark.judged(device="Gamepad", transport="socket", by="simulated peer")
+def test_rumble_goes_on_and_ends_with_the_driver(tmp_path):
+    with in_a_thread(peer(tmp_path)) as served, gamepad(tmp_path) as pad:
+
+        def turns():
+            return served.device.rumble(served._device_s())
+
+        assert pad.capabilities.feedback == {"rumble"}
+        pad.feedback(DeviceFeedback(rumble=0.5))
+        wait_for(lambda: turns() == pytest.approx((0.5, 0.5), abs=1e-4), "does not rumble")
+        pad.feedback(DeviceFeedback(rumble=1.0))
+        wait_for(lambda: turns() == (1.0, 1.0), "not harder")
+        end_s = time.monotonic() + 0.6  # longer than the effect
+        wait_for(lambda: time.monotonic() > end_s, "time stands still")
+        wait_for(lambda: turns() == (1.0, 1.0), "ended by itself")
+        pad.feedback(DeviceFeedback(rumble=0.0))
+        wait_for(lambda: turns() == (0.0, 0.0), "does not stop")
+        pad.feedback(DeviceFeedback(rumble=1.0))
+        wait_for(lambda: turns() == (1.0, 1.0), "does not rumble again")
+        pad.close()
+        wait_for(lambda: turns() == (0.0, 0.0), "rumbles on after close")
+        with pytest.raises(NotOpenError):
+            pad.feedback(DeviceFeedback(rumble=1.0))
+
+
+def test_a_pad_that_refuses_effects(tmp_path):
+    with (
+        in_a_thread(peer(tmp_path, faults={"refuse-rumble": 1.0})),
+        gamepad(tmp_path) as pad,
+    ):
+        pad.feedback(DeviceFeedback(rumble=1.0))
+        wait_for(lambda: "would not rumble" in str(pad.diagnosis()), "not said")
+        with pytest.raises(CommandError, match="no led feedback"):
+            pad.feedback(DeviceFeedback(led=True))
+
+
+@pytest.mark.judged(device="Gamepad", transport="socket", by="simulated peer")
+def test_unplugged_and_back(tmp_path):
+    touches = "\n".join(f"{0.2 * n:.1f} hold start for 0.05" for n in range(9, 40))
+    script = f"0.0 hold start for 0.03\n0.1 swing 0 0.9 0 0 over 0.3 times 4\n{touches}"
+    faults = {"unplug": 1.0, "replug": 1.4}
+    with in_a_thread(peer(tmp_path, script=script, faults=faults)), gamepad(tmp_path) as pad:
+        wait_for(lambda: any(pad.state().axes), "not deflected")
+        state = wait_for(lambda: (s := pad.state()).link is DeviceLink.LOST and s, "not lost")
+        assert not any(state.axes)
+        assert "unplugged" in state.reason
+
+        def moves_or_lives():
+            state = pad.state()
+            assert not any(state.axes), "moves without having been at rest"
+            return state.link is DeviceLink.LIVE
+
+        wait_for(moves_or_lives, "not back")
+
+
+@pytest.mark.parametrize("fault", ["dropped", "short", "garbage"])
+def test_mangled_packets_are_counted_and_survived(tmp_path, fault):
+    script = "0.0 hold start for 0.03\n0.1 swing 0.9 0.9 0.9 0.9 over 0.1 times 20\n2.5 neutral"
+    counter = "dropped" if fault == "dropped" else "garbled"
+    with (
+        in_a_thread(peer(tmp_path, script=script, faults={fault: 20.0})) as served,
+        gamepad(tmp_path) as pad,
+    ):
+        wait_for(lambda: pad.metrics()[counter] >= 3, "not counted")
+        assert served.device.plugged
+        assert pad.state().link is not DeviceLink.LOST
+        wait_for(lambda: pad.state().link is DeviceLink.LIVE, "not live again")
+
+
+def test_nobody_serves_the_socket(tmp_path):
+    with pytest.raises(DeviceAccessError, match="is its simulated device running"):
+        gamepad(tmp_path).open()
+    with gamepad(tmp_path, wait_for_device=True) as pad:
+        assert pad.state().link is DeviceLink.LOST
+        script = "0.0 hold start for 0.05"
+        with in_a_thread(peer(tmp_path, script=script)):
+            wait_for(lambda: pad.state().link is DeviceLink.LIVE, "not picked up")

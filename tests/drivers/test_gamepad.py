@@ -1,0 +1,222 @@
+"""The gamepad's core: layouts, buttons, models, rest."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cardan.drivers.evdev.nodes import Description, Snapshot
+from cardan.drivers.gamepad import GamepadCore, GamepadOptions
+from cardan.protocols.evdev import AbsInfo, InputEvent, encode_events
+from cardan.protocols.evdev import codes as c
+from cardan.types import DeviceLink
+from tests.drivers.evdev_bench import REST, Bench
+
+PADS = ("xbox-360", "xbox-one", "dualshock-4")
+NOT_RESTING = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("model", PADS)
+@pytest.mark.parametrize(
+    ("layout", "controls", "shifted", "axes"),
+    [
+        # Left stick right and up, right stick right and up, triggers.
+        ("sticks", (0.4, 0.8, -0.6, 0.2, 0.5, 0.0), False, (0.8, -0.4, 0.2, 0.0, 0.0, 0.6)),
+        ("sticks", (0.4, 0.8, -0.6, 0.2, 0.0, 0.0), True, (0.0, 0.0, 0.2, 0.4, 0.8, 0.6)),
+        ("swapped", (-0.6, 0.2, 0.4, 0.8, 0.0, 0.0), False, (0.8, -0.4, 0.2, 0.0, 0.0, 0.6)),
+        ("swapped", (-0.6, 0.2, 0.4, 0.8, 0.0, 0.0), True, (0.0, 0.0, 0.2, 0.4, 0.8, 0.6)),
+        ("triggers", (0.4, 0.8, -0.6, 0.2, 0.2, 0.6), False, (0.8, -0.4, 0.4, 0.0, 0.2, 0.6)),
+        ("triggers", (0.4, 0.8, -0.6, 0.2, 0.2, 0.6), True, (0.8, -0.4, 0.4, -0.6, 0.2, 0.0)),
+    ],
+)
+def test_layouts(model, layout, controls, shifted, axes):
+    bench = Bench(model, GamepadOptions(layout=layout, dead_zone=0.0))
+    assert bench.run(0.02).link is DeviceLink.LIVE
+    if shifted:
+        bench.press("right-shoulder")
+    state = bench.run(0.1, controls)
+    assert state.link is DeviceLink.LIVE
+    assert state.axes == pytest.approx(axes, abs=0.02)
+
+
+@pytest.mark.parametrize("model", PADS)
+def test_every_button_is_heard_by_its_place(model):
+    """West is west on an Xbox pad, too, whose number for it is that of others' north."""
+    bench = Bench(model)
+    labels = [label for label in bench.device.labels if not label.endswith("-trigger")]
+    for label in labels:
+        assert label in bench.press(label).buttons
+        assert not bench.release(label).buttons
+    edges = [(event.button, event.pressed) for event in bench.core.events()]
+    assert edges == [(label, pressed) for label in labels for pressed in (True, False)]
+    assert set(labels) <= set(bench.core.buttons)
+
+
+def test_triggers_are_buttons_unless_they_are_axes():
+    bench = Bench()
+    assert not bench.run(0.1, (0, 0, 0, 0, 0.0, 0.45)).buttons
+    assert bench.run(0.1, (0, 0, 0, 0, 0.0, 0.55)).buttons == {"right-trigger"}
+    assert bench.run(0.1, (0, 0, 0, 0, 0.0, 0.35)).buttons == {"right-trigger"}, "no flutter"
+    assert not bench.run(0.1, (0, 0, 0, 0, 0.0, 0.25)).buttons
+    bench = Bench(options=GamepadOptions(layout="triggers"))
+    assert not bench.run(0.1, (0, 0, 0, 0, 0.0, 1.0)).buttons
+    assert "right-trigger" not in bench.core.buttons
+
+
+def test_no_shift_button():
+    bench = Bench(options=GamepadOptions(shift="", dead_zone=0.0))
+    bench.press("right-shoulder")
+    assert bench.run(0.1, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)).axes == (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def feed(core, *events):
+    core.on_packet(encode_events(InputEvent(0, 0, *event) for event in (*events, (0, 0, 0))), 0.0)
+
+
+def tap(core):
+    feed(core, (1, c.BTN_SOUTH, 1))
+    feed(core, (1, c.BTN_SOUTH, 0))
+
+
+def bluetooth_xbox():
+    """Right stick on Z and RZ, triggers on BRAKE and GAS."""
+    stick, trigger = AbsInfo(0, 0, 65535, 255, 4095, 0), AbsInfo(0, 0, 1023, 3, 63, 0)
+    axes = dict.fromkeys((c.ABS_X, c.ABS_Y, c.ABS_Z, c.ABS_RZ), stick)
+    axes |= dict.fromkeys((c.ABS_BRAKE, c.ABS_GAS), trigger)
+    keys = frozenset({c.BTN_SOUTH, c.BTN_NORTH})
+    return Description("Xbox Wireless Controller", 0x045E, 0x0B13, keys, axes, frozenset())
+
+
+def test_a_pad_with_its_right_stick_elsewhere():
+    core = GamepadCore(GamepadOptions(layout="triggers"))
+    values = dict.fromkeys((c.ABS_X, c.ABS_Y, c.ABS_Z, c.ABS_RZ), 32768)
+    core.on_opened(
+        bluetooth_xbox(), Snapshot(frozenset(), {**values, c.ABS_BRAKE: 0, c.ABS_GAS: 0}), 0.0
+    )
+    tap(core)
+    assert core.state(0.0).link is DeviceLink.LIVE
+    feed(core, (3, c.ABS_RZ, 0), (3, c.ABS_Z, 0), (3, c.ABS_GAS, 1023), (1, c.BTN_NORTH, 1))
+    state = core.state(0.0)
+    assert state.axes == (0.0, 0.0, 1.0, 0.0, 1.0, 1.0)
+    assert state.buttons == {"west"}
+
+
+def test_triggers_that_are_buttons_move_all_the_same():
+    axes = dict.fromkeys((c.ABS_X, c.ABS_Y, c.ABS_RX, c.ABS_RY), AbsInfo(0, -100, 100, 0, 0, 0))
+    keys = frozenset({c.BTN_SOUTH, c.BTN_TL2, c.BTN_TR2})
+    core = GamepadCore(GamepadOptions(layout="triggers"))
+    core.on_opened(
+        Description("Pro Controller", 0x057E, 0x2009, keys, axes, frozenset()),
+        Snapshot(frozenset(), dict.fromkeys(axes, 0)),
+        0.0,
+    )
+    tap(core)
+    feed(core, (1, c.BTN_TL2, 1))
+    assert core.state(0.0).axes == (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+
+
+def test_a_stick_held_while_it_is_opened_does_not_move():
+    bench = Bench()
+    bench.run(0.1, NOT_RESTING)
+    bench.open()
+    state = bench.run(1.0)
+    assert (state.link, state.axes) == (DeviceLink.NEEDS_NEUTRAL, REST)
+    assert "left stick, left and right: +0.50" in state.reason
+    assert bench.run(0.1, REST).link is DeviceLink.LIVE
+    assert bench.run(0.1, NOT_RESTING).axes[1] == pytest.approx(-0.5, abs=0.01)
+
+
+def test_a_button_held_while_it_is_opened_counts_once_it_was_up():
+    """Nobody could tell whether the dead-man was let go meanwhile."""
+    bench = Bench()
+    bench.press("left-shoulder")
+    bench.core.events()
+    bench.open()
+    bench.touch()
+    state = bench.run(0.1)
+    assert (state.link, state.buttons) == (DeviceLink.LIVE, frozenset())
+    bench.release("left-shoulder")
+    assert bench.core.events() == []
+    assert bench.press("left-shoulder").buttons == {"left-shoulder"}
+    assert [event.pressed for event in bench.core.events()] == [True]
+
+
+@pytest.mark.parametrize("model", [*PADS, "keyboard"])
+def test_nothing_is_believed_of_a_device_that_nobody_touched(model):
+    """Before the first frame the kernel's values are a guess: all zero."""
+    bench = Bench(model, touched=False)
+    state = bench.run(1.0)
+    assert (state.link, state.axes) == (DeviceLink.NEEDS_NEUTRAL, REST)
+    assert "once" in state.reason
+    dead_man = "left-shoulder" if bench.model.is_gamepad else "space"
+    state = bench.press(dead_man)
+    assert (state.link, state.buttons) == (DeviceLink.LIVE, frozenset()), "perhaps held before"
+    bench.release(dead_man)
+    assert bench.core.events() == []
+    assert bench.press(dead_man).buttons == {dead_man}
+
+
+def test_a_press_and_its_release_in_one_frame_are_two_edges():
+    bench = Bench()
+    frame = [(1, c.BTN_SOUTH, 1), (1, c.BTN_SOUTH, 0), (0, 0, 0)]
+    bench.core.on_packet(encode_events(InputEvent(0, 0, *event) for event in frame), 0.0)
+    assert [event.pressed for event in bench.core.events()] == [True, False]
+
+
+def test_a_frame_counts_when_it_is_whole():
+    bench = Bench()
+    event = InputEvent(0, 0, 3, c.ABS_X, 32767)
+    bench.core.on_packet(encode_events([event]), 0.0)
+    assert bench.core.state(0.0).axes == REST
+    bench.core.on_packet(encode_events([InputEvent(0, 0, 0, 0, 0)]), 0.0)
+    assert bench.core.state(0.0).axes[1] == -1.0
+
+
+def test_the_stamp_is_that_of_the_newest_look():
+    """Silence while deflected is normal; an old stamp would make the gateway stop."""
+    bench = Bench()
+    state = bench.run(2.0, NOT_RESTING)
+    assert state.link is DeviceLink.LIVE
+    assert any(state.axes)
+    assert state.stamp_s == pytest.approx(bench.now_s)
+
+
+def test_drift_within_the_dead_zone_is_rest_and_beyond_is_named():
+    assert Bench(faults={"drift": 0.08}, options=GamepadOptions()).run(0.1).axes == REST
+    state = Bench(faults={"drift": 0.15}, options=GamepadOptions()).run(0.1)
+    assert state.link is DeviceLink.NEEDS_NEUTRAL
+    assert "0.15" in state.reason
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 4, st.floats(0.0, 1.0), st.floats(0.0, 1.0)))
+def test_deflections_stay_in_range(controls):
+    for layout in ("sticks", "swapped", "triggers"):
+        axes = Bench(options=GamepadOptions(layout=layout)).run(0.05, controls).axes
+        assert all(-1.0 <= value <= 1.0 for value in axes)
+
+
+@given(st.binary(max_size=120), st.integers(0, 300))
+def test_random_bytes_never_raise(data, at):
+    bench = Bench()
+    bench.run(0.02, NOT_RESTING)
+    bench.core.on_packet(data, bench.now_s)
+    state = bench.core.state(bench.now_s)
+    assert all(-1.0 <= value <= 1.0 for value in state.axes)
+    if len(data) % 24 and data:
+        assert state.axes == REST
+    assert bench.core.diagnosis(bench.now_s) is not None
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"transport": "usb"}, "allowed: evdev, socket"),
+        ({"transport": "socket"}, "needs the path"),
+        ({"layout": "both"}, "allowed: sticks, swapped, triggers"),
+        ({"shift": "turbo"}, "shift is 'turbo'"),
+        ({"stale_after_s": -1.0}, "0 \\(off\\) to 60 s"),
+        ({"dead_zone": 1.0}, "dead_zone is 1.0"),
+    ],
+)
+def test_options_that_are_not_allowed(settings, words):
+    with pytest.raises(ValueError, match=words):
+        GamepadOptions(**settings)

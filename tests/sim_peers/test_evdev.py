@@ -1,0 +1,420 @@
+"""The simulated pad and keyboard in virtual time, and their carriers."""
+
+import errno
+import fcntl
+import math
+import os
+import selectors
+import socket
+import stat
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cardan.errors import AddressError, ScriptError
+from cardan.protocols import evdev
+from cardan.protocols.evdev import codes as c
+from cardan.protocols.evdev import uinput
+from cardan.sim_peers.base import parse_script
+from cardan.sim_peers.evdev import (
+    FAULTS,
+    MODELS,
+    SCRIPT_VERBS,
+    SCRIPTS,
+    EvdevPeer,
+    EvdevPeerOptions,
+    ScriptedHand,
+    SimulatedInput,
+    play,
+)
+from cardan.sim_peers.evdev.carriers import UinputCarrier
+from tests.serving import in_a_thread
+
+BY_KEY = {model.key: model for model in MODELS}
+PUSHED = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+REST = (0.0,) * 6
+
+
+def make(model="xbox-360", **settings):
+    return SimulatedInput(BY_KEY[model], **settings)
+
+
+def values(frames, kind):
+    return [(code, value) for f in frames for t, code, value in f.events if t == kind]
+
+
+def test_rests_in_silence():
+    device = make()
+    assert device.frames(0.1) == []
+    assert device.frames(3600.0) == []
+    assert device.next_due_s == math.inf
+
+
+def test_reports_changes_only_at_its_polls():
+    device = make()
+    device.frames(0.010)
+    device.set_controls(PUSHED)
+    (frame,) = device.frames(5.0)
+    assert frame.time_s == pytest.approx(0.012)
+    assert frame.events == ((3, c.ABS_Y, -32768), (0, 0, 0))
+    device.set_controls(PUSHED)
+    assert device.frames(9.0) == []
+
+
+@pytest.mark.parametrize(
+    ("model", "pushed", "half"), [("xbox-360", -32768, 64), ("dualshock-4", 0, 64)]
+)
+def test_ranges_are_the_models(model, pushed, half):
+    device = make(model)
+    device.set_controls((0.0, 1.0, 0.0, 0.0, 0.25, 0.0))
+    frames = device.frames(0.1)
+    assert (c.ABS_Y, pushed) in values(frames, evdev.EV_ABS)
+    assert (c.ABS_Z, half) in values(frames, evdev.EV_ABS)
+    pressed = values(frames, evdev.EV_KEY)
+    assert pressed == ([(c.BTN_TL2, 1)] if model == "dualshock-4" else [])
+
+
+def test_an_xbox_pad_exchanges_north_and_west_as_the_kernel_does():
+    for model, code in (("xbox-360", c.BTN_NORTH), ("dualshock-4", c.BTN_WEST)):
+        device = make(model)
+        device.press("west")
+        assert values(device.frames(0.1), evdev.EV_KEY) == [(code, 1)]
+
+
+def test_a_press_between_two_polls_is_not_lost():
+    device = make()
+    device.press("south")
+    device.release("south")
+    assert values(device.frames(1.0), evdev.EV_KEY) == [(c.BTN_SOUTH, 1), (c.BTN_SOUTH, 0)]
+
+
+def test_dpad_is_a_hat():
+    device = make()
+    device.press("dpad-left")
+    assert values(device.frames(0.1), evdev.EV_ABS) == [(c.ABS_HAT0X, -1)]
+    device.press("dpad-right")
+    device.release("dpad-left")
+    assert values(device.frames(0.2), evdev.EV_ABS) == [(c.ABS_HAT0X, 1)]
+
+
+def test_keys_are_repeated_as_the_kernel_does():
+    device = make("keyboard")
+    device.press("a")
+    frames = device.frames(0.5)
+    assert frames[0].events == ((4, 4, 30), (1, 30, 1), (0, 0, 0))
+    repeats = [frame.time_s for frame in frames if (1, 30, 2) in frame.events]
+    assert repeats[0] == pytest.approx(0.25, abs=0.01)
+    assert len(repeats) == 1 + int((0.5 - repeats[0]) / 0.033)
+    device.release("a")
+    assert values(device.frames(2.0), evdev.EV_KEY)[-1] == (30, 0)
+    assert device.next_due_s == math.inf
+    assert not make("keyboard", uinput=True).frames(1.0)
+
+
+def test_noise_is_filtered_as_the_kernel_does():
+    quiet, noisy = make(jitter_lsb=5), make(jitter_lsb=200)
+    for device in (quiet, noisy):
+        device.set_controls((0.0, 0.5, 0.0, 0.0, 0.0, 0.0))
+    assert len(quiet.frames(1.0)) <= 3, "less than half of the fuzz"
+    assert len(noisy.frames(1.0)) > 100
+    noisy.set_controls(REST)
+    noisy.frames(1.1)
+    assert noisy.frames(2.0) == [], "a stick at rest is quiet"
+
+
+def call(device, request, argument=b"", client="me", now_s=0.0):
+    return device.call(client, request, argument, now_s)
+
+
+def test_answers_what_it_is_and_holds():
+    device = make("xbox-one")
+    device.set_controls(PUSHED)
+    device.press("east")
+    device.frames(0.1)
+    assert evdev.decode_id(call(device, evdev.EVIOCGID).argument).product == 0x02EA
+    assert call(device, evdev.EVIOCGNAME).argument.startswith(b"Microsoft Xbox One S pad\0")
+    assert evdev.decode_bits(call(device, evdev.EVIOCGKEY).argument) == {c.BTN_EAST}
+    info = evdev.decode_absinfo(call(device, evdev.eviocgabs(c.ABS_Y)).argument)
+    assert info == (-32768, -32768, 32767, 16, 128, 0)
+    assert evdev.decode_absinfo(call(device, evdev.eviocgabs(c.ABS_RZ)).argument).maximum == 1023
+    assert evdev.EV_FF in evdev.decode_bits(call(device, evdev.eviocgbit(0)).argument)
+    assert call(device, evdev.eviocgabs(c.ABS_GAS)).result == -errno.EINVAL
+    assert call(device, 0x12345678).result == -errno.EINVAL
+    device.unplug()
+    assert call(device, evdev.EVIOCGID).result == -errno.ENODEV
+
+
+def test_only_one_may_grab():
+    device = make("keyboard")
+    on, off = evdev.encode_int(1), evdev.encode_int(0)
+    assert call(device, evdev.EVIOCGRAB, on).result == 0
+    assert call(device, evdev.EVIOCGRAB, on, "you").result == -errno.EBUSY
+    assert call(device, evdev.EVIOCGRAB, off, "you").result == -errno.EINVAL
+    device.gone("me")
+    assert call(device, evdev.EVIOCGRAB, on, "you").result == 0
+
+
+def upload(device, effect_id=-1, client="me", now_s=0.0, strong=0x8000):
+    effect = evdev.Rumble(effect_id, strong, 0x4000, 400)
+    return call(device, evdev.EVIOCSFF, evdev.encode_rumble(effect), client, now_s)
+
+
+def start(device, effect_id, now_s, value=1, client="me"):
+    event = evdev.InputEvent(0, 0, evdev.EV_FF, effect_id, value)
+    device.write(client, evdev.encode_events([event]), now_s)
+
+
+def test_effects_play_for_their_time():
+    device = make()
+    effect_id = evdev.decode_rumble(upload(device).argument).id
+    assert device.rumble(0.0) == (0.0, 0.0)
+    start(device, effect_id, 1.0)
+    assert device.rumble(1.3) == pytest.approx((0.5, 0.25), abs=1e-4)
+    assert device.rumble(1.5) == (0.0, 0.0)
+    start(device, effect_id, 2.0)
+    assert upload(device, effect_id, now_s=2.3, strong=0xFFFF).result == 0
+    assert device.rumble(2.6)[0] == 1.0, "one that plays begins again"
+    start(device, effect_id, 2.6, value=0)
+    assert device.rumble(2.6) == (0.0, 0.0)
+
+
+def test_effects_belong_to_whoever_uploaded_them():
+    device = make()
+    effect_id = evdev.decode_rumble(upload(device).argument).id
+    start(device, effect_id, 0.0, client="you")
+    assert device.rumble(0.0) == (0.0, 0.0)
+    assert upload(device, effect_id, "you").result == -errno.EACCES
+    assert upload(device, 9).result == -errno.EINVAL
+    erase = evdev.encode_int(effect_id)
+    assert call(device, evdev.EVIOCRMFF, erase, "you").result == -errno.EACCES
+    start(device, effect_id, 0.0)
+    device.gone("me")
+    assert device.rumble(0.0) == (0.0, 0.0)
+    for _ in range(16):
+        assert upload(device).result == 0
+    assert upload(device).result == -errno.ENOSPC
+    assert upload(make("keyboard")).result == -errno.EINVAL
+
+
+@given(st.integers(0, 2**32 - 1), st.binary(max_size=60), st.binary(max_size=60))
+def test_nonsense_never_raises(request_number, argument, written):
+    device = make()
+    device.call("me", request_number, argument, 0.0)
+    device.write("me", written, 0.0)
+
+
+# ---------------------------------------------------------------------------------------------
+# Scripts and faults
+
+
+@pytest.mark.parametrize(("kind", "name"), [(k, n) for k, v in SCRIPTS.items() for n in v])
+@pytest.mark.parametrize("model", BY_KEY)
+def test_built_in_scripts_play_to_their_end_and_let_everything_go(kind, name, model):
+    device = make(model)
+    if device.model.is_gamepad != (kind == "gamepad"):
+        return
+    hand = ScriptedHand(parse_script(SCRIPTS[kind][name], SCRIPT_VERBS), device)
+    frames = play(device, hand, 60.0)
+    assert frames
+    assert [f.time_s for f in frames] == sorted(f.time_s for f in frames)
+    if name != "taps":
+        assert device.controls == REST
+        assert device.held == ()
+        assert hand.next_due_s == math.inf
+
+
+def test_taps_go_on_for_ever():
+    device = make("keyboard")
+    hand = ScriptedHand(parse_script(SCRIPTS["keyboard"]["taps"], SCRIPT_VERBS), device)
+    presses = [pair for pair in values(play(device, hand, 21.0), evdev.EV_KEY) if pair[1] == 1]
+    assert len(presses) >= 30
+
+
+@pytest.mark.parametrize(
+    ("model", "line", "words"),
+    [
+        ("xbox-360", "1 sticks 0 0 0", "RY is missing"),
+        ("xbox-360", "1 sticks 0 0 0 2", "must be a number from -1 to 1"),
+        ("xbox-360", "1 triggers 0 0 over", "SECONDS is missing"),
+        ("xbox-360", "1 press turbo", "no button 'turbo'"),
+        ("xbox-360", "1 hold south", "'for' is missing"),
+        ("xbox-360", "0 loop", "must be the last step"),
+        ("xbox-360", "1 unplug now", "'now' is too much"),
+        ("keyboard", "1 sticks 0 0 0 0", "no sticks"),
+    ],
+)
+def test_scripts_that_make_no_sense(model, line, words):
+    with pytest.raises(ScriptError, match=words):
+        ScriptedHand(parse_script(line, SCRIPT_VERBS), make(model))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"kind": "mouse"}, "no kind 'mouse'"),
+        ({"model": "keyboard"}, "no gamepad 'keyboard'"),
+        ({"script": "nowhere"}, "neither a file"),
+        ({"path": ""}, "either the path of a socket or uinput"),
+        ({"uinput": True}, "either the path of a socket or uinput"),
+        ({"jitter_lsb": -1}, "must not be below 0"),
+        ({"faults": {"fire": 1.0}}, "no fault 'fire'"),
+        ({"faults": {"replug": 1.0}}, "needs the fault unplug"),
+        ({"kind": "keyboard", "faults": {"drift": 0.1}}, "neither sticks nor motors"),
+        ({"path": "", "uinput": True, "faults": {"dropped": 5.0}}, "the kernel does not let"),
+    ],
+)
+def test_peers_that_make_no_sense(options, words):
+    with pytest.raises(ScriptError, match=words):
+        EvdevPeer(EvdevPeerOptions(**{"path": "socket", **options}))
+
+
+def test_every_fault_can_be_had_by_some_device():
+    for switch in FAULTS:
+        faults = {switch.name: switch.default}
+        if switch.name == "replug":
+            faults["unplug"] = 1.0
+        assert make(faults=faults)
+
+
+@pytest.mark.parametrize("fault", ["silence", "unplug"])
+def test_silence_and_unplugging_end_the_events(fault):
+    device = make(faults={fault: 0.5})
+    device.set_controls(PUSHED)
+    assert device.frames(0.4)
+    device.set_controls(REST)
+    device.press("south")
+    device.frames(0.6)
+    device.release("south")
+    assert device.frames(9.0) == []
+    assert device.plugged == (fault == "silence")
+    assert device.next_due_s == math.inf
+
+
+# ---------------------------------------------------------------------------------------------
+# The socket
+
+
+def connect(path):
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    sock.settimeout(5.0)
+    sock.connect(path)
+    return sock
+
+
+def test_a_client_that_does_not_read_loses_events_as_with_the_kernel(tmp_path):
+    script = tmp_path / "script"
+    script.write_text("0.0 swing 1 1 1 1 over 0.2 times 20")
+    path = str(tmp_path / "s")
+    options = EvdevPeerOptions(path=path, script=str(script))
+    with in_a_thread(EvdevPeer(options)) as peer, connect(path) as sock:
+        end_s = time.monotonic() + 5.0
+        while not peer.overruns:
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+        seen = []
+        while (0, 3, 0) not in seen:
+            packet = sock.recv(4096)
+            seen += [event[2:] for event in evdev.decode_events(packet)]
+        assert seen[seen.index((0, 3, 0)) + 1] == (0, 0, 0)
+
+
+def test_grabbed_events_reach_one_client_alone(tmp_path):
+    path = str(tmp_path / "s")
+    script = tmp_path / "script"
+    script.write_text("0.3 hold a for 0.1")
+    options = EvdevPeerOptions(kind="keyboard", path=path, script=str(script))
+    with in_a_thread(EvdevPeer(options)), connect(path) as mine, connect(path) as other:
+        request = evdev.Call(evdev.EVIOCGRAB, 0, evdev.encode_int(1))
+        mine.send(evdev.encode_call(request))
+        assert evdev.decode_call(mine.recv(4096)).result == 0
+        assert len(evdev.decode_events(mine.recv(4096))) == 3
+        other.settimeout(0.05)
+        with pytest.raises(TimeoutError):
+            other.recv(4096)
+
+
+def test_a_path_that_is_taken(tmp_path):
+    path = str(tmp_path / "s")
+    options = EvdevPeerOptions(path=path)
+    with in_a_thread(EvdevPeer(options)), pytest.raises(AddressError, match="another program"):
+        EvdevPeer(options).open()
+    assert not os.path.exists(path)
+    (tmp_path / "s").write_text("mine")
+    with pytest.raises(AddressError, match="not a socket"):
+        EvdevPeer(options).open()
+
+
+# ---------------------------------------------------------------------------------------------
+# uinput, with a file for /dev/uinput
+
+
+@pytest.fixture
+def fake_uinput(tmp_path, monkeypatch):
+    """A FIFO for /dev/uinput; what was asked of it."""
+    (tmp_path / "dev").mkdir()
+    os.mkfifo(tmp_path / "dev/uinput")
+    (tmp_path / "sys/devices/virtual/input/input9/event5").mkdir(parents=True)
+    asked = []
+
+    def ioctl(fd, request, argument=0, mutate=False):
+        assert stat.S_ISFIFO(os.fstat(fd).st_mode)
+        asked.append((request, argument if isinstance(argument, int) else bytes(argument)))
+        if request == uinput.UI_GET_SYSNAME:
+            argument[:7] = b"input9\0"
+        elif request == uinput.UI_BEGIN_FF_UPLOAD:
+            argument[8:56] = evdev.encode_rumble(evdev.Rumble(2, 0xFFFF, 0, 400))
+        elif request == uinput.UI_BEGIN_FF_ERASE:
+            argument[8:12] = evdev.encode_int(2)
+        return 0
+
+    monkeypatch.setattr(fcntl, "ioctl", ioctl)
+    return tmp_path, asked
+
+
+def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
+    root, asked = fake_uinput
+    device = make(uinput=True)
+    now_s = [1.0]
+    with selectors.DefaultSelector() as selector:
+        carrier = UinputCarrier(device, selector, lambda: now_s[0], root)
+        carrier.appear()
+        assert carrier.endpoint == "/dev/input/event5"
+        requests = [request for request, _ in asked]
+        assert requests[-3:] == [uinput.UI_DEV_SETUP, uinput.UI_DEV_CREATE, uinput.UI_GET_SYSNAME]
+        assert (uinput.UI_SET_FFBIT, c.FF_RUMBLE) in asked
+        assert (uinput.UI_SET_KEYBIT, c.BTN_SOUTH) in asked
+        setup = dict(asked)[uinput.UI_DEV_SETUP]
+        assert setup[:8] == bytes.fromhex("0300 5e04 8e02 1001")
+        assert setup[8:].startswith(b"Microsoft X-Box 360 pad\0")
+
+        def kernel_says(*events):
+            """What the kernel would put before the maker of the device."""
+            fd = os.open(root / "dev/uinput", os.O_RDWR | os.O_NONBLOCK)
+            os.write(fd, evdev.encode_events(evdev.InputEvent(0, 0, *event) for event in events))
+            for key, _ in selector.select(1.0):
+                key.data()
+            os.close(fd)
+
+        kernel_says((evdev.EV_UINPUT, uinput.UI_FF_UPLOAD, 77))
+        assert asked[-1][0] == uinput.UI_END_FF_UPLOAD
+        assert asked[-1][1][:8] == bytes.fromhex("4d000000 00000000")
+        kernel_says((evdev.EV_FF, 2, 1))
+        assert device.rumble(1.1) == (1.0, 0.0)
+        kernel_says((evdev.EV_UINPUT, uinput.UI_FF_ERASE, 78))
+        assert device.rumble(1.1) == (0.0, 0.0)
+
+        device.press("south")
+        carrier.send(device.frames(0.1))
+        carrier.vanish()
+        assert asked[-1][0] == uinput.UI_DEV_DESTROY
+        assert not carrier.there
+
+
+def test_without_uinput(tmp_path):
+    with selectors.DefaultSelector() as selector:
+        carrier = UinputCarrier(make(uinput=True), selector, float, tmp_path)
+        with pytest.raises(AddressError, match="modprobe uinput"):
+            carrier.appear()
+        assert not carrier.there
