@@ -1,0 +1,94 @@
+"""Nintendo's remotes: ids and names, L2CAP channels, and the HID report descriptor.
+
+Source: WiiBrew (Wiimote), the Linux kernel's hid-wiimote, and the descriptor of a real remote.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+NINTENDO = 0x057E
+"""Vendor id."""
+
+CONTROL_PSM = 0x11
+INTERRUPT_PSM = 0x13
+"""L2CAP channels: a host opens the control channel first."""
+
+INPUT_HEADER = 0xA1
+"""First byte on the interrupt channel, remote to host; the report follows."""
+OUTPUT_HEADER = 0xA2
+"""First byte on the interrupt channel, host to remote."""
+SET_REPORT_HEADER = 0x52
+"""First byte on the control channel, host to remote: the old way."""
+HANDSHAKE_OK = 0x00
+"""What a remote answers on the control channel to a report sent the old way."""
+
+
+class Model(NamedTuple):
+    """What is known about one kind of remote."""
+
+    key: str
+    """Name for command lines and configuration files."""
+    bluetooth_name: str
+    product_id: int
+    device_class: int
+    """Bluetooth class of device."""
+    set_report: bool
+    """Takes output reports on the control channel, too."""
+
+
+MODELS: tuple[Model, ...] = (
+    Model("wiimote", "Nintendo RVL-CNT-01", 0x0306, 0x002504, True),
+    Model("wiimote-tr", "Nintendo RVL-CNT-01-TR", 0x0330, 0x000508, False),
+    Model("balance-board", "Nintendo RVL-WBC-01", 0x0306, 0x002504, True),
+    Model("pro-controller", "Nintendo RVL-CNT-01-UC", 0x0330, 0x000508, False),
+)
+"""Everything that speaks this protocol. The last two are not remotes to steer with: they are told
+apart by their names only."""
+
+WIIMOTE, WIIMOTE_TR = MODELS[0], MODELS[1]
+
+PRODUCT_IDS: frozenset[int] = frozenset(model.product_id for model in MODELS)
+
+
+def model_of(bluetooth_name: str, product_id: int) -> Model | None:
+    """The model of this name; with an unknown name the remote of this product id, else None."""
+    for model in MODELS:
+        if model.bluetooth_name == bluetooth_name:
+            return model
+    for model in (WIIMOTE, WIIMOTE_TR):
+        if model.product_id == product_id:
+            return model
+    return None
+
+
+OUTPUT_SIZES: dict[int, int] = {
+    0x10: 1, 0x11: 1, 0x12: 2, 0x13: 1, 0x14: 1, 0x15: 1, 0x16: 21, 0x17: 6, 0x18: 21,
+    0x19: 1, 0x1A: 1,
+}  # fmt: skip
+"""Bytes of each output report after its id."""
+
+INPUT_SIZES: dict[int, int] = {
+    0x20: 6, 0x21: 21, 0x22: 4,
+    0x30: 2, 0x31: 5, 0x32: 10, 0x33: 17, 0x34: 21, 0x35: 21, 0x36: 21, 0x37: 21,
+    0x3D: 21, 0x3E: 21, 0x3F: 21,
+}  # fmt: skip
+"""Bytes of each input report after its id."""
+
+LONGEST_REPORT_BYTES = 22
+"""Id included; one more with the header byte of L2CAP."""
+
+
+def report_descriptor() -> bytes:
+    """The remote's HID report descriptor, 217 bytes: every report is an array of vendor bytes."""
+    parts = [bytes.fromhex("0501 0905 a101")]
+    for report_id, size in OUTPUT_SIZES.items():
+        first = report_id == 0x10
+        parts.append(bytes((0x85, report_id)))
+        parts.append(bytes.fromhex("1500 26ff00 7508") if first else b"")
+        parts.append(bytes((0x95, size)))
+        parts.append(bytes.fromhex("0600ff") if first else b"")
+        parts.append(bytes.fromhex("0901 9100"))
+    for report_id, size in INPUT_SIZES.items():
+        parts.append(bytes((0x85, report_id, 0x95, size)) + bytes.fromhex("0901 8100"))
+    return b"".join((*parts, b"\xc0"))

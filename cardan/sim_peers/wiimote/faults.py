@@ -1,0 +1,105 @@
+"""The faults a simulated remote can have, and the radio link that mangles its reports."""
+
+from __future__ import annotations
+
+import heapq
+import math
+import random
+from collections.abc import Mapping
+
+from cardan.errors import ScriptError
+from cardan.sim_peers import base
+from cardan.sim_peers.base import FaultSwitch
+
+FAULTS = (
+    FaultSwitch("bad-checksum", "the first accelerometer calibration block has a wrong checksum"),
+    FaultSwitch("no-calibration", "every calibration reads FF, as in clones"),
+    FaultSwitch("busy", "every VALUE-th read of memory is refused with error 4", 3.0, 1.0),
+    FaultSwitch("lost-ack", "every VALUE-th acknowledgement is never sent", 3.0, 1.0),
+    FaultSwitch("slow-memory", "memory answers VALUE s late, as a cold remote's", 0.5),
+    FaultSwitch(
+        "silence", "from VALUE s on the remote neither sends nor obeys; link stays up", 3.0
+    ),
+    FaultSwitch("out-of-range", "out of range at VALUE s: silence, then the link is given up", 3.0),
+    FaultSwitch("in-range", "back in range at VALUE s", 8.0),
+    FaultSwitch("power-off", "the remote is switched off at VALUE s", 3.0),
+    FaultSwitch("power-on", "the remote that was off is switched on again at VALUE s", 4.0),
+    FaultSwitch("close-control", "the remote closes the control channel at VALUE s", 3.0),
+    FaultSwitch("close-interrupt", "the remote closes the interrupt channel at VALUE s", 3.0),
+    FaultSwitch("battery-low", "the battery falls below the flag's threshold at VALUE s", 3.0),
+    FaultSwitch("hot-plug", "the Nunchuk comes or goes in the first long read past VALUE s", 0.0),
+    FaultSwitch("stale-mode", "every status report ends the data reports until a mode is set"),
+    FaultSwitch(
+        "stolen-mode", "every VALUE s somebody sets data mode 0x30, not continuous", 2.0, 0.1
+    ),
+    FaultSwitch("woken-by-1-2", "the first output report ends the link; -TR remotes only"),
+    FaultSwitch("refuse", "cannot be connected to for the first VALUE s", math.inf, 0.0, math.inf),
+    FaultSwitch("short-report", "every VALUE-th data report is cut short", 10.0, 1.0),
+    FaultSwitch("unknown-id", "an unknown report before every VALUE-th data report", 10.0, 1.0),
+    FaultSwitch(
+        "burst", "for VALUE s in every 2·VALUE s nothing, then all of it at once", 0.5, 0.001
+    ),
+)
+
+_UNKNOWN_ID = 0x2A
+_PAIRS = (("in-range", "out-of-range"), ("power-on", "power-off"))
+
+
+def check_faults(faults: Mapping[str, float], *, tr: bool) -> None:
+    """Raise ScriptError for a fault that does not exist or does not fit."""
+    base.check_faults(faults, FAULTS)
+    for name, first in _PAIRS:
+        if name in faults and faults[name] <= faults.get(first, math.inf):
+            raise ScriptError(f"fault {name}: needs the fault {first}, at an earlier time")
+    if "woken-by-1-2" in faults and not tr:
+        raise ScriptError("fault woken-by-1-2: only a -TR remote has it")
+
+
+class FaultyLink:
+    """What lies between remote and host: carries reports, mangles or delays them."""
+
+    def __init__(self, faults: Mapping[str, float], seed: int) -> None:
+        self._faults = faults
+        self._random = random.Random(seed)
+        self._burst_s = faults.get("burst", 0.0)
+        self._data_reports = 0
+        self._carried = 0
+        self._under_way: list[tuple[float, int, bytes]] = []
+
+    @property
+    def next_due_s(self) -> float:
+        """When the next report arrives; inf when none is under way."""
+        return self._under_way[0][0] if self._under_way else math.inf
+
+    def carry_data(self, report: bytes, sent_s: float) -> None:
+        """Take a data report, sent at `sent_s`."""
+        self._data_reports += 1
+        if self._strikes("unknown-id", self._data_reports):
+            self.carry(bytes((_UNKNOWN_ID,)) + self._random.randbytes(6), sent_s)
+        if self._strikes("short-report", self._data_reports):
+            report = report[: self._random.randint(1, len(report) - 1)]
+        self.carry(report, sent_s)
+
+    def carry(self, report: bytes, sent_s: float) -> None:
+        """Take any report, sent at `sent_s`. Order is kept."""
+        arrival_s = sent_s
+        if self._burst_s:
+            window = math.floor(sent_s / self._burst_s)
+            if window % 2:
+                arrival_s = (window + 1) * self._burst_s
+        self._carried += 1
+        heapq.heappush(self._under_way, (arrival_s, self._carried, report))
+
+    def arrived(self, now_s: float) -> list[bytes]:
+        """The reports that have arrived by `now_s`, in order of arrival."""
+        reports = []
+        while self._under_way and self._under_way[0][0] <= now_s:
+            reports.append(heapq.heappop(self._under_way)[2])
+        return reports
+
+    def cut(self) -> None:
+        """Lose everything under way."""
+        self._under_way.clear()
+
+    def _strikes(self, fault: str, count: int) -> bool:
+        return fault in self._faults and count % int(self._faults[fault]) == 0
