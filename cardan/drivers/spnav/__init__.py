@@ -1,0 +1,7 @@
+"""spacenavd's socket as an operator device: whatever six-axis device the daemon has."""
+
+from cardan.drivers.spnav.core import SpnavCore
+from cardan.drivers.spnav.device import Spnav
+from cardan.drivers.spnav.options import SpnavOptions
+
+__all__ = ["Spnav", "SpnavCore", "SpnavOptions"]

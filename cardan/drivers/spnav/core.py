@@ -1,0 +1,488 @@
+"""What a spacenavd socket says, without any I/O and in the caller's time.
+
+The daemon passes on what its device reports: motion each 8 to 60 ms while deflected, zeros once on
+release, then nothing. So silence is believed only after a motion of zero:
+
+- After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until a motion inside the
+  dead zone came. A device that nobody touches says nothing at all, so the operator touches the cap
+  and lets go once.
+- A deflected device that falls silent for `STALE_AFTER_S` is STALE: the axes are zero and the
+  buttons count as released. The daemon tells clients of version 0 nothing else when its device is
+  unplugged, and drops zeros and releases for a client that was slow.
+- A client of version 1 is told of unplugging: LOST, until a device is there again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
+from cardan.drivers.spnav.options import SpnavOptions
+from cardan.protocols.connexion import Family, find_model
+from cardan.protocols.spnav import (
+    MASK_V1,
+    NEWEST_VERSION,
+    RECORD_BYTES,
+    REQUEST_TAG,
+    Button,
+    Code,
+    DeviceChange,
+    EventMask,
+    Handshake,
+    LedMode,
+    Malformed,
+    Motion,
+    Reply,
+    ServerReader,
+    encode_handshake,
+    encode_request,
+    encode_sensitivity,
+    encode_string,
+    to_robot_axes,
+)
+from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+
+STALE_AFTER_S = 0.1
+"""Silence of a deflected device beyond this; the slowest devices report each 60 ms."""
+
+SETTLE_S = 0.016
+"""Motions of zero this soon after a silence may be old ones that had queued up meanwhile."""
+
+HANDSHAKE_TIMEOUT_S = 0.3
+"""A daemon that has not granted version 1 by then speaks version 0, as libspnav takes it."""
+
+REPLY_TIMEOUT_S = 0.4
+"""A request that is not answered by then counts as refused."""
+
+OUT_OF_STEP = 50
+"""So many records in a row that mean nothing: the stream is out of step, or is no daemon's."""
+
+CLIENT_NAME = "cardan"
+
+DEFAULT_FULL_SCALE = 350.0
+ONE_FULL_SCALE = 500.0
+"""The daemon stretches the 350 counts of devices that report absolute axes to this."""
+_SERIAL_FULL_SCALES: Mapping[int, tuple[float, float]] = MappingProxyType(
+    {
+        **dict.fromkeys((0x100, 0x101, 0x102), (8000.0, 1600.0)),
+        **dict.fromkeys((0x103, 0x104, 0x105), (400.0, 400.0)),
+    }
+)
+"""Of Spaceballs, and of devices that speak as the Magellan does."""
+_ONE_TYPES = frozenset({0x20C, 0x20D, 0x20E})
+
+OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
+RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
+NO_DEVICE_REASON = "the daemon has no device: plug it in, or see why the daemon does not open it"
+UNPLUGGED_REASON = "the daemon's device was unplugged"
+
+_COUNTERS: Mapping[str, str] = MappingProxyType(
+    {
+        "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
+        "malformed_records": "records from the daemon that mean nothing, ignored",
+        "unanswered_requests": "requests that the daemon did not answer",
+        "unasked_replies": "answers that nothing was asked for, ignored",
+    }
+)
+"""What is counted, and the words for it."""
+
+_FIRST_REQUESTS = (
+    Code.SET_EVMASK,
+    Code.DEV_NBUTTONS,
+    Code.DEV_TYPE,
+    Code.DEV_USBID,
+    Code.GCFG_LED,
+)
+"""What is asked of a daemon of version 1, one after the other; again when a device came or went."""
+
+
+class SpnavCore:
+    """The state of the device behind one socket. Times are monotonic, s.
+
+    What is to be sent waits in `outgoing()`.
+    """
+
+    def __init__(self, options: SpnavOptions) -> None:
+        self._options = options
+        self._shaper = Shaper(options)
+        self._radial = options.dead_zone_shape == "radial"
+        self._buttons = ButtonEdges()
+        self._down: list[int] = []
+        self._counts: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
+        self._link = DeviceLink.CLOSED
+        self._reason = "not opened"
+        self._open = False
+        self._heard = False
+        self._stamp_s = NEVER_S
+        self._cached: DeviceState | None = None
+        self._forget_connection()
+        self._set_full_scale()
+
+    def _forget_connection(self) -> None:
+        self._reader = ServerReader()
+        self._malformed_in_a_row = 0
+        self._output: list[bytes] = []
+        self._version: int | None = None
+        """The version in force; None while the handshake is under way."""
+        self._handshake_until_s = NEVER_S
+        self._to_ask: deque[tuple[int, tuple[int, ...]]] = deque()
+        self._asked: int | None = None
+        self._asked_s = NEVER_S
+        self._has_device = True
+        self._button_count = 0
+        self._device_type = 0
+        self._usb_id = (0, 0)
+        self._led_found: int | None = None
+        """The daemon's LED setting as it was found; None: it has none."""
+        self._led_set: int | None = None
+        self._motion: Motion | None = None
+        self._active = False
+        self._motion_s = NEVER_S
+        self._believe_s = NEVER_S
+
+    # -- what happens to the connection --------------------------------------------------------
+
+    def on_opened(self, now_s: float) -> None:
+        """The socket was connected (again): what was known is void."""
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        self._forget_connection()
+        self._set_full_scale()
+        self._open = True
+        self._heard = False
+        self._handshake_until_s = now_s + HANDSHAKE_TIMEOUT_S
+        self._output.append(encode_handshake(NEWEST_VERSION))
+
+    def on_lost(self, reason: str, now_s: float) -> None:
+        """The daemon is gone, or cannot be reached."""
+        self._distrust(DeviceLink.LOST, reason, now_s)
+        self._open = False
+
+    def on_closed(self, now_s: float) -> None:
+        """It was closed on request."""
+        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+        self._open = False
+
+    def on_bytes(self, data: bytes, now_s: float) -> None:
+        """The daemon sent `data`. Never raises."""
+        if not self._open:
+            return
+        for value in self._reader.feed(data):
+            self._cached = None
+            if isinstance(value, Motion):
+                self._on_motion(value, now_s)
+            elif isinstance(value, Button):
+                self._on_button(value, now_s)
+            elif isinstance(value, Reply):
+                self._on_reply(value, now_s)
+            elif isinstance(value, DeviceChange):
+                self._on_device(value, now_s)
+            elif isinstance(value, Handshake):
+                self._on_version(value.version, now_s)
+            elif isinstance(value, Malformed):
+                self._counts["malformed_records"] += 1
+                self._malformed_in_a_row += 1
+
+    def on_time(self, now_s: float) -> None:
+        """Give up waiting for what has not come by `now_s`; call it at least each 50 ms."""
+        if not self._open:
+            return
+        if self._version is None and now_s >= self._handshake_until_s:
+            # The daemon took the handshake for a sensitivity that is not a number.
+            self._version = 0
+            self._output.append(encode_sensitivity(1.0))
+        if self._asked is not None and now_s - self._asked_s >= REPLY_TIMEOUT_S:
+            self._counts["unanswered_requests"] += 1
+            self._asked = None
+            self._ask_next(now_s)
+        if self._active:
+            self._watch(now_s)
+
+    def outgoing(self) -> list[bytes]:
+        """What to send to the daemon since the last call, each piece in one call."""
+        output = self._output
+        self._output = []
+        return output
+
+    def set_led(self, mode: int, now_s: float) -> None:
+        """Have the LED on or off, or back to the daemon's own setting (`LedMode`)."""
+        if self._led_found is not None:
+            self._led_set = mode
+            self._ask(Code.SCFG_LED, (mode,), now_s)
+
+    def restore_led(self, now_s: float) -> None:
+        """Put the daemon's LED setting back, if it was changed: it is there for all programs."""
+        if self._led_set is not None and self._led_found is not None:
+            self.set_led(self._led_found, now_s)
+            self._led_set = None
+
+    # -- what it says --------------------------------------------------------------------------
+
+    @property
+    def heard(self) -> bool:
+        """Whether anything usable came since the socket was connected."""
+        return self._heard
+
+    @property
+    def out_of_step(self) -> bool:
+        """Whether only connecting anew can help: nothing that comes means anything."""
+        return self._malformed_in_a_row >= OUT_OF_STEP
+
+    @property
+    def settled(self) -> bool:
+        """Whether the version is agreed and all that is asked at first was answered."""
+        return self._version is not None and self._asked is None
+
+    @property
+    def version(self) -> int | None:
+        """The protocol's version in force; None: not agreed yet."""
+        return self._version
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the buttons; empty when the daemon does not tell how many there are."""
+        return tuple(f"button-{number}" for number in range(self._button_count))
+
+    @property
+    def has_led(self) -> bool:
+        """Whether the daemon takes requests about an LED."""
+        return self._led_found is not None
+
+    @property
+    def full_scale(self) -> float:
+        """Counts of translation that are taken for a full deflection."""
+        return self._full_scale
+
+    def state(self, now_s: float) -> DeviceState:
+        """The newest state as of `now_s`."""
+        if self._link is not DeviceLink.LIVE:
+            self._arm(now_s)
+        if self._active:
+            self._watch(now_s)
+        if self._cached is None:
+            live = self._link is DeviceLink.LIVE
+            self._cached = DeviceState(
+                self._stamp_s,
+                self._link,
+                self._axes() if live else NEUTRAL,
+                self._buttons.held,
+                reason="" if live else self._reason,
+            )
+        return self._cached
+
+    def events(self) -> list[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        return self._buttons.events()
+
+    def metrics(self, now_s: float) -> dict[str, float]:
+        """Age of the newest motion in s (inf: none yet), the protocol's version, and counts."""
+        return {
+            "motion_age_s": now_s - self._motion_s,
+            "version": -1 if self._version is None else self._version,
+            "full_scale": self._full_scale,
+            **self._counts,
+            "lost_edges": self._buttons.lost_edges,
+        }
+
+    def diagnosis(self, now_s: float) -> list[str]:
+        """What stands in the way or deserves attention, worst first."""
+        words = [reason] if (reason := self.state(now_s).reason) else []
+        if self._buttons.lost_edges:
+            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+        if self._open and self._version == 0:
+            words.append(
+                "an old daemon (protocol version 0): it tells neither of unplugging nor of "
+                "full scale and buttons"
+            )
+        words += [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
+        return words
+
+    # -- events --------------------------------------------------------------------------------
+
+    def _on_motion(self, value: Motion, now_s: float) -> None:
+        self._hear(now_s)
+        if self._active:
+            self._watch(now_s)
+        if self._link is DeviceLink.STALE:
+            self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON
+            self._believe_s = now_s + SETTLE_S
+        elif self._link is DeviceLink.LOST:
+            self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, OPENED_REASON
+            self._has_device = True
+        self._motion = value
+        self._motion_s = now_s
+        self._active = not self._at_rest(value)
+        self._arm(now_s)
+
+    def _arm(self, now_s: float) -> None:
+        """Believe the device from its first rest on, unless something follows it at once."""
+        if (
+            self._link is DeviceLink.NEEDS_NEUTRAL
+            and self._motion is not None
+            and not self._active
+            and now_s >= self._believe_s
+        ):
+            self._link = DeviceLink.LIVE
+            self._cached = None
+
+    def _at_rest(self, value: Motion) -> bool:
+        x, y, z, rx, ry, rz, _ = value
+        dead, rotation_dead = self._dead_counts, self._rotation_dead_counts
+        if self._radial:
+            return (
+                x * x + y * y + z * z <= dead * dead
+                and rx * rx + ry * ry + rz * rz <= rotation_dead * rotation_dead
+            )
+        return (
+            -dead <= x <= dead
+            and -dead <= y <= dead
+            and -dead <= z <= dead
+            and -rotation_dead <= rx <= rotation_dead
+            and -rotation_dead <= ry <= rotation_dead
+            and -rotation_dead <= rz <= rotation_dead
+        )
+
+    def _on_button(self, value: Button, now_s: float) -> None:
+        self._hear(now_s)
+        if value.pressed and value.number not in self._down:
+            self._down.append(value.number)
+        elif not value.pressed and value.number in self._down:
+            self._down.remove(value.number)
+        self._buttons.set([f"button-{number}" for number in self._down], now_s)
+
+    def _on_device(self, value: DeviceChange, now_s: float) -> None:
+        self._hear(now_s)
+        if value.added:
+            self._has_device = True
+            self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        else:
+            self._has_device = False
+            self._distrust(DeviceLink.LOST, UNPLUGGED_REASON, now_s)
+        # Another device may be left, or this one may give other counts than the last.
+        self._ask_all(now_s)
+
+    def _watch(self, now_s: float) -> None:
+        """Notice the silence of a deflected device."""
+        if now_s - self._motion_s <= STALE_AFTER_S:
+            return
+        self._counts["silences"] += 1
+        self._distrust(
+            DeviceLink.STALE,
+            f"deflected, but no motion for {STALE_AFTER_S:.1f} s: the device may be unplugged, or "
+            "the daemon stuck; let go of the cap",
+            now_s,
+        )
+
+    # -- requests ------------------------------------------------------------------------------
+
+    def _on_version(self, version: int, now_s: float) -> None:
+        self._hear(now_s)
+        if self._version == 0 and version:
+            # It answers after all, and has taken our sensitivity for the start of a request.
+            self._output.append(bytes(RECORD_BYTES - len(encode_sensitivity(1.0))))
+        elif self._version is not None:
+            self._counts["unasked_replies"] += 1
+            return
+        self._version = min(version, NEWEST_VERSION)
+        if self._version:
+            self._output += encode_string(REQUEST_TAG | Code.SET_NAME, CLIENT_NAME)
+            self._ask_all(now_s)
+        else:
+            self._output.append(encode_sensitivity(1.0))
+
+    def _ask_all(self, now_s: float) -> None:
+        if self._version:
+            for code in _FIRST_REQUESTS:
+                # With configuration events masked, some daemons send an empty motion instead.
+                data = (MASK_V1 | EventMask.CONFIG,) if code == Code.SET_EVMASK else ()
+                self._ask(code, data, now_s)
+
+    def _ask(self, code: int, data: tuple[int, ...], now_s: float) -> None:
+        """Ask when what was asked before is answered; asking the same twice is asking once."""
+        if (code, data) not in self._to_ask:
+            self._to_ask.append((code, data))
+        if self._asked is None:
+            self._ask_next(now_s)
+
+    def _ask_next(self, now_s: float) -> None:
+        if self._to_ask:
+            self._asked, data = self._to_ask.popleft()
+            self._asked_s = now_s
+            self._output.append(encode_request(self._asked, data))
+
+    def _on_reply(self, reply: Reply, now_s: float) -> None:
+        self._hear(now_s)
+        if reply.code != self._asked:
+            self._counts["unasked_replies"] += 1
+            return
+        self._take(reply, now_s)
+        self._asked = None
+        self._ask_next(now_s)
+
+    def _take(self, reply: Reply, now_s: float) -> None:
+        code, ok, data = reply.code, reply.ok, reply.data
+        if code == Code.DEV_NBUTTONS:
+            self._button_count = min(max(0, data[0]), _MOST_LABELS) if ok else 0
+            if not ok:
+                self._has_device = False
+                if self._link is not DeviceLink.LOST:
+                    self._distrust(DeviceLink.LOST, NO_DEVICE_REASON, now_s)
+            elif not self._has_device:
+                self._has_device = True
+                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        elif code == Code.DEV_TYPE:
+            self._device_type = data[0] if ok else 0
+            self._set_full_scale()
+        elif code == Code.DEV_USBID:
+            self._usb_id = (data[0], data[1]) if ok else (0, 0)
+            self._set_full_scale()
+        elif code == Code.GCFG_LED and self._led_set is None:
+            self._led_found = data[0] if ok and data[0] in tuple(LedMode) else None
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _hear(self, now_s: float) -> None:
+        self._heard = True
+        self._malformed_in_a_row = 0
+        self._stamp_s = now_s
+
+    def _axes(self) -> Axes:
+        motion = self._motion
+        if motion is None:
+            return NEUTRAL
+        return self._shaper(to_robot_axes(motion[:6], self._full_scale, self._rotation_full_scale))
+
+    def _set_full_scale(self) -> None:
+        full_scale = self._options.full_scale
+        self._full_scale, self._rotation_full_scale = (
+            usual_full_scales(self._device_type, *self._usb_id)
+            if full_scale is None
+            else (full_scale, full_scale)
+        )
+        self._dead_counts = self._options.dead_zone * self._full_scale
+        self._rotation_dead_counts = self._options.dead_zone * self._rotation_full_scale
+
+    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        """Go to a state in which no deflection and no button that was known counts any more."""
+        self._link, self._reason = link, reason
+        self._motion = None
+        self._active = False
+        self._believe_s = NEVER_S
+        self._down.clear()
+        self._buttons.release_all(now_s)
+        self._cached = None
+
+
+_MOST_LABELS = 256
+
+
+def usual_full_scales(device_type: int, vendor_id: int, product_id: int) -> tuple[float, float]:
+    """Counts that spacenavd gives for full deflection, sensitivity 1: translation, rotation."""
+    model = find_model(vendor_id, product_id)
+    if model is None and device_type in _SERIAL_FULL_SCALES:
+        return _SERIAL_FULL_SCALES[device_type]
+    one = device_type in _ONE_TYPES if model is None else model.family is Family.ONE
+    full_scale = ONE_FULL_SCALE if one else DEFAULT_FULL_SCALE
+    return full_scale, full_scale

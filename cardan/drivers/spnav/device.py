@@ -1,0 +1,173 @@
+"""The spacenavd driver: a thread that reads the daemon's socket and feeds the core."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import socket
+import threading
+import time
+
+from cardan.drivers.base import FoundDevice
+from cardan.drivers.reading import ReadDevice
+from cardan.drivers.spnav.core import SpnavCore
+from cardan.drivers.spnav.options import SpnavOptions
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
+from cardan.protocols.spnav import DEFAULT_SOCKET, LedMode
+from cardan.types import DeviceCapabilities, DeviceFeedback
+
+SOCKET_VARIABLE = "SPNAV_SOCKET"
+"""The environment's word on where the socket is, as libspnav takes it."""
+
+READ_TIMEOUT_S = 0.02
+"""How long a silent daemon keeps the reader from the LED and from closing."""
+
+AGREE_TIMEOUT_S = 1.0
+"""open() waits so long for the protocol's version and the first answers, at most."""
+
+_CONNECT_TIMEOUT_S = 1.0
+_PARTING_TIMEOUT_S = 0.1
+_ROOM_BYTES = 4096
+
+
+class Spnav(ReadDevice[SpnavCore]):
+    """A spacenavd socket as an operator device, whichever six-axis device the daemon has.
+
+    Its axes are LIVE only after a motion of zero was seen; see :mod:`.core` for the rules.
+    """
+
+    Options = SpnavOptions
+    options: SpnavOptions
+
+    def __init__(self, options: SpnavOptions | None = None) -> None:
+        options = options or SpnavOptions()
+        super().__init__(options, SpnavCore(options))
+        self._socket: socket.socket | None = None
+        self._led_wanted: bool | None = None
+
+    @classmethod
+    def find(cls) -> list[FoundDevice]:
+        """The daemon's socket, if there is one."""
+        path = socket_path("")
+        if not os.path.exists(path):
+            return []
+        try:
+            _connected(path).close()
+        except DriverError as error:
+            return [FoundDevice("spacenavd", "", "spnav", path, str(error))]
+        return [FoundDevice("spacenavd", "", "spnav", path)]
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """What the device has. No buttons listed: the daemon does not tell (version 0)."""
+        with self._lock:
+            labels, has_led = self._core.labels, self._core.has_led
+        return DeviceCapabilities(
+            gives_pose=False,
+            buttons=labels,
+            feedback=frozenset({"led"} if has_led else ()),
+            battery=False,
+        )
+
+    def _feedback(self, feedback: DeviceFeedback) -> None:
+        if not self._opened:
+            raise NotOpenError("the spacenavd socket is not open: call open() before feedback()")
+        if feedback.led is not None:
+            self._led_wanted = feedback.led
+
+    def _connect(self) -> None:
+        self._socket = sock = _connected(socket_path(self.options.socket))
+        with self._lock:
+            self._core.on_opened(time.monotonic())
+        end_s = time.monotonic() + AGREE_TIMEOUT_S
+        try:
+            while not self._core.settled and time.monotonic() < end_s:
+                self._exchange(sock, READ_TIMEOUT_S)
+        except OSError as error:
+            raise DeviceAccessError(
+                f"cannot use the daemon at {socket_path(self.options.socket)}: "
+                f"{error.strerror or error}"
+            ) from None
+
+    def _serve(self, stop: threading.Event) -> None:
+        sock = self._socket
+        if sock is None:
+            raise OSError(errno.ENOTCONN, "not connected")
+        shown: bool | None = None
+        while not stop.is_set():
+            on = self._led_wanted
+            if on is not None and on is not shown:
+                with self._lock:
+                    self._core.set_led(LedMode.ON if on else LedMode.OFF, time.monotonic())
+                shown = on
+            self._exchange(sock, READ_TIMEOUT_S)
+        with self._lock:
+            self._core.restore_led(time.monotonic())
+        end_s = time.monotonic() + _PARTING_TIMEOUT_S
+        with contextlib.suppress(OSError):
+            while not self._core.settled and time.monotonic() < end_s:
+                self._exchange(sock, READ_TIMEOUT_S)
+
+    def _release(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _exchange(self, sock: socket.socket, timeout_s: float) -> None:
+        """Send what is to be sent, and take what comes within `timeout_s`. OSError: it is gone."""
+        with self._lock:
+            self._core.on_time(time.monotonic())
+            output = self._core.outgoing()
+        for piece in output:
+            sock.sendall(piece)
+        if not select.select([sock], [], [], timeout_s)[0]:
+            return
+        data = sock.recv(_ROOM_BYTES)
+        if not data:
+            raise OSError(errno.ENODEV, "the daemon closed the connection")
+        now_s = time.monotonic()
+        with self._lock:
+            self._core.on_bytes(data, now_s)
+            output = self._core.outgoing()
+            out_of_step = self._core.out_of_step
+        if out_of_step:
+            raise OSError(errno.EPROTO, "what the daemon sends means nothing")
+        for piece in output:
+            sock.sendall(piece)
+
+
+def socket_path(option: str) -> str:
+    """Where the socket is when the option says `option`."""
+    return option or os.environ.get(SOCKET_VARIABLE, "") or DEFAULT_SOCKET
+
+
+def _connected(path: str) -> socket.socket:
+    """A socket connected to the daemon. DriverError says why there is none."""
+    if not hasattr(socket, "AF_UNIX"):
+        raise DeviceAccessError("this system has no Unix sockets, and so no spacenavd")
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    sock.settimeout(_CONNECT_TIMEOUT_S)
+    try:
+        sock.connect(path)
+    except FileNotFoundError:
+        sock.close()
+        raise DeviceNotFoundError(
+            f"there is no socket at {path}: start spacenavd, or `cardan spnav --socket {path}`"
+        ) from None
+    except ConnectionRefusedError:
+        sock.close()
+        raise DeviceNotFoundError(
+            f"nobody serves the socket {path}: start spacenavd, or `cardan spnav --socket {path}`"
+        ) from None
+    except PermissionError:
+        sock.close()
+        raise DeviceAccessError(
+            f"no permission for the socket {path}: let its owner give access (`cardan spnav` has "
+            "an option for it)"
+        ) from None
+    except OSError as error:
+        sock.close()
+        raise DeviceAccessError(f"cannot connect to {path}: {error.strerror or error}") from None
+    return sock

@@ -1,0 +1,29 @@
+"""What can be set about the spacenavd driver."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cardan.drivers.shaping import ShapingOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpnavOptions(ShapingOptions):
+    """Options of :class:`Spnav`. Raises ValueError for a value that is not allowed."""
+
+    socket: str = ""
+    """Path of the socket; empty: what SPNAV_SOCKET says, else /var/run/spnav.sock."""
+    full_scale: float | None = None
+    """Counts of a full deflection; None: what the daemon's device usually gives, 350 or 500."""
+    wait_for_device: bool = False
+    """open() succeeds without the daemon, which is found once it runs."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.full_scale is not None and not 0.0 < self.full_scale < math.inf:
+            raise ValueError(
+                f"full_scale is {self.full_scale!r}; allowed: a number of counts above 0"
+            )
+        if "\0" in self.socket:
+            raise ValueError(f"socket is {self.socket!r}; allowed: a path")

@@ -1,0 +1,127 @@
+"""One program at the server's socket: what it asked for, and what is still to be sent to it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+from cardan.protocols.spnav import (
+    MASK_V0,
+    MASK_V1,
+    ClientReader,
+    StringAssembler,
+    encode_motion,
+)
+
+QUIET_S = 0.05
+"""A new client gets no events until so long after its last request: libspnav throws away what is
+pending before a request, and takes the next record for the answer."""
+
+NEW_FOR_S = 2.0
+"""A client that asks on and on is not new any more after this."""
+
+UNREAD_EDGES = 256
+"""Button and device events a client may leave unread before it is given up."""
+
+UNREAD_REPLIES = 4096
+"""Records of replies a client may leave unread before it is given up; a long string has 2731."""
+
+
+class _Motion:
+    """A motion that waits, and grows into the next one until the client takes it."""
+
+    __slots__ = ("counts", "period_ms")
+
+    def __init__(self, counts: Sequence[int], period_ms: int) -> None:
+        self.counts = counts
+        self.period_ms = period_ms
+
+
+class SpnavClient:
+    """A client's settings and its queue.
+
+    Motion is kept as the newest since the last other event; other events are all kept, in order.
+    Replies overtake events.
+    """
+
+    def __init__(self, now_s: float) -> None:
+        self.reader = ClientReader()
+        self.sensitivity = 1.0
+        self.mask: int = MASK_V0
+        self.name = ""
+        self.strings = StringAssembler()
+        self._connected_s = now_s
+        self._quiet_until_s = now_s + QUIET_S
+        self._replies: deque[bytes] = deque()
+        self._events: deque[_Motion | bytes] = deque()
+        self._edges = 0
+        self._sending = b""
+        self.failure = ""
+        """Why the client is to be closed; empty while it is not."""
+
+    def shake_hands(self, version: int) -> None:
+        """The client speaks `version` from now on."""
+        if version:
+            self.mask = MASK_V1
+
+    def on_request(self, now_s: float) -> None:
+        """The client asked something."""
+        if now_s < self._quiet_until_s:
+            end_s = self._connected_s + NEW_FOR_S
+            self._quiet_until_s = min(now_s + QUIET_S, end_s)
+
+    def reply(self, record: bytes) -> None:
+        """Queue an answer."""
+        if len(self._replies) >= UNREAD_REPLIES:
+            self.failure = f"it left {UNREAD_REPLIES} replies unread"
+            return
+        self._replies.append(record)
+
+    def motion(self, counts: Sequence[int], period_ms: int) -> None:
+        """Queue a motion of `counts`, before this client's sensitivity."""
+        if self._events and isinstance(self._events[-1], _Motion):
+            last = self._events[-1]
+            last.counts = counts
+            last.period_ms += period_ms
+        else:
+            self._events.append(_Motion(counts, period_ms))
+
+    def event(self, record: bytes) -> None:
+        """Queue an event that must not be lost."""
+        if self._edges >= UNREAD_EDGES:
+            self.failure = f"it left {UNREAD_EDGES} events unread"
+            return
+        self._events.append(record)
+        self._edges += 1
+
+    def outgoing(self, now_s: float) -> bytes:
+        """What to send next, one record or the rest of one; empty when there is nothing yet."""
+        if not self._sending:
+            if self._replies:
+                self._sending = self._replies.popleft()
+            elif self._events and now_s >= self._quiet_until_s:
+                item = self._events.popleft()
+                if isinstance(item, _Motion):
+                    self._sending = self._encoded(item)
+                else:
+                    self._edges -= 1
+                    self._sending = item
+        return self._sending
+
+    def sent(self, size: int) -> None:
+        """`size` bytes of what `outgoing` gave are on their way."""
+        self._sending = self._sending[size:]
+
+    @property
+    def due_s(self) -> float:
+        """When held-back events are to go out; inf: nothing waits for a time to come."""
+        if self._sending or not self._events:
+            return math.inf
+        return self._quiet_until_s
+
+    def _encoded(self, motion: _Motion) -> bytes:
+        counts, sensitivity = motion.counts, self.sensitivity
+        if sensitivity != 1.0:
+            counts = [int(count * sensitivity) for count in counts]
+        return encode_motion(counts, motion.period_ms)

@@ -1,0 +1,441 @@
+"""The spacenavd-compatible server without any I/O and in the caller's time.
+
+Programs that know spacenavd (Blender, FreeCAD, ROS and others) get the hand's deflection from it,
+from any operator device. It speaks versions 0 and 1 of the protocol; see
+:mod:`cardan.protocols.spnav`. The settings of spacenavd that Cardan does not have are answered
+where they have a plain value, and refused (status -1) where a program wants to change them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
+
+from cardan.gateway.spnav.client import SpnavClient
+from cardan.protocols.spnav import (
+    FAILED,
+    MAX_BUTTONS,
+    OK,
+    UNKNOWN_DEVICE,
+    Code,
+    ConfigChange,
+    DeviceChange,
+    EventMask,
+    Handshake,
+    LedMode,
+    Malformed,
+    Request,
+    Sensitivity,
+    bits_of,
+    encode_button,
+    encode_config,
+    encode_device,
+    encode_handshake,
+    encode_reply,
+    encode_string,
+    float_of,
+    from_robot_axes,
+)
+from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+
+MOTION_PERIOD_S = 0.008
+"""A changing deflection is sent this often at most."""
+
+REPEAT_PERIOD_S = 0.016
+"""A constant deflection is sent this often: programs may take silence for a loss."""
+
+STALE_AFTER_S = 0.3
+"""A deflection that nobody offers anew for so long does not count any more."""
+
+MAX_CLIENTS = 32
+
+SENSITIVITIES = (0.001, 1000.0)
+"""What a program may have its motion multiplied by, either sign."""
+
+AXES = 6
+_REST = (0,) * AXES
+_ONE = bits_of(1.0)
+
+
+class DeviceIdentity(NamedTuple):
+    """What programs are told of the device."""
+
+    name: str = "Cardan"
+    path: str = ""
+    device_type: int = UNKNOWN_DEVICE
+    """One of `cardan.protocols.spnav.DEVICE_TYPES`."""
+    vendor_id: int = 0
+    product_id: int = 0
+    """0, 0: no USB device, or unknown."""
+
+
+class SpnavServerCore:
+    """The clients and what each is to be sent. Times are monotonic, s.
+
+    `buttons` are numbered from 0 in their order; a button that is not among them gets the next
+    number when it is first seen. `on_led` switches the device's LED; None: it has none, or it is
+    not for programs to switch.
+    """
+
+    def __init__(
+        self,
+        buttons: Sequence[str] = (),
+        *,
+        full_scale: float = 350.0,
+        identity: DeviceIdentity | None = None,
+        on_led: Callable[[bool], None] | None = None,
+    ) -> None:
+        self._numbers: dict[str, int] = {}
+        self.name_buttons(buttons)
+        self._full_scale = full_scale
+        self._identity = identity or DeviceIdentity()
+        self._on_led = on_led
+        self._led_mode = LedMode.AUTO
+        self._led_shown: bool | None = None
+        self._clients: dict[int, SpnavClient] = {}
+        self._next_client = 0
+        self._given_up: list[tuple[int, str]] = []
+        self._counts: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
+        self._last_failure = ""
+        self._present = False
+        self._device_id = -1
+        self._held: set[int] = set()
+        self._target: tuple[int, ...] = _REST
+        self._shown: tuple[int, ...] = _REST
+        self._offered_s = NEVER_S
+        self._motion_s = NEVER_S
+        self._due_s = NEVER_S
+
+    # -- clients -------------------------------------------------------------------------------
+
+    def connect(self, now_s: float) -> int | None:
+        """A program connected: its number, or None when there are too many."""
+        if len(self._clients) >= MAX_CLIENTS:
+            self._counts["refused_clients"] += 1
+            return None
+        number = self._next_client
+        self._next_client += 1
+        self._clients[number] = SpnavClient(now_s)
+        self._counts["served_clients"] += 1
+        self._show_led()
+        return number
+
+    def disconnect(self, number: int) -> None:
+        """The program is gone; unknown numbers are fine."""
+        if self._clients.pop(number, None) is not None:
+            self._show_led()
+
+    def receive(self, number: int, data: bytes, now_s: float) -> None:
+        """Bytes came from a program. Never raises."""
+        client = self._clients.get(number)
+        if client is None:
+            return
+        for value in client.reader.feed(data):
+            if isinstance(value, Request):
+                client.on_request(now_s)
+                self._answer(client, value)
+            elif isinstance(value, Handshake):
+                client.on_request(now_s)
+                client.shake_hands(value.version)
+                client.reply(encode_handshake(value.version))
+            elif isinstance(value, Sensitivity):
+                client.on_request(now_s)
+                self._set_sensitivity(client, value.value)
+            else:
+                self._counts["malformed"] += 1
+        self._look_at(number, client)
+
+    def outgoing(self, number: int, now_s: float) -> bytes:
+        """What to send to a program next, in one call; empty when there is nothing (yet)."""
+        client = self._clients.get(number)
+        return b"" if client is None else client.outgoing(now_s)
+
+    def sent(self, number: int, size: int) -> None:
+        """`size` bytes of what `outgoing` gave were sent."""
+        client = self._clients.get(number)
+        if client is not None:
+            client.sent(size)
+
+    def given_up(self) -> list[tuple[int, str]]:
+        """Programs to be disconnected since the last call, each with the reason in words."""
+        given_up = self._given_up
+        self._given_up = []
+        return given_up
+
+    @property
+    def clients(self) -> int:
+        """How many programs are connected."""
+        return len(self._clients)
+
+    # -- the device ----------------------------------------------------------------------------
+
+    @property
+    def present(self) -> bool:
+        """Whether the device was there at the last offer."""
+        return self._present
+
+    def name_buttons(self, buttons: Sequence[str]) -> None:
+        """Number those of `buttons` that have no number yet, in their order."""
+        for button in buttons:
+            if len(self._numbers) < MAX_BUTTONS:
+                self._numbers.setdefault(button, len(self._numbers))
+
+    def offer(self, state: DeviceState, events: Sequence[ButtonEvent], now_s: float) -> None:
+        """The device's newest state, and its button edges since the last offer."""
+        self._offered_s = now_s
+        present = state.link not in (DeviceLink.CLOSED, DeviceLink.LOST)
+        if present is not self._present:
+            self._plug(present, now_s)
+        for event in events:
+            self._on_button(event)
+        if not present:
+            self._release_all()
+        if state.link is DeviceLink.LIVE:
+            self._target = self._counts_of(state)
+        else:
+            self._target = _REST
+        self._move(now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Time has passed: repeat a deflection, or end one that is not offered any more."""
+        if self._target is not _REST and now_s - self._offered_s > STALE_AFTER_S:
+            self._counts["stale_offers"] += 1
+            self._target = _REST
+            self._release_all()
+        self._move(now_s)
+
+    def next_due_s(self) -> float:
+        """When `advance` or `outgoing` has something to do, unless something comes before."""
+        due_s = min((client.due_s for client in self._clients.values()), default=math.inf)
+        if self._shown != _REST and self._clients:
+            due_s = min(due_s, self._motion_s + REPEAT_PERIOD_S)
+        return due_s
+
+    # -- what it says --------------------------------------------------------------------------
+
+    def metrics(self) -> dict[str, float]:
+        """Programs connected now, and counts."""
+        return {"clients": len(self._clients), **self._counts}
+
+    def diagnosis(self) -> list[str]:
+        """What deserves attention, in plain words."""
+        words = [f"{self._counts[key]} {_COUNTERS[key]}" for key in _TELLING if self._counts[key]]
+        if self._last_failure:
+            words.append(f"the last program given up: {self._last_failure}")
+        return words
+
+    # -- motion and buttons --------------------------------------------------------------------
+
+    def _counts_of(self, state: DeviceState) -> tuple[int, ...]:
+        try:
+            counts = from_robot_axes(state.axes, self._full_scale)
+        except (ValueError, OverflowError):  # NaN, infinity
+            self._counts["bad_axes"] += 1
+            return _REST
+        return counts if any(counts) else _REST
+
+    def _move(self, now_s: float) -> None:
+        """Send the deflection if it is time to: its end at once, the rest with a period."""
+        target, shown = self._target, self._shown
+        if target is _REST:
+            if shown is _REST:
+                return
+            self._due_s = now_s + MOTION_PERIOD_S
+        elif target != shown:
+            if now_s < self._due_s:
+                return
+            late = now_s >= self._due_s + MOTION_PERIOD_S
+            self._due_s = (now_s if late else self._due_s) + MOTION_PERIOD_S
+        else:
+            if now_s < self._motion_s + REPEAT_PERIOD_S:
+                return
+            self._due_s = now_s + MOTION_PERIOD_S
+        period_ms = round(1000.0 * (now_s - self._motion_s)) if self._motion_s > NEVER_S else 0
+        self._shown = target
+        self._motion_s = now_s
+        for client in self._clients.values():
+            if client.mask & EventMask.MOTION:
+                client.motion(target, period_ms)
+
+    def _on_button(self, event: ButtonEvent) -> None:
+        number = self._numbers.get(event.button)
+        if number is None:
+            self.name_buttons((event.button,))
+            number = self._numbers.get(event.button)
+            if number is None:
+                self._counts["unnumbered_buttons"] += 1
+                return
+        if event.pressed is (number in self._held):
+            return
+        if event.pressed:
+            self._held.add(number)
+        else:
+            self._held.discard(number)
+        self._tell(EventMask.BUTTON, encode_button(number, event.pressed))
+
+    def _release_all(self) -> None:
+        for number in sorted(self._held):
+            self._tell(EventMask.BUTTON, encode_button(number, False))
+        self._held.clear()
+
+    def _plug(self, present: bool, now_s: float) -> None:
+        self._present = present
+        if present:
+            self._device_id += 1
+        else:
+            self._target = _REST
+            self._release_all()
+            self._move(now_s)
+        identity = self._identity
+        change = DeviceChange(
+            present,
+            self._device_id,
+            identity.device_type,
+            identity.vendor_id,
+            identity.product_id,
+        )
+        self._tell(EventMask.DEVICE, encode_device(change))
+
+    def _tell(self, kind: EventMask, record: bytes) -> None:
+        """Queue an event that must not be lost for every program that wants its kind."""
+        for number, client in tuple(self._clients.items()):
+            if client.mask & kind:
+                client.event(record)
+                self._look_at(number, client)
+
+    def _look_at(self, number: int, client: SpnavClient) -> None:
+        """Give a program up that does not read."""
+        if client.failure and self._clients.pop(number, None) is not None:
+            self._counts["given_up_clients"] += 1
+            name = client.name or f"client {number}"
+            self._last_failure = f"{name}, {client.failure}"
+            self._given_up.append((number, self._last_failure))
+            self._show_led()
+
+    # -- requests ------------------------------------------------------------------------------
+
+    def _answer(self, client: SpnavClient, request: Request) -> None:
+        word, data, code = request.word, request.data, request.code
+        if code == Code.SET_NAME:
+            self._set_name(client, request)
+        elif code in (Code.DEV_NAME, Code.DEV_PATH) and self._present:
+            identity = self._identity
+            text = identity.name if code == Code.DEV_NAME else identity.path
+            for record in encode_string(word, text):
+                client.reply(record)
+        elif code == Code.GCFG_SERDEV:
+            client.reply(encode_string(word, "")[0])
+        elif code != Code.SCFG_SERDEV:  # it wants no answer
+            answer = self._reply_data(client, code, data)
+            if answer is None:
+                client.reply(encode_reply(word, data[:AXES], FAILED))
+            else:
+                client.reply(encode_reply(word, answer, OK))
+
+    def _reply_data(
+        self, client: SpnavClient, code: int, data: Sequence[int]
+    ) -> Sequence[int] | None:
+        """The data of a reply; None: refused."""
+        if code in _SETTINGS:
+            return _SETTINGS[code]
+        if code == Code.SET_SENS:
+            return data[:AXES] if self._set_sensitivity(client, float_of(data[0])) else None
+        if code == Code.GET_SENS:
+            return (bits_of(client.sensitivity),)
+        if code == Code.SET_EVMASK:
+            client.mask = data[0]
+            return data[:AXES]
+        if code == Code.GET_EVMASK:
+            return (client.mask,)
+        if code in (Code.SCFG_LED, Code.GCFG_LED):
+            return self._led(code, data)
+        if code in (Code.GCFG_DEADZONE, Code.GCFG_AXISMAP):
+            mapped = 0 if code == Code.GCFG_DEADZONE else data[0]
+            return (data[0], mapped) if 0 <= data[0] < AXES else None
+        if code in (Code.GCFG_BNMAP, Code.GCFG_BNACTION, Code.GCFG_KBMAP):
+            mapped = data[0] if code == Code.GCFG_BNMAP else 0
+            return (data[0], mapped) if 0 <= data[0] < MAX_BUTTONS else None
+        return self._device_data(code) if self._present else None
+
+    def _device_data(self, code: int) -> Sequence[int] | None:
+        identity = self._identity
+        if code == Code.DEV_NAXES:
+            return (AXES,)
+        if code == Code.DEV_NBUTTONS:
+            return (len(self._numbers),)
+        if code == Code.DEV_TYPE:
+            return (identity.device_type,)
+        if code == Code.DEV_USBID and identity.vendor_id:
+            return (identity.vendor_id, identity.product_id)
+        return None
+
+    def _set_name(self, client: SpnavClient, request: Request) -> None:
+        name = client.strings.take(request.data)
+        if isinstance(name, Malformed):
+            self._counts["malformed"] += 1
+        elif name is not None:
+            client.name = name
+
+    def _set_sensitivity(self, client: SpnavClient, sensitivity: float) -> bool:
+        """Whether `sensitivity` was taken.
+
+        libspnav's `spnav_sensitivity` sends half of a double in version 1, which is zero or far
+        from anything meant: it would leave the program without motion.
+        """
+        low, high = SENSITIVITIES
+        if not low <= abs(sensitivity) <= high:
+            return False
+        client.sensitivity = sensitivity
+        return True
+
+    def _led(self, code: int, data: Sequence[int]) -> Sequence[int] | None:
+        if self._on_led is None:
+            return None
+        if code == Code.SCFG_LED:
+            if data[0] not in tuple(LedMode):
+                return None
+            self._led_mode = LedMode(data[0])
+            self._show_led()
+            change = ConfigChange(Code.GCFG_LED, (self._led_mode, 0, 0, 0, 0, 0))
+            self._tell(EventMask.CONFIG, encode_config(change))
+        return (self._led_mode,)
+
+    def _show_led(self) -> None:
+        if self._on_led is None:
+            return
+        auto = self._led_mode is LedMode.AUTO
+        on = bool(self._clients) if auto else self._led_mode is LedMode.ON
+        if on is not self._led_shown:
+            self._led_shown = on
+            self._on_led(on)
+
+
+_COUNTERS: Mapping[str, str] = MappingProxyType(
+    {
+        "served_clients": "programs have connected",
+        "refused_clients": f"programs turned away: {MAX_CLIENTS} were connected",
+        "given_up_clients": "programs disconnected because they did not read",
+        "malformed": "requests that mean nothing",
+        "bad_axes": "states of the device with numbers that are none",
+        "unnumbered_buttons": f"edges of buttons beyond the {MAX_BUTTONS} that have a number",
+        "stale_offers": f"deflections that ended because none was offered for {STALE_AFTER_S} s",
+    }
+)
+"""What is counted, and the words for it."""
+
+_TELLING = tuple(key for key in _COUNTERS if key != "served_clients")
+
+_SETTINGS: Mapping[int, tuple[int, ...]] = MappingProxyType(
+    {
+        Code.GCFG_SENS: (_ONE,),
+        Code.GCFG_SENS_AXIS: (_ONE,) * AXES,
+        Code.GCFG_INVERT: (0,) * AXES,
+        Code.GCFG_SWAPYZ: (0,),
+        Code.GCFG_GRAB: (0,),
+        Code.GCFG_REPEAT: (round(1000.0 * REPEAT_PERIOD_S),),
+    }
+)
+"""Answers that are always the same: what these settings of spacenavd amount to here."""

@@ -1,0 +1,40 @@
+"""What can be set about the spacenavd-compatible socket."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from cardan.protocols.spnav import DEFAULT_SOCKET
+
+ACCESS = ("owner", "everybody")
+
+LONGEST_PATH_BYTES = 107
+"""What the address of a Unix socket has room for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpnavServerOptions:
+    """Options of the server. Raises ValueError for a value that is not allowed."""
+
+    socket: str = DEFAULT_SOCKET
+    """Path of the socket to create; programs look there, or where SPNAV_SOCKET says."""
+    access: Literal["owner", "everybody"] = "owner"
+    """Who may connect: the user who serves (mode 0600), or every user of this machine (0666)."""
+    full_scale: float = 350.0
+    """Counts that programs get for a full deflection."""
+    name: str = "Cardan"
+    """Name of the device that programs are told."""
+
+    def __post_init__(self) -> None:
+        if not 0 < len(self.socket.encode()) <= LONGEST_PATH_BYTES or "\0" in self.socket:
+            raise ValueError(
+                f"socket is {self.socket!r}; allowed: a path of up to {LONGEST_PATH_BYTES} bytes"
+            )
+        if self.access not in ACCESS:
+            raise ValueError(f"access is {self.access!r}; allowed: {', '.join(ACCESS)}")
+        if not (1.0 <= self.full_scale < math.inf):
+            raise ValueError(
+                f"full_scale is {self.full_scale!r}; allowed: a number of counts from 1"
+            )

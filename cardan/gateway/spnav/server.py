@@ -1,0 +1,384 @@
+"""The spacenavd-compatible socket: thin shells around the core."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import selectors
+import signal
+import socket
+import stat
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from types import FrameType
+
+from cardan.drivers.base import OperatorDevice
+from cardan.errors import AddressError, DriverError
+from cardan.gateway.spnav.core import MOTION_PERIOD_S, DeviceIdentity, SpnavServerCore
+from cardan.gateway.spnav.options import SpnavServerOptions
+from cardan.realtime import ask_for_real_time
+from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
+
+POLL_PERIOD_S = 0.004
+"""How often a served device is asked while a program is connected."""
+
+IDLE_PERIOD_S = 0.05
+"""How often the device, and the ask to stop, are looked at while nobody is connected."""
+
+READS_PER_STEP = 8
+"""Reads from all programs together in one step of some ms: a flood of requests, of up to 16 a
+read, does not eat the processor."""
+
+MAX_EDGES = 4096
+JOIN_TIMEOUT_S = 2.0
+
+_REQUESTS_BYTES = 512
+_BACKLOG = 8
+_SMALLEST_BUFFER = 1
+"""Makes the kernel keep as little as it can (about six records): newer motion waits with us,
+where it grows into one."""
+
+_MODES = {"owner": 0o600, "everybody": 0o666}
+
+
+class SpnavServer:
+    """Serves `core` at a Unix socket. Call `step` often; nothing happens in between."""
+
+    def __init__(self, core: SpnavServerCore, options: SpnavServerOptions) -> None:
+        self._core = core
+        self._options = options
+        self._listener: socket.socket | None = None
+        self._identity: tuple[int, int] | None = None
+        self._selector: selectors.BaseSelector | None = None
+        self._sockets: dict[int, socket.socket] = {}
+        self._numbers: dict[socket.socket, int] = {}
+
+    @property
+    def endpoint(self) -> str:
+        """The socket's path."""
+        return self._options.socket
+
+    def open(self) -> None:
+        """Create the socket, in place of one that nobody serves any more. Opening twice is fine.
+
+        Raises AddressError when another program serves there, or it cannot be created.
+        """
+        if self._listener is not None:
+            return
+        if not hasattr(socket, "AF_UNIX"):
+            raise AddressError("this system has no Unix sockets, and so no programs of spacenavd")
+        path = self._options.socket
+        _make_room(path)
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        mode = _MODES[self._options.access]
+        # On Linux the node is made with the mode of its descriptor: nobody slips in before chmod.
+        with contextlib.suppress(OSError):
+            os.fchmod(listener.fileno(), mode)
+        try:
+            listener.bind(path)
+            os.chmod(path, mode)
+            status = os.stat(path)
+            listener.listen(_BACKLOG)
+            listener.setblocking(False)
+        except OSError as error:
+            listener.close()
+            raise AddressError(f"cannot serve at {path}: {error.strerror or error}") from None
+        self._listener = listener
+        self._identity = (status.st_dev, status.st_ino)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(listener, selectors.EVENT_READ)
+
+    def step(self, until_s: float) -> None:
+        """Serve until the monotonic time `until_s`."""
+        selector = self._selector
+        if selector is None:
+            return
+        reads = 0
+        while True:
+            now_s = time.monotonic()
+            self._core.advance(now_s)
+            self._flush(now_s)
+            if now_s >= until_s:
+                return
+            wait_s = max(0.0, min(until_s, self._core.next_due_s()) - now_s)
+            if reads >= READS_PER_STEP:
+                time.sleep(wait_s)
+                continue
+            for key, ready in selector.select(wait_s):
+                if key.fileobj is self._listener:
+                    self._accept()
+                elif ready & selectors.EVENT_READ:
+                    assert isinstance(key.fileobj, socket.socket)
+                    self._read(key.fileobj)
+                else:
+                    continue
+                reads += 1
+
+    def close(self) -> None:
+        """Disconnect everybody and remove the socket. Never raises; closing twice is fine."""
+        for sock in tuple(self._numbers):
+            self._drop(sock)
+        if self._selector is not None:
+            self._selector.close()
+            self._selector = None
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
+            with contextlib.suppress(OSError):
+                status = os.stat(self._options.socket)
+                if (status.st_dev, status.st_ino) == self._identity:
+                    os.unlink(self._options.socket)
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        assert self._selector is not None
+        try:
+            sock, _ = self._listener.accept()
+        except OSError:
+            return
+        number = self._core.connect(time.monotonic())
+        if number is None:
+            sock.close()
+            return
+        sock.setblocking(False)
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALLEST_BUFFER)
+        self._sockets[number] = sock
+        self._numbers[sock] = number
+        self._selector.register(sock, selectors.EVENT_READ)
+
+    def _read(self, sock: socket.socket) -> None:
+        number = self._numbers.get(sock)
+        if number is None:
+            return
+        try:
+            data = sock.recv(_REQUESTS_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._core.receive(number, data, time.monotonic())
+        else:
+            self._drop(sock)
+
+    def _flush(self, now_s: float) -> None:
+        """Send what clients have room for."""
+        core = self._core
+        for number, _ in core.given_up():
+            if number in self._sockets:
+                self._drop(self._sockets[number])
+        for number, sock in tuple(self._sockets.items()):
+            blocked = False
+            try:
+                while record := core.outgoing(number, now_s):
+                    core.sent(number, sock.send(record))
+            except BlockingIOError:
+                blocked = True
+            except OSError:
+                self._drop(sock)
+                continue
+            self._watch(sock, selectors.EVENT_READ | (selectors.EVENT_WRITE if blocked else 0))
+
+    def _watch(self, sock: socket.socket, events: int) -> None:
+        assert self._selector is not None
+        if self._selector.get_key(sock).events != events:
+            self._selector.modify(sock, events)
+
+    def _drop(self, sock: socket.socket) -> None:
+        number = self._numbers.pop(sock)
+        del self._sockets[number]
+        self._core.disconnect(number)
+        assert self._selector is not None
+        self._selector.unregister(sock)
+        sock.close()
+
+
+class SpnavService:
+    """The server in a thread of its own beside a control loop that offers it states.
+
+    `buttons` are the device's, in the order of their numbers, or tell them once it is plugged in
+    (called from the thread). The loop has the device and its LED; programs here only watch.
+    """
+
+    def __init__(
+        self,
+        buttons: Sequence[str] | Callable[[], Sequence[str]],
+        options: SpnavServerOptions | None = None,
+        identity: DeviceIdentity | None = None,
+    ) -> None:
+        options = options or SpnavServerOptions()
+        identity = identity or DeviceIdentity(options.name)
+        self._buttons = buttons if callable(buttons) else lambda: buttons
+        self._core = SpnavServerCore(full_scale=options.full_scale, identity=identity)
+        self._server = SpnavServer(self._core, options)
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._failure = ""
+        self._state: DeviceState | None = None
+        self._edges: deque[ButtonEvent] = deque(maxlen=MAX_EDGES)
+        self._offers = 0
+
+    def start(self) -> None:
+        """Create the socket and begin to serve; starting twice is fine. Raises AddressError."""
+        if self._thread is not None:
+            return
+        self._server.open()
+        self._stop = threading.Event()
+        self._failure = ""
+        self._thread = threading.Thread(
+            target=self._run, args=(self._stop,), name="cardan-spnav", daemon=True
+        )
+        self._thread.start()
+
+    def offer(self, state: DeviceState, events: Sequence[ButtonEvent]) -> None:
+        """The device's newest state, and its edges since the last offer. Never blocks or raises."""
+        if events:
+            self._edges.extend(events)
+        self._state = state
+        self._offers += 1
+
+    def stop(self) -> None:
+        """End, and remove the socket. Never raises; stopping twice is fine."""
+        if self._thread is None:
+            return
+        self._stop.set()
+        self._thread.join(JOIN_TIMEOUT_S)
+        self._thread = None
+
+    def metrics(self) -> dict[str, float]:
+        """Programs connected now, and counts."""
+        return self._core.metrics()
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What deserves attention, worst first."""
+        return (*((self._failure,) if self._failure else ()), *self._core.diagnosis())
+
+    def _run(self, stop: threading.Event) -> None:
+        offers = 0
+        try:
+            while not stop.is_set():
+                now_s = time.monotonic()
+                newest = self._offers
+                edges = self._taken_edges()
+                if self._state is not None and (newest != offers or edges):
+                    _offer(self._core, self._state, edges, now_s, self._buttons)
+                    offers = newest
+                period_s = MOTION_PERIOD_S if self._core.clients else IDLE_PERIOD_S
+                self._server.step(now_s + period_s)
+        except BaseException as error:
+            self._failure = f"the socket for spacenavd's programs is not served: {error!r}"
+            raise
+        finally:
+            self._server.close()
+
+    def _taken_edges(self) -> list[ButtonEvent]:
+        edges: list[ButtonEvent] = []
+        with contextlib.suppress(IndexError):
+            while True:
+                edges.append(self._edges.popleft())
+        return edges
+
+
+def serve_device(
+    device: OperatorDevice,
+    options: SpnavServerOptions | None = None,
+    seconds: float | None = None,
+    identity: DeviceIdentity | None = None,
+) -> None:
+    """Serve `device` to spacenavd's programs until `seconds` are over, SIGINT or SIGTERM.
+
+    Opens it, prints READY and the socket's path, and closes it in the end. Programs may switch its
+    LED. Raises DriverError when the device cannot be opened or the socket not be served.
+    """
+    options = options or SpnavServerOptions()
+    with contextlib.ExitStack() as stack:
+        interrupted = stack.enter_context(_interruptible())
+        stack.enter_context(device)
+        capabilities = device.capabilities
+
+        def show(on: bool) -> None:
+            with contextlib.suppress(DriverError):  # a device that is unplugged shows nothing
+                device.feedback(DeviceFeedback(led=on))
+
+        def buttons() -> Sequence[str]:
+            return device.capabilities.buttons
+
+        core = SpnavServerCore(
+            full_scale=options.full_scale,
+            identity=identity or DeviceIdentity(options.name),
+            on_led=show if "led" in capabilities.feedback else None,
+        )
+        server = SpnavServer(core, options)
+        stack.callback(server.close)
+        server.open()
+        # A program takes a pause for a loss, or sees it as a jerk.
+        ask_for_real_time()
+        print(f"READY {server.endpoint}", flush=True)
+        end_s = float("inf") if seconds is None else time.monotonic() + seconds
+        while not interrupted.is_set() and (now_s := time.monotonic()) < end_s:
+            _offer(core, device.state(), device.button_events(), now_s, buttons)
+            server.step(min(end_s, now_s + (POLL_PERIOD_S if core.clients else IDLE_PERIOD_S)))
+
+
+def _offer(
+    core: SpnavServerCore,
+    state: DeviceState,
+    edges: Sequence[ButtonEvent],
+    now_s: float,
+    buttons: Callable[[], Sequence[str]],
+) -> None:
+    """Offer `state`; which buttons there are may show only when the device is plugged in."""
+    if not core.present and state.link not in (DeviceLink.CLOSED, DeviceLink.LOST):
+        core.name_buttons(buttons())
+    core.offer(state, edges, now_s)
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set, where signals can be taken (the main thread)."""
+    interrupted = threading.Event()
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        interrupted.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupted
+        return
+    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield interrupted
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _make_room(path: str) -> None:
+    """Remove a socket at `path` that nobody serves. Raises AddressError for anything else there."""
+    try:
+        mode = os.stat(path, follow_symlinks=False).st_mode
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise AddressError(f"cannot serve at {path}: {error.strerror or error}") from None
+    if not stat.S_ISSOCK(mode):
+        raise AddressError(f"cannot serve at {path}: there is something there that is no socket")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.settimeout(1.0)
+        try:
+            probe.connect(path)
+        except OSError as error:
+            if error.errno != errno.ECONNREFUSED:
+                raise AddressError(f"cannot serve at {path}: {error.strerror or error}") from None
+        else:
+            raise AddressError(
+                f"cannot serve at {path}: another program does (spacenavd?); end it, or choose "
+                "another path"
+            )
+    try:
+        os.unlink(path)
+    except OSError as error:
+        raise AddressError(f"cannot remove {path}: {error.strerror or error}") from None

@@ -1,0 +1,123 @@
+"""Numbers of the spacenavd protocol: requests, event masks, device types.
+
+Source: spacenavd's and libspnav's description of the protocol (FreeSpacenav).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from types import MappingProxyType
+
+DEFAULT_SOCKET = "/var/run/spnav.sock"
+"""Where spacenavd listens and programs look, unless SPNAV_SOCKET names another path."""
+
+NEWEST_VERSION = 1
+"""Version 0 has no handshake, motion and buttons only; version 1 adds requests."""
+
+REQUEST_TAG = 0x7FAA0000
+"""Upper half of a request's first word, which libspnav sets and no server looks at."""
+
+
+class Code(enum.IntEnum):
+    """What a request asks for: the lower half of its first word."""
+
+    SET_NAME = 0x1000
+    SET_SENS = 0x1001
+    GET_SENS = 0x1002
+    SET_EVMASK = 0x1003
+    GET_EVMASK = 0x1004
+    DEV_NAME = 0x2000
+    DEV_PATH = 0x2001
+    DEV_NAXES = 0x2002
+    DEV_NBUTTONS = 0x2003
+    DEV_USBID = 0x2004
+    DEV_TYPE = 0x2005
+    SCFG_SENS = 0x3000
+    GCFG_SENS = 0x3001
+    SCFG_SENS_AXIS = 0x3002
+    GCFG_SENS_AXIS = 0x3003
+    SCFG_DEADZONE = 0x3004
+    GCFG_DEADZONE = 0x3005
+    SCFG_INVERT = 0x3006
+    GCFG_INVERT = 0x3007
+    SCFG_AXISMAP = 0x3008
+    GCFG_AXISMAP = 0x3009
+    SCFG_BNMAP = 0x300A
+    GCFG_BNMAP = 0x300B
+    SCFG_BNACTION = 0x300C
+    GCFG_BNACTION = 0x300D
+    SCFG_KBMAP = 0x300E
+    GCFG_KBMAP = 0x300F
+    SCFG_SWAPYZ = 0x3010
+    GCFG_SWAPYZ = 0x3011
+    SCFG_LED = 0x3012
+    GCFG_LED = 0x3013
+    SCFG_GRAB = 0x3014
+    GCFG_GRAB = 0x3015
+    SCFG_SERDEV = 0x3016
+    GCFG_SERDEV = 0x3017
+    SCFG_REPEAT = 0x3018
+    GCFG_REPEAT = 0x3019
+    CFG_SAVE = 0x3FFE
+    CFG_RESTORE = 0x3FFF
+    CFG_RESET = 0x4000
+
+
+class EventMask(enum.IntFlag):
+    """Which events a client of version 1 gets."""
+
+    MOTION = 0x01
+    BUTTON = 0x02
+    DEVICE = 0x04
+    CONFIG = 0x08
+    RAW_AXIS = 0x10
+    RAW_BUTTON = 0x20
+
+
+MASK_V0 = EventMask.MOTION | EventMask.BUTTON
+"""What a client gets that does not shake hands."""
+MASK_V1 = EventMask.MOTION | EventMask.BUTTON | EventMask.DEVICE
+"""What a client gets after the handshake, until it says otherwise."""
+
+
+class LedMode(enum.IntEnum):
+    """Values of SCFG_LED and GCFG_LED."""
+
+    OFF = 0
+    ON = 1
+    AUTO = 2
+    """On while a client is connected."""
+
+
+UNKNOWN_DEVICE = 0
+
+DEVICE_TYPES: Mapping[int, str] = MappingProxyType(
+    {
+        UNKNOWN_DEVICE: "unknown",
+        0x100: "Spaceball 1003/2003",
+        0x101: "Spaceball 3003",
+        0x102: "Spaceball 4000 FLX",
+        0x103: "Magellan SpaceMouse",
+        0x104: "Spaceball 5000 (serial)",
+        0x105: "CadMan (serial)",
+        0x200: "SpaceMouse Plus XT",
+        0x201: "CadMan",
+        0x202: "SpaceMouse Classic",
+        0x203: "Spaceball 5000",
+        0x204: "SpaceTraveler",
+        0x205: "SpacePilot",
+        0x206: "SpaceNavigator",
+        0x207: "SpaceExplorer",
+        0x208: "SpaceNavigator for Notebooks",
+        0x209: "SpacePilot Pro",
+        0x20A: "SpaceMouse Pro",
+        0x20B: "NuLOOQ",
+        0x20C: "SpaceMouse Wireless",
+        0x20D: "SpaceMouse Pro Wireless",
+        0x20E: "SpaceMouse Enterprise",
+        0x20F: "SpaceMouse Compact",
+        0x210: "SpaceMouse Module",
+    }
+)
+"""Answers to DEV_TYPE."""

@@ -1,0 +1,306 @@
+"""Records of the spacenavd protocol: bytes to values and back.
+
+Everything but the handshake and the version 0 sensitivity is a record of eight 32-bit words in the
+host's byte order: it never leaves the machine.
+
+Axes are spacenavd's: x right, y up, z away from the operator, left-handed, and rotations by the
+left-hand rule about them. Counts; what a full deflection gives differs from device to device.
+
+Source: spacenavd's and libspnav's description of the protocol (FreeSpacenav).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from cardan.protocols.spnav.codes import REQUEST_TAG, Code
+
+RECORD_BYTES = 32
+WORD_BYTES = 4
+DATA_WORDS = 7
+STATUS = 6
+"""Index of the status word in a reply's data."""
+OK, FAILED = 0, -1
+
+MOTION, PRESS, RELEASE, DEVICE, CONFIG, RAW_AXIS, RAW_BUTTON = range(7)
+"""First words of events."""
+ADDED, REMOVED = 0, 1
+"""Second word of a device event."""
+
+MAX_BUTTONS = 256
+"""Button numbers are below this; spacenavd itself knows fewer."""
+
+INT_MIN, INT_MAX = -(2**31), 2**31 - 1
+
+_HANDSHAKE_TAG = 0x7FAA5500
+_HANDSHAKE_MASK = 0xFFFFFF00
+
+_RECORD = struct.Struct("=8i")
+_EIGHT = _RECORD.unpack
+_WORD = struct.Struct("=i")
+_UNSIGNED = struct.Struct("=I")
+_FLOAT = struct.Struct("=f")
+
+Data = tuple[int, int, int, int, int, int, int]
+Axes = tuple[float, float, float, float, float, float]
+
+
+class Motion(NamedTuple):
+    """Event 0: the deflection, counts in spacenavd's axes."""
+
+    x: int
+    y: int
+    z: int
+    rx: int
+    ry: int
+    rz: int
+    period_ms: int
+    """Since the motion before this one."""
+
+
+class Button(NamedTuple):
+    """Events 1 and 2: a button was pressed or released."""
+
+    number: int
+    pressed: bool
+
+
+class DeviceChange(NamedTuple):
+    """Event 3: a device came or went."""
+
+    added: bool
+    id: int
+    device_type: int
+    """One of `DEVICE_TYPES`."""
+    vendor_id: int
+    product_id: int
+
+
+class ConfigChange(NamedTuple):
+    """Event 4: a setting of the daemon was changed."""
+
+    code: int
+    data: tuple[int, int, int, int, int, int]
+
+
+class RawAxis(NamedTuple):
+    """Event 5: an axis of the device, before dead zone and mapping."""
+
+    axis: int
+    value: int
+
+
+class RawButton(NamedTuple):
+    """Event 6: a button of the device, before mapping."""
+
+    number: int
+    pressed: bool
+
+
+class Request(NamedTuple):
+    """What a client asks."""
+
+    word: int
+    """The first word as it came; a reply repeats it."""
+    data: Data
+
+    @property
+    def code(self) -> int:
+        """What is asked for, one of `Code` where it is known."""
+        return self.word & 0xFFFF
+
+
+class Reply(NamedTuple):
+    """What a server answers."""
+
+    word: int
+    data: Data
+
+    @property
+    def code(self) -> int:
+        """What was asked for."""
+        return self.word & 0xFFFF
+
+    @property
+    def ok(self) -> bool:
+        """Whether the request was granted."""
+        return self.data[STATUS] >= OK
+
+
+class Malformed(NamedTuple):
+    """Bytes that mean nothing; `reason` is "of an unknown type", "with an impossible value" or
+    "of the wrong length"."""
+
+    reason: str
+    word: int
+    """The first word; 0 when there is none."""
+
+
+Event = Motion | Button | DeviceChange | ConfigChange | RawAxis | RawButton
+ServerRecord = Event | Reply | Malformed
+
+
+def decode_server_record(record: bytes) -> ServerRecord:
+    """The value of a record that a server sent. Never raises."""
+    if len(record) != RECORD_BYTES:
+        return Malformed("of the wrong length", 0)
+    words = _EIGHT(record)
+    kind, a, b, c, d, e, f, g = words
+    if kind == MOTION:
+        return Motion(a, b, c, d, e, f, g)
+    if kind in (PRESS, RELEASE):
+        if not 0 <= a < MAX_BUTTONS:
+            return Malformed("with an impossible value", kind)
+        return Button(a, kind == PRESS)
+    if kind == DEVICE:
+        if b < 0 or a not in (ADDED, REMOVED):
+            return Malformed("with an impossible value", kind)
+        return DeviceChange(a == ADDED, b, c, d, e)
+    if kind == CONFIG:
+        return ConfigChange(a, words[2:])
+    if kind == RAW_AXIS:
+        return RawAxis(a, b)
+    if kind == RAW_BUTTON:
+        return RawButton(a, b != 0)
+    if kind & 0xFFFF0000 == REQUEST_TAG or kind & 0xFFFF in _CODES:
+        return Reply(kind, words[1:])
+    return Malformed("of an unknown type", kind)
+
+
+_CODES = frozenset(Code)
+
+
+def decode_request(record: bytes) -> Request | Malformed:
+    """The value of a record that a client of version 1 sent. Never raises.
+
+    Unknown codes are requests, too: a server answers them with `FAILED`.
+    """
+    if len(record) != RECORD_BYTES:
+        return Malformed("of the wrong length", 0)
+    words = _EIGHT(record)
+    return Request(words[0], words[1:])
+
+
+def encode_motion(counts: Sequence[int], period_ms: int) -> bytes:
+    """Event 0 of six counts; beyond 32 bits they are clamped."""
+    x, y, z, rx, ry, rz = (_clamped(count) for count in counts)
+    return _RECORD.pack(MOTION, x, y, z, rx, ry, rz, _clamped(period_ms))
+
+
+def encode_button(number: int, pressed: bool) -> bytes:
+    """Event 1 or 2. Raises ValueError for a number that is not below `MAX_BUTTONS`."""
+    if not 0 <= number < MAX_BUTTONS:
+        raise ValueError(f"button number is {number}; allowed: 0 to {MAX_BUTTONS - 1}")
+    return _RECORD.pack(PRESS if pressed else RELEASE, number, int(pressed), 0, 0, 0, 0, 0)
+
+
+def encode_device(change: DeviceChange) -> bytes:
+    """Event 3. Raises ValueError for what does not fit 32 bits."""
+    added, number, device_type, vendor_id, product_id = change
+    op = ADDED if added else REMOVED
+    return _packed(DEVICE, (op, number, device_type, vendor_id, product_id, 0, 0))
+
+
+def encode_config(change: ConfigChange) -> bytes:
+    """Event 4. Raises ValueError for what does not fit 32 bits."""
+    return _packed(CONFIG, (change.code, *change.data))
+
+
+def encode_request(code: int, data: Sequence[int] = ()) -> bytes:
+    """A request as libspnav sends it; missing data are zero.
+
+    Raises ValueError for what does not fit.
+    """
+    if not 0 <= code <= 0xFFFF:
+        raise ValueError(f"request code is {code:#x}; allowed: 0 to 0xffff")
+    if len(data) > DATA_WORDS:
+        raise ValueError(f"{len(data)} words of data; allowed: up to {DATA_WORDS}")
+    return _packed(REQUEST_TAG | code, (*data, *(0,) * (DATA_WORDS - len(data))))
+
+
+def encode_reply(word: int, data: Sequence[int] = (), status: int = OK) -> bytes:
+    """The answer to a request whose first word was `word`; up to six words of data."""
+    if len(data) > STATUS:
+        raise ValueError(f"{len(data)} words of data; allowed: up to {STATUS}")
+    return _packed(word, (*data, *(0,) * (STATUS - len(data)), status))
+
+
+def encode_handshake(version: int) -> bytes:
+    """The word that asks for `version`, or grants it (0 to 255)."""
+    if not 0 <= version <= 0xFF:
+        raise ValueError(f"protocol version is {version}; allowed: 0 to 255")
+    return _UNSIGNED.pack(_HANDSHAKE_TAG | version)
+
+
+def decode_handshake(word: bytes) -> int | None:
+    """The version that four bytes ask for or grant; None when they are something else."""
+    (value,) = _UNSIGNED.unpack(word)
+    if value & _HANDSHAKE_MASK != _HANDSHAKE_TAG:
+        return None
+    version: int = value & 0xFF
+    return version
+
+
+def encode_sensitivity(sensitivity: float) -> bytes:
+    """What a client of version 0 sends to have its motion multiplied.
+
+    Raises ValueError for what is no finite 32-bit float.
+    """
+    try:
+        return _FLOAT.pack(sensitivity)
+    except OverflowError:
+        raise ValueError(f"sensitivity is {sensitivity!r}; allowed: a 32-bit float") from None
+
+
+def decode_sensitivity(word: bytes) -> float:
+    """The sensitivity in four bytes; NaN and infinities are possible."""
+    (value,) = _FLOAT.unpack(word)
+    return float(value)
+
+
+def float_of(word: int) -> float:
+    """The float whose bits are the data word `word`."""
+    (value,) = _FLOAT.unpack(_WORD.pack(word))
+    return float(value)
+
+
+def bits_of(value: float) -> int:
+    """The data word that carries a float. Raises ValueError for what is no 32-bit float."""
+    (word,) = _WORD.unpack(encode_sensitivity(value))
+    return int(word)
+
+
+# ---------------------------------------------------------------------------------------------
+# Axes
+
+
+def to_robot_axes(
+    counts: Sequence[int], full_scale: float, rotation_full_scale: float | None = None
+) -> Axes:
+    """Deflections in -1..1 (x forward, y left, z up, right-handed) of spacenavd's counts.
+
+    `rotation_full_scale`: that of rotations, where it differs.
+    """
+    scale = full_scale if rotation_full_scale is None else rotation_full_scale
+    x, y, z = (min(1.0, max(-1.0, count / full_scale)) for count in counts[:3])
+    rx, ry, rz = (min(1.0, max(-1.0, count / scale)) for count in counts[3:])
+    return (z, -x, y, rz, -rx, ry)
+
+
+def from_robot_axes(axes: Sequence[float], full_scale: float) -> tuple[int, ...]:
+    """spacenavd's counts of deflections in -1..1, rounded."""
+    x, y, z, rx, ry, rz = axes
+    return tuple(round(u * full_scale) for u in (-y, z, x, -ry, rz, rx))
+
+
+def _clamped(value: int) -> int:
+    return min(INT_MAX, max(INT_MIN, value))
+
+
+def _packed(word: int, data: Sequence[int]) -> bytes:
+    try:
+        return _RECORD.pack(word, *data)
+    except struct.error:
+        raise ValueError(f"{word:#x}, {tuple(data)}: not all of them fit 32 bits") from None

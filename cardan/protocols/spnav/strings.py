@@ -1,0 +1,56 @@
+"""Strings of the spacenavd protocol: 24 bytes per record, and how many are left."""
+
+from __future__ import annotations
+
+import struct
+
+from cardan.protocols.spnav.records import STATUS, Data, Malformed, encode_reply
+
+CHUNK_BYTES = 24
+CONTINUED = 0x10000
+"""Set in the last word of every record of a string but the first."""
+LONGEST_BYTES = 0xFFFF
+
+_SIX = struct.Struct("=6i")
+
+
+def encode_string(word: int, text: str) -> list[bytes]:
+    """The records that carry `text` (UTF-8, cut at `LONGEST_BYTES`), first word `word`.
+
+    A client that sends a string, and a server that answers with one, do it alike.
+    """
+    left = text.encode()[:LONGEST_BYTES]
+    records: list[bytes] = []
+    while left or not records:
+        chunk = left[:CHUNK_BYTES].ljust(CHUNK_BYTES, b"\0")
+        status = len(left) | (CONTINUED if records else 0)
+        records.append(encode_reply(word, _SIX.unpack(chunk), status))
+        left = left[CHUNK_BYTES:]
+    return records
+
+
+class StringAssembler:
+    """Puts a string together from the data of its records."""
+
+    def __init__(self) -> None:
+        self._text = bytearray()
+        self._left: int | None = None
+        """Bytes that are still to come; None: no string is under way."""
+
+    def take(self, data: Data) -> str | Malformed | None:
+        """The string when `data` ends it, None when more is to come, Malformed out of order.
+
+        Bytes that are no UTF-8 are replaced. Never raises.
+        """
+        left = data[STATUS] & 0xFFFF
+        if not data[STATUS] & CONTINUED:
+            self._text.clear()
+        elif left != self._left:
+            self._left = None
+            return Malformed("with an impossible value", 0)
+        self._text += _SIX.pack(*data[:STATUS])[: min(left, CHUNK_BYTES)]
+        if left > CHUNK_BYTES:
+            self._left = left - CHUNK_BYTES
+            return None
+        self._left = None
+        return self._text.decode(errors="replace")

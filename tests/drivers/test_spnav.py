@@ -1,0 +1,388 @@
+"""The spacenavd driver at real sockets: Cardan's own server, an old daemon, and Debian's."""
+
+import contextlib
+import shutil
+import socket
+import subprocess
+import threading
+import time
+
+import pytest
+
+from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
+from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
+from cardan.gateway.spnav import SpnavServer, SpnavServerCore, SpnavServerOptions
+from cardan.protocols.spnav import (
+    RECORD_BYTES,
+    encode_button,
+    encode_handshake,
+    encode_motion,
+)
+from cardan.sim_peers.spacemouse.serial import SerialSpaceMousePeer, SerialSpaceMousePeerOptions
+from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
+from tests.serving import in_a_thread
+
+REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+TIMEOUT_S = 8.0
+
+
+def until(driver, wanted):
+    """The first state of `driver` that is `wanted`."""
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while not wanted(state := driver.state()):
+        assert time.monotonic() < deadline_s, (state, driver.diagnosis())
+        time.sleep(0.002)
+    return state
+
+
+def live(state):
+    return state.link is DeviceLink.LIVE
+
+
+def lost(state):
+    return state.link is DeviceLink.LOST
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "spnav.sock"
+
+
+class Hand:
+    """A served device, as Cardan's own server has it."""
+
+    def __init__(self, path, **options):
+        self.leds = []
+        self.axes = REST
+        self.link = DeviceLink.LIVE
+        self.edges = []
+        self.core = SpnavServerCore(("a", "b", "c"), on_led=self.leds.append, **options)
+        self.server = SpnavServer(self.core, SpnavServerOptions(socket=str(path)))
+
+    def open(self):
+        self.server.open()
+
+    def step(self, until_s):
+        while (now_s := time.monotonic()) < until_s:
+            edges, self.edges = self.edges, []
+            self.core.offer(DeviceState(now_s, self.link, self.axes, frozenset()), edges, now_s)
+            self.server.step(min(until_s, now_s + 0.004))
+
+    def close(self):
+        self.server.close()
+
+    def touch(self, driver):
+        """Deflect, let go, and wait until the driver believes in it."""
+        start_s = time.monotonic()
+        self.axes = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while time.monotonic() - driver.metrics()["motion_age_s"] < start_s:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.005)
+        self.axes = REST
+        until(driver, live)
+
+
+@contextlib.contextmanager
+def opened(path, **options):
+    driver = Spnav(SpnavOptions(socket=str(path), dead_zone=0.0, **options))
+    driver.open()
+    try:
+        yield driver
+    finally:
+        driver.close()
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Cardan's own server")
+def test_from_one_cardan_to_another(path):
+    with in_a_thread(Hand(path)) as hand, opened(path) as driver:
+        assert driver.capabilities.buttons == ("button-0", "button-1", "button-2")
+        assert driver.capabilities.feedback == {"led"}
+        hand.touch(driver)
+        hand.axes = (0.1, 0.2, 0.3, -0.4, -0.5, -0.6)
+        state = until(driver, lambda state: state.axes != REST)
+        assert state.axes == pytest.approx(hand.axes, abs=1 / 350)
+        hand.edges = [ButtonEvent(0.0, "b", True)]
+        until(driver, lambda state: state.buttons == {"button-1"})
+        assert [event[1:] for event in driver.button_events()] == [("button-1", True)]
+        hand.axes = REST
+        until(driver, lambda state: state.axes == REST)
+        driver.feedback(DeviceFeedback(led=False))
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while hand.leds != [True, False]:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.005)
+        with pytest.raises(CommandError, match="no rumble"):
+            driver.feedback(DeviceFeedback(rumble=1.0))
+
+
+def test_unplugging_behind_the_daemon_and_plugging_in_again(path):
+    with in_a_thread(Hand(path)) as hand, opened(path) as driver:
+        hand.touch(driver)
+        hand.axes = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+        until(driver, lambda state: state.axes[0] > 0.4)
+        hand.link = DeviceLink.LOST
+        state = until(driver, lost)
+        assert state.axes == REST
+        assert "unplugged" in state.reason
+        hand.link, hand.axes = DeviceLink.LIVE, REST
+        until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
+        hand.touch(driver)
+
+
+def test_a_daemon_that_ends_is_found_again(path):
+    with in_a_thread(Hand(path)) as hand:
+        driver = Spnav(SpnavOptions(socket=str(path), dead_zone=0.0))
+        driver.open()
+        hand.touch(driver)
+    state = until(driver, lost)
+    assert "the daemon closed the connection" in state.reason or "no socket" in state.reason
+    with in_a_thread(Hand(path)) as hand:
+        until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
+        hand.touch(driver)
+        driver.close()
+    assert driver.state().link is DeviceLink.CLOSED
+    driver.close()
+
+
+def test_the_led_is_left_as_it_was(path):
+    with in_a_thread(Hand(path)) as hand:
+        with opened(path) as driver:
+            driver.feedback(DeviceFeedback(led=False))
+            deadline_s = time.monotonic() + TIMEOUT_S
+            while hand.leds != [True, False]:
+                assert time.monotonic() < deadline_s
+                time.sleep(0.005)
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while hand.leds != [True, False, True, False]:  # by itself, and nobody connected
+            assert time.monotonic() < deadline_s
+            time.sleep(0.005)
+
+
+def test_an_old_daemon(path):
+    """Version 0: no answer to the handshake, motion and buttons only."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener.bind(str(path))
+    listener.listen()
+    got = bytearray()
+    connected = threading.Event()
+    peer = []
+
+    def accept():
+        peer.append(listener.accept()[0])
+        connected.set()
+        with contextlib.suppress(OSError):
+            while data := peer[0].recv(64):
+                got.extend(data)
+
+    thread = threading.Thread(target=accept)
+    thread.start()
+    with opened(path) as driver:
+        assert connected.wait(TIMEOUT_S)
+        assert driver.metrics()["version"] == 0
+        assert driver.capabilities.buttons == ()
+        assert driver.capabilities.feedback == frozenset()
+        peer[0].sendall(encode_motion((0,) * 6, 0))
+        until(driver, live)
+        peer[0].sendall(encode_motion((0, 0, 175, 0, 0, 0), 16) + encode_button(5, True))
+        state = until(driver, lambda state: state.buttons)
+        assert state.axes == (0.5, 0, 0, 0, 0, 0)
+        state = until(driver, lambda state: state.link is DeviceLink.STALE)
+        assert (state.axes, state.buttons) == (REST, frozenset())
+    thread.join()
+    assert bytes(got) == encode_handshake(1) + b"\0\0\x80\x3f"
+    peer[0].close()
+    listener.close()
+
+
+def test_nonsense_is_not_listened_to(path):
+    """Neutral, and connected anew."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener.bind(str(path))
+    listener.listen()
+
+    def babble():
+        peer, _ = listener.accept()
+        listener.close()
+        peer.sendall(encode_handshake(1) + encode_motion((0,) * 6, 0))
+        peer.sendall(encode_motion((0, 0, 175, 0, 0, 0), 16))
+        time.sleep(0.05)
+        with contextlib.suppress(OSError):
+            peer.sendall(b"\xff" * 32 * 60)
+            while peer.recv(256):
+                pass
+        peer.close()
+
+    thread = threading.Thread(target=babble)
+    thread.start()
+    driver = Spnav(SpnavOptions(socket=str(path), wait_for_device=True))
+    driver.open()
+    state = until(driver, lost)
+    assert state.axes == REST
+    thread.join(TIMEOUT_S)
+    assert not thread.is_alive()
+    assert driver.metrics()["malformed_records"] >= 50
+    driver.close()
+
+
+def test_a_daemon_that_hangs_up_at_once(path):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+        listener.bind(str(path))
+        listener.listen()
+
+        def refuse():
+            listener.accept()[0].close()
+
+        thread = threading.Thread(target=refuse)
+        thread.start()
+        driver = Spnav(SpnavOptions(socket=str(path)))
+        with pytest.raises(DeviceAccessError, match="cannot use the daemon at"):
+            driver.open()
+        thread.join()
+    assert driver.state().link is DeviceLink.LOST
+
+
+# -- finding it ---------------------------------------------------------------------------------
+
+
+def test_no_socket_is_named_with_the_way_out(path):
+    with pytest.raises(DeviceNotFoundError, match=f"no socket at {path}: start spacenavd"):
+        Spnav(SpnavOptions(socket=str(path))).open()
+
+
+def test_it_can_be_waited_for(path):
+    with opened(path, wait_for_device=True) as driver:
+        assert "no socket" in driver.state().reason
+        with in_a_thread(Hand(path)) as hand:
+            until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
+            hand.touch(driver)
+
+
+def test_find(path, monkeypatch):
+    monkeypatch.setenv("SPNAV_SOCKET", str(path))
+    assert Spnav.find() == []
+    with in_a_thread(Hand(path)):
+        (found,) = Spnav.find()
+        assert (found.transport, found.path, found.obstacle) == ("spnav", str(path), "")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
+        dead.bind(str(path))
+    (found,) = Spnav.find()
+    assert "nobody serves" in found.obstacle
+
+
+def test_the_environment_names_the_socket(path, monkeypatch):
+    monkeypatch.setenv("SPNAV_SOCKET", str(path))
+    with in_a_thread(Hand(path)), Spnav() as driver:
+        assert driver.capabilities.buttons
+
+
+def test_feedback_before_open(path):
+    with in_a_thread(Hand(path)):
+        driver = Spnav(SpnavOptions(socket=str(path)))
+        driver.open()
+        driver.close()
+        with pytest.raises(NotOpenError):
+            driver.feedback(DeviceFeedback(led=True))
+
+
+# -- judged by spacenavd ------------------------------------------------------------------------
+
+SCRIPT = """
+    2.6  axes 0 0 0.2 0 0 0 over 0.1
+    2.8  neutral over 0.1
+    3.1  press first
+    3.2  axes 0.9 0 0 0 0 0 over 0.35
+    3.55 axes 0 0.9 0 0 0 0 over 0.35
+    3.9  axes 0 0 0.9 0 0 0 over 0.35
+    4.25 axes 0 0 0 0.9 0 0 over 0.35
+    4.6  axes 0 0 0 0 0.9 0 over 0.35
+    4.95 axes 0 0 0 0 0 0.9 over 0.35
+    5.3  neutral over 0.3
+    5.8  release first
+    5.9  axes 0.9 0 0 0 0 0 over 0.6
+    6.4  unplug
+"""
+"""Touch and let go once the daemon has found the device; then one axis after the other, and gone in
+the middle of a push."""
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
+    daemon = shutil.which("spacenavd") or shutil.which("spacenavd", path="/usr/sbin")
+    if daemon is None:
+        pytest.skip("spacenavd is not installed (Debian package spacenavd)")
+    # In the foreground this daemon makes its socket below its working directory.
+    (tmp_path / "run").mkdir()
+    path = tmp_path / "run" / "spnav.sock"
+    (tmp_path / "hand.txt").write_text(SCRIPT)
+    (tmp_path / "spnavrc").write_text(f"serial = {tmp_path}/port\n")
+    peer = SerialSpaceMousePeer(
+        SerialSpaceMousePeerOptions(
+            link=str(tmp_path / "port"), model="magellan", script=str(tmp_path / "hand.txt")
+        )
+    )
+    with in_a_thread(peer), (tmp_path / "log").open("w") as log:
+        process = subprocess.Popen(
+            [daemon, "-d", "-c", str(tmp_path / "spnavrc")],
+            cwd=tmp_path,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+        )
+        try:
+            deadline_s = time.monotonic() + TIMEOUT_S
+            while not path.exists():
+                if process.poll() is not None or time.monotonic() > deadline_s:
+                    pytest.skip("this spacenavd does not serve below its working directory")
+                time.sleep(0.01)
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as old_client:
+                old_client.connect(str(path))
+                with opened(path) as driver:
+                    watch(driver)
+                old_client.setblocking(False)
+                records = old_client.recv(65536)
+        finally:
+            process.terminate()
+            process.wait(TIMEOUT_S)
+    replay(records)
+
+
+def watch(driver):
+    """What does not hang on this machine's being quick, in real time."""
+    assert driver.metrics()["version"] == 1
+    assert driver.metrics()["full_scale"] == 400.0
+    assert driver.capabilities.feedback == {"led"}
+    assert len(driver.capabilities.buttons) >= 9
+    edges = []
+    deadline_s = time.monotonic() + TIMEOUT_S
+    # This daemon says nothing when a serial device is unplugged.
+    while len(edges) < 2 or driver.metrics()["motion_age_s"] < 0.8:
+        assert time.monotonic() < deadline_s, (driver.state(), driver.diagnosis())
+        edges += driver.button_events()
+        time.sleep(0.01)
+    assert driver.state().link is DeviceLink.STALE
+    assert driver.state().axes == REST
+    assert [event[1:] for event in edges] == [("button-0", True), ("button-0", False)]
+    assert driver.metrics()["malformed_records"] == 0
+    assert driver.metrics()["unasked_replies"] == 0
+
+
+def replay(records):
+    """What the daemon sent to a client of version 0, one record each 16 ms of virtual time."""
+    core = SpnavCore(SpnavOptions(dead_zone=0.02, full_scale=400.0))
+    now_s = 0.0
+    core.on_opened(now_s)
+    states = []
+    for at in range(0, len(records), RECORD_BYTES):
+        now_s += 0.016
+        core.on_bytes(records[at : at + RECORD_BYTES], now_s)
+        states.append(core.state(now_s))
+    first_live = next(index for index, state in enumerate(states) if live(state))
+    assert all(map(live, states[first_live:]))
+    for axis in range(6):
+        peak = max(states, key=lambda state, axis=axis: state.axes[axis])
+        assert peak.axes[axis] > 0.6
+        assert max(abs(value) for i, value in enumerate(peak.axes) if i != axis) < 0.4
+        assert min(state.axes[axis] for state in states) > -0.1
+    assert core.metrics(now_s)["malformed_records"] == 0
+    state = core.state(now_s + 0.101)
+    assert state.axes == REST
