@@ -7,11 +7,13 @@ DEMO_SECONDS ?= 30
 DEMO_ROBOT ?= gofa
 BIN := $(VENV)/bin
 
-.PHONY: help demo test lint types check bench bench-motoros bench-thesis test-pythons clean
+.PHONY: help demo test test-kernel device-table lint types check bench bench-motoros bench-thesis \
+	test-pythons clean
 
 help:
 	@echo "make demo    run the main job against simulated peers ($(DEMO_SECONDS) s)"
 	@echo "make test    all tests"
+	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
 	@echo "make check   lint, types and tests"
 	@echo "make bench   benchmarks, printed as ratios"
 	@echo "make bench-motoros  the latency study of the 2021 paper, with plots for docs/"
@@ -32,6 +34,14 @@ demo: $(VENV)/.cardan
 
 test: $(VENV)/.cardan-dev
 	$(BIN)/python -m pytest
+
+# Minutes, in software emulation; what it needs is installed from Debian, and downloaded once.
+test-kernel: $(VENV)/.cardan-dev
+	tools/debian-packages kernel
+	tools/kernel-vm
+
+device-table: $(VENV)/.cardan-dev
+	$(BIN)/python -m tests.device_table
 
 lint: $(VENV)/.cardan-dev
 	$(BIN)/ruff check .

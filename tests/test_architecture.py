@@ -28,9 +28,11 @@ MAY_IMPORT = {
     **dict.fromkeys(LEAVES, LEAVES),
 }
 EXCEPTIONS = {
-    "drivers/sim_arm": ("cardan.sim_peers", "cardan.sim_peers.arm", "cardan.sim_peers.base")
+    "drivers/sim_arm": ("cardan.sim_peers", "cardan.sim_peers.arm", "cardan.sim_peers.base"),
+    "gateway/spnav": ("cardan.protocols", "cardan.protocols.spnav"),
 }
-"""The simulated arm's driver has the simulated arm for its hardware, in the same process."""
+"""The simulated arm's driver has the simulated arm for its hardware, in the same process; and the
+gateway serves spacenavd's protocol itself, to programs instead of a robot."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

@@ -15,11 +15,25 @@ import typer.main
 
 from cardan import cli
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
+from cardan.drivers.gamepad import GamepadOptions
+from cardan.drivers.jr3_can import Jr3Options
+from cardan.drivers.keyboard import KeyboardOptions
+from cardan.drivers.leap import LeapOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
+from cardan.drivers.spnav import SpnavOptions
+from cardan.drivers.wiimote import WiimoteOptions
 from cardan.gateway import config
 from cardan.protocols import connexion, egm
 from cardan.protocols import simple_message as sm
-from cardan.sim_peers import egm_controller, motoros_controller, spacemouse
+from cardan.sim_peers import (
+    egm_controller,
+    evdev,
+    jr3,
+    leap,
+    motoros_controller,
+    spacemouse,
+    wiimote,
+)
 from cardan.types import Pose, Quaternion, Vector3
 
 if sys.version_info >= (3, 11):
@@ -34,8 +48,10 @@ TABLES = {
     "obstacles": config.ObstacleTable,
     "mapping": config.MappingTable,
     "gripper": config.GripperTable,
+    "feedback": config.FeedbackTable,
     "limits": config.LimitsTable,
     "watchdogs": config.WatchdogTable,
+    "spnav": config.SpnavTable,
 }
 
 
@@ -81,7 +97,17 @@ def written(default: Any) -> str:
 
 
 @pytest.mark.parametrize(
-    ("page", "options"), [("abb-egm.md", AbbEgmOptions), ("spacemouse.md", SpaceMouseOptions)]
+    ("page", "options"),
+    [
+        ("abb-egm.md", AbbEgmOptions),
+        ("spacemouse.md", SpaceMouseOptions),
+        ("spnav.md", SpnavOptions),
+        ("wiimote.md", WiimoteOptions),
+        ("leap.md", LeapOptions),
+        ("gamepad.md", GamepadOptions),
+        ("keyboard.md", KeyboardOptions),
+        ("jr3.md", Jr3Options),
+    ],
 )
 def test_every_driver_option_is_there_with_its_default(page, options):
     table = rows(section(text(page), "Options"))
@@ -129,32 +155,59 @@ def test_every_button_name_is_there():
     assert [label for label in labels if not label.isdecimal() and f"`{label}`" not in listed] == []
 
 
+ROBOTS, DEVICES = "simulated-peers.md", "simulated-devices.md"
+INPUTS = "The pad and the keyboard: `cardan sim gamepad`, `cardan sim keyboard`"
 PEERS = [
-    pytest.param("The controller: `cardan sim abb-gofa`", egm_controller, id="abb-gofa"),
-    pytest.param("The device: `cardan sim spacemouse`", spacemouse, id="spacemouse"),
-    pytest.param("The controller: `cardan sim motoman-gp8`", motoros_controller, id="motoman-gp8"),
+    pytest.param(ROBOTS, "The controller: `cardan sim abb-gofa`", egm_controller, id="abb-gofa"),
+    pytest.param(
+        ROBOTS, "The controller: `cardan sim motoman-gp8`", motoros_controller, id="motoman-gp8"
+    ),
+    pytest.param(DEVICES, "The device: `cardan sim spacemouse`", spacemouse, id="spacemouse"),
+    pytest.param(DEVICES, "The remote: `cardan sim wiimote`", wiimote, id="wiimote"),
+    pytest.param(DEVICES, "The service: `cardan sim leap`", leap, id="leap"),
+    pytest.param(DEVICES, INPUTS, evdev, id="gamepad"),
+    pytest.param(DEVICES, "The sensor: `cardan sim jr3`", jr3, id="jr3"),
 ]
-SCRIPTED = PEERS[:2]
 
 
-@pytest.mark.parametrize(("heading", "peer"), PEERS)
-def test_every_fault_of_a_peer_is_there_with_its_default(heading, peer):
-    table = rows(section(section(text("simulated-peers.md"), heading), "Its faults"))
+def faults_in(heading: str, page: str = DEVICES) -> dict[str, list[str]]:
+    told = section(text(page), heading)
+    return rows(section(told, "Their faults" if heading == INPUTS else "Its faults"))
+
+
+@pytest.mark.parametrize(("page", "heading", "peer"), PEERS)
+def test_every_fault_of_a_peer_is_there_with_its_default(page, heading, peer):
+    table = faults_in(heading, page)
     switches = {switch.name: f"{switch.default:g}" for switch in peer.FAULTS}
     assert {name: table[name][0] for name in switches} == switches
+    assert set(table) >= set(switches)
 
 
-@pytest.mark.parametrize(("heading", "peer"), SCRIPTED)
-def test_every_script_and_verb_of_a_peer_is_there(heading, peer):
-    table = rows(section(section(text("simulated-peers.md"), heading), "Its scripts"))
+def test_every_fault_of_a_serial_device_is_there_with_its_default():
+    page = section(text(DEVICES), "The device: `cardan sim spacemouse`")
+    table = rows(section(page, "Faults of the serial ones"))
+    assert {name: cells[0] for name, cells in table.items()} == {
+        switch.name: f"{switch.default:g}" for switch in spacemouse.SERIAL_FAULTS
+    }
+
+
+@pytest.mark.parametrize(
+    ("page", "heading", "peer"), [each for each in PEERS if each.id not in ("motoman-gp8",)]
+)
+def test_every_script_and_verb_of_a_peer_is_there(page, heading, peer):
+    told = section(text(page), heading)
     usages = {re.sub(r" \(.*", "", usage) for usage in peer.SCRIPT_VERBS.values()}
-    assert set(table) == {*peer.SCRIPTS, *usages}
+    if heading == INPUTS:
+        pad, keys = (section(told, f"Scripts of the {kind}") for kind in peer.SCRIPTS)
+        assert set(rows(pad)) == set(peer.SCRIPTS["gamepad"])
+        assert set(rows(keys)) == {*peer.SCRIPTS["keyboard"], *usages}
+    else:
+        assert set(rows(section(told, "Its scripts"))) == {*peer.SCRIPTS, *usages}
 
 
-@pytest.mark.parametrize(("heading", "peer"), PEERS)
-def test_every_option_of_a_peer_is_there(heading, peer, request):
-    page = text("simulated-peers.md")
-    told = section(page, "What all share") + section(page, heading)
+@pytest.mark.parametrize(("page", "heading", "peer"), PEERS)
+def test_every_option_of_a_peer_is_there(page, heading, peer, request):
+    told = section(text(ROBOTS), "What all share") + section(text(page), heading)
     if not hasattr(peer, "SCRIPTS"):
         told = re.sub(r"--(list-scripts|script)\b", "", told)
     commands = typer.main.get_command(cli.app).commands["sim"].commands
@@ -163,7 +216,7 @@ def test_every_option_of_a_peer_is_there(heading, peer, request):
         for parameter in commands[request.node.callspec.id].params
         for option in parameter.opts
     }
-    assert set(re.findall(r"--[a-z]+(?:-[a-z]+)*", told)) == offered - {"--help"}
+    assert set(re.findall(r"--[a-z][a-z0-9]*(?:-[a-z]+)*", told)) == offered - {"--help"}
 
 
 def test_every_metric_is_there():

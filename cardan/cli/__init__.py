@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import math
 import sys
@@ -13,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cardan import __version__
+from cardan.cli import sim_devices, sim_robots
 from cardan.cli.common import (
     EXIT_CANNOT_OPEN,
     EXIT_FAILED,
@@ -23,9 +25,12 @@ from cardan.cli.common import (
     Seconds,
 )
 from cardan.cli.sim import sim
+from cardan.drivers.base import OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.snapshot import Snapshot
 from cardan.types import DeviceLink, RobotLink
+
+__all__ = ["app", "main", "sim_devices", "sim_robots"]  # The latter two give `sim` its commands.
 
 EPILOG = (
     "Exit codes: 0 done as asked; 1 failed inside; 2 wrong configuration or usage; "
@@ -168,7 +173,6 @@ def check(file: ConfigFile) -> None:
 def devices() -> None:
     """List the operator devices that are plugged in, and what stands in their way."""
     from cardan.drivers import registry
-    from cardan.drivers.base import OperatorDevice
 
     found = []
     for name in registry.names():
@@ -202,6 +206,46 @@ def udev() -> None:
     from cardan.drivers.udev import udev_rules
 
     print(udev_rules(), end="")
+
+
+@app.command()
+def spnav(
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="Configuration file whose device is served; default: the first SpaceMouse.",
+        ),
+    ] = None,
+    socket: Annotated[
+        str | None,
+        typer.Option(metavar="PATH", help="The socket; default: spacenavd's own place."),
+    ] = None,
+    everybody: Annotated[
+        bool, typer.Option("--everybody", help="Let every user of this machine connect.")
+    ] = False,
+    seconds: Seconds = None,
+) -> None:
+    """Serve an operator device to stock programs that use libspnav, as spacenavd does: version 0
+    and 1 of its protocol. Prints READY and the socket's path once it serves."""
+    from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
+    from cardan.gateway.config import SpnavTable, load_served, make_device
+    from cardan.gateway.spnav import serve_device
+
+    if file is None:
+        device: OperatorDevice = SpaceMouse(SpaceMouseOptions(wait_for_device=True))
+        options = SpnavTable().server_options()
+    else:
+        config = load_served(file)
+        device, options = make_device(config), config.spnav.server_options()
+    try:
+        if socket is not None:
+            options = dataclasses.replace(options, socket=socket)
+    except ValueError as error:
+        raise ConfigurationError("--socket", str(error)) from None
+    if everybody:
+        options = dataclasses.replace(options, access="everybody")
+    serve_device(device, options, seconds)
 
 
 @app.command()

@@ -11,6 +11,12 @@ ENTRY_POINT_GROUP = "cardan.drivers"
 
 BUILT_IN = {
     "spacemouse": "cardan.drivers.spacemouse:SpaceMouse",
+    "spnav": "cardan.drivers.spnav:Spnav",
+    "wiimote": "cardan.drivers.wiimote:Wiimote",
+    "leap": "cardan.drivers.leap:Leap",
+    "gamepad": "cardan.drivers.gamepad:Gamepad",
+    "keyboard": "cardan.drivers.keyboard:Keyboard",
+    "jr3_can": "cardan.drivers.jr3_can:Jr3",
     "abb_egm": "cardan.drivers.abb_egm:AbbEgm",
     "motoros": "cardan.drivers.motoros:Motoros",
     "sim_arm": "cardan.drivers.sim_arm:SimArm",

@@ -36,6 +36,7 @@ from cardan.gateway.filters import registry as filter_registry
 from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import AXES, GripperAction, MappingOptions, Mode
 from cardan.gateway.reference import ReferenceLimits
+from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.spatial import from_euler_zyx, norm, scale
 from cardan.types import IDENTITY_POSE, CommandKind, Frame, Pose, RobotCapabilities, Vector3
 
@@ -265,6 +266,32 @@ class ObstacleTable(_Table):
         return self
 
 
+class SpnavTable(_Table):
+    """``[spnav]``: the socket for programs that use libspnav, beside the session."""
+
+    socket: str = SpnavServerOptions.socket
+    access: Literal["owner", "everybody"] = "owner"
+    full_scale: Annotated[float, Field(ge=1.0, allow_inf_nan=False, strict=True)] = 350.0
+    name: str = "Cardan"
+
+    @model_validator(mode="after")
+    def _can_be_served(self) -> SpnavTable:
+        self.server_options()
+        return self
+
+    def server_options(self) -> SpnavServerOptions:
+        """The server's options."""
+        return SpnavServerOptions(**self.model_dump())
+
+
+class ServedConfig(BaseModel):
+    """What ``cardan spnav`` reads of a file: no robot is needed."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+    device: DriverTable
+    spnav: SpnavTable = SpnavTable()
+
+
 class SessionConfig(_Table):
     """A whole configuration file."""
 
@@ -279,6 +306,7 @@ class SessionConfig(_Table):
     feedback: FeedbackTable = FeedbackTable()
     limits: LimitsTable = LimitsTable()
     watchdogs: WatchdogTable = WatchdogTable()
+    spnav: SpnavTable | None = None
 
     @field_validator("filters", "obstacles", mode="before")
     @classmethod
@@ -459,8 +487,8 @@ def _make_driver(table: DriverTable, key: str) -> Driver:
     return driver(driver_options(driver, table.model_extra or {}, key))
 
 
-def make_device(config: SessionConfig) -> OperatorDevice:
-    """The operator device of a session, not opened yet."""
+def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
+    """The operator device that is configured, not opened yet."""
     device = _make_driver(config.device, "device")
     if not isinstance(device, OperatorDevice):
         raise ConfigurationError(
@@ -622,17 +650,30 @@ def parse_config(table: Mapping[str, Any]) -> SessionConfig:
         raise _translate(error) from None
 
 
+def load_served(path: Path) -> ServedConfig:
+    """Read and check what ``cardan spnav`` needs of a file: ``[device]`` and ``[spnav]``."""
+    try:
+        config = ServedConfig.model_validate(_read(path))
+    except ValidationError as error:
+        raise _translate(error) from None
+    make_device(config)
+    return config
+
+
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
-    try:
-        with path.open("rb") as file:
-            table = tomllib.load(file)
-    except OSError as error:
-        raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigurationError("", f"{path} is not TOML: {error}") from None
-    config = parse_config(table)
+    config = parse_config(_read(path))
     make_device(config)
     make_arm(config, make_robot(config))
     make_filters(config)
     return config
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ConfigurationError("", f"{path} is not TOML: {error}") from None

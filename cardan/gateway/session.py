@@ -34,6 +34,7 @@ from cardan.gateway.feedback import HandFeedback
 from cardan.gateway.mapping import Mode, TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.gateway.snapshot import Snapshot
+from cardan.gateway.spnav import SpnavService
 from cardan.histogram import LatencyHistogram
 from cardan.realtime import ask_for_real_time
 from cardan.spatial import norm, subtract
@@ -72,6 +73,8 @@ class Session:
         self._moving_cycles = 0
         self._feedback_options = config.feedback_options()
         self._feedback = HandFeedback(self._feedback_options, ())
+        self._spnav_options = None if config.spnav is None else config.spnav.server_options()
+        self._spnav: SpnavService | None = None
         self._stop_reason = ""
 
     def stop(self, reason: str) -> None:
@@ -90,6 +93,12 @@ class Session:
             self._feedback = HandFeedback(self._feedback_options, channels)
             for each in self.engine.filters:
                 opened.enter_context(each)
+            if self._spnav_options is not None:
+                self._spnav = SpnavService(
+                    lambda: self.device.capabilities.buttons, self._spnav_options
+                )
+                self._spnav.start()
+                opened.callback(self._spnav.stop)
             # The loop makes no cycles of references worth collecting, and a collection in it
             # costs milliseconds. All this comes before the robot is opened, because its
             # datagrams do not wait.
@@ -135,7 +144,7 @@ class Session:
 
     def _loop(self, seconds: float) -> None:
         robot, device, engine = self.robot, self.device, self.engine
-        mapping, hand_feedback = engine.mapping, self._feedback
+        mapping, hand_feedback, spnav = engine.mapping, self._feedback, self._spnav
         monotonic, tick_cost = time.monotonic, self._ticks.add
         gripper_closed = mapping.gripper_closed
         start_s = monotonic()
@@ -161,6 +170,8 @@ class Session:
                 if engine.phase is Phase.MOVING or engine.phase is Phase.BRAKING:
                     self._account(state)
             # Everything below is bookkeeping: the answer has left.
+            if spnav is not None:
+                spnav.offer(hand, events)
             if hand_feedback.useful and hand_feedback.due(now_s):
                 self._give(hand_feedback.update(engine.status(), state, now_s))
             if self._stop_reason or now_s >= end_s:
@@ -245,6 +256,8 @@ class Session:
         s.diagnosis = [*self.robot.diagnosis(), *self.device.diagnosis()]
         for each in self.engine.filters:
             s.diagnosis += each.diagnosis()
+        if self._spnav is not None:
+            s.diagnosis += self._spnav.diagnosis()
         self._tell(s)
 
     def _tell(self, snapshot: Snapshot) -> None:

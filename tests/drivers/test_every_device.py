@@ -1,0 +1,99 @@
+"""What every operator device keeps to, whatever it is."""
+
+import dataclasses
+import inspect
+
+import pytest
+
+from cardan.drivers import registry
+from cardan.drivers.base import FoundDevice, OperatorDevice
+from cardan.errors import CommandError, DriverError
+from cardan.types import NEVER_S, ZERO3, DeviceFeedback, DeviceLink, Frame, Wrench
+
+NEUTRAL = (0.0,) * 6
+ALL = DeviceFeedback(led=True, rumble=0.5, wrench=Wrench(ZERO3, ZERO3, Frame.BASE))
+
+DEVICES = [
+    pytest.param(driver, id=name)
+    for name in registry.BUILT_IN
+    if issubclass(driver := registry.load(name), OperatorDevice)
+]
+
+
+def nowhere(driver, tmp_path, **more):
+    """Options of a device that is not there."""
+    fields = {field.name for field in dataclasses.fields(driver.Options)}
+    place = {
+        "spacemouse": {"transport": "socket", "path": str(tmp_path / "none")},
+        "spnav": {"socket": str(tmp_path / "none")},
+        "wiimote": {"transport": "socket", "path": str(tmp_path / "none")},
+        "leap": {"port": 1},
+        "gamepad": {"transport": "socket", "path": str(tmp_path / "none")},
+        "keyboard": {"transport": "socket", "path": str(tmp_path / "none")},
+        "jr3_can": {"interface": "socketcand", "host": "127.0.0.1", "port": 1},
+    }[next(name for name, target in registry.BUILT_IN.items() if registry.load(name) is driver)]
+    assert set(place) <= fields
+    return driver.Options(**place, **more)
+
+
+@pytest.mark.parametrize("driver", DEVICES)
+def test_it_is_neutral_before_it_was_opened(driver, tmp_path):
+    device = driver(nowhere(driver, tmp_path))
+    state = device.state()
+    assert (state.link, state.axes, state.buttons) == (DeviceLink.CLOSED, NEUTRAL, frozenset())
+    assert (state.stamp_s, state.pose, state.wrench) == (NEVER_S, None, None)
+    assert state.reason
+    assert list(device.button_events()) == []
+    device.close()
+
+
+@pytest.mark.parametrize("driver", DEVICES)
+def test_what_is_not_there_is_said_in_words(driver, tmp_path):
+    device = driver(nowhere(driver, tmp_path))
+    with pytest.raises(DriverError, match=r"\w+ \w+ \w+"):
+        device.open()
+    assert device.state().axes == NEUTRAL
+    device.close()
+
+
+@pytest.mark.parametrize("driver", DEVICES)
+def test_it_can_be_waited_for(driver, tmp_path):
+    device = driver(nowhere(driver, tmp_path, wait_for_device=True))
+    with device:
+        state = device.state()
+        assert (state.link, state.axes) == (DeviceLink.LOST, NEUTRAL)
+        assert state.reason
+        assert device.diagnosis()
+        assert all(isinstance(value, (int, float)) for value in device.metrics().values())
+    assert device.state().link is DeviceLink.CLOSED
+    device.close()
+
+
+@pytest.mark.parametrize("driver", DEVICES)
+def test_feedback_that_it_has_not_is_refused(driver, tmp_path):
+    device = driver(nowhere(driver, tmp_path))
+    for channel in {"led", "rumble", "wrench"} - device.capabilities.feedback:
+        one = DeviceFeedback()._replace(**{channel: getattr(ALL, channel)})
+        with pytest.raises(CommandError, match=channel):
+            device.feedback(one)
+
+
+@pytest.mark.parametrize("driver", DEVICES)
+def test_looking_for_it_never_fails(driver):
+    found = driver.find()
+    assert all(type(each) is FoundDevice for each in found)
+
+
+@pytest.mark.parametrize("driver", DEVICES)
+def test_every_option_has_a_default_and_says_what_it_is(driver):
+    options = driver.Options
+    assert dataclasses.is_dataclass(options)
+    assert options() == options()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        options().wait_for_device = True
+    told = "".join(
+        inspect.getsource(each) for each in options.__mro__ if each.__module__.startswith("cardan")
+    )
+    for field in dataclasses.fields(options):
+        after = told.partition(f"    {field.name}: ")[2]
+        assert '"""' in after.split("\n    def ")[0].split(": ", 1)[-1], field.name

@@ -1,0 +1,16 @@
+"""The table of what was shown is what the tests show."""
+
+from cardan.drivers import registry
+from cardan.drivers.base import OperatorDevice
+from tests import device_table
+
+
+def test_the_page_has_the_table_that_the_tests_make():
+    page = device_table.PAGE.read_text(encoding="utf-8")
+    assert device_table.table() in page, "make device-table writes it anew"
+
+
+def test_every_device_has_its_line_on_the_page():
+    page = device_table.PAGE.read_text(encoding="utf-8")
+    drivers = [n for n in registry.BUILT_IN if issubclass(registry.load(n), OperatorDevice)]
+    assert [name for name in drivers if f"| `{name}` |" not in page] == []
