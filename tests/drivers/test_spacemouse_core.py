@@ -11,9 +11,9 @@ from pyspacemouse.config_helpers import apply_axis_convention
 from pyspacemouse.device import SpaceMouseDevice
 from pyspacemouse.types import AxisConvention
 
+from cardan.drivers.buttons import MAX_EVENTS
 from cardan.drivers.shaping import NEUTRAL
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.drivers.spacemouse.buttons import MAX_EVENTS
 from cardan.drivers.spacemouse.core import GAP_AFTER_S, SETTLE_S, STALE_AFTER_S
 from cardan.errors import CommandError
 from cardan.protocols.connexion import (
@@ -599,6 +599,7 @@ def _shared_specs():
             yield pytest.param(spec, model, id=model.key)
 
 
+@pytest.mark.judged(device="SpaceMouse", transport="HID reports", by="PySpaceMouse")
 @pytest.mark.parametrize(("spec", "model"), list(_shared_specs()))
 @settings(max_examples=15)
 @given(raw=st.tuples(*[st.integers(-350, 350)] * 6))

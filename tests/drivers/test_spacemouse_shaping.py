@@ -103,7 +103,7 @@ def test_continuous_and_monotonic(dead_zone, curve, shape):
         ({"curve": 1.5}, r"curve is 1\.5"),
         ({"full_scale": 0.0}, r"full_scale is 0\.0"),
         ({"full_scale": math.inf}, "full_scale is inf"),
-        ({"transport": "usb"}, "transport is 'usb'; allowed: auto, hidraw, libusb, socket"),
+        ({"transport": "bus"}, "transport is 'bus'; allowed: auto, hidraw, libusb, usb, serial"),
         ({"dead_zone_shape": "box"}, "dead_zone_shape is 'box'; allowed: axis, radial"),
         ({"led": "blink"}, "led is 'blink'; allowed: keep, on, off"),
         ({"model": "spaceship"}, "model is 'spaceship'; allowed: .*spacenavigator"),

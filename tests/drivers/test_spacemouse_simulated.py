@@ -47,6 +47,7 @@ class Bench:
         return self.run(0.3, REST)
 
 
+@pytest.mark.judged(device="SpaceMouse", transport="HID reports", by="simulated peer")
 @pytest.mark.parametrize("model", USUAL_MODELS, ids=lambda m: m.key)
 def test_every_model_is_followed(model):
     bench = Bench(model)

@@ -12,11 +12,12 @@ from collections import deque
 
 import pytest
 
-from cardan.drivers import access, registry
+from cardan.drivers import access, reading, registry
 from cardan.drivers.spacemouse import (
     SpaceMouse,
     SpaceMouseOptions,
     list_devices,
+    transports,
 )
 from cardan.drivers.spacemouse import device as shell
 from cardan.drivers.spacemouse.transports import HidTransport, SocketTransport
@@ -56,13 +57,17 @@ def eventually(condition):
 @pytest.fixture(autouse=True)
 def frozen_clock(monkeypatch):
     """The driver's clock stands: a busy machine makes nothing stale."""
-    monkeypatch.setattr(shell, "time", types.SimpleNamespace(monotonic=lambda: 1000.0))
+    clock = types.SimpleNamespace(monotonic=lambda: 1000.0)
+    monkeypatch.setattr(shell, "time", clock)
+    monkeypatch.setattr(reading, "time", clock)
 
 
 class FakePuck:
     """What is plugged in: one interface of a device, as hidapi shows it."""
 
-    def __init__(self, model, path=b"/dev/null", usage=(1, 8), serial="", descriptor=None):
+    def __init__(
+        self, model, path=b"/dev/null", usage=(1, 8), serial="", descriptor=None, interface=0
+    ):
         self.model = model_by_key(model)
         self.info = {
             "path": path,
@@ -72,7 +77,7 @@ class FakePuck:
             "product_string": self.model.name,
             "usage_page": usage[0],
             "usage": usage[1],
-            "interface_number": 0,
+            "interface_number": interface,
         }
         self.descriptor = descriptor_for(self.model) if descriptor is None else descriptor
         self.reports = deque()
@@ -178,8 +183,8 @@ def fake_hidapi(pucks):
 @pytest.fixture
 def usb(monkeypatch):
     """Plug pucks in: ``usb(FakePuck(...), ...)``; the libusb back end finds nothing."""
-    monkeypatch.setattr(shell, "RETRY_FIRST_S", 0.005)
-    monkeypatch.setattr(shell, "RETRY_LAST_S", 0.01)
+    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.005)
+    monkeypatch.setattr(reading, "RETRY_LAST_S", 0.01)
     pucks = []
     monkeypatch.setitem(sys.modules, "hidraw", fake_hidapi(pucks))
     monkeypatch.setitem(sys.modules, "hid", fake_hidapi([]))
@@ -368,6 +373,59 @@ def test_a_receiver_that_is_unplugged_before_it_speaks(usb, open_mouse):
     eventually(lambda: mouse.state().link is DeviceLink.LOST)
 
 
+def test_two_pucks_on_one_receiver_are_told_apart_by_slot(usb, open_mouse):
+    slots = usb(
+        *(
+            FakePuck("universal-receiver", path=f"/dev/hidraw{n}".encode(), interface=n)
+            for n in range(5)
+        )
+    )
+    left, right = open_mouse(slot="0", dead_zone=0.0), open_mouse(slot="2", dead_zone=0.0)
+    assert [slot.opened for slot in slots] == [1, 0, 1, 0, 0]
+    slots[2].send(REST, UP)  # speaks first, and is the right one's all the same
+    slots[0].send(REST)
+    assert (left.state().axes[2], right.state().axes[2]) == (0.0, 0.5)
+    for slot in slots:
+        slot.unplug()
+    for mouse in (left, right):
+        eventually(lambda mouse=mouse: mouse.state().link is DeviceLink.LOST)
+    for slot in reversed(slots):
+        slot.plugged = True
+    eventually(lambda: [slot.opened for slot in slots] == [1, 0, 1, 0, 0])
+    with pytest.raises(DeviceNotFoundError, match="slot '4'"):
+        SpaceMouse(SpaceMouseOptions(slot="4", path="/dev/hidraw1")).open()
+
+
+def test_two_of_a_kind_are_told_apart_by_port(usb, open_mouse, monkeypatch):
+    one, two = usb(
+        FakePuck("spacenavigator", path=b"/dev/hidraw0"),
+        FakePuck("spacenavigator", path=b"/dev/hidraw1"),
+    )
+    ports = {"/dev/hidraw0": "1-2", "/dev/hidraw1": "1-3.4"}
+    monkeypatch.setattr(transports, "usb_port_of", ports.__getitem__)
+    open_mouse(port="1-3.4")
+    assert (one.opened, two.opened) == (0, 1)
+    # After both were replugged the nodes have changed places, the ports have not.
+    two.unplug()
+    eventually(lambda: two.opened == 0)
+    ports.update({"/dev/hidraw0": "1-3.4", "/dev/hidraw1": "1-2"})
+    two.plugged = True
+    eventually(lambda: (one.opened, two.opened) == (1, 0))
+
+
+def test_the_port_of_a_node(tmp_path):
+    device = tmp_path / "sys/devices/pci0000:00/usb1/1-3/1-3.4/1-3.4:1.2/0003:046D:C626.0004"
+    device.mkdir(parents=True)
+    node = tmp_path / "sys/class/hidraw/hidraw7"
+    node.mkdir(parents=True)
+    (node / "device").symlink_to(device)
+    port = transports.usb_port_of
+    assert port("/dev/hidraw7", root=str(tmp_path)) == "1-3.4"
+    assert port("/dev/hidraw8", root=str(tmp_path)) == ""
+    assert port("1-2:1.0") == "1-2"
+    assert port("DevSrvsID:4294969") == ""
+
+
 def test_unknown_usages_are_tried_together(usb, open_mouse):
     usb(
         FakePuck("spacemouse-wireless-receiver", path=b"1-2:1.0", usage=(0, 0)),
@@ -526,6 +584,20 @@ def test_a_bug_in_the_reader_is_no_silent_death(usb, monkeypatch):
 # -- what stands in the way --------------------------------------------------------------------
 
 
+def test_what_is_plugged_in_for_everybody(usb, monkeypatch):
+    usb(FakePuck("spacemouse-pro", path=b"/dev/null"))
+    (found,) = SpaceMouse.find()
+    assert (found.name, found.identity) == ("SpaceMouse Pro", "046d:c62b")
+    assert (found.transport, found.path, found.obstacle) == ("hidraw", "/dev/null", "")
+    usb(FakePuck("universal-receiver", path=b"/dev/zero", interface=3))
+    monkeypatch.setattr(transports, "usb_port_of", lambda path: "1-2.3")
+    names = [device.name for device in SpaceMouse.find()]
+    assert names == ["Universal Receiver (port 1-2.3, slot 3)", "SpaceMouse Pro (port 1-2.3)"]
+    monkeypatch.setitem(sys.modules, "hidraw", types.ModuleType("hidraw"))
+    monkeypatch.setitem(sys.modules, "hid", types.ModuleType("hid"))
+    assert SpaceMouse.find() == []
+
+
 def test_list_devices(usb):
     usb(
         FakePuck("spacemouse-pro", path=b"/dev/null", serial="7"),
@@ -656,7 +728,7 @@ def test_socket_model_names_the_buttons(puck, open_mouse):
 
 
 def test_socket_unplug_and_replug(puck, tmp_path, open_mouse, monkeypatch):
-    monkeypatch.setattr(shell, "RETRY_FIRST_S", 0.005)
+    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.005)
     mouse = open_mouse(transport="socket", path=puck.path)
     puck.accept()
     puck.send(REST, encode_buttons(1, 3))

@@ -52,6 +52,7 @@ counts = st.integers(-32768, 32767)
 codes = st.lists(st.integers(1, 65535), max_size=6).map(tuple)
 
 
+@pytest.mark.judged(device="SpaceMouse", transport="HID reports", by="worked bytes")
 @pytest.mark.parametrize(("text", "value"), WORKED)
 def test_worked_bytes(text, value):
     assert decode_input(bytes.fromhex(text)) == value

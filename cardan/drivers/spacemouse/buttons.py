@@ -1,11 +1,11 @@
-"""Which buttons are down, merged from all the reports that tell of buttons, and their edges."""
+"""Which buttons are down, merged from all the reports that tell of buttons."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from cardan.drivers.buttons import ButtonEdges
 from cardan.protocols.connexion import (
     LONG_PRESS,
     PRO_BUTTONS,
@@ -21,9 +21,6 @@ from cardan.types import ButtonEvent
 
 ButtonReport = ButtonBits | KeysDown | LongPress | LongPressBits
 
-MAX_EVENTS = 4096
-"""Button edges kept for a consumer that does not come; beyond, the oldest go (and are counted)."""
-
 _V3DK_BITS: Mapping[int, str] = MappingProxyType({code - 1: V3DK[code] for code in V3DK})
 _TWO_BUTTON_REPORT_BYTES = 3
 
@@ -38,13 +35,21 @@ class Buttons:
 
     def __init__(self, model: Model | None) -> None:
         self.model = model
-        self.held: frozenset[str] = frozenset()
-        self.lost_edges = 0
-        self._events: deque[ButtonEvent] = deque(maxlen=MAX_EVENTS)
+        self._edges = ButtonEdges()
         self._bits: list[str] = []
         self._keys: list[str] = []
         self._long_bits: list[str] = []
         self._long_keys: list[str] = []
+
+    @property
+    def held(self) -> frozenset[str]:
+        """Labels of the buttons that are down."""
+        return self._edges.held
+
+    @property
+    def lost_edges(self) -> int:
+        """Edges that nobody took in time."""
+        return self._edges.lost_edges
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -55,7 +60,10 @@ class Buttons:
         return tuple(dict.fromkeys((*TWO_BUTTONS.values(), *own) if self.model.receiver else own))
 
     def on_report(self, value: ButtonReport, size: int, now_s: float) -> None:
-        """Take a report of `size` bytes; each tells the whole state of what it tells about."""
+        """Take a report of `size` bytes; each tells the whole state of what it tells about.
+
+        The size tells how to read the buttons of an unknown model, and is nothing otherwise.
+        """
         if isinstance(value, ButtonBits):
             labels = self._labels_of(size)
             self._bits = [labels.get(bit) or f"button-{bit}" for bit in _bits_of(value.mask)]
@@ -69,33 +77,16 @@ class Buttons:
             self._long_keys = self._long_labels(value.codes)
         else:
             self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
-        self._set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
+        self._edges.set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
 
     def release_all(self, now_s: float) -> None:
         """Count every button as released: nobody can tell any more."""
         self._bits, self._keys, self._long_bits, self._long_keys = [], [], [], []
-        self._set((), now_s)
+        self._edges.release_all(now_s)
 
     def events(self) -> list[ButtonEvent]:
         """Edges since the last call, oldest first."""
-        events = list(self._events)
-        self._events.clear()
-        return events
-
-    def _set(self, labels: Sequence[str], now_s: float) -> None:
-        """Queue the edges that lead to `labels`, releases first."""
-        held = frozenset(labels)
-        if held == self.held:
-            return
-        edges = [ButtonEvent(now_s, label, False) for label in sorted(self.held - held)]
-        edges += [
-            ButtonEvent(now_s, label, True)
-            for label in dict.fromkeys(labels)
-            if label not in self.held
-        ]
-        self.lost_edges += max(0, len(self._events) + len(edges) - MAX_EVENTS)
-        self._events.extend(edges)
-        self.held = held
+        return self._edges.events()
 
     def _labels_of(self, size: int) -> Mapping[int, str]:
         """Labels by bit of a report 3 of `size` bytes."""

@@ -1,7 +1,8 @@
 """What a SpaceMouse's reports mean, without any I/O and in the caller's time.
 
-A device at rest is silent, and a deflected one reports all the time (a pair of halves or one
-whole report each 16 ms). So silence is believed only after a report of rest:
+A device at rest is silent, and a deflected one reports all the time (over HID a pair of halves or
+one whole report each 16 ms, over a serial line a packet each 33 to 60 ms). So silence is believed
+only after a report of rest:
 
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until both translation and
   rotation were reported inside the dead zone. A device that nobody touches says nothing at all,
@@ -27,6 +28,7 @@ from cardan.protocols.connexion import (
     MOTION_BYTES,
     Battery,
     Family,
+    InputReport,
     MalformedReport,
     Model,
     Motion,
@@ -39,13 +41,15 @@ from cardan.protocols.connexion import (
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
 
 REPORT_PERIOD_S = 0.016
-"""A deflected device repeats each half, or its whole report, this often."""
+"""A deflected HID device repeats each half, or its whole report, this often."""
 
 STALE_AFTER_S = 0.1
-"""Silence of a deflected device beyond this, six periods, is a link in trouble."""
+"""Silence of a deflected device beyond this is a link in trouble."""
 
 GAP_AFTER_S = 3 * REPORT_PERIOD_S
 """Silence of a deflected device beyond this is counted."""
+GAP_PERIODS = 1.5
+"""Or beyond so many periods of a slow one."""
 
 SETTLE_S = REPORT_PERIOD_S
 """Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""
@@ -61,7 +65,7 @@ RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 _COUNTERS: Mapping[str, str] = MappingProxyType(
     {
         "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
-        "gaps": f"gaps of more than {GAP_AFTER_S * 1000:.0f} ms while deflected",
+        "gaps": "gaps of more than {gap_ms:.0f} ms while deflected",
         "unpaired_halves": "translation or rotation reports without the other half",
         "unusual_lengths": "motion reports of an unusual length",
     }
@@ -120,18 +124,25 @@ class SpaceMouseCore:
         self._active_since_s = NEVER_S
         self._motion_s = NEVER_S
         self._believe_s = NEVER_S
+        self._gap_after_s = GAP_AFTER_S
         self._set_model(model, None)
 
     # -- what happens to the device ------------------------------------------------------------
 
     def on_opened(
-        self, now_s: float, model: Model | None = None, descriptor_full_scale: int | None = None
+        self,
+        now_s: float,
+        model: Model | None = None,
+        descriptor_full_scale: int | None = None,
+        period_s: float = REPORT_PERIOD_S,
     ) -> None:
         """The device was opened (again): what was known of it is void.
 
-        `descriptor_full_scale` is what its report descriptor declares, counts.
+        `descriptor_full_scale` is what its report descriptor declares, counts; `period_s` is how
+        often it reports while deflected.
         """
         self._set_model(model, descriptor_full_scale)
+        self._gap_after_s = max(GAP_AFTER_S, GAP_PERIODS * period_s)
         for half in (self._translation, self._rotation):
             half.stamp_s = NEVER_S
             half.zero = None
@@ -153,9 +164,15 @@ class SpaceMouseCore:
 
     def on_report(self, report: bytes, now_s: float) -> None:
         """An input report of its true length was received at `now_s`. Never raises."""
+        self.on_value(decode_input(report), now_s, len(report))
+
+    def on_value(self, value: InputReport, now_s: float, size: int = 0) -> None:
+        """What a report says was received at `now_s`. Never raises.
+
+        `size` is the report's length, which tells more about some; 0 where there is none.
+        """
         if not self._open:
             return
-        value = decode_input(report)
         if isinstance(value, MalformedReport):
             self._malformed[value.reason, value.report_id] += 1
             return
@@ -163,15 +180,15 @@ class SpaceMouseCore:
         self._heard = True
         self._stamp_s = now_s
         if isinstance(value, Translation):
-            self._on_half(self._translation, value, len(report), now_s)
+            self._on_half(self._translation, value, size, now_s)
         elif isinstance(value, Rotation):
-            self._on_half(self._rotation, value, len(report), now_s)
+            self._on_half(self._rotation, value, size, now_s)
         elif isinstance(value, Motion):
-            self._on_motion(value, len(report), now_s)
+            self._on_motion(value, size, now_s)
         elif isinstance(value, Battery):
             self._battery = value
         else:
-            self._buttons.on_report(value, len(report), now_s)
+            self._buttons.on_report(value, size, now_s)
 
     # -- what it says --------------------------------------------------------------------------
 
@@ -258,7 +275,11 @@ class SpaceMouseCore:
         if self._model is not None and self._split is (self._model.family is Family.ONE):
             form = "two halves" if self._split else "one piece"
             words.append(f"reports motion in {form}, unlike the {self._model.name} known here")
-        words += [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
+        words += [
+            f"{count} {_COUNTERS[key].format(gap_ms=1000.0 * self._gap_after_s)}"
+            for key, count in self._counts.items()
+            if count
+        ]
         for (reason, report_id), count in self._malformed.most_common():
             of_id = f" (id {report_id:#04x})" if report_id >= 0 else ""
             words.append(f"{count} reports {reason}{of_id}, ignored")
@@ -275,7 +296,7 @@ class SpaceMouseCore:
             return
         else:
             self._split = False
-        if size != MOTION_BYTES:
+        if size not in (0, MOTION_BYTES):
             self._counts["unusual_lengths"] += 1
         self._before_motion(now_s)
         self._take(self._translation, x, y, z, now_s)
@@ -284,7 +305,7 @@ class SpaceMouseCore:
 
     def _on_half(self, half: _Half, counts: tuple[int, int, int], size: int, now_s: float) -> None:
         self._split = True
-        if size != HALF_BYTES:
+        if size not in (0, HALF_BYTES):
             self._counts["unusual_lengths"] += 1
         self._before_motion(now_s)
         if half is self._last_half and self._active:
@@ -300,7 +321,7 @@ class SpaceMouseCore:
 
     def _before_motion(self, now_s: float) -> None:
         if self._active:
-            if now_s - self._motion_s > GAP_AFTER_S:
+            if now_s - self._motion_s > self._gap_after_s:
                 self._counts["gaps"] += 1
             if (
                 now_s - self._translation.stamp_s > STALE_AFTER_S
@@ -346,7 +367,7 @@ class SpaceMouseCore:
         if now_s - max(older.stamp_s, self._active_since_s) <= STALE_AFTER_S:
             return
         self._counts["silences"] += 1
-        what = older.name if now_s - self._motion_s <= GAP_AFTER_S else "motion"
+        what = older.name if now_s - self._motion_s <= self._gap_after_s else "motion"
         self._distrust(
             DeviceLink.STALE,
             f"deflected, but no {what} report for {STALE_AFTER_S:.1f} s: check radio, cable and "

@@ -6,30 +6,35 @@ import threading
 import time
 from collections.abc import Iterable, Sequence
 
+from cardan.drivers import base
 from cardan.drivers.access import obstacle
-from cardan.drivers.base import OperatorDevice
+from cardan.drivers.reading import ReadDevice
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
+from cardan.drivers.spacemouse.serial_port import SerialTransport
+from cardan.drivers.spacemouse.serial_session import device_model
 from cardan.drivers.spacemouse.transports import (
     FoundDevice,
     Link,
+    Reading,
     SocketTransport,
     Transport,
     hid_transport,
     hid_transports,
 )
+from cardan.drivers.spacemouse.usb import UsbTransport
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
 from cardan.protocols.connexion import (
     BUTTONS_ID,
     KEYS_DOWN_ID,
     ROTATION_ID,
     TRANSLATION_ID,
-    Model,
     encode_led,
     full_scale_of,
     model_by_key,
 )
-from cardan.types import ButtonEvent, DeviceCapabilities, DeviceFeedback, DeviceState
+from cardan.protocols.connexion_serial import serial_model_by_key
+from cardan.types import DeviceCapabilities, DeviceFeedback
 
 READ_TIMEOUT_S = 0.05
 """How long a silent device keeps the reader from the LED and from closing."""
@@ -37,19 +42,14 @@ READ_TIMEOUT_S = 0.05
 BIND_TIMEOUT_S = 0.004
 """Wait for each interface of a receiver in turn, until one speaks."""
 
-RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
-"""Pause between attempts to open a lost device, doubled each time: HID has no plug events."""
-
 MUTE_AFTER_S = 10.0
 """An open device that has said nothing for so long may be in another program's hands."""
-
-JOIN_TIMEOUT_S = 2.0
 
 SPEAKING_IDS = frozenset({TRANSLATION_ID, ROTATION_ID, BUTTONS_ID, KEYS_DOWN_ID})
 """Reports that only an interface with a puck behind it sends."""
 
 
-class SpaceMouse(OperatorDevice):
+class SpaceMouse(ReadDevice[SpaceMouseCore]):
     """A 3Dconnexion six-axis device (SpaceMouse, SpaceNavigator and kin) as an operator device.
 
     Its axes are LIVE only after the cap was seen at rest; see :mod:`.core` for the rules. It is
@@ -65,54 +65,50 @@ class SpaceMouse(OperatorDevice):
         *,
         transports: Sequence[Transport] | None = None,
     ) -> None:
-        super().__init__(options)
-        options = self.options
-        self._model = model_by_key(options.model) if options.model else None
-        self._transports = tuple(
-            _transports(options, self._model) if transports is None else transports
-        )
-        self._core = SpaceMouseCore(options, self._model)
-        self._lock = threading.Lock()
-        """Guards the core, for some µs at a time."""
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        options = SpaceMouseOptions() if options is None else options
+        self._model = None
+        if options.model and options.transport == "serial":
+            self._model = device_model(serial_model_by_key(options.model))
+        elif options.model:
+            self._model = model_by_key(options.model)
+        super().__init__(options, SpaceMouseCore(options, self._model))
+        self._transports = tuple(self._usual_transports() if transports is None else transports)
         self._links: list[Link] = []
         self._opened_s = 0.0
         self._led_wanted: bool | None = None
         self._led_shown: bool | None = None
         self._led_failures = 0
 
+    @classmethod
+    def find(cls) -> list[base.FoundDevice]:
+        """The HID devices that are plugged in; serial ports cannot be asked without disturbing
+        what is there, so none of them is here."""
+        try:
+            found = list_devices()
+        except DriverError:
+            return []
+        return [
+            base.FoundDevice(
+                name=device.name + _place(device),
+                identity=f"{device.vendor_id:04x}:{device.product_id:04x}",
+                transport=device.transport,
+                path=device.path,
+                obstacle=device.obstacle,
+            )
+            for device in found
+        ]
+
     # -- the interface -------------------------------------------------------------------------
 
     def open(self) -> None:
         """Open the device and start to read it.
 
-        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
+        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set. At a
+        serial port this takes up to some seconds, until the device has started and answered.
         """
-        if self._thread is not None:
-            return
-        self._stop = threading.Event()
-        self._led_wanted = {"keep": None, "on": True, "off": False}[self.options.led]
-        try:
-            self._connect()
-        except DriverError as error:
-            if not self.options.wait_for_device:
-                raise
-            self._lose(str(error))
-        self._thread = threading.Thread(
-            target=self._run, args=(self._stop,), name="cardan-spacemouse", daemon=True
-        )
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop reading and release the device; its LED stays as it is."""
-        if self._thread is None:
-            return
-        self._stop.set()
-        self._thread.join(JOIN_TIMEOUT_S)
-        self._thread = None
-        with self._lock:
-            self._core.on_closed(time.monotonic())
+        if not self._opened:
+            self._led_wanted = {"keep": None, "on": True, "off": False}[self.options.led]
+        super().open()
 
     @property
     def capabilities(self) -> DeviceCapabilities:
@@ -123,19 +119,9 @@ class SpaceMouse(OperatorDevice):
         return DeviceCapabilities(
             gives_pose=False,
             buttons=labels,
-            feedback=frozenset({"led"} if model is None or model.led else ()),
+            feedback=frozenset({"led"} if self._may_have_led else ()),
             battery=model is not None and model.battery,
         )
-
-    def state(self) -> DeviceState:
-        """The newest state."""
-        with self._lock:
-            return self._core.state(time.monotonic())
-
-    def button_events(self) -> Sequence[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-        with self._lock:
-            return self._core.events()
 
     def rezero(self) -> None:
         """Take the resting position of the cap for zero, until the device is opened again.
@@ -145,16 +131,11 @@ class SpaceMouse(OperatorDevice):
         with self._lock:
             self._core.rezero(time.monotonic())
 
-    def metrics(self) -> dict[str, float]:
-        """Ages of translation and rotation in s, and counts of what went wrong."""
-        with self._lock:
-            return self._core.metrics(time.monotonic())
-
     def diagnosis(self) -> tuple[str, ...]:
         """What stands in the way or deserves attention, worst first."""
+        words = [*super().diagnosis()]
         now_s = time.monotonic()
         with self._lock:
-            words = self._core.diagnosis(now_s)
             heard = self._core.heard
         if self._links and not heard and now_s - self._opened_s > MUTE_AFTER_S:
             words.append(
@@ -166,12 +147,31 @@ class SpaceMouse(OperatorDevice):
         return tuple(words)
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        if self._thread is None:
+        if not self._opened:
             raise NotOpenError("the SpaceMouse is not open: call open() before feedback()")
         if feedback.led is not None:
             self._led_wanted = feedback.led
 
+    @property
+    def _may_have_led(self) -> bool:
+        if self.options.transport == "serial":
+            return False
+        return self._model is None or self._model.led
+
     # -- finding and opening -------------------------------------------------------------------
+
+    def _usual_transports(self) -> tuple[Transport, ...]:
+        options = self.options
+        if options.transport == "auto":
+            return hid_transports()
+        if options.transport == "socket":
+            return (SocketTransport(options.path, self._model),)
+        if options.transport == "serial":
+            model = serial_model_by_key(options.model) if options.model else None
+            return (SerialTransport(options.path, model, lambda: self._stop.is_set()),)
+        if options.transport == "usb":
+            return (UsbTransport(),)
+        return (hid_transport(options.transport),)
 
     def _connect(self) -> None:
         """Open the device that the options mean. Raises DriverError."""
@@ -204,12 +204,18 @@ class SpaceMouse(OperatorDevice):
         if not links:
             return False
         descriptor = links[0].descriptor()
-        model = group[0].model
+        model = links[0].model or group[0].model
         self._opened_s = now_s = time.monotonic()
         with self._lock:
             self._links = links
             self._model = model
-            self._core.on_opened(now_s, model, full_scale_of(descriptor) if descriptor else None)
+            self._core.on_opened(
+                now_s,
+                model,
+                full_scale_of(descriptor) if descriptor else None,
+                links[0].period_s,
+            )
+        self._led_shown = None
         return True
 
     def _is_meant(self, device: FoundDevice) -> bool:
@@ -218,6 +224,8 @@ class SpaceMouse(OperatorDevice):
         return (
             options.path in ("", device.path)
             and options.serial in ("", device.serial)
+            and options.port in ("", device.port)
+            and options.slot in ("", str(device.interface))
             and options.model in ("", key)
         )
 
@@ -225,43 +233,20 @@ class SpaceMouse(OperatorDevice):
         options = self.options
         wanted = [
             f"{key} {value!r}"
-            for key in ("path", "model", "serial")
+            for key in ("path", "model", "serial", "port", "slot")
             if (value := getattr(options, key))
         ]
         if options.transport == "socket":
             return f"there is no socket at {options.path!r}: start the simulated device first"
+        if options.transport == "serial":
+            return f"there is no serial port at {options.path!r}: check the adapter and its name"
         such = f" with {' and '.join(wanted)}" if wanted else ""
         return f"no 3Dconnexion device{such} is plugged in; `cardan devices` lists what there is"
 
     # -- the reader ----------------------------------------------------------------------------
 
-    def _run(self, stop: threading.Event) -> None:
-        retry_s = RETRY_FIRST_S
-        try:
-            while not stop.is_set():
-                if not self._links:
-                    try:
-                        self._connect()
-                    except DriverError as error:
-                        self._lose(str(error))
-                if self._links:
-                    try:
-                        self._serve(stop)
-                    except OSError as error:
-                        if self._core.heard:
-                            retry_s = RETRY_FIRST_S
-                        self._lose(f"unplugged, or it cannot be read ({error.strerror or error})")
-                stop.wait(retry_s)
-                retry_s = min(2.0 * retry_s, RETRY_LAST_S)
-        except BaseException as error:
-            self._lose(f"the reader failed: {error!r}")
-            raise
-        finally:
-            self._release()
-
     def _serve(self, stop: threading.Event) -> None:
         """Read the open device until it is gone (OSError) or to be closed."""
-        self._led_shown = None
         while not stop.is_set():
             if len(self._links) > 1:
                 self._bind()
@@ -286,7 +271,7 @@ class SpaceMouse(OperatorDevice):
                 self._links.remove(link)
                 link.close()
                 continue
-            if report is not None and report[0] in SPEAKING_IDS:
+            if isinstance(report, bytes) and report[0] in SPEAKING_IDS:
                 for other in self._links:
                     if other is not link:
                         other.close()
@@ -294,15 +279,18 @@ class SpaceMouse(OperatorDevice):
                 self._take(report)
                 return
 
-    def _take(self, report: bytes) -> None:
+    def _take(self, report: Reading) -> None:
         now_s = time.monotonic()
         with self._lock:
-            self._core.on_report(report, now_s)
+            if isinstance(report, bytes):
+                self._core.on_report(report, now_s)
+            else:
+                self._core.on_value(report, now_s)
 
     def _show_led(self, link: Link) -> None:
         """Bring the LED to what is wanted; a Compact's goes off only after it was switched on."""
         on = self._led_wanted
-        if on is None or on is self._led_shown or (self._model and not self._model.led):
+        if on is None or on is self._led_shown or not self._may_have_led:
             return
         try:
             if not on and not self._led_shown:
@@ -312,11 +300,6 @@ class SpaceMouse(OperatorDevice):
             # The link is judged by reading; a device without an LED refuses, too.
             self._led_failures += 1
         self._led_shown = on
-
-    def _lose(self, reason: str) -> None:
-        self._release()
-        with self._lock:
-            self._core.on_lost(reason, time.monotonic())
 
     def _release(self) -> None:
         for link in self._links:
@@ -345,12 +328,12 @@ def list_devices(transports: Sequence[Transport] | None = None) -> list[FoundDev
     return []
 
 
-def _transports(options: SpaceMouseOptions, model: Model | None) -> tuple[Transport, ...]:
-    if options.transport == "auto":
-        return hid_transports()
-    if options.transport == "socket":
-        return (SocketTransport(options.path, model),)
-    return (hid_transport(options.transport),)
+def _place(device: FoundDevice) -> str:
+    """Where a device is, as its options call it."""
+    words = [f"port {device.port}"] if device.port else []
+    if device.model is not None and device.model.receiver and device.interface >= 0:
+        words.append(f"slot {device.interface}")
+    return f" ({', '.join(words)})" if words else ""
 
 
 def _groups(found: Iterable[FoundDevice]) -> list[list[FoundDevice]]:

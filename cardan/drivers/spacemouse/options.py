@@ -8,25 +8,35 @@ from typing import Literal
 
 from cardan.drivers.shaping import ShapingOptions, check_choice
 from cardan.protocols.connexion import MODELS
+from cardan.protocols.connexion_serial import SERIAL_MODELS
 
-TRANSPORTS = ("auto", "hidraw", "libusb", "socket")
+TRANSPORTS = ("auto", "hidraw", "libusb", "usb", "serial", "socket")
+SLOTS = ("", "0", "1", "2", "3", "4")
 LED_POLICIES = ("keep", "on", "off")
 _MODEL_KEYS = ("", *(model.key for model in MODELS))
+_SERIAL_MODEL_KEYS = ("", *(model.key for model in SERIAL_MODELS))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceMouseOptions(ShapingOptions):
     """Options of :class:`SpaceMouse`. Raises ValueError for a value that is not allowed."""
 
-    transport: Literal["auto", "hidraw", "libusb", "socket"] = "auto"
-    """auto: hidraw, then libusb. socket: a simulated device, one raw HID report per packet."""
+    transport: Literal["auto", "hidraw", "libusb", "usb", "serial", "socket"] = "auto"
+    """auto: hidraw, then libusb. usb: raw USB, where there is no HID. serial: a device at a serial
+    port. socket: a simulated device, one raw HID report per packet."""
     path: str = ""
-    """The device's path as ``cardan devices`` lists it, or the socket's; empty: the first found."""
+    """The device's path as ``cardan devices`` lists it, the serial port's or the socket's; empty:
+    the first found."""
     model: str = ""
     """Key of the model to open ("spacemouse-compact"); for a socket, what is behind it, where
-    that matters: labels of its buttons and its full scale. Empty: any."""
+    that matters: labels of its buttons and its full scale. Empty: any; at a serial port it is
+    found out."""
     serial: str = ""
     """Serial number of the device to open; most have none. Empty: any."""
+    port: str = ""
+    """USB port of the device to open ("1-2.3", as in /sys/bus/usb/devices). Empty: any."""
+    slot: Literal["", "0", "1", "2", "3", "4"] = ""
+    """Interface of a receiver on which the device speaks. Empty: the first that speaks."""
     full_scale: float | None = None
     """Counts of a full deflection; None: from the report descriptor, else the model's."""
     led: Literal["keep", "on", "off"] = "keep"
@@ -38,8 +48,9 @@ class SpaceMouseOptions(ShapingOptions):
         super().__post_init__()
         for name, allowed in (
             ("transport", TRANSPORTS),
+            ("slot", SLOTS),
             ("led", LED_POLICIES),
-            ("model", _MODEL_KEYS),
+            ("model", _SERIAL_MODEL_KEYS if self.transport == "serial" else _MODEL_KEYS),
         ):
             check_choice(name, getattr(self, name), allowed)
         if self.full_scale is not None and not (
@@ -48,5 +59,14 @@ class SpaceMouseOptions(ShapingOptions):
             raise ValueError(
                 f"full_scale is {self.full_scale!r}; allowed: a number of counts above 0"
             )
-        if self.transport == "socket" and not self.path:
-            raise ValueError("path is ''; transport 'socket' needs the path of the socket")
+        for name in ("port", "slot"):
+            if self.transport in ("serial", "socket") and getattr(self, name):
+                raise ValueError(
+                    f"{name} is {getattr(self, name)!r}; transport {self.transport!r} is not "
+                    "on USB: its path tells devices apart"
+                )
+        if self.transport in ("serial", "socket") and not self.path:
+            what = "socket" if self.transport == "socket" else "serial port"
+            raise ValueError(
+                f"path is ''; transport {self.transport!r} needs the path of the {what}"
+            )

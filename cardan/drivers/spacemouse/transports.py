@@ -1,4 +1,7 @@
-"""Ways to a device's reports: hidapi's back ends, and a socket for simulated devices."""
+"""Ways to a device's reports: hidapi's back ends, and a socket for simulated devices.
+
+Raw USB is in :mod:`.usb`, serial ports are in :mod:`.serial_port`.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import contextlib
 import errno
 import importlib
 import os
+import re
 import socket
 import sys
 from abc import ABC, abstractmethod
@@ -13,8 +17,16 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from cardan.drivers.access import refusal
+from cardan.drivers.spacemouse.core import REPORT_PERIOD_S
 from cardan.errors import DeviceAccessError, DriverError
-from cardan.protocols.connexion import CONNEXION, LOGITECH, Model, find_model, is_candidate
+from cardan.protocols.connexion import (
+    CONNEXION,
+    LOGITECH,
+    InputReport,
+    Model,
+    find_model,
+    is_candidate,
+)
 
 REPORT_ROOM = 64
 """Asked of every read: a read that is too small loses the rest of the report."""
@@ -34,14 +46,27 @@ class FoundDevice(NamedTuple):
     model: Model | None = None
     certain: bool = True
     """False: its motion may come on another interface, of the same ids (receivers)."""
+    interface: int = -1
+    """Number of its USB interface, which is the slot of a receiver; -1: not known."""
+    port: str = ""
+    """USB port ("1-2.3"), which stays the same as long as nobody replugs; empty: not known."""
+
+
+Reading = bytes | InputReport
+"""A HID report of its true length, or what one would say."""
 
 
 class Link(ABC):
     """An open device. All methods but close() raise OSError once it is gone."""
 
+    model: Model | None = None
+    """What it has turned out to be, where opening it shows that."""
+    period_s: float = REPORT_PERIOD_S
+    """A deflected device reports this often."""
+
     @abstractmethod
-    def read(self, timeout_s: float) -> bytes | None:
-        """The oldest waiting input report, of its true length; None when none comes in time.
+    def read(self, timeout_s: float) -> Reading | None:
+        """The oldest waiting input report; None when none comes in time.
 
         A `timeout_s` of 0 does not wait.
         """
@@ -94,16 +119,19 @@ class HidTransport(Transport):
                 if not is_candidate(vendor_id, product_id, usage_page, info["usage"]):
                     continue
                 model = find_model(vendor_id, product_id)
+                path = os.fsdecode(info["path"])
                 found.append(
                     FoundDevice(
                         name=model.name if model else info.get("product_string") or "unknown model",
                         vendor_id=vendor_id,
                         product_id=product_id,
                         transport=self.name,
-                        path=os.fsdecode(info["path"]),
+                        path=path,
                         serial=info.get("serial_number") or "",
                         model=model,
                         certain=usage_page != 0 and not (model and model.receiver),
+                        interface=info.get("interface_number", -1),
+                        port=usb_port_of(path),
                     )
                 )
         return found
@@ -163,6 +191,20 @@ def load_hid(module_name: str) -> ModuleType:
             "pip uninstall hid, then pip install --force-reinstall hidapi"
         )
     return module
+
+
+_PORT = re.compile(r"(?:^|/)(\d+-[\d.]+):\d+\.\d+(?:/|$)")
+
+
+def usb_port_of(path: str, *, root: str = "/") -> str:
+    """The USB port of the device at `path`, a hidraw node or libusb's name; empty: not on USB.
+
+    `root` is where /sys is.
+    """
+    if path.startswith("/dev/hidraw"):
+        path = os.path.realpath(os.path.join(root, "sys/class/hidraw", path[5:], "device"))
+    ports = _PORT.findall(path)
+    return ports[-1] if ports else ""
 
 
 # ---------------------------------------------------------------------------------------------

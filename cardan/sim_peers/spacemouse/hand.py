@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 from cardan.errors import ScriptError
-from cardan.protocols.connexion import Model
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes, SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
 
 HAND_PERIOD_S = 0.008
 """How often a moving hand is sampled: the shortest report period of a device."""
@@ -132,6 +131,68 @@ SCRIPTS: Mapping[str, str] = {
 only after it has seen it at rest."""
 
 
+class PuckModel(Protocol):
+    """What a hand has to know of a model."""
+
+    @property
+    def name(self) -> str:
+        """Name for people."""
+
+    @property
+    def buttons(self) -> Mapping[int, str]:
+        """Label by bit."""
+
+
+class Puck(Protocol):
+    """A simulated device as its hand sees it; times are s from plugging in."""
+
+    plugged: bool
+    axes: Axes
+
+    @property
+    def model(self) -> PuckModel:
+        """What it is."""
+
+    @property
+    def led(self) -> bool | None:
+        """Whether its LED is on; None: it has none."""
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Labels of the buttons that are down, oldest first."""
+
+    def set_axes(self, axes: Sequence[float]) -> None:
+        """Deflect it: six values in -1..1, robot frame."""
+
+    def press(self, label: str) -> None:
+        """Press a button."""
+
+    def release(self, label: str) -> None:
+        """Let a button go."""
+
+    def unplug(self) -> None:
+        """Take it away."""
+
+    def replug(self) -> None:
+        """Bring it back."""
+
+    def silence(self) -> None:
+        """Send nothing more, until `resume`."""
+
+    def resume(self) -> None:
+        """Send again."""
+
+    @property
+    def next_due_s(self) -> float:
+        """When `reports` has something to do next."""
+
+    def reports(self, now_s: float) -> list[bytes]:
+        """What arrives at the host from the last call until `now_s`."""
+
+    def skip_to(self, now_s: float) -> None:
+        """Make no reports of motion for the time before `now_s`."""
+
+
 class Hand(Protocol):
     """What moves a simulated device."""
 
@@ -139,7 +200,7 @@ class Hand(Protocol):
     def next_due_s(self) -> float:
         """When `advance` has something to do next; inf when nothing is planned."""
 
-    def advance(self, now_s: float, device: SimulatedSpaceMouse) -> None:
+    def advance(self, now_s: float, device: Puck) -> None:
         """Do to `device` what is due until `now_s`."""
 
 
@@ -178,7 +239,7 @@ class ScriptedHand:
     Raises ScriptError, naming the step, for arguments that its verb does not take.
     """
 
-    def __init__(self, steps: Sequence[ScriptStep], model: Model) -> None:
+    def __init__(self, steps: Sequence[ScriptStep], model: PuckModel) -> None:
         self._actions = tuple((step.time_s, _compile(step, model)) for step in steps)
         for index, (time_s, action) in enumerate(self._actions):
             if isinstance(action, _Loop) and (time_s <= 0.0 or index + 1 < len(steps)):
@@ -202,7 +263,7 @@ class ScriptedHand:
             due_s = min(due_s, self._now_s + HAND_PERIOD_S, *ends_s)
         return due_s
 
-    def advance(self, now_s: float, device: SimulatedSpaceMouse) -> None:
+    def advance(self, now_s: float, device: Puck) -> None:
         """Do every step that is due until `now_s`, then hold the puck as it is at `now_s`."""
         while self._next < len(self._actions):
             time_s, action = self._actions[self._next]
@@ -219,7 +280,7 @@ class ScriptedHand:
         ]
         device.set_axes(self._deflection(now_s))
 
-    def _act(self, time_s: float, action: _Action, device: SimulatedSpaceMouse) -> None:
+    def _act(self, time_s: float, action: _Action, device: Puck) -> None:
         if isinstance(action, _Ramp):
             start = self._deflection(time_s) if action.ends_swings else self._ramped(time_s)
             if action.ends_swings:
@@ -255,7 +316,7 @@ class ScriptedHand:
         return axes
 
 
-def play(device: SimulatedSpaceMouse, hand: Hand, until_s: float) -> list[bytes]:
+def play(device: Puck, hand: Hand, until_s: float) -> list[bytes]:
     """Move `device` by `hand` until `until_s`, each at its due times; the reports it sent."""
     reports: list[bytes] = []
     while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
@@ -270,7 +331,7 @@ def _axes(values: Iterable[float]) -> Axes:
     return (x, y, z, rx, ry, rz)
 
 
-def _compile(step: ScriptStep, model: Model) -> _Action:
+def _compile(step: ScriptStep, model: PuckModel) -> _Action:
     """Turn the words of one step into what it does."""
     where = f"{step.time_s:g} s {step.verb}"
     words = list(step.args)
@@ -322,7 +383,7 @@ def _compile(step: ScriptStep, model: Model) -> _Action:
     return action
 
 
-def _label(word: str, model: Model, where: str) -> str:
+def _label(word: str, model: PuckModel, where: str) -> str:
     labels = [model.buttons[bit] for bit in sorted(model.buttons)]
     by_word = {"first": labels[:1], "second": labels[1:2]}.get(word, [word])
     if not by_word or by_word[0] not in labels:

@@ -10,8 +10,8 @@ import tty
 from collections.abc import Mapping
 
 from cardan.errors import ScriptError
-from cardan.sim_peers.spacemouse.core import NEUTRAL, SimulatedSpaceMouse
-from cardan.sim_peers.spacemouse.hand import HAND_PERIOD_S
+from cardan.sim_peers.spacemouse.core import NEUTRAL
+from cardan.sim_peers.spacemouse.hand import HAND_PERIOD_S, Puck
 
 KEY_AXES: Mapping[str, tuple[int, float]] = {
     "w": (0, 1.0),
@@ -74,7 +74,7 @@ class KeyboardHand:
         pulled = any(end_s > self._now_s for _, end_s in self._pulls)
         return self._now_s + HAND_PERIOD_S if pulled or any(self._axes) else math.inf
 
-    def advance(self, now_s: float, device: SimulatedSpaceMouse) -> None:
+    def advance(self, now_s: float, device: Puck) -> None:
         """Do to `device` what the keys say until `now_s`."""
         self._move(now_s)
         labels = [device.model.buttons[bit] for bit in sorted(device.model.buttons)]
@@ -99,12 +99,12 @@ def _towards(value: float, target: float, step: float) -> float:
     return min(target, value + step) if value < target else max(target, value - step)
 
 
-def status_line(device: SimulatedSpaceMouse) -> str:
+def status_line(device: Puck) -> str:
     """The device as one line for the person at the keyboard: LED, deflections, buttons."""
-    led = "on " if device.led else "off"
+    led = {True: "LED on   ", False: "LED off  ", None: ""}[device.led]
     names = ("x", "y", "z", "rx", "ry", "rz")
     axes = " ".join(f"{n} {value:+.2f}" for n, value in zip(names, device.axes, strict=True))
-    return f"LED {led}  {axes}  {' '.join(device.held) or '-'}"
+    return f"{led}{axes}  {' '.join(device.held) or '-'}"
 
 
 class Terminal:

@@ -1,0 +1,52 @@
+"""What the packets of all three serial protocols share."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+CR = 0x0D
+
+LONGEST_PACKET_BYTES = 160
+"""Longer runs without an end are noise: the longest packets are lines of text of some 60 bytes."""
+
+TOO_LONG = "without an end"
+BAD_LENGTH = "of a wrong length"
+BAD_CODE = "with an impossible byte"
+BAD_CHECKSUM = "with a wrong checksum"
+UNKNOWN_LETTER = "of an unknown letter"
+
+
+class Malformed(NamedTuple):
+    """Bytes that say nothing we can use."""
+
+    reason: str
+    """One of a few fixed phrases, fit for counting by."""
+    letter: int
+    """The byte that the packet began with."""
+
+
+class CommandReader:
+    """Cuts what a host sends into commands, which end in CR. Never raises."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+
+    @property
+    def pending(self) -> bool:
+        """True in the middle of a command."""
+        return bool(self._pending)
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes as they come; the commands that are complete now, without their CR."""
+        commands = []
+        for byte in data:
+            if byte == CR:
+                commands.append(bytes(self._pending))
+                self._pending.clear()
+            elif len(self._pending) < LONGEST_PACKET_BYTES:
+                self._pending.append(byte)
+        return commands
+
+    def reset(self) -> None:
+        """Forget a command that was begun."""
+        self._pending.clear()

@@ -1,0 +1,267 @@
+"""HID devices that the Linux kernel takes for real ones, through /dev/uhid.
+
+Whoever writes to /dev/uhid is the hardware: the kernel binds its HID drivers to it and makes
+hidraw and evdev nodes. The device is gone when its file is closed. The codec below does no I/O;
+:class:`UhidDevice` is the file. Source: Linux, include/uapi/linux/uhid.h and
+Documentation/hid/uhid.rst. All numbers are in the machine's byte order, without padding.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import struct
+from typing import NamedTuple
+
+from cardan.errors import DeviceAccessError
+
+UHID_PATH = "/dev/uhid"
+
+BUS_USB = 0x03
+BUS_BLUETOOTH = 0x05
+
+DATA_MAX = 4096
+"""Bytes that a report or a report descriptor may have."""
+
+EVENT_BYTES = 4 + 128 + 64 + 64 + 2 + 2 + 4 * 4 + DATA_MAX
+"""Size of struct uhid_event, which every read gives."""
+
+_DESTROY, _START, _STOP, _OPEN, _CLOSE, _OUTPUT = 1, 2, 3, 4, 5, 6
+_GET_REPORT, _GET_REPORT_REPLY, _CREATE2, _INPUT2, _SET_REPORT, _SET_REPORT_REPLY = range(9, 15)
+
+_TYPE = struct.Struct("=I")
+_CREATE = struct.Struct("=I128s64s64sHHIIII")
+_INPUT = struct.Struct("=IH")
+_FLAGS = struct.Struct("=Q")
+_OUTPUT_TAIL = struct.Struct("=HB")
+_GET = struct.Struct("=IBB")
+_GET_REPLY = struct.Struct("=IIHH")
+_SET = struct.Struct("=IBBH")
+_SET_REPLY = struct.Struct("=IIH")
+
+FEATURE_REPORT, OUTPUT_REPORT, INPUT_REPORT = 0, 1, 2
+"""Types of reports in events."""
+
+
+class HidIdentity(NamedTuple):
+    """What a HID device is to the kernel."""
+
+    name: str
+    """At most 127 bytes, as `physical_path`, `serial`: 63."""
+    bus: int
+    vendor_id: int
+    product_id: int
+    descriptor: bytes
+    """The report descriptor."""
+    physical_path: str = ""
+    serial: str = ""
+    version: int = 0
+    country: int = 0
+
+
+class Start(NamedTuple):
+    """The kernel has taken the device; the flags say which report types are numbered."""
+
+    flags: int
+
+
+class Stop(NamedTuple):
+    """The kernel has let go of the device."""
+
+
+class Open(NamedTuple):
+    """The first program opened the device."""
+
+
+class Close(NamedTuple):
+    """The last program closed the device."""
+
+
+class Output(NamedTuple):
+    """An output (or feature) report for the device, its id first if it has one."""
+
+    report_type: int
+    data: bytes
+
+
+class GetReport(NamedTuple):
+    """A program waits for a report; answer with `encode_get_report_reply` within 5 s."""
+
+    request_id: int
+    report_id: int
+    report_type: int
+
+
+class SetReport(NamedTuple):
+    """A program waits for a report to be taken; answer with `encode_set_report_reply`."""
+
+    request_id: int
+    report_id: int
+    report_type: int
+    data: bytes
+
+
+class MalformedEvent(NamedTuple):
+    """Bytes that are no event of the kernel's."""
+
+    reason: str
+
+
+Event = Start | Stop | Open | Close | Output | GetReport | SetReport | MalformedEvent
+
+
+def encode_create(identity: HidIdentity) -> bytes:
+    """UHID_CREATE2. Raises ValueError for what has no room in it."""
+    texts = []
+    for field, room in (("name", 128), ("physical_path", 64), ("serial", 64)):
+        text = getattr(identity, field).encode()
+        if len(text) >= room:
+            raise ValueError(f"{field} has {len(text)} bytes; allowed: at most {room - 1}")
+        texts.append(text)
+    if not 0 < len(identity.descriptor) <= DATA_MAX:
+        raise ValueError(
+            f"descriptor has {len(identity.descriptor)} bytes; allowed: 1 to {DATA_MAX}"
+        )
+    head = _CREATE.pack(
+        _CREATE2, *texts, len(identity.descriptor), identity.bus, identity.vendor_id,
+        identity.product_id, identity.version, identity.country,
+    )  # fmt: skip
+    return head + identity.descriptor
+
+
+def encode_destroy() -> bytes:
+    """UHID_DESTROY: unplug."""
+    return _TYPE.pack(_DESTROY)
+
+
+def encode_input(report: bytes) -> bytes:
+    """UHID_INPUT2: an input report, its id first if it has one. ValueError if it is too long."""
+    if len(report) > DATA_MAX:
+        raise ValueError(f"a report of {len(report)} bytes; allowed: at most {DATA_MAX}")
+    return _INPUT.pack(_INPUT2, len(report)) + report
+
+
+def encode_get_report_reply(request_id: int, error: int, report: bytes = b"") -> bytes:
+    """UHID_GET_REPORT_REPLY; `error` is an errno, 0 for none."""
+    if len(report) > DATA_MAX:
+        raise ValueError(f"a report of {len(report)} bytes; allowed: at most {DATA_MAX}")
+    return _GET_REPLY.pack(_GET_REPORT_REPLY, request_id, error, len(report)) + report
+
+
+def encode_set_report_reply(request_id: int, error: int) -> bytes:
+    """UHID_SET_REPORT_REPLY; `error` is an errno, 0 for none."""
+    return _SET_REPLY.pack(_SET_REPORT_REPLY, request_id, error)
+
+
+def decode_event(data: bytes) -> Event:
+    """What one read of the file gave. Never raises."""
+    if len(data) < _TYPE.size:
+        return MalformedEvent(f"{len(data)} bytes, shorter than a type")
+    (kind,) = _TYPE.unpack_from(data)
+    body = data[_TYPE.size :]
+    try:
+        return _decode(kind, body)
+    except struct.error:
+        return MalformedEvent(f"type {kind} with only {len(body)} bytes")
+
+
+def _decode(kind: int, body: bytes) -> Event:
+    if kind == _START:
+        return Start(*_FLAGS.unpack_from(body))
+    if kind == _STOP:
+        return Stop()
+    if kind == _OPEN:
+        return Open()
+    if kind == _CLOSE:
+        return Close()
+    if kind == _OUTPUT:
+        size, report_type = _OUTPUT_TAIL.unpack_from(body, DATA_MAX)
+        if size > DATA_MAX:
+            return MalformedEvent(f"an output report of {size} bytes")
+        return Output(report_type, body[:size])
+    if kind == _GET_REPORT:
+        return GetReport(*_GET.unpack_from(body))
+    if kind == _SET_REPORT:
+        request_id, report_id, report_type, size = _SET.unpack_from(body)
+        report = body[_SET.size : _SET.size + size]
+        if len(report) < size:
+            return MalformedEvent(f"a report of {size} bytes in {len(report)}")
+        return SetReport(request_id, report_id, report_type, report)
+    return MalformedEvent(f"type {kind}")
+
+
+class UhidDevice:
+    """A HID device of this program's making. Wait for `fileno()` to become readable."""
+
+    def __init__(self, path: str = UHID_PATH) -> None:
+        self._path = path
+        self._fd = -1
+        self._plugged = False
+
+    def open(self) -> None:
+        """Open the file, without any device yet. Raises DeviceAccessError."""
+        if self._fd >= 0:
+            return
+        try:
+            self._fd = os.open(self._path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            hint = {
+                errno.ENOENT: "load the kernel's module: `modprobe uhid` as root",
+                errno.ENODEV: "load the kernel's module: `modprobe uhid` as root",
+                errno.EACCES: "run this as root, or give yourself the right to write to it",
+                errno.EPERM: "run this as root, or give yourself the right to write to it",
+            }.get(error.errno or 0, "is this Linux with uhid?")
+            raise DeviceAccessError(
+                f"cannot open {self._path}: {error.strerror or error}; {hint}"
+            ) from None
+
+    def fileno(self) -> int:
+        """The file's descriptor."""
+        return self._fd
+
+    def plug(self, identity: HidIdentity) -> None:
+        """Make the device appear. Raises DeviceAccessError when the kernel refuses it."""
+        try:
+            self._write(encode_create(identity))
+        except OSError as error:
+            raise DeviceAccessError(
+                f"the kernel refuses {identity.name}: {error.strerror or error}"
+            ) from None
+        self._plugged = True
+
+    def unplug(self) -> None:
+        """Make the device vanish."""
+        if self._plugged:
+            self._plugged = False
+            self._write(encode_destroy())
+
+    def send(self, report: bytes) -> None:
+        """Send an input report; without effect while unplugged."""
+        if self._plugged:
+            self._write(encode_input(report))
+
+    def reply_to(self, request: GetReport | SetReport, error: int, report: bytes = b"") -> None:
+        """Answer a waiting program; `error` is an errno, 0 for none."""
+        if isinstance(request, GetReport):
+            self._write(encode_get_report_reply(request.request_id, error, report))
+        else:
+            self._write(encode_set_report_reply(request.request_id, error))
+
+    def read(self) -> Event | None:
+        """The oldest waiting event; None when there is none."""
+        try:
+            return decode_event(os.read(self._fd, EVENT_BYTES))
+        except BlockingIOError:
+            return None
+
+    def close(self) -> None:
+        """Close the file, and with it the device. Never raises."""
+        if self._fd >= 0:
+            with contextlib.suppress(OSError):
+                os.close(self._fd)
+            self._fd = -1
+            self._plugged = False
+
+    def _write(self, event: bytes) -> None:
+        os.write(self._fd, event)

@@ -1,0 +1,255 @@
+"""USB devices that the Linux kernel takes for real ones, over USB/IP.
+
+A server exports devices over TCP; the kernel's vhci-hcd imports them (``usbip attach``), and from
+then on asks for transfers as it asks a host controller: control transfers on endpoint 0, and reads
+of interrupt endpoints which wait until the device has something. Sans-I/O: a :class:`UsbipSession`
+is one connection, bytes in and bytes out. All numbers are big-endian but those of USB itself.
+Source: Linux, Documentation/usb/usbip_protocol.rst; tools/usb/usbip/src.
+"""
+
+from __future__ import annotations
+
+import enum
+import errno
+import struct
+from abc import ABC, abstractmethod
+from collections import deque
+from typing import NamedTuple
+
+USBIP_PORT = 3240
+VERSION = 0x0111
+
+REQUEST_DEVLIST, REPLY_DEVLIST = 0x8005, 0x0005
+REQUEST_IMPORT, REPLY_IMPORT = 0x8003, 0x0003
+CMD_SUBMIT, CMD_UNLINK, RET_SUBMIT, RET_UNLINK = 1, 2, 3, 4
+
+STATUS_OK, STATUS_BUSY, STATUS_NO_DEVICE = 0, 2, 4
+
+MAX_TRANSFER_BYTES = 1 << 16
+"""No transfer of a HID device is as long; a longer one is not USB/IP."""
+
+ENDPOINT_REPORTS = 4
+"""Reports kept for an endpoint that nobody reads; beyond, the oldest go."""
+
+_OP = struct.Struct(">HHI")
+_BUS_ID_BYTES = 32
+_DEVICE = struct.Struct(">256s32sIIIHHHBBBBBB")
+_INTERFACE = struct.Struct(">BBBx")
+_BASIC = struct.Struct(">IIIII")
+_SUBMIT = struct.Struct(">IIIIIIiiii8s")
+_UNLINK = struct.Struct(">IIIIII24x")
+_RET_SUBMIT = struct.Struct(">IIIIIiiiii8x")
+_RET_UNLINK = struct.Struct(">IIIIIi24x")
+COMMAND_BYTES = _SUBMIT.size
+
+_SETUP = struct.Struct("<BBHHH")
+
+
+class Speed(enum.IntEnum):
+    """Of a USB device, as the kernel numbers them."""
+
+    LOW = 1
+    FULL = 2
+    HIGH = 3
+
+
+class Setup(NamedTuple):
+    """A control request."""
+
+    request_type: int
+    """Bit 7: to the host; bits 5-6: standard 0, class 1; bits 0-4: device 0, interface 1, ..."""
+    request: int
+    value: int
+    target: int
+    """wIndex: which interface or endpoint is meant, where one is."""
+    length: int
+
+
+class UsbInterface(NamedTuple):
+    """Class, subclass and protocol of an interface."""
+
+    interface_class: int
+    subclass: int
+    protocol: int
+
+
+class UsbIdentity(NamedTuple):
+    """What a USB device says of itself before it is configured."""
+
+    vendor_id: int
+    product_id: int
+    release: int
+    """Binary coded decimal."""
+    speed: Speed
+    interfaces: tuple[UsbInterface, ...]
+
+
+class UsbFunction(ABC):
+    """What a simulated device does behind the transfers."""
+
+    identity: UsbIdentity
+
+    @abstractmethod
+    def control(self, setup: Setup, data: bytes) -> bytes | None:
+        """Do a control request; `data` is what the host sends with it.
+
+        Gives the data for the host (at most `setup.length` bytes are sent); None: not supported,
+        the endpoint stalls.
+        """
+
+
+class UsbipSession:
+    """One connection of a host to a server that exports one device as `bus_id`.
+
+    Bytes go in by `receive`, reports of interrupt endpoints by `push`; what is to be sent
+    gathers in `take_output`. A session that `failed` has to be closed.
+    """
+
+    def __init__(self, function: UsbFunction, bus_id: str = "1-1") -> None:
+        self.bus_id = bus_id
+        self.available = True
+        """False: an import is refused, as the device is in use."""
+        self.imported = False
+        self.failed = ""
+        """What made no sense, in words."""
+        self.polled = False
+        """The host has read an interrupt endpoint: a driver has opened the device."""
+        self._function = function
+        self._in = bytearray()
+        self._out = bytearray()
+        self._waiting: dict[int, deque[tuple[int, int]]] = {}
+        self._reports: dict[int, deque[bytes]] = {}
+
+    def take_output(self) -> bytes:
+        """What is to be sent now."""
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes of the host's. Never raises."""
+        self._in += data
+        while not self.failed and self._next():
+            pass
+
+    def push(self, endpoint: int, report: bytes) -> None:
+        """The device has `report` for interrupt endpoint `endpoint` (1..15)."""
+        reports = self._reports.setdefault(endpoint, deque(maxlen=ENDPOINT_REPORTS))
+        reports.append(report)
+        self._match(endpoint)
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _next(self) -> bool:
+        """Do one request, if a whole one is there."""
+        return self._command() if self.imported else self._operation()
+
+    def _operation(self) -> bool:
+        if len(self._in) < _OP.size:
+            return False
+        version, code, _ = _OP.unpack_from(self._in)
+        if version >> 8 != VERSION >> 8:
+            self.failed = f"version {version:#06x}, not {VERSION:#06x}"
+        elif code == REQUEST_DEVLIST:
+            del self._in[: _OP.size]
+            self._out += _OP.pack(VERSION, REPLY_DEVLIST, STATUS_OK)
+            devices = int(self.available)
+            self._out += devices.to_bytes(4, "big")
+            if devices:
+                self._out += self._device()
+                for interface in self._function.identity.interfaces:
+                    self._out += _INTERFACE.pack(*interface)
+        elif code == REQUEST_IMPORT:
+            if len(self._in) < _OP.size + _BUS_ID_BYTES:
+                return False
+            bus_id = bytes(self._in[_OP.size : _OP.size + _BUS_ID_BYTES]).rstrip(b"\0")
+            del self._in[: _OP.size + _BUS_ID_BYTES]
+            if bus_id != self.bus_id.encode():
+                self._out += _OP.pack(VERSION, REPLY_IMPORT, STATUS_NO_DEVICE)
+            elif not self.available:
+                self._out += _OP.pack(VERSION, REPLY_IMPORT, STATUS_BUSY)
+            else:
+                self._out += _OP.pack(VERSION, REPLY_IMPORT, STATUS_OK) + self._device()
+                self.imported = True
+        else:
+            self.failed = f"operation {code:#06x} is unknown"
+        return not self.failed
+
+    def _device(self) -> bytes:
+        identity = self._function.identity
+        path = f"/sys/devices/simulated/{self.bus_id}"
+        return _DEVICE.pack(
+            path.encode(), self.bus_id.encode(), 1, 2, identity.speed,
+            identity.vendor_id, identity.product_id, identity.release,
+            0, 0, 0, 1, 1, len(identity.interfaces),
+        )  # fmt: skip
+
+    def _command(self) -> bool:
+        if len(self._in) < COMMAND_BYTES:
+            return False
+        (command,) = struct.unpack_from(">I", self._in)
+        if command == CMD_UNLINK:
+            _, sequence, _, _, _, victim = _UNLINK.unpack_from(self._in)
+            del self._in[:COMMAND_BYTES]
+            self._unlink(sequence, victim)
+            return True
+        if command != CMD_SUBMIT:
+            self.failed = f"command {command:#x} is unknown"
+            return False
+        (_, sequence, _, to_host, endpoint, _, length, _, _, _, setup) = _SUBMIT.unpack_from(
+            self._in
+        )
+        if not 0 <= length <= MAX_TRANSFER_BYTES or endpoint > 15:
+            self.failed = f"a transfer of {length} bytes on endpoint {endpoint}"
+            return False
+        size = COMMAND_BYTES + (0 if to_host else length)
+        if len(self._in) < size:
+            return False
+        data = bytes(self._in[COMMAND_BYTES:size])
+        del self._in[:size]
+        if endpoint == 0:
+            self._control(sequence, Setup(*_SETUP.unpack(setup)), data, length, bool(to_host))
+        elif to_host:
+            self.polled = True
+            self._waiting.setdefault(endpoint, deque()).append((sequence, length))
+            self._match(endpoint)
+        else:
+            self._return(sequence, -errno.EPIPE)
+        return True
+
+    def _control(self, sequence: int, setup: Setup, data: bytes, room: int, to_host: bool) -> None:
+        answer = self._function.control(setup, data)
+        if answer is None:
+            self._return(sequence, -errno.EPIPE)
+        elif to_host:
+            self._return(sequence, 0, answer[: min(setup.length, room)])
+        else:
+            self._return(sequence, 0, sent=len(data))
+
+    def _match(self, endpoint: int) -> None:
+        """Complete the reads that wait for `endpoint` with the reports that do."""
+        waiting = self._waiting.get(endpoint)
+        reports = self._reports.get(endpoint)
+        while waiting and reports:
+            sequence, room = waiting.popleft()
+            report = reports.popleft()
+            if len(report) > room:
+                self._return(sequence, -errno.EOVERFLOW)
+            else:
+                self._return(sequence, 0, report)
+
+    def _unlink(self, sequence: int, victim: int) -> None:
+        """Cancel a read that waits; one that was answered already needs no more."""
+        status = 0
+        for waiting in self._waiting.values():
+            for entry in waiting:
+                if entry[0] == victim:
+                    waiting.remove(entry)
+                    status = -errno.ECONNRESET
+                    break
+        self._out += _RET_UNLINK.pack(RET_UNLINK, sequence, 0, 0, 0, status)
+
+    def _return(self, sequence: int, status: int, data: bytes = b"", sent: int = 0) -> None:
+        actual = len(data) or sent
+        self._out += _RET_SUBMIT.pack(RET_SUBMIT, sequence, 0, 0, 0, status, actual, 0, 0, 0)
+        self._out += data

@@ -1,0 +1,500 @@
+"""Serial devices: the conversation in virtual time with the simulated ones, then over a port."""
+
+import errno
+import os
+import random
+import threading
+import time
+import types
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cardan.drivers import reading
+from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseCore, SpaceMouseOptions, serial_port
+from cardan.drivers.spacemouse.serial_session import (
+    DETECT_TIMEOUT_S,
+    SerialSession,
+    device_model,
+)
+from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError
+from cardan.protocols.connexion_serial import (
+    SERIAL_MODELS,
+    encode_orb_keys,
+    serial_model_by_key,
+)
+from cardan.sim_peers.spacemouse import (
+    SerialSpaceMousePeer,
+    SerialSpaceMousePeerOptions,
+    simulated_serial_puck,
+)
+from cardan.types import DeviceFeedback, DeviceLink
+from tests.serving import in_a_thread
+
+STEP_S = 0.004
+PATIENCE_S = 10.0
+PLAIN = SpaceMouseOptions(dead_zone=0.0)
+DEFLECTION = (0.4, -0.2, 0.6, -0.1, 0.3, -0.5)
+REST = (0.0,) * 6
+LATE_S = 0.1 + STEP_S
+"""The rule: neutral so long after the last good report."""
+
+
+class Bench:
+    """A simulated device, a conversation and a core, wired to each other."""
+
+    def __init__(self, key, faults=None, told=True, jitter_lsb=0, boot_s=None):
+        self.puck = simulated_serial_puck(
+            serial_model_by_key(key), faults=faults, jitter_lsb=jitter_lsb, boot_s=boot_s
+        )
+        self.told = serial_model_by_key(key) if told else None
+        self.core = SpaceMouseCore(PLAIN)
+        self.now_s = 0.0
+        self.states = []
+        self.failures = []
+        self.session = None
+        self.opened = False
+        self.rng = random.Random(5)
+
+    def connect(self):
+        self.puck.power(True)
+        self.session = SerialSession(self.told, self.now_s)
+        self.opened = False
+
+    def run(self, seconds, axes=None):
+        """Hold the cap at `axes`; the state at the end."""
+        if axes is not None:
+            self.puck.set_axes(axes)
+        end_s = self.now_s + seconds
+        while self.now_s < end_s:
+            self.now_s += STEP_S
+            self.step()
+            self.states.append((self.now_s, self.core.state(self.now_s)))
+        return self.states[-1][1]
+
+    def step(self):
+        arrived = self.puck.reports(self.now_s)
+        session = self.session
+        if session is None or not self.puck.plugged:
+            if self.opened:
+                self.core.on_lost("unplugged", self.now_s)
+                self.opened = False
+            self.session = None
+            if self.puck.plugged:
+                self.connect()
+            return
+        words = session.send(self.now_s)
+        # A slow line hands bytes over one by one, a stalled one in heaps.
+        if words:
+            self.puck.receive(words)
+        for portion in arrived:
+            cut = self.rng.randrange(len(portion) + 1)
+            for part in (portion[:cut], portion[cut:]):
+                values = session.receive(part, self.now_s) if part else []
+                if session.running and not self.opened:
+                    self.opened = True
+                    model = device_model(session.model)
+                    self.core.on_opened(self.now_s, model, None, session.model.period_s)
+                for value in values:
+                    self.core.on_value(value, self.now_s)
+        if session.running and not self.opened:
+            self.opened = True
+            self.core.on_opened(
+                self.now_s, device_model(session.model), None, session.model.period_s
+            )
+        if reason := session.failure(self.now_s):
+            self.failures.append((self.now_s, reason))
+            if self.opened:
+                self.core.on_lost(reason, self.now_s)
+            self.puck.power(False)
+            self.session = None
+
+    def touch(self):
+        self.run(0.2, (0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
+        return self.run(0.4, REST)
+
+    def live(self):
+        self.run(3.0)
+        state = self.touch()
+        assert state.link is DeviceLink.LIVE, (state, self.failures)
+        return self
+
+    def last_motion_s(self):
+        return max((at_s for at_s, state in self.states if any(state.axes)), default=0.0)
+
+
+MODELS = [model.key for model in SERIAL_MODELS]
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("key", MODELS)
+def test_every_model_is_found_started_and_followed(key, told):
+    bench = Bench(key, told=told)
+    assert bench.run(3.0).link is DeviceLink.NEEDS_NEUTRAL
+    assert bench.session.model.key == key
+    assert bench.touch().link is DeviceLink.LIVE
+    state = bench.run(1.0, DEFLECTION)
+    assert state.link is DeviceLink.LIVE
+    assert state.axes == pytest.approx(DEFLECTION, abs=0.0015)
+    state = bench.run(6.0, REST)
+    assert (state.link, state.axes) == (DeviceLink.LIVE, REST)
+    assert bench.core.diagnosis(bench.now_s) == []
+    assert bench.failures == []
+    assert bench.puck.refused_commands <= 1  # of the questions to others
+
+
+@pytest.mark.parametrize("key", MODELS)
+def test_every_button_is_heard(key):
+    bench = Bench(key, told=False).live()
+    labels = list(bench.puck.model.buttons.values())
+    bench.core.events()
+    for label in labels:
+        bench.puck.press(label)
+        assert bench.run(0.1).buttons == {label}
+        bench.puck.release(label)
+        assert not bench.run(0.1).buttons
+    edges = [(event.button, event.pressed) for event in bench.core.events()]
+    assert edges == [(label, pressed) for label in labels for pressed in (True, False)]
+    assert bench.core.labels == tuple(labels)
+
+
+def test_a_button_that_is_down_at_the_start_is_heard():
+    bench = Bench("magellan")
+    bench.puck.press("3")
+    assert bench.run(3.0).buttons == {"3"}
+
+
+def test_a_spaceball_of_an_ambiguous_firmware_is_told_by_its_keys():
+    session = SerialSession(None, 0.0)
+    session.receive(b"@1 Spaceball alive and well.\r@2 Firmware version 2.42 created.\r", 0.1)
+    assert session.model.key == "spaceball-2003"
+    assert session.send(0.1) == b"CB\r"
+    session.receive(b"CB@\r", 0.15)
+    assert session.send(0.15) == b"P@r@r\r"
+    assert session.send(0.39) == b""
+    assert session.send(0.41) == b"MSSV\r"  # no answer is an answer, too
+    session.receive(b"MSSV\r", 0.45)
+    assert session.send(0.45) == b"k\r"
+    session.receive(b"K@@\r", 0.5)
+    assert not session.running
+    session.receive(b".`@\r", 0.5)
+    assert session.running
+    assert session.model.key == "spaceball-4000"
+
+
+def test_a_spaceball_that_does_not_tell_its_firmware():
+    session = SerialSession(None, 0.0)
+    session.receive(b"@1 Spaceball alive and well.\r", 0.1)
+    session.send(0.4)
+    assert session.model is None
+    session.send(0.6)
+    assert session.model.key == "spaceball-2003"
+
+
+def test_a_power_loss_starts_a_spaceball_anew():
+    bench = Bench("spaceball-2003", faults={"power-loss": 5.0}).live()
+    bench.run(1.0, DEFLECTION)
+    bench.run(3.0)
+    assert bench.states[-1][1].link is DeviceLink.NEEDS_NEUTRAL
+    assert bench.touch().link is DeviceLink.LIVE
+    assert bench.run(1.0, DEFLECTION).axes == pytest.approx(DEFLECTION, abs=0.002)
+    assert bench.failures == []
+
+
+def test_a_lost_spaceball_packet_does_not_double_the_next():
+    bench = Bench("spaceball-2003", faults={"half-packet": 1000.0}).live()
+    session = bench.session
+    two_periods = b"D\x06\x40" + b"\x00\x00\x10\x00" + b"\x00" * 8 + b"\r"
+    (value,) = session.receive(two_periods, bench.now_s)
+    assert value.z == -2048
+    first = b"D\xff\xff" + b"\x00\x00\x10\x00" + b"\x00" * 8 + b"\r"
+    (value,) = session.receive(first, bench.now_s)
+    assert value.z == -4096
+
+
+# -- faults ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", MODELS)
+def test_silence_while_deflected_is_neutral_in_time(key):
+    bench = Bench(key, faults={"silence": 4.2}).live()
+    bench.puck.press(next(iter(bench.puck.model.buttons.values())))
+    bench.run(3.0, DEFLECTION)
+    silent_s = bench.last_motion_s()
+    assert silent_s <= 4.2 + bench.puck.model.period_s + LATE_S + 0.05
+    after = [state for at_s, state in bench.states if at_s > silent_s]
+    assert all(not state.buttons and state.link is not DeviceLink.LIVE for state in after)
+    assert all(state.reason for state in after)
+
+
+@pytest.mark.parametrize("key", MODELS)
+def test_a_cable_that_is_pulled_at_rest_is_noticed_by_the_questions(key):
+    bench = Bench(key).live()
+    bench.puck.press(next(iter(bench.puck.model.buttons.values())))
+    assert bench.run(0.1).buttons
+    pulled_s = bench.now_s
+    bench.puck.silence()
+    bench.run(4.0)
+    assert bench.failures
+    at_s, reason = bench.failures[0]
+    assert at_s - pulled_s < 3.0
+    assert "does not answer any more" in reason
+    assert not bench.states[-1][1].buttons
+    bench.puck.resume()
+    bench.puck.release(next(iter(bench.puck.model.buttons.values())))
+    bench.run(7.0)
+    assert bench.states[-1][1].link is DeviceLink.NEEDS_NEUTRAL
+    assert bench.touch().link is DeviceLink.LIVE
+
+
+@pytest.mark.parametrize("key", MODELS)
+def test_unplug_and_replug(key):
+    bench = Bench(key, faults={"unplug": 4.5, "replug": 5.0}).live()
+    bench.puck.press(next(iter(bench.puck.model.buttons.values())))
+    bench.run(1.2, DEFLECTION)
+    assert bench.last_motion_s() <= 4.5 + STEP_S
+    state = bench.run(3.0)
+    assert (state.link, state.axes) == (DeviceLink.NEEDS_NEUTRAL, REST)
+    assert bench.touch().link is DeviceLink.LIVE
+
+
+@pytest.mark.parametrize("key", MODELS)
+def test_a_lost_zero_packet_sticks_for_no_longer_than_the_rule(key):
+    bench = Bench(key, faults={"missing-zero": 1.0})
+    bench.run(3.0)
+    bench.run(0.5, DEFLECTION)
+    let_go_s = bench.now_s
+    bench.run(1.0, REST)
+    assert bench.last_motion_s() <= let_go_s + LATE_S
+    assert bench.states[-1][1].link in (DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL)
+
+
+@pytest.mark.parametrize("fault", ["parity-error", "half-packet", "garbage"])
+@pytest.mark.parametrize("key", ["magellan", "spaceball-5000", "spaceorb"])
+def test_mangled_packets_never_become_motion(key, fault):
+    bench = Bench(key, faults={fault: 4.0})
+    bench.run(3.0)
+    for _ in range(8):
+        bench.run(0.7, DEFLECTION)
+        bench.run(0.7, REST)
+    moving = {state.axes for _, state in bench.states if any(state.axes)}
+    assert all(axes == pytest.approx(DEFLECTION, abs=0.002) for axes in moving)
+    assert bench.core.metrics(bench.now_s)["malformed_reports"] > 5
+    assert any("ignored" in words for words in bench.core.diagnosis(bench.now_s))
+
+
+def test_a_stalled_line_does_not_move_late():
+    bench = Bench("magellan", faults={"burst": 0.5})
+    bench.run(4.0)
+    bench.touch()
+    start = len(bench.states)
+    bench.run(4.0, DEFLECTION)
+    states = [state for _, state in bench.states[start:]]
+    links = [state.link for state in states]
+    if DeviceLink.STALE in links:
+        assert not any(any(state.axes) for state in states[links.index(DeviceLink.STALE) :])
+
+
+@pytest.mark.parametrize("key", MODELS)
+@pytest.mark.parametrize("fault", ["mute", "deaf"])
+def test_what_does_not_answer_is_given_up(key, fault):
+    bench = Bench(key, faults={fault: 1.0}, told=False)
+    bench.run(DETECT_TIMEOUT_S + 0.2)
+    if fault == "deaf" and key == "spaceorb":
+        assert bench.failures == []  # it needs no question
+        return
+    if fault == "deaf" and key.startswith("spaceball-") and not key.endswith("5000"):
+        bench.run(1.0)  # it greets, and then takes no command
+        assert "does not answer any more" in bench.failures[0][1]
+        return
+    assert "no serial device answers" in bench.failures[0][1]
+    assert bench.states[-1][1].link is not DeviceLink.LIVE
+
+
+def test_another_device_than_the_one_said_to_be_there():
+    bench = Bench("magellan")
+    bench.told = serial_model_by_key("spaceorb")
+    bench.run(DETECT_TIMEOUT_S + 0.2)
+    assert "no SpaceOrb 360 answers" in bench.failures[0][1]
+
+
+BANNER = b"\x11\r@1 Spaceball alive.\r@2 Firmware version 2.%d created.\r"
+GREETINGS = {
+    "magellan": b"v MAGELLAN\r",
+    "spaceball-5000": b"v SPACEBALL\r",
+    "spaceball-2003": BANNER % 15,
+    "spaceball-3003": BANNER % 63,
+    "spaceball-4000": BANNER % 43,
+    "spaceorb": encode_orb_keys(100, 0),
+}
+
+
+@settings(max_examples=40)
+@given(data=st.lists(st.binary(max_size=60), max_size=20), key=st.sampled_from([None, *MODELS]))
+def test_noise_never_raises(data, key):
+    session = SerialSession(serial_model_by_key(key) if key else None, 0.0)
+    session.receive(GREETINGS.get(key, b""), 0.0)
+    assert (session.model is not None) is (key is not None)
+    for index, noise in enumerate(data):
+        session.receive(noise, 0.1 * index)
+        session.send(0.1 * index)
+        session.failure(0.1 * index)
+
+
+# -- over a port -------------------------------------------------------------------------------
+
+
+def eventually(condition):
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s, "it did not happen"
+        time.sleep(0.002)
+
+
+def peer_at(tmp_path, model, script, **more):
+    file = tmp_path / "script"
+    file.write_text(script)
+    return SerialSpaceMousePeer(
+        SerialSpaceMousePeerOptions(
+            link=str(tmp_path / "port"), model=model, script=str(file), boot_s=0.02, **more
+        )
+    )
+
+
+def mouse_at(peer, **more):
+    more = {"dead_zone": 0.0, **more}
+    return SpaceMouse(SpaceMouseOptions(transport="serial", path=peer.endpoint, **more))
+
+
+TOUCH_AND_HOLD = """
+    0.7  axes 0 0 0.3 0 0 0
+    0.8  neutral
+    1.0  axes 0.5 0 0 0 0 0.5
+    1.0  press first
+    1.3  neutral
+    1.3  release first
+    1.5  loop
+"""
+
+
+def follow(mouse):
+    eventually(lambda: mouse.state().link is DeviceLink.LIVE)
+    there = pytest.approx((0.5, 0.0, 0.0, 0.0, 0.0, 0.5), abs=0.01)
+    eventually(lambda: (state := mouse.state()).axes == there and state.buttons)
+    eventually(lambda: not any((state := mouse.state()).axes) and not state.buttons)
+    assert [event.pressed for event in mouse.button_events()][:2] == [True, False]
+
+
+@pytest.mark.judged(device="Magellan", transport="pseudo-terminal", by="simulated peer")
+def test_a_magellan_from_hand_to_state(tmp_path):
+    with in_a_thread(peer_at(tmp_path, "magellan", TOUCH_AND_HOLD)) as peer:
+        with mouse_at(peer) as mouse:
+            assert mouse.capabilities.buttons[:2] == ("1", "2")
+            assert mouse.capabilities.feedback == frozenset()
+            with pytest.raises(CommandError, match="has no led feedback"):
+                mouse.feedback(DeviceFeedback(led=True))
+            follow(mouse)
+            with pytest.raises(DeviceAccessError, match="another program has it open"):
+                mouse_at(peer).open()
+        eventually(lambda: not peer.puck.powered)
+
+
+@pytest.mark.judged(
+    device="Spaceball 2003, 3003, 4000 FLX", transport="pseudo-terminal", by="simulated peer"
+)
+def test_a_spaceball_from_hand_to_state(tmp_path):
+    with (
+        in_a_thread(peer_at(tmp_path, "spaceball-4000", TOUCH_AND_HOLD)) as peer,
+        mouse_at(peer) as mouse,
+    ):
+        assert mouse.capabilities.buttons[-1] == "c"
+        follow(mouse)
+
+
+@pytest.mark.judged(device="SpaceOrb 360", transport="pseudo-terminal", by="simulated peer")
+def test_a_spaceorb_that_vanishes_and_comes_back(tmp_path, monkeypatch):
+    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.02)
+    script = """
+        0.2  axes 0 0 0.4 0 0 0
+        0.4  neutral
+        0.6  axes 0 0 0.4 0 0 0
+        0.9  unplug
+        1.1  replug
+        2.0  loop
+    """
+    with in_a_thread(peer_at(tmp_path, "spaceorb", script)) as peer, mouse_at(peer) as mouse:
+        eventually(lambda: mouse.state().axes[2] > 0.3)
+        eventually(lambda: mouse.state().link is DeviceLink.LOST)
+        assert mouse.state().axes == REST
+        eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+        assert mouse.state().axes == REST
+
+
+def test_ports_that_are_none(tmp_path):
+    path = str(tmp_path / "nothing")
+    with pytest.raises(DeviceNotFoundError, match=r"no serial port at .*nothing"):
+        SpaceMouse(SpaceMouseOptions(transport="serial", path=path)).open()
+    (tmp_path / "nothing").touch()
+    with pytest.raises(DeviceAccessError, match=r"cannot open .*it is no serial port"):
+        SpaceMouse(SpaceMouseOptions(transport="serial", path=path)).open()
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.EACCES, "no permission: add yourself"),
+        (errno.EBUSY, "another program has it open"),
+        (errno.EIO, "there is nothing at that port"),
+        (errno.EDOM, "Numerical argument"),
+    ],
+)
+def test_why_a_port_cannot_be_opened(monkeypatch, tmp_path, number, words):
+    import serial
+
+    def refuse(*_args, **_more):
+        raise serial.SerialException(number, os.strerror(number))
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    path = tmp_path / "port"
+    path.touch()
+    with pytest.raises(DeviceAccessError, match=words):
+        SpaceMouse(SpaceMouseOptions(transport="serial", path=str(path))).open()
+
+
+def test_nothing_answers(tmp_path, monkeypatch):
+    monkeypatch.setattr(serial_port, "time", fast_clock(20.0))
+    peer = peer_at(tmp_path, "magellan", "0 neutral", faults={"mute": 1.0})
+    with in_a_thread(peer), pytest.raises(DeviceAccessError, match="no serial device answers"):
+        mouse_at(peer).open()
+
+
+def fast_clock(factor):
+    """A clock that is so many times as fast."""
+    start_s = time.monotonic()
+    return types.SimpleNamespace(monotonic=lambda: start_s + factor * (time.monotonic() - start_s))
+
+
+def test_closing_does_not_wait_for_a_device_that_does_not_answer(tmp_path):
+    peer = peer_at(tmp_path, "magellan", "0 neutral", faults={"mute": 1.0, "refuse": 0.05})
+    with in_a_thread(peer):
+        mouse = mouse_at(peer, wait_for_device=True)
+        mouse.open()
+        eventually(lambda: peer.puck.powered)
+        begin_s = time.monotonic()
+        mouse.close()
+        assert time.monotonic() - begin_s < 1.0
+        assert not [t for t in threading.enumerate() if t.name == "cardan-spacemouse"]
+
+
+def test_options_of_serial_devices():
+    with pytest.raises(ValueError, match="path is ''; transport 'serial' needs the path of the"):
+        SpaceMouseOptions(transport="serial")
+    with pytest.raises(ValueError, match="model is 'spacenavigator'; allowed: magellan"):
+        SpaceMouseOptions(transport="serial", path="/dev/ttyS0", model="spacenavigator")
+    with pytest.raises(ValueError, match="slot is '1'; transport 'serial' is not on USB"):
+        SpaceMouseOptions(transport="serial", path="/dev/ttyS0", slot="1")
+    with pytest.raises(ValueError, match="model is 'magellan'"):
+        SpaceMouseOptions(model="magellan")
+    options = SpaceMouseOptions(transport="serial", path="/dev/ttyS0", model="spaceorb")
+    assert SpaceMouse(options).capabilities.buttons[0] == "a"
