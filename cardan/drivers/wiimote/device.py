@@ -1,0 +1,182 @@
+"""The Wii Remote driver: a thread that reads the remote and feeds the core."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import threading
+import time
+
+from cardan.drivers.base import FoundDevice
+from cardan.drivers.reading import ReadDevice
+from cardan.drivers.wiimote.core import Identity, WiimoteCore
+from cardan.drivers.wiimote.options import WiimoteOptions
+from cardan.drivers.wiimote.transports import (
+    Found,
+    HidrawTransport,
+    L2capTransport,
+    Link,
+    SocketTransport,
+    Transport,
+)
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
+from cardan.protocols.wiimote import Rumble, encode_output
+from cardan.types import DeviceCapabilities, DeviceFeedback
+
+READ_TIMEOUT_S = 0.01
+"""How late a pulse of the motor may be: reports come as often, so this costs nothing."""
+
+BURST_REPORTS = 64
+"""Reports taken in before the motor has its turn again."""
+
+_MOTOR_OFF = encode_output(Rumble())
+
+
+class Wiimote(ReadDevice[WiimoteCore]):
+    """A Wii Remote as an operator device: tilt, buttons, Nunchuk, MotionPlus, rumble.
+
+    Its axes are zero unless a clutch button is held, and LIVE only after none was; see :mod:`.core`
+    for the rules and :mod:`.roles` for what the motions mean. It is opened again by itself after
+    it was lost. `transport` replaces the way to the remote.
+    """
+
+    Options = WiimoteOptions
+    options: WiimoteOptions
+
+    def __init__(
+        self, options: WiimoteOptions | None = None, *, transport: Transport | None = None
+    ) -> None:
+        options = WiimoteOptions() if options is None else options
+        super().__init__(options, WiimoteCore(options))
+        self._transport = transport or _transport(options)
+        self._remote: Link | None = None
+
+    @classmethod
+    def find(cls) -> list[FoundDevice]:
+        """The remotes that the system has connected; opens none."""
+        try:
+            remotes = HidrawTransport().find()
+        except (DriverError, OSError):
+            return []
+        return [
+            FoundDevice(
+                f"{remote.name} (kernel driver bound)" if remote.kernel_driver else remote.name,
+                remote.address,
+                remote.transport,
+                remote.path,
+                remote.obstacle,
+            )
+            for remote in remotes
+        ]
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """What a remote has; c and z are a Nunchuk's, which may come at any time."""
+        with self._lock:
+            labels = self._core.labels
+        return DeviceCapabilities(
+            gives_pose=False,
+            buttons=labels,
+            feedback=frozenset({"led", "rumble"}),
+            battery=True,
+        )
+
+    def _feedback(self, feedback: DeviceFeedback) -> None:
+        if not self._opened:
+            raise NotOpenError("the Wii Remote is not open: call open() before feedback()")
+        with self._lock:
+            if feedback.led is not None:
+                self._core.set_led(feedback.led)
+            if feedback.rumble is not None:
+                self._core.set_rumble(feedback.rumble, time.monotonic())
+
+    # -- the reader ----------------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        refusals = []
+        for remote in self._transport.find():
+            if not self._is_meant(remote):
+                continue
+            try:
+                link = self._transport.open(remote, self._stop.is_set)
+            except DeviceAccessError as error:
+                refusals.append(str(error))
+                continue
+            try:  # Some adapters show remotes that are not there: those take no report.
+                link.write(_MOTOR_OFF)
+            except OSError as error:
+                link.close()
+                refusals.append(f"{remote.name} at {remote.path} takes no report: {error}")
+                continue
+            identity = Identity(
+                remote.name,
+                remote.address,
+                remote.transport,
+                remote.kernel_driver,
+                remote.late_model,
+            )
+            with self._lock:
+                self._remote = link
+                self._core.on_opened(time.monotonic(), identity)
+            return
+        if refusals:
+            raise DeviceAccessError("; ".join(refusals))
+        raise DeviceNotFoundError(self._not_found())
+
+    def _serve(self, stop: threading.Event) -> None:
+        link = self._remote
+        assert link is not None
+        while not stop.is_set():
+            now_s = time.monotonic()
+            with self._lock:
+                reports = self._core.outgoing(now_s)
+                failure = self._core.failure(now_s)
+            for report in reports:
+                link.write(report)
+            if failure:
+                raise OSError(errno.ETIMEDOUT, failure)
+            received = link.read(READ_TIMEOUT_S)
+            for _ in range(BURST_REPORTS):
+                if received is None:
+                    break
+                now_s = time.monotonic()
+                with self._lock:
+                    self._core.on_report(received, now_s)
+                received = link.read(0.0)
+
+    def _release(self) -> None:
+        link, self._remote = self._remote, None
+        if link is not None:
+            with contextlib.suppress(OSError):
+                link.write(_MOTOR_OFF)
+            link.close()
+
+    def _is_meant(self, remote: Found) -> bool:
+        options = self.options
+        return options.path in ("", remote.path) and (
+            "" in (options.address, remote.address) or options.address.upper() == remote.address
+        )
+
+    def _not_found(self) -> str:
+        options = self.options
+        if options.transport == "socket":
+            return (
+                f"there is no simulated remote in {options.path!r} (psm11, psm13): start "
+                "`cardan sim wiimote --l2cap` first"
+            )
+        wanted = [
+            f"{key} {value!r}" for key in ("path", "address") if (value := getattr(options, key))
+        ]
+        such = f" with {' and '.join(wanted)}" if wanted else ""
+        return (
+            f"no Wii Remote{such} is connected: pair it once (red sync button), then press one of "
+            "its buttons; `cardan devices` lists what there is"
+        )
+
+
+def _transport(options: WiimoteOptions) -> Transport:
+    if options.transport == "socket":
+        return SocketTransport(options.path)
+    if options.transport == "l2cap":
+        return L2capTransport(options.address)
+    return HidrawTransport()

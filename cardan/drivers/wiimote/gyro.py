@@ -1,0 +1,73 @@
+"""Turning rates of a MotionPlus, with the rest point taken anew while it lies or is held still."""
+
+from __future__ import annotations
+
+import math
+
+from cardan.types import NEVER_S
+
+Vector = tuple[float, float, float]
+
+STILL_S = 1.0
+"""A remote that was still for so long shows its rest point."""
+
+STILL_SAMPLES = 20
+
+STILL_RAD_S = math.radians(3.0)
+"""How far rates may differ from another while it is still."""
+
+LARGEST_BIAS_RAD_S = math.radians(10.0)
+"""More is no rest point that has moved but a steady turn."""
+
+
+class Gyro:
+    """Rates in rad/s about the operator's axes. Times are monotonic, s."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """A MotionPlus that nothing is known of."""
+        self.bias_rad_s: Vector = (0.0, 0.0, 0.0)
+        self.updates = 0
+        """How often the rest point was taken anew."""
+        self._forget()
+
+    def _forget(self) -> None:
+        self._since_s = NEVER_S
+        self._count = 0
+        self._sum = [0.0, 0.0, 0.0]
+        self._low = [math.inf] * 3
+        self._high = [-math.inf] * 3
+
+    def update(self, rates_rad_s: Vector, now_s: float, at_rest: bool) -> Vector:
+        """The rates less the rest point. `at_rest`: no clutch is held, so none is steered by."""
+        if at_rest:
+            self._watch(rates_rad_s, now_s)
+        elif self._count:
+            self._forget()
+        x, y, z = rates_rad_s
+        u, v, w = self.bias_rad_s
+        return (x - u, y - v, z - w)
+
+    def _watch(self, rates_rad_s: Vector, now_s: float) -> None:
+        if not self._count:
+            self._since_s = now_s
+        self._count += 1
+        still = True
+        for i, rate in enumerate(rates_rad_s):
+            self._sum[i] += rate
+            self._low[i] = min(self._low[i], rate)
+            self._high[i] = max(self._high[i], rate)
+            still = (
+                still
+                and self._high[i] - self._low[i] < STILL_RAD_S
+                and abs(rate) < LARGEST_BIAS_RAD_S
+            )
+        if not still:
+            self._forget()
+        elif now_s - self._since_s >= STILL_S and self._count >= STILL_SAMPLES:
+            x, y, z = self._sum
+            self.bias_rad_s = (x / self._count, y / self._count, z / self._count)
+            self.updates += 1
+            self._forget()

@@ -1,0 +1,95 @@
+"""What can be set about the Wii Remote driver."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from cardan.drivers.shaping import ShapingOptions, check_choice
+
+TRANSPORTS = ("auto", "hidraw", "l2cap", "socket")
+ROLES = ("paper", "tilt", "gyro")
+NEUTRALS = ("level", "press")
+MOTION_PLUS = ("auto", "on", "off")
+
+_ADDRESS = re.compile(r"([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}")
+_FULL_TILT_DEG = {"paper": 90.0, "tilt": 45.0, "gyro": 90.0}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WiimoteOptions(ShapingOptions):
+    """Options of :class:`Wiimote`. Raises ValueError for a value that is not allowed."""
+
+    dead_zone: float = 0.07
+    """Share of the full scale that counts as rest; 0.07 of 1 g are 4 degrees."""
+    transport: Literal["auto", "hidraw", "l2cap", "socket"] = "auto"
+    """auto: hidraw. l2cap: Bluetooth channels of our own, past the kernel's drivers. socket: a
+    simulated remote."""
+    path: str = ""
+    """hidraw: the device's path as ``cardan devices`` lists it, empty for the first found; socket:
+    the folder of the simulated remote's two sockets."""
+    address: str = ""
+    """Bluetooth address of the remote, "00:1F:32:AA:BB:CC"; must be given for l2cap, empty: any."""
+    roles: Literal["paper", "tilt", "gyro"] = "paper"
+    """What the remote's motion means while a clutch button is held."""
+    full_tilt_deg: float | None = None
+    """Tilt that is full deflection, 5 to 90; None: 90 (roles "paper"), 45 ("tilt")."""
+    neutral: Literal["level", "press"] = "level"
+    """Tilt that counts as none: level, or how the remote is held when the clutch is pressed."""
+    low_pass_hz: float = 7.0
+    """Cut-off frequency of the filter on the accelerometer."""
+    gyro_full_scale_rad_s: float = 3.0
+    """Turning speed of the hand that is full deflection (roles "gyro")."""
+    motion_plus: Literal["auto", "on", "off"] = "auto"
+    """Whether to use a MotionPlus; auto: where the roles need it."""
+    ir: bool = False
+    """True: the camera is on; where the remote points stands in the metrics."""
+    led: int = 1
+    """The LED, 1 to 4, that is lit from opening until the gateway says otherwise; 0: none."""
+    reconnect_after_s: float = 0.5
+    """A remote that was silent for so long is opened anew; after 0.1 s it is not trusted anyway."""
+    wait_for_device: bool = False
+    """open() succeeds without a remote, which is picked up once it is there."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, allowed in (
+            ("transport", TRANSPORTS),
+            ("roles", ROLES),
+            ("neutral", NEUTRALS),
+            ("motion_plus", MOTION_PLUS),
+        ):
+            check_choice(name, getattr(self, name), allowed)
+        for name, low, high in (
+            ("low_pass_hz", 0.5, 50.0),
+            ("gyro_full_scale_rad_s", 0.1, 30.0),
+            ("reconnect_after_s", 0.3, 60.0),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f"{name} is {value!r}; allowed: {low:g} to {high:g}")
+        if self.full_tilt_deg is not None and not 5.0 <= self.full_tilt_deg <= 90.0:
+            raise ValueError(f"full_tilt_deg is {self.full_tilt_deg!r}; allowed: 5 to 90")
+        if not isinstance(self.led, int) or self.led not in range(5):
+            raise ValueError(f"led is {self.led!r}; allowed: 1 to 4, and 0 for none")
+        if self.address and not _ADDRESS.fullmatch(self.address):
+            raise ValueError(
+                f'address is {self.address!r}; allowed: six bytes such as "00:1F:32:AA:BB:CC"'
+            )
+        if self.transport == "l2cap" and not self.address:
+            raise ValueError("address is ''; transport 'l2cap' needs the remote's address")
+        if self.transport == "socket" and not self.path:
+            raise ValueError("path is ''; transport 'socket' needs the folder of the sockets")
+        if self.roles == "gyro" and self.motion_plus == "off":
+            raise ValueError("motion_plus is 'off'; roles 'gyro' need it: allowed: auto, on")
+
+    @property
+    def full_tilt_used_deg(self) -> float:
+        """The tilt that is full deflection."""
+        return _FULL_TILT_DEG[self.roles] if self.full_tilt_deg is None else self.full_tilt_deg
+
+    @property
+    def wants_motion_plus(self) -> bool:
+        """Whether a MotionPlus is to be switched on."""
+        return self.motion_plus == "on" or (self.motion_plus == "auto" and self.roles == "gyro")

@@ -1,0 +1,135 @@
+"""What the hand means: from tilt, turning rates, stick and buttons to six deflections.
+
+All deflections are zero unless a clutch button is held. The roles "paper" are those of Łukawski,
+Victores and Balaguer 2023 in the tool's axes, as their released controller has them: a tilt of
+1 g is a deflection of 1, which `mapping` turns into its 0.1 rad/s, and A and B into 0.01 m/s.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from cardan.drivers.shaping import Axes
+
+STICK_BUTTON = "z"
+"""The Nunchuk's trigger: a clutch for its stick alone."""
+
+
+class Hand(NamedTuple):
+    """What the operator does."""
+
+    buttons: frozenset[str]
+    rolled: float
+    """Tilt to the right, -1..1."""
+    dipped: float
+    """Tilt nose down, -1..1."""
+    rates: tuple[float, float, float]
+    """Turning rates about x forward, y left, z up; 1 is full deflection."""
+    stick: tuple[float, float]
+    """The Nunchuk's stick: forward and left, -1..1."""
+
+
+class Roles(ABC):
+    """One way to read a hand."""
+
+    clutch: frozenset[str]
+    """While one of these is held, the remote itself moves something."""
+    needs_rates = False
+    """They use a MotionPlus."""
+
+    def on_press(self, button: str) -> None:  # noqa: B027 - most roles have no modes
+        """`button` went down."""
+
+    def reset(self) -> None:  # noqa: B027
+        """A new link: modes as they are at first."""
+
+    @property
+    def yaw(self) -> bool:
+        """Tilt to the side turns about z instead of x."""
+        return False
+
+    def axes(self, hand: Hand) -> Axes:
+        """The deflections, before they are shaped."""
+        held = not self.clutch.isdisjoint(hand.buttons)
+        x, y, z, rx, ry, rz = self._moved(hand) if held else (0.0,) * 6
+        if held or STICK_BUTTON in hand.buttons:
+            x, y = _clamped(x + hand.stick[0]), _clamped(y + hand.stick[1])
+        return (x, y, z, _clamped(rx), _clamped(ry), _clamped(rz))
+
+    @abstractmethod
+    def _moved(self, hand: Hand) -> Axes:
+        """The deflections that the remote itself makes, its clutch being held."""
+
+
+class PaperRoles(Roles):
+    """A forward along z, B back, both: only turning. Tilt turns: to the side about x (about z
+    after button 2, until button 1), nose down about y."""
+
+    clutch = frozenset({"a", "b"})
+
+    def __init__(self) -> None:
+        self._yaw = False
+
+    @property
+    def yaw(self) -> bool:
+        return self._yaw
+
+    def reset(self) -> None:
+        self._yaw = False
+
+    def on_press(self, button: str) -> None:
+        if button in ("one", "two"):
+            self._yaw = button == "two"
+
+    def _moved(self, hand: Hand) -> Axes:
+        z = float("a" in hand.buttons) - float("b" in hand.buttons)
+        if self._yaw:
+            return (0.0, 0.0, z, 0.0, hand.dipped, hand.rolled)
+        return (0.0, 0.0, z, hand.rolled, hand.dipped, 0.0)
+
+
+class TiltRoles(Roles):
+    """B held: nose down goes forward, tilt to the right goes right, the cross up and down, and
+    its left and right turn about z. With A as well the tilt turns about x and y instead."""
+
+    clutch = frozenset({"b"})
+
+    def _moved(self, hand: Hand) -> Axes:
+        z = _cross(hand.buttons, "up", "down")
+        rz = _cross(hand.buttons, "left", "right")
+        if "a" in hand.buttons:
+            return (0.0, 0.0, z, hand.rolled, hand.dipped, rz)
+        return (hand.dipped, -hand.rolled, z, 0.0, 0.0, rz)
+
+
+class GyroRoles(Roles):
+    """B held: what turns in the hand turns at the robot; the cross goes forward and back, left
+    and right, plus and minus up and down."""
+
+    clutch = frozenset({"b"})
+    needs_rates = True
+
+    def _moved(self, hand: Hand) -> Axes:
+        buttons = hand.buttons
+        return (
+            _cross(buttons, "up", "down"),
+            _cross(buttons, "left", "right"),
+            _cross(buttons, "plus", "minus"),
+            *hand.rates,
+        )
+
+
+ROLES: Mapping[str, type[Roles]] = MappingProxyType(
+    {"paper": PaperRoles, "tilt": TiltRoles, "gyro": GyroRoles}
+)
+
+
+def _cross(buttons: frozenset[str], positive: str, negative: str) -> float:
+    return float(positive in buttons) - float(negative in buttons)
+
+
+def _clamped(value: float) -> float:
+    return min(1.0, max(-1.0, value))

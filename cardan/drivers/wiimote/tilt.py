@@ -1,0 +1,97 @@
+"""How the remote is tilted, from its accelerometer, as far as that can be told."""
+
+from __future__ import annotations
+
+import math
+
+from cardan.types import NEVER_S
+
+Vector = tuple[float, float, float]
+
+TRUSTED_G = (0.8, 1.2)
+"""Outside, the hand accelerates the remote and gravity cannot be told from that."""
+
+UNCALIBRATED_G = (0.6, 1.4)
+"""The same for a remote whose zero is not known: it may be 0.2 g off."""
+
+FREEZE_S = 0.25
+"""A tilt that could not be measured for so long counts as none."""
+
+SAMPLE_S = (0.002, 0.05)
+"""Shortest and longest time that one sample stands for: reports come in bunches."""
+
+_UP: Vector = (0.0, 0.0, 1.0)
+_TURNED = -1.0 + 1e-9
+"""Cosine beyond which a remote is upside down, and every way to turn it upright is as short."""
+
+
+class Tilt:
+    """Low-passed direction of gravity, relative to level or to how the remote was held.
+
+    Vectors are specific forces in g in the operator's axes: x forward, y left, z up. Times are
+    monotonic, s.
+    """
+
+    def __init__(self, cut_off_hz: float, full_tilt_deg: float) -> None:
+        self._rate = 2.0 * math.pi * cut_off_hz
+        self._gain = 1.0 / math.sin(math.radians(full_tilt_deg))
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known; level is neutral."""
+        self._up: Vector | None = None
+        self._neutral = _UP
+        self._sampled_s = self._trusted_s = NEVER_S
+
+    def update(self, force_g: Vector, now_s: float, calibrated: bool = True) -> None:
+        """Take a sample. `calibrated`: zero and 1 g of this very accelerometer are known."""
+        x, y, z = force_g
+        low, high = TRUSTED_G if calibrated else UNCALIBRATED_G
+        since_s, self._sampled_s = now_s - self._sampled_s, now_s
+        if not low * low <= x * x + y * y + z * z <= high * high:
+            return
+        if self._up is None or now_s - self._trusted_s > FREEZE_S:
+            self._up = force_g
+        else:
+            shortest, longest = SAMPLE_S
+            share = 1.0 - math.exp(-self._rate * min(max(since_s, shortest), longest))
+            u, v, w = self._up
+            self._up = (u + share * (x - u), v + share * (y - v), w + share * (z - w))
+        self._trusted_s = now_s
+
+    def capture(self) -> None:
+        """What is held now is neutral."""
+        if self._up is not None:
+            x, y, z = self._up
+            length = math.sqrt(x * x + y * y + z * z)
+            if length > 0.0:
+                self._neutral = (x / length, y / length, z / length)
+
+    def trusted(self, now_s: float) -> bool:
+        """Whether the tilt is known at `now_s`."""
+        return now_s - self._trusted_s <= FREEZE_S
+
+    def rolled_and_dipped(self, now_s: float) -> tuple[float, float]:
+        """Tilt to the right and nose down, each in -1..1: its sine by that of the full tilt.
+
+        Both fade by themselves as the other nears 90 degrees. (0, 0) where it is not known.
+        """
+        if self._up is None or not self.trusted(now_s):
+            return 0.0, 0.0
+        x, y, _ = self._up if self._neutral is _UP else _turned(self._up, self._neutral)
+        return _clamped(self._gain * y), _clamped(-self._gain * x)
+
+
+def _turned(vector: Vector, neutral: Vector) -> Vector:
+    """`vector` turned by the shortest rotation that takes the unit vector `neutral` to +z."""
+    x, y, z = vector
+    a, b, c = neutral
+    if c < _TURNED:
+        return (x, -y, -z)
+    # Rodrigues' formula for the axis (b, -a, 0), whose length is the sine of the angle.
+    along = (b * x - a * y) / (1.0 + c)
+    return (c * x - a * z + along * b, c * y - b * z - along * a, a * x + b * y + c * z)
+
+
+def _clamped(value: float) -> float:
+    return min(1.0, max(-1.0, value))

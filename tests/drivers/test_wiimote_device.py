@@ -1,0 +1,331 @@
+"""The driver as users have it, mostly against the simulated remote over its two sockets."""
+
+import time
+import types
+
+import pytest
+
+from cardan.drivers import reading
+from cardan.drivers.wiimote import Wiimote, WiimoteOptions
+from cardan.drivers.wiimote import device as device_module
+from cardan.drivers.wiimote.transports import Found, Link, Transport
+from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
+from cardan.sim_peers.wiimote import FAULTS, WiimotePeer, WiimotePeerOptions
+from cardan.types import ZERO3, DeviceFeedback, DeviceLink, Wrench
+from tests.drivers.wiimote_bench import REST, fault_default
+from tests.serving import in_a_thread
+
+PATIENCE_S = 15.0
+SOON = {
+    "silence": 0.1, "out-of-range": 0.1, "in-range": 0.3, "power-off": 0.1, "power-on": 0.3,
+    "close-control": 0.1, "close-interrupt": 0.1, "battery-low": 0.1, "stolen-mode": 0.1,
+    "refuse": 0.2, "burst": 0.15,
+}  # fmt: skip
+BEFORE = {"in-range": "out-of-range", "power-on": "power-off"}
+
+
+def eventually(condition, within_s=PATIENCE_S):
+    end_s = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.002)
+
+
+@pytest.fixture(autouse=True)
+def _hasty(monkeypatch):
+    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.01)
+    monkeypatch.setattr(reading, "RETRY_LAST_S", 0.05)
+
+
+@pytest.fixture
+def idle(tmp_path):
+    """A script in which nobody touches the remote."""
+    script = tmp_path / "idle.script"
+    script.write_text("0.0 level\n")
+    return str(script)
+
+
+def peer_of(tmp_path, script, **more):
+    return WiimotePeer(WiimotePeerOptions(l2cap=str(tmp_path / "wii"), script=script, **more))
+
+
+def driver_of(tmp_path, **more):
+    more.setdefault("dead_zone", 0.0)
+    return Wiimote(WiimoteOptions(transport="socket", path=str(tmp_path / "wii"), **more))
+
+
+def live(wiimote):
+    eventually(lambda: wiimote.state().link is DeviceLink.LIVE)
+
+
+def gripped(peer, wiimote, condition):
+    """Hold A until `condition` of the state; a machine that stalls takes the hand off: again."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition(state := wiimote.state()):
+        assert time.monotonic() < end_s, (state, wiimote.diagnosis())
+        if "a" not in peer.remote.held:
+            peer.remote.press("a")
+        elif state.link is not DeviceLink.LIVE:
+            peer.remote.release("a")
+            live(wiimote)
+        time.sleep(0.002)
+
+
+def lasting(words):
+    """Of a diagnosis, what a busy machine does not cause."""
+    return [w for w in words if not any(s in w for s in ("silences", "data mode", "in time"))]
+
+
+@pytest.mark.judged(device="Wiimote", transport="seqpacket sockets", by="simulated peer")
+@pytest.mark.parametrize("ir", [False, True])
+@pytest.mark.parametrize(
+    "remote",
+    [
+        {},
+        {"extension": "nunchuk"},
+        {"motion_plus": True},
+        {"extension": "nunchuk", "motion_plus": True},
+        {"tr": True, "motion_plus": True},
+    ],
+    ids=["alone", "nunchuk", "motion-plus", "both", "tr"],
+)
+def test_every_kind_of_remote(tmp_path, idle, remote, ir):
+    options = {"ir": ir, "motion_plus": "on" if "motion_plus" in remote else "off"}
+    with (
+        in_a_thread(peer_of(tmp_path, idle, **remote)) as peer,
+        driver_of(tmp_path, **options) as wiimote,
+    ):
+        live(wiimote)
+        gripped(peer, wiimote, lambda state: state.axes[2] == 1.0)
+        assert wiimote.state().battery == pytest.approx(0.96)
+        peer.remote.release("a")
+        live(wiimote)
+        eventually(lambda: wiimote.state().axes == REST and not wiimote.state().buttons)
+        assert lasting(wiimote.diagnosis()) == []
+        edges = [(e.button, e.pressed) for e in wiimote.button_events()]
+        assert edges == [("a", True), ("a", False)] * (len(edges) // 2)
+    assert wiimote.state().link is DeviceLink.CLOSED
+
+
+@pytest.mark.judged(device="Wiimote", transport="seqpacket sockets", by="simulated peer")
+@pytest.mark.parametrize("name", [switch.name for switch in FAULTS])
+def test_faults_end_to_end(tmp_path, idle, name):
+    """What happens at a time happens early, so that it is over soon."""
+    faults = {name: SOON.get(name, fault_default(name))}
+    if name in BEFORE:
+        faults[BEFORE[name]] = SOON[BEFORE[name]]
+    more = {"hot-plug": {"extension": "nunchuk"}, "woken-by-1-2": {"tr": True}}.get(name, {})
+    peer = peer_of(tmp_path, idle, faults=faults, start_on_connect=False, **more)
+    with in_a_thread(peer), driver_of(tmp_path, wait_for_device=True) as wiimote:
+        seen = set()
+        end_s = time.monotonic() + (0.4 if name in SOON or name in BEFORE else 0.05)
+        while time.monotonic() < end_s:
+            state = wiimote.state()
+            seen.add(state.link)
+            assert state.axes == REST
+            time.sleep(0.005)
+        if name in ("out-of-range", "power-off", "woken-by-1-2"):
+            eventually(lambda: wiimote.state().link is DeviceLink.LOST)
+            return
+        live(wiimote)
+        if name in ("silence", "close-control", "close-interrupt", "refuse", *BEFORE):
+            assert seen & {DeviceLink.LOST, DeviceLink.STALE}
+        if name != "burst":
+            gripped(peer, wiimote, lambda state: state.axes[2] == 1.0)
+
+
+@pytest.mark.judged(device="Wiimote", transport="seqpacket sockets", by="simulated peer")
+def test_a_script_is_followed(tmp_path):
+    script = tmp_path / "roll.script"
+    script.write_text("0.0 tilt 30 0 0\n")
+    with in_a_thread(peer_of(tmp_path, str(script))) as peer, driver_of(tmp_path) as wiimote:
+        live(wiimote)
+        gripped(peer, wiimote, lambda state: state.axes[3] > 0.48)
+        assert wiimote.state().axes in (REST, pytest.approx((0, 0, 1, 0.5, 0, 0), abs=0.04))
+
+
+def test_feedback_reaches_the_remote(tmp_path, idle):
+    with in_a_thread(peer_of(tmp_path, idle)) as peer, driver_of(tmp_path, led=4) as wiimote:
+        live(wiimote)
+        assert peer.remote.leds == 0b1000
+        assert wiimote.capabilities.feedback == {"led", "rumble"}
+        wiimote.feedback(DeviceFeedback(led=False, rumble=1.0))
+        eventually(lambda: peer.remote.leds == 0 and peer.remote.rumble)
+        wiimote.feedback(DeviceFeedback(led=True, rumble=0.0))
+        eventually(lambda: peer.remote.leds == 0b1000 and not peer.remote.rumble)
+        with pytest.raises(CommandError, match="wrench"):
+            wiimote.feedback(DeviceFeedback(wrench=Wrench(ZERO3, ZERO3)))
+        wiimote.feedback(DeviceFeedback(rumble=1.0))
+        eventually(lambda: peer.remote.rumble)
+        wiimote.close()
+        eventually(lambda: not peer.remote.connected)
+        assert any("rumble off" in entry.what for entry in list(peer.remote.log)[-3:])
+
+
+def test_the_remote_comes_and_goes(tmp_path, idle):
+    with driver_of(tmp_path, wait_for_device=True) as wiimote:
+        assert wiimote.state().link is DeviceLink.LOST
+        assert "cardan sim wiimote" in wiimote.state().reason
+        with in_a_thread(peer_of(tmp_path, idle)) as peer:
+            live(wiimote)
+            gripped(peer, wiimote, lambda state: any(state.axes))
+        eventually(lambda: wiimote.state().link is DeviceLink.LOST)
+        assert wiimote.state().axes == REST
+        with in_a_thread(peer_of(tmp_path, idle)):
+            live(wiimote)
+
+
+def test_no_remote_is_an_error(tmp_path):
+    with pytest.raises(DeviceNotFoundError, match="start `cardan sim wiimote"):
+        driver_of(tmp_path).open()
+
+
+def test_feedback_before_open(tmp_path):
+    with pytest.raises(NotOpenError, match="call open"):
+        driver_of(tmp_path).feedback(DeviceFeedback(led=True))
+
+
+# -- choosing a remote ----------------------------------------------------------------------------
+
+
+class Silent(Link):
+    """A remote that says nothing."""
+
+    def __init__(self):
+        self.written, self.closed = [], False
+
+    def read(self, timeout_s):
+        time.sleep(timeout_s)
+
+    def write(self, report):
+        self.written.append(report)
+
+    def close(self):
+        self.closed = True
+
+
+class Absent(Silent):
+    """What an adapter shows of a remote that is not there."""
+
+    def write(self, report):
+        raise OSError(32, "Broken pipe")
+
+
+class Shelf(Transport):
+    name = "shelf"
+
+    def __init__(self, *remotes, refuses=(), absent=()):
+        self.remotes, self.refuses, self.absent = remotes, refuses, absent
+        self.opened, self.links = [], []
+
+    def find(self):
+        return list(self.remotes)
+
+    def open(self, remote, given_up):
+        if remote.path in self.refuses:
+            raise DeviceAccessError(f"cannot open {remote.path}")
+        self.opened.append(remote.path)
+        self.links.append(Absent() if remote.path in self.absent else Silent())
+        return self.links[-1]
+
+
+FIRST = Found("Nintendo RVL-CNT-01", "shelf", "/dev/hidraw1", "00:00:00:00:00:01")
+SECOND = Found("Nintendo RVL-CNT-01", "shelf", "/dev/hidraw2", "00:00:00:00:00:0A")
+
+
+@pytest.mark.parametrize(
+    ("options", "opened"),
+    [
+        ({}, "/dev/hidraw1"),
+        ({"path": "/dev/hidraw2"}, "/dev/hidraw2"),
+        ({"address": "00:00:00:00:00:0a"}, "/dev/hidraw2"),
+    ],
+)
+def test_the_remote_that_is_meant(options, opened):
+    shelf = Shelf(FIRST, SECOND)
+    with Wiimote(WiimoteOptions(**options), transport=shelf):
+        assert shelf.opened == [opened]
+
+
+def test_the_next_one_if_the_first_is_refused():
+    shelf = Shelf(FIRST, SECOND, refuses={FIRST.path})
+    with Wiimote(transport=shelf):
+        assert shelf.opened == [SECOND.path]
+
+
+def test_a_remote_that_is_not_really_there_is_passed_over():
+    shelf = Shelf(FIRST, SECOND, absent={FIRST.path})
+    with Wiimote(transport=shelf):
+        assert shelf.opened == [FIRST.path, SECOND.path]
+        assert shelf.links[0].closed
+    with pytest.raises(DeviceAccessError, match=r"hidraw1 takes no report: .*Broken pipe"):
+        Wiimote(transport=Shelf(FIRST, absent={FIRST.path})).open()
+
+
+def test_all_refused():
+    with pytest.raises(DeviceAccessError, match="hidraw1; cannot open /dev/hidraw2"):
+        Wiimote(transport=Shelf(FIRST, SECOND, refuses={FIRST.path, SECOND.path})).open()
+
+
+def test_none_is_meant():
+    options = WiimoteOptions(address="00:00:00:00:00:02")
+    with pytest.raises(DeviceNotFoundError, match="with address '00:00:00:00:00:02'"):
+        Wiimote(options, transport=Shelf(FIRST)).open()
+
+
+def test_the_motor_is_stopped_at_the_end():
+    shelf = Shelf(FIRST)
+    with Wiimote(transport=shelf):
+        pass
+    (link,) = shelf.links
+    assert link.written[-1] == b"\x10\x00"
+    assert link.closed
+
+
+def test_found_remotes(monkeypatch):
+    remotes = [
+        FIRST._replace(kernel_driver=True),
+        SECOND._replace(obstacle="no permission for /dev/hidraw2"),
+    ]
+    monkeypatch.setattr(
+        device_module, "HidrawTransport", lambda: types.SimpleNamespace(find=lambda: remotes)
+    )
+    first, second = Wiimote.find()
+    assert first.obstacle == ""
+    assert "kernel driver" in first.name
+    assert (second.identity, second.obstacle) == (SECOND.address, remotes[1].obstacle)
+
+
+def test_finding_never_raises(monkeypatch):
+    def broken():
+        raise OSError("no HID here")
+
+    monkeypatch.setattr(
+        device_module, "HidrawTransport", lambda: types.SimpleNamespace(find=broken)
+    )
+    assert Wiimote.find() == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"transport": "usb"}, "transport is 'usb'"),
+        ({"roles": "dance"}, "roles is 'dance'; allowed: paper, tilt, gyro"),
+        ({"neutral": "x"}, "neutral is 'x'"),
+        ({"motion_plus": "maybe"}, "motion_plus is 'maybe'"),
+        ({"transport": "l2cap"}, "needs the remote's address"),
+        ({"transport": "socket"}, "needs the folder"),
+        ({"address": "00:11"}, "address is '00:11'"),
+        ({"led": 5}, "led is 5; allowed: 1 to 4"),
+        ({"led": 1.5}, "led is 1.5"),
+        ({"full_tilt_deg": 0.0}, "full_tilt_deg is 0.0; allowed: 5 to 90"),
+        ({"low_pass_hz": float("nan")}, "low_pass_hz is nan"),
+        ({"gyro_full_scale_rad_s": 0.0}, "gyro_full_scale_rad_s is 0.0"),
+        ({"reconnect_after_s": 0.1}, "reconnect_after_s is 0.1; allowed: 0.3 to 60"),
+        ({"roles": "gyro", "motion_plus": "off"}, "roles 'gyro' need it"),
+        ({"dead_zone": 1.0}, "dead_zone is 1.0"),
+    ],
+)
+def test_options_that_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        WiimoteOptions(**options)

@@ -1,0 +1,47 @@
+"""What a hand means, whatever it does."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cardan.drivers.wiimote.core import BUTTON_NAMES, NUNCHUK_BUTTONS
+from cardan.drivers.wiimote.options import ROLES as ROLE_NAMES
+from cardan.drivers.wiimote.roles import ROLES, STICK_BUTTON, Hand
+
+REST = (0.0,) * 6
+UNIT = st.floats(-1.0, 1.0)
+HANDS = st.builds(
+    Hand,
+    st.frozensets(st.sampled_from([*BUTTON_NAMES, *NUNCHUK_BUTTONS])),
+    UNIT,
+    UNIT,
+    st.tuples(*(st.floats(-20.0, 20.0),) * 3),
+    st.tuples(UNIT, UNIT),
+)
+
+
+def test_the_options_name_them_all():
+    assert set(ROLE_NAMES) == set(ROLES)
+
+
+@pytest.mark.parametrize("name", ROLES)
+@given(hand=HANDS)
+def test_nothing_moves_without_a_clutch(name, hand):
+    roles = ROLES[name]()
+    axes = roles.axes(hand)
+    assert all(-1.0 <= u <= 1.0 for u in axes)
+    if roles.clutch.isdisjoint(hand.buttons):
+        stick = hand.stick if STICK_BUTTON in hand.buttons else (0.0, 0.0)
+        assert axes == (*stick, 0.0, 0.0, 0.0, 0.0)
+        assert roles.axes(hand._replace(buttons=frozenset())) == REST
+
+
+@given(hand=HANDS, pressed=st.lists(st.sampled_from(BUTTON_NAMES)))
+def test_yaw_is_what_was_pressed_last(hand, pressed):
+    roles = ROLES["paper"]()
+    for button in pressed:
+        roles.on_press(button)
+    last = [button for button in pressed if button in ("one", "two")][-1:]
+    assert roles.yaw is (last == ["two"])
+    roles.reset()
+    assert not roles.yaw
