@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import importlib
 import os
 import re
 import socket
 import sys
 from abc import ABC, abstractmethod
-from types import ModuleType
 from typing import Any, NamedTuple
 
 from cardan.drivers.access import refusal
+from cardan.drivers.hid import load_hid
 from cardan.drivers.spacemouse.core import REPORT_PERIOD_S
-from cardan.errors import DeviceAccessError, DriverError
+from cardan.errors import DeviceAccessError
 from cardan.protocols.connexion import (
     CONNEXION,
     LOGITECH,
@@ -173,24 +172,6 @@ class _HidLink(Link):
     def close(self) -> None:
         with contextlib.suppress(OSError, ValueError):
             self._handle.close()
-
-
-def load_hid(module_name: str) -> ModuleType:
-    """hidapi's module. DriverError when it, or another package of the same name, is not it."""
-    try:
-        module = importlib.import_module(module_name)
-    except ImportError as error:
-        raise DriverError(
-            f"module {module_name!r} of the package hidapi cannot be imported ({error}): "
-            "pip install hidapi"
-        ) from None
-    if not hasattr(module, "device") or not hasattr(module, "enumerate"):
-        other = " (the package `hid`, a different one)" if hasattr(module, "Device") else ""
-        raise DriverError(
-            f"module {module_name!r} is not that of the package hidapi{other}: "
-            "pip uninstall hid, then pip install --force-reinstall hidapi"
-        )
-    return module
 
 
 _PORT = re.compile(r"(?:^|/)(\d+-[\d.]+):\d+\.\d+(?:/|$)")

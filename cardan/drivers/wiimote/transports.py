@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan.drivers.access import obstacle
-from cardan.drivers.spacemouse.transports import load_hid
+from cardan.drivers.hid import load_hid
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.wiimote import (
     CONTROL_PSM,

@@ -1,0 +1,295 @@
+"""What the tracking service's messages mean, without any I/O and in the caller's time.
+
+Frames go on when no hand is in view, so silence is always trouble:
+
+- Without a frame for `STALE_AFTER_S` the link is STALE; a tracker that the service calls unplugged
+  is LOST, one that does not deliver is STALE, whatever else comes.
+- After opening and after trouble the link is NEEDS_NEUTRAL until a frame shows no hand that could
+  hold the clutch by staying as it is: no hand at all, or one that is open (clutch "grab"), apart
+  ("pinch") or closed ("open").
+- The hand's pose and the button "clutch" come and go together, in one and the same state.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.leap.options import LeapOptions
+from cardan.drivers.leap.tracking import COUNTERS as TRACKING_COUNTERS
+from cardan.drivers.leap.tracking import HandTracker
+from cardan.drivers.shaping import NEUTRAL
+from cardan.protocols.leap import (
+    SKELETON_SINCE,
+    DeviceEvent,
+    Frame,
+    Malformed,
+    ServiceMessage,
+    Version,
+)
+from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+
+BUTTONS = ("hand", "clutch", "grab", "pinch")
+"""What the driver reports as buttons: a hand is followed, it holds the clutch, it is a fist, it
+pinches."""
+
+STALE_AFTER_S = 0.1
+"""Silence beyond this, eleven frames at the usual rate, is a link in trouble."""
+
+SETTLE_S = 0.02
+"""Frames this soon after a silence may be old ones that had queued up meanwhile."""
+
+LONGEST_STEP_S = 0.1
+"""No more time than this is taken to have passed between two frames of one hand."""
+
+RESTARTED_AFTER = 10
+"""So many frames in a row that are too old, but in order, begin a new count of frames."""
+
+OPENED_REASON = "connected, no frame yet"
+
+NEUTRAL_REASONS: Mapping[str, str] = MappingProxyType(
+    {
+        "still": "take the hand out of view once",
+        "open": "close the hand, or take it out of view, once",
+        "grab": "open the hand once",
+        "pinch": "let go of the pinch once",
+    }
+)
+"""What has to be seen before the clutch works, by the option `clutch`."""
+
+_COUNTERS: Mapping[str, str] = MappingProxyType(
+    {
+        "silences": f"silences of more than {STALE_AFTER_S:.1f} s",
+        "old_frames": "frames that are not newer than the one before",
+        **TRACKING_COUNTERS,
+    }
+)
+
+
+class LeapCore:
+    """The state of one tracking service. Times are monotonic, s."""
+
+    def __init__(self, options: LeapOptions) -> None:
+        self._options = options
+        self._tracker = HandTracker(options)
+        self._buttons = ButtonEdges()
+        self._link = DeviceLink.CLOSED
+        self._reason = "not opened"
+        self._open = False
+        self._counts = Counter({"silences": 0, "old_frames": 0})
+        self._malformed: Counter[str] = Counter()
+        self._frames = 0
+        self._forget_service()
+        self._cached: DeviceState | None = None
+
+    def _forget_service(self) -> None:
+        self.version: Version | None = None
+        """What the service said it speaks."""
+        self._devices: dict[str, DeviceEvent] = {}
+        self._heard = False
+        self._stamp_s = NEVER_S
+        self._silent_since_s = 0.0
+        self._believe_s = NEVER_S
+        self._frame_id: int | None = None
+        self._timestamp_us: int | None = None
+        self._old_id = 0
+        self._old_run = 0
+        self._rate_hz: float | None = None
+
+    # -- what happens --------------------------------------------------------------------------
+
+    def on_opened(self, now_s: float) -> None:
+        """A connection was made (again): what was known of the service is void."""
+        self._forget_service()
+        self._silent_since_s = now_s
+        self._open = True
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+
+    def on_lost(self, reason: str, now_s: float) -> None:
+        """The connection is gone, or could not be made."""
+        self._open = False
+        self._distrust(DeviceLink.LOST, reason, now_s)
+
+    def on_closed(self, now_s: float) -> None:
+        """It was closed on request."""
+        self._open = False
+        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+
+    def on_message(self, message: ServiceMessage, now_s: float) -> None:
+        """A message, as `decode_service` reads it, was received at `now_s`. Never raises."""
+        if not self._open:
+            return
+        if isinstance(message, Frame):
+            self._on_frame(message, now_s)
+        elif isinstance(message, Malformed):
+            self._malformed[message.reason] += 1
+        elif isinstance(message, DeviceEvent):
+            self._on_device(message, now_s)
+        elif isinstance(message, Version):
+            self.version = message
+
+    # -- what it says --------------------------------------------------------------------------
+
+    @property
+    def heard(self) -> bool:
+        """Whether any frame came since the connection was made."""
+        return self._heard
+
+    def state(self, now_s: float) -> DeviceState:
+        """The newest state as of `now_s`."""
+        if self._open:
+            self._watch(now_s)
+        if self._cached is None:
+            live = self._link is DeviceLink.LIVE
+            self._cached = DeviceState(
+                self._stamp_s,
+                self._link,
+                NEUTRAL,
+                self._buttons.held,
+                self._tracker.pose if live else None,
+                None,
+                "" if live else self._reason,
+            )
+        return self._cached
+
+    def events(self) -> list[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        return self._buttons.events()
+
+    def metrics(self, now_s: float) -> dict[str, float]:
+        """Age of the newest frame in s (inf: none yet), the service's rate, and counts."""
+        return {
+            "frame_age_s": now_s - self._stamp_s,
+            "service_rate_hz": self._rate_hz or 0.0,
+            "frames": self._frames,
+            **self._counts,
+            **self._tracker.counts,
+            "malformed_messages": self._malformed.total(),
+            "lost_edges": self._buttons.lost_edges,
+        }
+
+    def diagnosis(self, now_s: float) -> list[str]:
+        """What stands in the way or deserves attention, worst first."""
+        words = [reason] if (reason := self.state(now_s).reason) else []
+        if self._tracker.hint:
+            words.append(self._tracker.hint)
+        if self._heard and self.version is not None and self.version.version < SKELETON_SINCE:
+            words.append(
+                f"the service speaks version {self.version.version}, without left and right, grab "
+                'and pinch: only hand = "first" with clutch = "still" works'
+            )
+        if self._buttons.lost_edges:
+            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+        counts = {**self._counts, **self._tracker.counts}
+        words += [f"{counts[key]} {text}" for key, text in _COUNTERS.items() if counts[key]]
+        words += [f"{n} messages {why}, ignored" for why, n in self._malformed.most_common()]
+        return words
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _on_device(self, event: DeviceEvent, now_s: float) -> None:
+        self._devices[event.id] = event
+        devices = self._devices.values()
+        if any(device.attached and device.streaming for device in devices):
+            if self._link in (DeviceLink.LOST, DeviceLink.STALE):
+                self._silent_since_s = now_s
+                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        elif any(device.attached for device in devices):
+            self._distrust(
+                DeviceLink.STALE,
+                "the tracker does not deliver: tracking is paused, or it is held up by USB",
+                now_s,
+            )
+        else:
+            self._distrust(
+                DeviceLink.LOST, "the tracker is unplugged: plug it into this machine", now_s
+            )
+
+    @property
+    def _delivers(self) -> bool:
+        """Whether the service says of no tracker, or of one at least, that it delivers."""
+        devices = self._devices.values()
+        return not devices or any(device.attached and device.streaming for device in devices)
+
+    def _on_frame(self, frame: Frame, now_s: float) -> None:
+        self._watch(now_s)
+        if not self._is_new(frame.id):
+            self._counts["old_frames"] += 1
+            if self._old_run == RESTARTED_AFTER and self._link is DeviceLink.LIVE:
+                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+            return
+        step_s = self._step_s(frame.timestamp_us, now_s)
+        self._frames += 1
+        self._heard = True
+        self._rate_hz = frame.current_frame_rate_hz
+        if not self._delivers:
+            return
+        self._stamp_s = self._silent_since_s = now_s
+        if self._link is DeviceLink.STALE:
+            self._believe_s = now_s + SETTLE_S
+            self._link = DeviceLink.NEEDS_NEUTRAL
+        live = self._link is DeviceLink.LIVE
+        self._tracker.on_frame(frame, now_s, step_s, may_engage=live)
+        if not live:
+            self._reason = NEUTRAL_REASONS[self._options.clutch]
+            if self._tracker.at_rest and now_s >= self._believe_s:
+                self._link = DeviceLink.LIVE
+        self._show(now_s)
+
+    def _is_new(self, frame_id: int | None) -> bool:
+        """Whether a frame is newer than the newest; a service that counts anew is noticed."""
+        last = self._frame_id
+        if frame_id is None:
+            return True
+        if last is None or frame_id > last:
+            self._frame_id, self._old_run = frame_id, 0
+            return True
+        self._old_run = self._old_run + 1 if frame_id > self._old_id else 1
+        self._old_id = frame_id
+        if self._old_run >= RESTARTED_AFTER:
+            self._frame_id = None
+        return False
+
+    def _step_s(self, timestamp_us: int | None, now_s: float) -> float:
+        """How long before this frame the last one was: by the service's clock if that makes
+        sense, else by ours."""
+        last_us, self._timestamp_us = self._timestamp_us, timestamp_us
+        if timestamp_us is not None and last_us is not None:
+            step_s = (timestamp_us - last_us) * 1e-6
+            if 0.0 < step_s <= LONGEST_STEP_S:
+                return step_s
+        return min(max(0.0, now_s - self._stamp_s), LONGEST_STEP_S)
+
+    def _watch(self, now_s: float) -> None:
+        """Notice the silence of the service, or of what it says about the hand."""
+        if self._link is DeviceLink.STALE or self._link is DeviceLink.LOST:
+            return
+        if now_s - self._silent_since_s > STALE_AFTER_S:
+            self._counts["silences"] += self._heard
+            self._distrust(
+                DeviceLink.STALE,
+                f"no frame for {STALE_AFTER_S:.1f} s: is a tracker plugged in, tracking on, and "
+                "the service alive?",
+                now_s,
+            )
+        elif self._tracker.watch(now_s):
+            self._show(now_s)
+
+    def _show(self, now_s: float) -> None:
+        """Bring the buttons to what the tracker says."""
+        tracker = self._tracker
+        labels = []
+        if self._link is DeviceLink.LIVE:
+            flags = (tracker.id is not None, tracker.engaged, tracker.grabbing, tracker.pinching)
+            labels = [label for label, held in zip(BUTTONS, flags, strict=True) if held]
+        self._buttons.set(labels, now_s)
+        self._cached = None
+
+    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        """Go to a state in which nothing that was known of the hand counts any more."""
+        self._link, self._reason = link, reason
+        self._tracker.drop()
+        self._buttons.release_all(now_s)
+        self._cached = None

@@ -1,0 +1,175 @@
+"""The Leap Motion driver: a thread that listens to the tracking service and feeds the core."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from cardan.drivers.base import FoundDevice
+from cardan.drivers.leap.connection import Connection, connect
+from cardan.drivers.leap.core import BUTTONS, LeapCore
+from cardan.drivers.leap.options import LeapOptions
+from cardan.drivers.reading import ReadDevice
+from cardan.errors import DriverError
+from cardan.protocols.leap import (
+    FOCUS_SINCE,
+    HEARTBEAT_PERIOD_S,
+    HEARTBEAT_VERSIONS,
+    HMD_SINCE,
+    ClientOptions,
+    DeviceEvent,
+    decode_service,
+    encode_options,
+)
+from cardan.types import DeviceCapabilities
+
+OPEN_TIMEOUT_S = 1.5
+"""From the first packet to the service's version."""
+
+READ_TIMEOUT_S = 0.05
+"""How long a silent service keeps the reader from heartbeats and from closing."""
+
+PING_AFTER_S, DEAD_AFTER_S = 1.0, 3.0
+"""Silence after which the service is asked for a sign of life, and after which it is given up."""
+
+LOOK_S = 0.4
+"""How long `find` listens."""
+
+USB_VENDORS = frozenset({"f182", "2936"})
+"""Leap Motion and Ultraleap."""
+
+_USB_DEVICES = Path("/sys/bus/usb/devices")
+
+
+class Leap(ReadDevice[LeapCore]):
+    """A hand above a Leap Motion Controller as an operator device that gives a pose.
+
+    It needs the vendor's tracking service with its WebSocket, and no SDK. See :mod:`.core` for
+    when the pose counts. The connection is made again by itself after it was lost.
+    """
+
+    Options = LeapOptions
+    options: LeapOptions
+
+    def __init__(self, options: LeapOptions | None = None) -> None:
+        options = LeapOptions() if options is None else options
+        super().__init__(options, LeapCore(options))
+        self._connection: Connection | None = None
+        self._version = 0
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """A pose and four buttons that the hand makes; nothing can be given back to it."""
+        return DeviceCapabilities(
+            gives_pose=True, buttons=BUTTONS, feedback=frozenset(), battery=False
+        )
+
+    @classmethod
+    def find(cls) -> list[FoundDevice]:
+        """The trackers of this machine's service; without one, those that are plugged in."""
+        options = LeapOptions()
+        path = f"{options.host}:{options.port}"
+        try:
+            service, trackers = _look(options)
+        except (DriverError, OSError) as error:
+            return [
+                FoundDevice(name, identity, "usb", "", str(error))
+                for name, identity in _usb_trackers()
+            ]
+        if not trackers:
+            return [FoundDevice(service, "", "websocket", path, "it tells of no tracker")]
+        return [
+            FoundDevice(f"{service}, tracker", event.id, "websocket", path, _obstacle(event))
+            for event in trackers
+        ]
+
+    def _connect(self) -> None:
+        options = self.options
+        connection, version, others = connect(
+            options.host, options.port, options.version, OPEN_TIMEOUT_S
+        )
+        self._connection, self._version = connection, version.version
+        try:
+            for text in encode_options(_wishes(options, self._version)):
+                connection.send(text)
+        except OSError:
+            # The reader meets the same end at once, and says so.
+            pass
+        now_s = time.monotonic()
+        with self._lock:
+            self._core.on_opened(now_s)
+            for message in (version, *others):
+                self._core.on_message(message, now_s)
+
+    def _serve(self, stop: threading.Event) -> None:
+        connection = self._connection
+        assert connection is not None
+        heartbeats = self._version in HEARTBEAT_VERSIONS
+        (heartbeat,) = encode_options(ClientOptions(heartbeat=True))
+        due_s = pinged_s = 0.0
+        while not stop.is_set():
+            for text in connection.receive(READ_TIMEOUT_S):
+                # Reading JSON takes its time: the lock is not held meanwhile.
+                message = decode_service(text)
+                now_s = time.monotonic()
+                with self._lock:
+                    self._core.on_message(message, now_s)
+            now_s = time.monotonic()
+            if heartbeats and now_s >= due_s:
+                due_s = now_s + HEARTBEAT_PERIOD_S - 0.5 * READ_TIMEOUT_S
+                connection.send(heartbeat)
+            silent_s = now_s - connection.heard_s
+            if silent_s > DEAD_AFTER_S:
+                raise OSError(f"the service does not answer for {DEAD_AFTER_S:g} s")
+            if silent_s > PING_AFTER_S and now_s - pinged_s > PING_AFTER_S:
+                pinged_s = now_s
+                connection.ping()
+
+    def _release(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.close()
+
+
+def _wishes(options: LeapOptions, version: int) -> ClientOptions:
+    """What the service is asked for: frames, whoever else listens."""
+    focus = True if version >= FOCUS_SINCE else None
+    hmd = options.optimize_hmd if version >= HMD_SINCE else None
+    return ClientOptions(focused=focus, background=focus, optimize_hmd=hmd)
+
+
+def _look(options: LeapOptions) -> tuple[str, list[DeviceEvent]]:
+    """The name of the service and what it says of its trackers. Raises DriverError, OSError."""
+    connection, version, messages = connect(options.host, options.port, options.version, LOOK_S)
+    with contextlib.closing(connection):
+        until_s = time.monotonic() + LOOK_S
+        while not any(isinstance(message, DeviceEvent) for message in messages):
+            left_s = until_s - time.monotonic()
+            if left_s <= 0.0:
+                break
+            messages += map(decode_service, connection.receive(left_s))
+    trackers = {event.id: event for event in messages if isinstance(event, DeviceEvent)}
+    return (
+        f"Leap Motion service {version.service_version}".rstrip(),
+        [event for event in trackers.values() if event.attached],
+    )
+
+
+def _obstacle(event: DeviceEvent) -> str:
+    return "" if event.streaming else "it does not deliver: tracking is paused"
+
+
+def _usb_trackers() -> Iterator[tuple[str, str]]:
+    """Name and USB identity of the trackers that are plugged into this machine (Linux)."""
+    for vendor in sorted(_USB_DEVICES.glob("*/idVendor")):
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            vendor_id = vendor.read_text().strip()
+            if vendor_id not in USB_VENDORS:
+                continue
+            product_id = vendor.with_name("idProduct").read_text().strip()
+            name = vendor.with_name("product")
+            text = name.read_text().strip() if name.exists() else "Leap Motion tracker"
+            yield text, f"{vendor_id}:{product_id}"

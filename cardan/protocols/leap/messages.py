@@ -1,0 +1,319 @@
+"""Messages between the Leap Motion tracking service and its clients: JSON text and values.
+
+Every WebSocket text message is one JSON object. The service speaks first (its version), then sends
+device events and frames; a client sends options and never gets an answer. Lengths are mm, speeds
+mm/s, in the tracker's axes: x right along its long side, y up, z towards the operator.
+
+Source: PROTOCOL.md and lib/ of the public client leapjs, and public recordings of the service.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from cardan.types import Vector3
+
+PORT = 6437
+VERSIONS = (1, 2, 3, 4, 5, 6)
+HEARTBEAT_VERSIONS = (2, 3)
+HEARTBEAT_PERIOD_S = 0.1
+FOCUS_SINCE = 4
+"""The first version that knows `focused` and `background`."""
+DEVICE_EVENT_SINCE = 5
+"""Before, a plug and an unplug are told by a `deviceConnect` event."""
+HMD_SINCE = 6
+SKELETON_SINCE = 6
+"""The first version whose hands say left or right, grab, pinch and confidence."""
+UNSUPPORTED_VERSION_CLOSE = 1001
+"""The WebSocket close code of a service that does not know the version asked for."""
+HANDS = ("left", "right")
+
+_PATH = re.compile(r"/v([1-9][0-9]?)\.json\Z", re.ASCII)
+
+
+class Version(NamedTuple):
+    """The service's first message."""
+
+    version: int
+    """The protocol that it goes on to speak; may be lower than asked for."""
+    service_version: str = ""
+
+
+class DeviceEvent(NamedTuple):
+    """A tracker came, went, started or stopped to deliver; sent on changes only."""
+
+    id: str
+    """Empty before version 5."""
+    type: str
+    """peripheral, laptop or keyboard; empty before version 5."""
+    attached: bool
+    streaming: bool
+    """False: it is there but does not deliver."""
+
+
+class Hand(NamedTuple):
+    """One hand of a frame. None: the service does not say."""
+
+    id: int
+    """A new one when the hand comes back or is classified anew."""
+    palm_position_mm: Vector3
+    palm_normal: Vector3
+    """Out of the palm, near unit length."""
+    direction: Vector3
+    """From the palm to the fingers, near unit length."""
+    type: str = ""
+    """left, right, or empty: the service does not say."""
+    grab_strength: float | None = None
+    """0 open to 1 fist."""
+    pinch_strength: float | None = None
+    """0 open to 1: the thumb touches a finger."""
+    confidence: float | None = None
+    """0 to 1: how well the hand's model fits what is seen."""
+    time_visible_s: float | None = None
+
+
+class Frame(NamedTuple):
+    """What the service saw at one instant. Without hands in view the frames go on, empty."""
+
+    id: int | None
+    timestamp_us: int | None
+    """By the service's clock, of an arbitrary epoch."""
+    current_frame_rate_hz: float | None
+    hands: tuple[Hand, ...]
+    """Those that could be read, in no particular order."""
+    unreadable_hands: int = 0
+    """Hands whose id, palm or direction is missing or no number."""
+
+
+class Ignored(NamedTuple):
+    """A well-formed message that means nothing to us."""
+
+    keys: tuple[str, ...]
+
+
+class Malformed(NamedTuple):
+    """Not a message of this protocol."""
+
+    reason: str
+    """One of a few fixed phrases, fit for counting by."""
+
+
+ServiceMessage = Version | DeviceEvent | Frame | Ignored | Malformed
+
+
+class ClientOptions(NamedTuple):
+    """What a client asks for; None: it does not say."""
+
+    focused: bool | None = None
+    """Take (or drop) the focus; taking it takes the frames from clients without `background`."""
+    background: bool | None = None
+    """Frames without the focus, too."""
+    optimize_hmd: bool | None = None
+    """The tracker looks from the operator's forehead."""
+    enable_gestures: bool | None = None
+    heartbeat: bool | None = None
+    unknown: tuple[str, ...] = ()
+    """Keys that are not of this protocol, or not true or false."""
+
+
+_OPTION_KEYS: Mapping[str, str] = {
+    "background": "background",
+    "optimizeHMD": "optimize_hmd",
+    "enableGestures": "enable_gestures",
+    "heartbeat": "heartbeat",
+    "focused": "focused",
+}
+"""In the order in which the public client sends them."""
+
+NOT_TEXT = "that are not UTF-8"
+NOT_JSON = "that are not JSON"
+NO_OBJECT = "that are no JSON object"
+BAD_VERSION = "with a version that is no number"
+BAD_EVENT = "with an event that cannot be read"
+BAD_HANDS = "with hands that are no list"
+
+
+def path_of(version: int) -> str:
+    """The path a client opens to ask for `version`."""
+    return f"/v{version}.json"
+
+
+def version_of(path: str) -> int | None:
+    """The version that a path asks for; None: no path of this protocol. ``/`` means 1."""
+    if path == "/":
+        return 1
+    match = _PATH.match(path)
+    return int(match.group(1)) if match else None
+
+
+def decode_service(data: bytes | str) -> ServiceMessage:
+    """Read one message of the service. Never raises."""
+    document = _document(data)
+    if isinstance(document, Malformed):
+        return document
+    hands = document.get("hands")
+    if hands is not None:
+        return _frame(document, hands)
+    if "event" in document:
+        return _event(document["event"])
+    if "version" in document:
+        version = _integer(document["version"])
+        if version is None:
+            return Malformed(BAD_VERSION)
+        return Version(version, _text(document.get("serviceVersion")))
+    return Ignored(tuple(document))
+
+
+def decode_options(data: bytes | str) -> ClientOptions | Malformed:
+    """Read one message of a client. Never raises."""
+    document = _document(data)
+    if isinstance(document, Malformed):
+        return document
+    known: dict[str, bool] = {}
+    unknown: list[str] = []
+    for key, value in document.items():
+        if key in _OPTION_KEYS and isinstance(value, bool):
+            known[_OPTION_KEYS[key]] = value
+        else:
+            unknown.append(key)
+    return ClientOptions(unknown=tuple(unknown), **known)
+
+
+def encode_version(version: Version) -> str:
+    """The service's first message."""
+    document: dict[str, Any] = {"version": version.version}
+    if version.service_version:
+        document["serviceVersion"] = version.service_version
+    return encode_json(document)
+
+
+def encode_device_event(event: DeviceEvent, version: int) -> str:
+    """A device event as `version` has it."""
+    if version < DEVICE_EVENT_SINCE:
+        return encode_json({"event": {"type": "deviceConnect", "state": event.streaming}})
+    state = {
+        "id": event.id,
+        "type": event.type,
+        "attached": event.attached,
+        "streaming": event.streaming,
+    }
+    return encode_json({"event": {"type": "deviceEvent", "state": state}})
+
+
+def encode_options(options: ClientOptions) -> tuple[str, ...]:
+    """A message for each option that `options` says something about."""
+    return tuple(
+        encode_json({key: value})
+        for key, name in _OPTION_KEYS.items()
+        if (value := getattr(options, name)) is not None
+    )
+
+
+def encode_json(document: Mapping[str, Any]) -> str:
+    """`document` as the service writes it: keys sorted, no blanks. ValueError for NaN."""
+    return json.dumps(document, separators=(",", ":"), sort_keys=True, allow_nan=False)
+
+
+# ---------------------------------------------------------------------------------------------
+
+
+def _document(data: bytes | str) -> dict[str, Any] | Malformed:
+    try:
+        text = data.decode() if isinstance(data, bytes) else data
+    except UnicodeDecodeError:
+        return Malformed(NOT_TEXT)
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError):
+        return Malformed(NOT_JSON)
+    return document if isinstance(document, dict) else Malformed(NO_OBJECT)
+
+
+def _frame(document: Mapping[str, Any], hands: Any) -> Frame | Malformed:
+    if not isinstance(hands, list):
+        return Malformed(BAD_HANDS)
+    read = [hand for entry in hands if (hand := _hand(entry)) is not None]
+    return Frame(
+        _integer(document.get("id")),
+        _integer(document.get("timestamp")),
+        _number(document.get("currentFrameRate")),
+        tuple(read),
+        len(hands) - len(read),
+    )
+
+
+def _hand(entry: Any) -> Hand | None:
+    if not isinstance(entry, dict):
+        return None
+    identity = _integer(entry.get("id"))
+    position = _vector(entry.get("palmPosition"))
+    normal = _vector(entry.get("palmNormal"))
+    direction = _vector(entry.get("direction"))
+    if identity is None or position is None or normal is None or direction is None:
+        return None
+    kind = entry.get("type")
+    return Hand(
+        identity,
+        position,
+        normal,
+        direction,
+        kind if kind in HANDS else "",
+        _number(entry.get("grabStrength")),
+        _number(entry.get("pinchStrength")),
+        _number(entry.get("confidence")),
+        _number(entry.get("timeVisible")),
+    )
+
+
+def _event(event: Any) -> ServiceMessage:
+    if not isinstance(event, dict):
+        return Malformed(BAD_EVENT)
+    kind, state = event.get("type"), event.get("state")
+    if kind == "deviceConnect":
+        return (
+            DeviceEvent("", "", state, state) if isinstance(state, bool) else Malformed(BAD_EVENT)
+        )
+    if kind != "deviceEvent":
+        return Ignored(("event",))
+    if not isinstance(state, dict):
+        return Malformed(BAD_EVENT)
+    attached, streaming = state.get("attached"), state.get("streaming")
+    if not isinstance(attached, bool) or not isinstance(streaming, bool):
+        return Malformed(BAD_EVENT)
+    identity = state.get("id")
+    if isinstance(identity, int) and not isinstance(identity, bool):
+        identity = format(identity, "x")
+    return DeviceEvent(_text(identity), _text(state.get("type")), attached, streaming)
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:
+            return None
+        return number if math.isfinite(number) else None
+    return None
+
+
+def _integer(value: Any) -> int | None:
+    number = _number(value)
+    if number is None:
+        return None
+    # An integer beyond 2^53 is kept as it was written.
+    return value if isinstance(value, int) else int(number)
+
+
+def _vector(value: Any) -> Vector3 | None:
+    if not isinstance(value, list) or len(value) != 3:
+        return None
+    x, y, z = map(_number, value)
+    return None if x is None or y is None or z is None else Vector3(x, y, z)
