@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 from bench import (
+    device_parse,
     egm_codec,
     egm_latency,
     hid_parse,
@@ -18,6 +19,7 @@ from bench import (
 
 BENCHMARKS = {
     "hid-parse": hid_parse.main,
+    "device-parse": device_parse.main,
     "egm-codec": egm_codec.main,
     "egm-latency": egm_latency.main,
     "servo-tick": servo_tick.main,

@@ -1,0 +1,234 @@
+"""What one report of each operator device costs its driver: bytes in, newest state out.
+
+    python -m bench device-parse
+
+No I/O. Each device is a simulated one in motion whose reports were recorded in virtual time, by the
+rigs of the tests; they are fed to the driver's core again and again, each followed by ``state()``.
+Given are medians of batches. The last column is the share of one core at the device's own rate. For
+the SpaceMouse beside PySpaceMouse see hid-parse.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Iterable, Iterator
+from itertools import cycle
+from typing import NamedTuple
+
+from bench.figures import median_costs
+from cardan.drivers.leap import LeapCore, LeapOptions
+from cardan.drivers.reading import DeviceCore
+from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
+from cardan.drivers.spacemouse.serial_session import SerialSession
+from cardan.drivers.spnav import SpnavCore, SpnavOptions
+from cardan.drivers.wiimote import WiimoteOptions
+from cardan.protocols.connexion import encode_motion, find_model
+from cardan.protocols.connexion_serial import serial_model_by_key
+from cardan.protocols.leap import decode_service
+from cardan.protocols.spnav import encode_motion as encode_spnav_motion
+from cardan.sim_peers.leap import SimulatedLeapService
+from cardan.types import DeviceLink, DeviceState
+from tests.drivers import evdev_bench, jr3_rig, wiimote_bench
+
+RECORD_S = 1.0
+RAW = ((120, -45, 300, -350, 8, 64), (121, -44, 299, -349, 7, 65))
+
+
+class Recorded(NamedTuple):
+    """Reports of a device in motion, and a core that has seen it at rest before."""
+
+    core: DeviceCore
+    feed: Callable[[bytes, float], None]
+    reports: Iterable[bytes]
+    period_s: float
+    """Between two reports."""
+    now_s: float
+
+
+def spacemouse() -> Recorded:
+    """One whole report, as of a SpaceMouse Wireless."""
+    core = SpaceMouseCore(SpaceMouseOptions(), model := find_model(0x256F, 0xC62E))
+    core.on_opened(0.0, model)
+    core.on_report(encode_motion(0, 0, 0, 0, 0, 0), 0.0)
+    return Recorded(core, core.on_report, [encode_motion(*raw) for raw in RAW], 0.016, 0.0)
+
+
+def magellan() -> Recorded:
+    """A serial packet, the worked one."""
+    core = SpaceMouseCore(SpaceMouseOptions())
+    session = SerialSession(serial_model_by_key("magellan"), 0.0)
+    session.receive(b"v   MAGELLAN  Version 5.79  by LOGITECH INC. 10/10/97 \r", 0.0)
+    assert session.model is not None
+
+    def feed(data: bytes, now_s: float) -> None:
+        for value in session.receive(data, now_s):
+            core.on_value(value, now_s)
+
+    core.on_opened(0.0)
+    feed(b"dH000H000H000H000H000H000\r", 0.0)
+    return Recorded(core, feed, [b"dH0?:G?NAH00GGNG0H000H05M\r"], 0.06, 0.0)
+
+
+def spnav() -> Recorded:
+    """A record of spacenavd's socket."""
+    core = SpnavCore(SpnavOptions())
+    core.on_opened(0.0)
+    core.on_bytes(encode_spnav_motion((0,) * 6, 16), 0.0)
+    return Recorded(core, core.on_bytes, [encode_spnav_motion(raw, 16) for raw in RAW], 0.016, 0.0)
+
+
+def wiimote(extension: str = "", motion_plus: bool = False) -> Recorded:
+    """Buttons and acceleration, and whatever is plugged in."""
+    options = WiimoteOptions(roles="gyro" if motion_plus else "paper")
+    rig = wiimote_bench.Bench(options, extension=extension, motion_plus=motion_plus)
+    rig.ready()
+    rig.tilt(20.0, 10.0)
+    rig.press("a")
+    return _recorded(rig, rig.core, "on_report", 0.01)
+
+
+def jr3() -> Recorded:
+    """A FORCES or a MOMENTS frame at 100 Hz; two of them are a wrench."""
+    rig = jr3_rig.Rig()
+    rig.live()
+    rig.board.set_wrench((5.0, -3.0, 2.0, 0.3, 0.2, -0.1))
+    reports: list[tuple[int, bytes]] = []
+    core = rig.core
+    genuine = core.on_frame
+
+    def keep(arbitration_id: int, data: bytes, now_s: float) -> None:
+        reports.append((arbitration_id, data))
+        genuine(arbitration_id, data, now_s)
+
+    core.on_frame = keep  # type: ignore[method-assign]
+    rig.run(RECORD_S)
+    core.on_frame = genuine  # type: ignore[method-assign]
+
+    def feed(data: bytes, now_s: float) -> None:
+        core.on_frame(int.from_bytes(data[:2], "little"), data[2:], now_s)
+
+    packed = [number.to_bytes(2, "little") + data for number, data in reports]
+    return Recorded(core, feed, packed, RECORD_S / len(packed), rig.now_s)
+
+
+def pad(model: str) -> Recorded:
+    """A frame of input events."""
+    rig = evdev_bench.Bench(model)
+    if rig.model.is_gamepad:
+        sticks = cycle([(0.1 * i, 0.5, 0.0, -0.05 * i, 0.0, 0.0) for i in range(1, 10)])
+        return _recorded(rig, rig.core, "on_packet", 0.008, lambda: rig.run(0.008, next(sticks)))
+    keys = cycle([lambda: rig.press("a"), lambda: rig.release("a")])
+    return _recorded(rig, rig.core, "on_packet", 0.03, lambda: next(keys)())
+
+
+def leap() -> Recorded:
+    """A whole frame of JSON with one hand."""
+    core = LeapCore(LeapOptions(clutch="still"))
+    core.on_opened(0.0)
+
+    def feed(text: bytes, now_s: float) -> None:
+        core.on_message(decode_service(text), now_s)
+
+    service = SimulatedLeapService()
+    service.connect(1, 6)
+    service.receive(1, '{"background":true}', 0.0)
+    service.receive(1, '{"focused":true}', 0.0)
+    frames, now_s = [], 0.0
+    while now_s < RECORD_S:
+        now_s += 0.001
+        if len(frames) == 20:  # An empty view came first.
+            service.enter("right")
+        service.advance(now_s)
+        for _, text in service.outgoing():
+            feed(text.encode(), now_s)
+            if '"hands"' in text:
+                frames.append(text.encode())
+    return Recorded(core, feed, _renumbered(frames[-1]), 1.0 / 110.0, now_s)
+
+
+def _renumbered(frame: bytes) -> Iterator[bytes]:
+    """The same frame again and again, with numbers and times that rise, as they have to."""
+    fields = json.loads(frame)
+    first, timestamp_us = fields.pop("id"), fields.pop("timestamp")
+    rest = json.dumps(fields, separators=(",", ":")).encode()[1:]
+    for step in itertools.count(1):
+        yield b'{"id":%d,"timestamp":%d,' % (first + step, timestamp_us + 9_091 * step) + rest
+
+
+def _recorded(
+    rig: object,
+    core: DeviceCore,
+    method: str,
+    period_s: float,
+    step: Callable[[], object] | None = None,
+) -> Recorded:
+    """What reaches `core` by `method` while the rig runs."""
+    reports: list[bytes] = []
+    genuine = getattr(core, method)
+
+    def keep(report: bytes, now_s: float) -> None:
+        reports.append(report)
+        genuine(report, now_s)
+
+    setattr(core, method, keep)
+    end_s = rig.now_s + RECORD_S  # type: ignore[attr-defined]
+    while rig.now_s < end_s:  # type: ignore[attr-defined]
+        if step is None:
+            rig.run(0.01)  # type: ignore[attr-defined]
+        else:
+            step()
+    setattr(core, method, genuine)
+    return Recorded(core, genuine, reports, period_s, rig.now_s)  # type: ignore[attr-defined]
+
+
+def _again(reports: Iterable[bytes]) -> Iterator[bytes]:
+    return cycle(reports) if isinstance(reports, list) else iter(reports)
+
+
+def _turns(device: Recorded) -> Callable[[], object]:
+    """One report and one look at the state, again and again, in the device's own time."""
+
+    def run() -> Iterator[object]:
+        feed, state, period_s = device.feed, device.core.state, device.period_s
+        now_s = device.now_s
+        for report in _again(device.reports):
+            now_s += period_s
+            feed(report, now_s)
+            yield state(now_s)
+
+    return run().__next__
+
+
+DEVICES: dict[str, Callable[[], Recorded]] = {
+    "SpaceMouse, HID": spacemouse,
+    "Magellan, serial": magellan,
+    "spacenavd's socket": spnav,
+    "Wii Remote": wiimote,
+    "Wii Remote, Nunchuk": lambda: wiimote("nunchuk"),
+    "Wii Remote, MotionPlus": lambda: wiimote(motion_plus=True),
+    "Leap Motion, JSON": leap,
+    "gamepad": lambda: pad("xbox-360"),
+    "keyboard": lambda: pad("keyboard"),
+    "JR3, CAN frame": jr3,
+}
+
+
+def main() -> None:
+    """Print the table."""
+    devices = {name: make() for name, make in DEVICES.items()}
+    turns = {name: _turns(device) for name, device in devices.items()}
+    costs = median_costs(turns)
+    for name, turn in turns.items():
+        state = turn()
+        assert isinstance(state, DeviceState)
+        assert state.link is DeviceLink.LIVE, f"{name}: {state.reason}"
+    print("one report and one look at the state, no I/O")
+    print(f"{'device':26}{'µs':>8}{'reports/s':>12}{'of a core':>12}")
+    for name, cost_s in costs.items():
+        rate_hz = 1.0 / devices[name].period_s
+        print(f"{name:26}{cost_s * 1e6:8.1f}{rate_hz:12.0f}{cost_s * rate_hz:12.2%}")
+
+
+if __name__ == "__main__":
+    main()
