@@ -1,8 +1,11 @@
-"""hidapi's modules, which another package of the same name may hide."""
+"""hidapi: its modules, which another package of the same name may hide, and an open device."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import importlib
+import os
 from types import ModuleType
 
 from cardan.errors import DriverError
@@ -24,3 +27,45 @@ def load_hid(module_name: str) -> ModuleType:
             "pip uninstall hid, then pip install --force-reinstall hidapi"
         )
     return module
+
+
+REPORT_ROOM = 64
+"""Asked of every read: a read that is too small loses the rest of the report."""
+
+
+class HidDevice:
+    """An open HID device. All methods but close() raise OSError once it is gone."""
+
+    def __init__(self, module: ModuleType, path: str) -> None:
+        """Raises OSError or ValueError, mostly without a reason."""
+        self._handle = module.device()
+        self._handle.open_path(os.fsencode(path))
+        self._handle.set_nonblocking(1)
+
+    def read(self, timeout_s: float) -> bytes | None:
+        """The oldest waiting input report, of its true length; None when none comes in time."""
+        try:
+            if timeout_s > 0.0:
+                report = self._handle.read(REPORT_ROOM, max(1, round(1000.0 * timeout_s)))
+            else:
+                report = self._handle.read(REPORT_ROOM)
+        except ValueError as error:  # hidapi's word for a device that was closed
+            raise OSError(errno.ENODEV, str(error)) from None
+        return bytes(report) if report else None
+
+    def write(self, report: bytes) -> None:
+        """Send an output report, id first."""
+        if self._handle.write(report) < 0:
+            raise OSError(errno.EIO, f"write error: {self._handle.error()}")
+
+    def descriptor(self) -> bytes | None:
+        """The report descriptor, where it can be read."""
+        try:
+            return bytes(self._handle.get_report_descriptor())
+        except (OSError, ValueError, AttributeError):  # hidapi before 0.14 has no such function
+            return None
+
+    def close(self) -> None:
+        """Release the device. Never raises."""
+        with contextlib.suppress(OSError, ValueError):
+            self._handle.close()

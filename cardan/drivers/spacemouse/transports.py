@@ -5,17 +5,16 @@ Raw USB is in :mod:`.usb`, serial ports are in :mod:`.serial_port`.
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import re
 import socket
 import sys
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cardan.drivers.access import refusal
-from cardan.drivers.hid import load_hid
+from cardan.drivers.hid import HidDevice, load_hid
 from cardan.drivers.spacemouse.core import REPORT_PERIOD_S
 from cardan.errors import DeviceAccessError
 from cardan.protocols.connexion import (
@@ -137,41 +136,16 @@ class HidTransport(Transport):
 
     def open(self, device: FoundDevice) -> Link:
         """Open a HID collection by its path."""
-        handle = load_hid(self._module_name).device()
         try:
-            handle.open_path(os.fsencode(device.path))
-            handle.set_nonblocking(1)
+            return _HidLink(load_hid(self._module_name), device.path)
         except (OSError, ValueError) as error:
             raise DeviceAccessError(
                 f"cannot open {device.name}: {refusal(device.path, error)}"
             ) from None
-        return _HidLink(handle)
 
 
-class _HidLink(Link):
-    def __init__(self, handle: Any) -> None:
-        self._handle = handle
-
-    def read(self, timeout_s: float) -> bytes | None:
-        if timeout_s > 0.0:
-            report = self._handle.read(REPORT_ROOM, max(1, round(1000.0 * timeout_s)))
-        else:
-            report = self._handle.read(REPORT_ROOM)
-        return bytes(report) if report else None
-
-    def write(self, report: bytes) -> None:
-        if self._handle.write(report) < 0:
-            raise OSError(errno.EIO, f"write error: {self._handle.error()}")
-
-    def descriptor(self) -> bytes | None:
-        try:
-            return bytes(self._handle.get_report_descriptor())
-        except (OSError, ValueError, AttributeError):  # hidapi before 0.14 has no such function
-            return None
-
-    def close(self) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            self._handle.close()
+class _HidLink(HidDevice, Link):
+    """An open HID device as a link."""
 
 
 _PORT = re.compile(r"(?:^|/)(\d+-[\d.]+):\d+\.\d+(?:/|$)")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan.drivers.access import obstacle
-from cardan.drivers.hid import load_hid
+from cardan.drivers.hid import HidDevice, load_hid
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.wiimote import (
     CONTROL_PSM,
@@ -130,37 +130,15 @@ class HidrawTransport(Transport):
 
     def open(self, remote: Found, given_up: Callable[[], bool]) -> Link:
         """Open a remote by its path."""
-        handle = _hidraw().device()
         try:
-            handle.open_path(os.fsencode(remote.path))
-            handle.set_nonblocking(1)
+            return _HidLink(_hidraw(), remote.path)
         except (OSError, ValueError) as error:
             words = obstacle(remote.path) or f"{remote.path}: {error}"
             raise DeviceAccessError(f"cannot open {remote.name}: {words}") from None
-        return _HidLink(handle)
 
 
-class _HidLink(Link):
-    def __init__(self, handle: Any) -> None:
-        self._handle = handle
-
-    def read(self, timeout_s: float) -> bytes | None:
-        try:
-            if timeout_s > 0.0:
-                report = self._handle.read(REPORT_ROOM, max(1, round(1000.0 * timeout_s)))
-            else:
-                report = self._handle.read(REPORT_ROOM)
-        except ValueError as error:  # hidapi's word for a device that was closed
-            raise OSError(errno.ENODEV, str(error)) from None
-        return bytes(report) if report else None
-
-    def write(self, report: bytes) -> None:
-        if self._handle.write(report) < 0:
-            raise OSError(errno.EIO, f"write error: {self._handle.error()}")
-
-    def close(self) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            self._handle.close()
+class _HidLink(HidDevice, Link):
+    """An open HID device as a link."""
 
 
 def _hidraw() -> Any:
