@@ -263,6 +263,12 @@ def dissect(
             metavar="PORT", min=1, max=65535, help="Another TCP port of MotoROS (repeatable)."
         ),
     ] = None,
+    jr3_node: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="ID", min=1, max=127, help="Take this CAN node for a JR3 (repeatable)."
+        ),
+    ] = None,
     limit: Annotated[
         int | None, typer.Option(min=1, help="Print at most this many packets.")
     ] = None,
@@ -270,8 +276,8 @@ def dissect(
         bool, typer.Option("--summary", help="Print the figures of each flow only.")
     ] = False,
 ) -> None:
-    """Print a capture, field by field: EGM, simple message (MotoROS), 3Dconnexion reports and the
-    joint stream."""
+    """Print a capture, field by field: EGM, simple message (MotoROS), the joint stream, 3Dconnexion
+    reports (usbmon), Wii Remotes (Bluetooth HCI) and JR3 sensors (CAN)."""
     from cardan.dissect import dissect_file
 
     dissect_file(
@@ -279,6 +285,7 @@ def dissect(
         sys.stdout,
         egm_ports=tuple(port or ()),
         simple_message_ports=tuple(simple_message_port or ()),
+        jr3_nodes=tuple(jr3_node or ()),
         limit=limit,
         summary=summary,
     )

@@ -1,10 +1,13 @@
 """Reads captures line by line: EGM and the joint stream on UDP, simple message (MotoROS) on TCP,
-3Dconnexion reports on USB.
+3Dconnexion reports on USB, Wii Remotes on Bluetooth, JR3 force-torque sensors on CAN.
 
 Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselves, for building
 datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream`,
-:mod:`cardan.dissect.simple_message` and :mod:`cardan.dissect.connexion`; they are written from the
-protocols' documentation and not from :mod:`cardan.protocols`.
+:mod:`cardan.dissect.simple_message`, :mod:`cardan.dissect.connexion`, :mod:`cardan.dissect.wiimote`
+and :mod:`cardan.dissect.jr3_can`; those of protocols that no capture has, because they stay on a
+serial line or a Unix socket, in :mod:`cardan.dissect.connexion_serial` and
+:mod:`cardan.dissect.spnav`. They are written from the protocols' documentation and not from
+:mod:`cardan.protocols`.
 """
 
 from __future__ import annotations
@@ -23,9 +26,9 @@ from cardan.dissect.ports import (
     SIMPLE_MESSAGE_PORTS,
     SIMPLE_MESSAGE_RT_CONTROL_PORT,
 )
-from cardan.dissect.reader import Options, ProtocolReader, load_readers
+from cardan.dissect.reader import Options, ProtocolReader, load_link_reader, load_readers
 from cardan.dissect.statistics import tally
-from cardan.errors import CaptureError
+from cardan.errors import CaptureError, ConfigurationError
 
 __all__ = [
     "EGM_PORTS",
@@ -35,10 +38,13 @@ __all__ = [
     "dissect_file",
 ]
 
+NODES = frozenset(range(1, 128))
+"""Ids that a JR3 board on CAN can have."""
+
 
 class Counts(NamedTuple):
     """What a capture held. `messages` and `malformed` are by protocol: "EGM", "3Dconnexion",
-    "joint stream", "simple message"."""
+    "joint stream", "simple message"; with a Bluetooth link also "Wiimote", with CAN "JR3"."""
 
     packets: int
     messages: Mapping[str, int]
@@ -54,21 +60,29 @@ def dissect_file(
     summary: bool = False,
     egm_ports: Iterable[int] = (),
     simple_message_ports: Iterable[int] = (),
+    jr3_nodes: Iterable[int] = (),
 ) -> Counts:
     """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
 
-    `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP
-    or Linux usbmon. Reading stops at the packet with which `limit` datagrams, reports and messages
-    are reached. With `summary` the lines are left out. `egm_ports` are UDP ports a PC listens at
-    besides EGM_PORTS, `simple_message_ports` TCP ports of a controller besides
-    SIMPLE_MESSAGE_PORTS. The joint stream is found on its port and, by its mark, on any other.
-    Malformed datagrams and messages are shown and counted.
+    `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
+    Linux usbmon, Bluetooth HCI (H4) or SocketCAN. Reading stops at the packet with which `limit`
+    datagrams, reports, frames and messages are reached. With `summary` the lines are left out.
+    `egm_ports` are UDP ports a PC listens at besides EGM_PORTS, `simple_message_ports` TCP ports of
+    a controller besides SIMPLE_MESSAGE_PORTS. The joint stream is found on its port and, by its
+    mark, on any other. `jr3_nodes` are node ids of JR3 boards (1 to 127) besides those known by
+    what they send. Malformed datagrams and messages are shown and counted.
     Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
-    everything before the damage was written), ScapyMissingError without scapy.
+    everything before the damage was written), ConfigurationError for a node id that cannot be,
+    ScapyMissingError without scapy.
     """
+    nodes = frozenset(jr3_nodes)
+    if not nodes <= NODES:
+        wrong = ", ".join(map(str, sorted(nodes - NODES)))
+        raise ConfigurationError("jr3_nodes", f"node id {wrong}: those of boards are 1 to 127")
     options = Options(
         frozenset((*EGM_PORTS, *egm_ports)),
         frozenset((*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT, *simple_message_ports)),
+        nodes,
     )
     readers = load_readers(options)
     others: Counter[str] = Counter()
@@ -83,6 +97,9 @@ def dissect_file(
             if packets == 1:
                 start_ns = frame.time_ns
                 print(f"capture starts {_utc(start_ns)}", file=out)
+            link_reader = load_link_reader(frame.link_type, readers, options)
+            if link_reader is not None:
+                readers.append(link_reader)
             parsed = network.parse(frame)
             before = sum(r.frames for r in readers)
             for reader in readers:

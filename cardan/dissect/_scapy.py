@@ -14,6 +14,7 @@ try:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from scapy.fields import (
+            BitEnumField,
             BitField,
             ByteEnumField,
             ByteField,
@@ -24,11 +25,18 @@ try:
             FieldListField,
             LEIntField,
             LEShortField,
+            LESignedIntField,
             LESignedShortField,
+            PacketListField,
+            ShortField,
+            SignedShortField,
             StrField,
             StrFixedLenField,
             StrLenField,
+            X3BytesField,
+            XByteEnumField,
             XByteField,
+            XShortField,
         )
         from scapy.layers.inet import TCP, UDP
         from scapy.packet import Packet, bind_bottom_up, bind_top_down
@@ -42,6 +50,7 @@ except ImportError as error:
 __all__ = [
     "TCP",
     "UDP",
+    "BitEnumField",
     "BitField",
     "ByteEnumField",
     "ByteField",
@@ -53,12 +62,19 @@ __all__ = [
     "FieldListField",
     "LEIntField",
     "LEShortField",
+    "LESignedIntField",
     "LESignedShortField",
     "Packet",
+    "PacketListField",
+    "ShortField",
+    "SignedShortField",
     "StrField",
     "StrFixedLenField",
     "StrLenField",
+    "X3BytesField",
+    "XByteEnumField",
     "XByteField",
+    "XShortField",
     "bind_bottom_up",
     "bind_top_down",
 ]

@@ -16,7 +16,11 @@ ETHERTYPE_NAMES = {0x0806: "ARP", 0x88CC: "LLDP", 0x8892: "PROFINET", 0x88A4: "E
 TCP, UDP, ICMP, IGMP, ICMP6 = 6, 17, 1, 2, 58
 TCP_FIN, TCP_SYN, TCP_RST, TCP_ACK = 1, 2, 4, 16
 PROTOCOL_NAMES = {ICMP: "ICMP", IGMP: "IGMP", ICMP6: "ICMPv6"}
-USB_LINK_TYPES = (189, 220, 249)
+LINK_NAMES = {
+    **dict.fromkeys((189, 220, 249), "USB"),
+    **dict.fromkeys((187, 201), "Bluetooth"),
+    227: "CAN",
+}
 SKIPPED_IPV6_HEADERS = (0, 43, 60)  # hop-by-hop, routing, destination options
 IPV6_FRAGMENT = 44
 
@@ -52,7 +56,7 @@ class Segment(NamedTuple):
 
 
 def parse(frame: Frame) -> Segment | str:
-    """The segment in a frame; of a frame without one its name ("ARP", "ICMP", "USB"...)."""
+    """The segment in a frame; of a frame without one its name ("ARP", "USB", "CAN"...)."""
     try:
         found = _link(frame)
     except (struct.error, IndexError):
@@ -73,7 +77,7 @@ def _link(frame: Frame) -> Segment | str:
     elif link_type == LINUX_SLL2:
         return _ethertype(struct.unpack_from("!H", data)[0], data[20:])
     else:
-        return "USB" if link_type in USB_LINK_TYPES else f"link type {link_type}"
+        return LINK_NAMES.get(link_type, f"link type {link_type}")
     (ethertype,) = struct.unpack_from("!H", data, at)
     while ethertype in VLAN_TAGS:
         at += 4

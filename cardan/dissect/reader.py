@@ -1,6 +1,7 @@
 """What one protocol makes of a capture: the interface, and the table of protocols there are.
 
-A new protocol is a module with a :class:`ProtocolReader` and a line in :data:`READERS`.
+A new protocol is a module with a :class:`ProtocolReader` and a line in :data:`READERS`, or in
+:data:`LINK_READERS` when it is found on links of one kind only.
 """
 
 from __future__ import annotations
@@ -22,6 +23,12 @@ READERS = (
     "cardan.dissect.simple_message_reader:SimpleMessageReader",
 )
 """By name, because the modules need scapy."""
+LINK_READERS = {
+    187: "cardan.dissect.wiimote_reader:WiimoteReader",
+    201: "cardan.dissect.wiimote_reader:WiimoteReader",
+    227: "cardan.dissect.jr3_can_reader:Jr3CanReader",
+}
+"""By the link type whose first frame makes them worth loading: Bluetooth HCI and CAN."""
 
 
 class Options(NamedTuple):
@@ -33,6 +40,8 @@ class Options(NamedTuple):
         (*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT)
     )
     """TCP ports of a controller."""
+    jr3_nodes: frozenset[int] = frozenset()
+    """Node ids of JR3 boards on CAN besides those that are recognised."""
 
 
 class ProtocolReader(ABC):
@@ -66,8 +75,21 @@ class ProtocolReader(ABC):
 
 def load_readers(options: Options) -> list[ProtocolReader]:
     """A fresh reader of every protocol; ScapyMissingError without scapy."""
-    readers = []
-    for target in READERS:
-        module, _, name = target.partition(":")
-        readers.append(getattr(importlib.import_module(module), name)(options))
-    return readers
+    return [_load(target, options) for target in READERS]
+
+
+def load_link_reader(
+    link_type: int, readers: list[ProtocolReader], options: Options
+) -> ProtocolReader | None:
+    """A fresh reader of what only links of this type carry; None when there is none, or when
+    `readers` have it."""
+    target = LINK_READERS.get(link_type)
+    if target is None or any(f"{type(r).__module__}:{type(r).__name__}" == target for r in readers):
+        return None
+    return _load(target, options)
+
+
+def _load(target: str, options: Options) -> ProtocolReader:
+    module, _, name = target.partition(":")
+    reader: ProtocolReader = getattr(importlib.import_module(module), name)(options)
+    return reader

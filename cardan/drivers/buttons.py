@@ -12,15 +12,41 @@ MAX_EVENTS = 4096
 
 
 class ButtonEdges:
-    """Turns the set of buttons that are down into edges."""
+    """Turns the set of buttons that are down into edges.
+
+    A button that was down when the device was lost is no deliberate act when it is heard of again:
+    after `release_all` it counts as up until the device has shown it up.
+    """
 
     def __init__(self) -> None:
         self.held: frozenset[str] = frozenset()
         self.lost_edges = 0
+        self._masked: frozenset[str] = frozenset()
         self._events: deque[ButtonEvent] = deque(maxlen=MAX_EVENTS)
 
     def set(self, labels: Sequence[str], now_s: float) -> None:
         """`labels` are down at `now_s`, no others. Queues the edges, releases first."""
+        if self._masked:
+            self._masked &= frozenset(labels)
+            labels = [label for label in labels if label not in self._masked]
+        self._show(labels, now_s)
+
+    def mask(self, labels: Sequence[str]) -> None:
+        """Let these count as up until they are shown up: nobody knows since when they are down."""
+        self._masked |= frozenset(labels)
+
+    def release_all(self, now_s: float) -> None:
+        """Count every button as released: nobody can tell any more."""
+        self._masked |= self.held
+        self._show((), now_s)
+
+    def events(self) -> list[ButtonEvent]:
+        """Edges since the last call, oldest first."""
+        events = list(self._events)
+        self._events.clear()
+        return events
+
+    def _show(self, labels: Sequence[str], now_s: float) -> None:
         held = frozenset(labels)
         if held == self.held:
             return
@@ -33,13 +59,3 @@ class ButtonEdges:
         self.lost_edges += max(0, len(self._events) + len(edges) - MAX_EVENTS)
         self._events.extend(edges)
         self.held = held
-
-    def release_all(self, now_s: float) -> None:
-        """Count every button as released: nobody can tell any more."""
-        self.set((), now_s)
-
-    def events(self) -> list[ButtonEvent]:
-        """Edges since the last call, oldest first."""
-        events = list(self._events)
-        self._events.clear()
-        return events

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
 from cardan.drivers.base import OperatorDevice
-from cardan.errors import DriverError
+from cardan.errors import DeviceAccessError, DriverError
 from cardan.types import ButtonEvent, DeviceState
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
@@ -61,6 +61,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
         """Guards the core, for some µs at a time."""
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
+        self._ending: threading.Thread | None = None
+        """A reader that was told to stop, and did not in time: it still holds the device."""
 
     # -- what drivers implement ----------------------------------------------------------------
 
@@ -88,14 +90,23 @@ class ReadDevice(OperatorDevice, Generic[C]):
         """
         if self._thread is not None:
             return
+        if self._ending is not None:
+            self._ending.join(JOIN_TIMEOUT_S)
+            if self._ending.is_alive():
+                raise DeviceAccessError(
+                    "the device is still being closed: it does not take what is written to it"
+                )
+            self._ending = None
         self._stop = threading.Event()
         connected = True
         try:
             self._connect()
-        except DriverError as error:
-            self._lose(str(error))
+        except Exception as error:
+            self._lose(_words(error))
             if not self.options.wait_for_device:
-                raise
+                if isinstance(error, DriverError):
+                    raise
+                raise DeviceAccessError(_words(error)) from error
             connected = False
         self._thread = threading.Thread(
             target=self._run,
@@ -111,6 +122,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
             return
         self._stop.set()
         self._thread.join(JOIN_TIMEOUT_S)
+        if self._thread.is_alive():
+            self._ending = self._thread
         self._thread = None
         with self._lock:
             self._core.on_closed(time.monotonic())
@@ -146,25 +159,24 @@ class ReadDevice(OperatorDevice, Generic[C]):
         retry_s = RETRY_FIRST_S
         try:
             while not stop.is_set():
+                # Whatever a system's library raises, the device is tried again: a reader that dies
+                # would never tell of it.
                 if not connected:
                     try:
                         self._connect()
                         connected = True
-                    except DriverError as error:
-                        self._lose(str(error))
+                    except Exception as error:
+                        self._lose(_words(error))
                 if connected:
                     try:
                         self._serve(stop)
-                    except OSError as error:
+                    except Exception as error:
                         if self._core.heard:
                             retry_s = RETRY_FIRST_S
-                        self._lose(f"unplugged, or it cannot be read ({error.strerror or error})")
+                        self._lose(_words(error))
                         connected = False
                 stop.wait(retry_s)
                 retry_s = min(2.0 * retry_s, RETRY_LAST_S)
-        except BaseException as error:
-            self._lose(f"the reader failed: {error!r}")
-            raise
         finally:
             self._release()
 
@@ -173,3 +185,11 @@ class ReadDevice(OperatorDevice, Generic[C]):
         with self._lock:
             self._core.on_lost(reason, time.monotonic())
         self._release()
+
+
+def _words(error: Exception) -> str:
+    if isinstance(error, DriverError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"unplugged, or it cannot be read ({error.strerror or error})"
+    return f"the reader failed: {error!r}"

@@ -102,12 +102,20 @@ class MappingTable(_Table):
     scale: Annotated[list[Finite], Field(min_length=6, max_length=6)] = [1.0] * 6
     yaw_deg: Finite = 0.0
     device_rpy_deg: Point = (0.0, 0.0, 0.0)
-    slip_m: Positive = 0.15
-    slip_rad: Annotated[float, Field(gt=0, le=1.5)] = 0.6
+    slip_m: Annotated[float, Field(gt=0, le=0.5, strict=True)] = 0.15
+    slip_rad: Annotated[float, Field(gt=0, le=1.5, strict=True)] = 0.6
     joints: dict[str, str] = {}
     joint_speed_rad_s: Positive = 0.4
     deadman: str | list[str] = ""
     enable: str = ""
+
+    @field_validator("deadman", mode="before")
+    @classmethod
+    def _buttons(cls, names: object) -> object:
+        several = names if isinstance(names, list) else [names]
+        if not all(isinstance(name, str) for name in several) or (names != "" and "" in several):
+            raise ValueError(f'{names!r} is no button; allowed: a name, or several as ["a", "b"]')
+        return names
 
     @property
     def deadman_buttons(self) -> tuple[str, ...]:
@@ -198,7 +206,7 @@ class LimitsTable(_Table):
     linear_jerk_m_s3: Positive | None = None
     angular_jerk_rad_s3: Positive | None = None
     leash_m: Positive = 0.05
-    leash_rad: Annotated[float, Field(gt=0, le=1.5)] = 0.3
+    leash_rad: Annotated[float, Field(gt=0, le=1.5, strict=True)] = 0.3
     workspace_x_m: Bounds | None = None
     workspace_y_m: Bounds | None = None
     workspace_z_m: Bounds | None = None
@@ -214,7 +222,7 @@ class LimitsTable(_Table):
 class WatchdogTable(_Table):
     """``[watchdogs]``"""
 
-    device_age_s: Annotated[float, Field(gt=0, le=LONGEST_DEVICE_AGE_S)] = 0.1
+    device_age_s: Annotated[float, Field(gt=0, le=LONGEST_DEVICE_AGE_S, strict=True)] = 0.1
     following_error_m: Positive = 0.1
     following_error_rad: Positive = 0.6
 
@@ -497,6 +505,16 @@ def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
     return device
 
 
+def check_mode(mapping: MappingTable, device: OperatorDevice) -> None:
+    """Raise ConfigurationError when the device does not measure what the mapping wants."""
+    measures_pose = device.capabilities.gives_pose
+    if measures_pose is not (mapping.mode is Mode.POSITION):
+        needed, what = ("position", "the hand's pose") if measures_pose else ("rate", "deflections")
+        raise ConfigurationError(
+            "mapping.mode", f'this device measures {what}: set mode = "{needed}"'
+        )
+
+
 def make_robot(config: SessionConfig) -> RobotDriver:
     """The robot of a session, not opened yet."""
     robot = _make_driver(config.robot, "robot")
@@ -663,7 +681,7 @@ def load_served(path: Path) -> ServedConfig:
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
     config = parse_config(_read(path))
-    make_device(config)
+    check_mode(config.mapping, make_device(config))
     make_arm(config, make_robot(config))
     make_filters(config)
     return config

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import Mode, TwistMapping
-from cardan.gateway.position import PositionMapping
+from cardan.gateway.position import PositionMapping, is_pose
 from cardan.gateway.reference import Reference
 from cardan.spatial import is_finite, norm, rotation_between, scale, subtract
 from cardan.types import (
@@ -218,6 +218,8 @@ class TeleopEngine:
                 self._trip(f"this computer stalled for {stalled_s:.1f} s")
             self._deadman_was_up = False
             self._place(measured, robot)
+        if events and self._position is not None and self._let_go(events):
+            self._position.release()  # Although it may be held again by now.
         self.reference.observe(measured)
         self._supervise(robot, device)
         self._arm(robot, device)
@@ -232,7 +234,7 @@ class TeleopEngine:
         elif self._position is None:
             wanted = self.mapping.twist(device.axes)
         else:
-            wanted = self._follow(self._position, device.pose, dt_s)
+            wanted = self._follow(self._position, device, dt_s)
         if self.filters:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot if self.arm is None else robot._replace(pose=measured)
@@ -279,14 +281,18 @@ class TeleopEngine:
         assert pose is not None
         return PoseCommand(pose, self.reference.twist)
 
-    def _follow(self, position: PositionMapping, hand: Pose | None, dt_s: float) -> Twist:
+    def _let_go(self, events: Sequence[ButtonEvent]) -> bool:
+        deadman = self.mapping.options.deadman
+        return any(event.button in deadman and not event.pressed for event in events)
+
+    def _follow(self, position: PositionMapping, device: DeviceState, dt_s: float) -> Twist:
         """What the hand's displacement since the clutch was pressed asks for."""
-        tcp = self.reference.pose
+        hand, tcp = device.pose, self.reference.pose
         assert hand is not None  # _supervise() has seen to it.
         assert tcp is not None
         if not position.engaged:
-            position.engage(hand, tcp)
-        return position.twist(hand, tcp, dt_s)
+            position.engage(hand, device.stamp_s, tcp)
+        return position.twist(hand, device.stamp_s, tcp, dt_s)
 
     def _count_way(self, before: Pose | None) -> None:
         """Give up a reference that goes on and on and does not meet its robot."""
@@ -401,8 +407,11 @@ class TeleopEngine:
             if device.axes != NO_DEFLECTION and age_s > limits.device_age_s:
                 self._trip(f"the device is deflected but silent for {age_s:.2f} s")
         elif self.mapping.deadman_held(device):
-            if not _has_pose(device):
+            pose = device.pose
+            if pose is None or not is_pose(pose):
                 self._trip("the clutch is held, but the device gives no pose")
+            elif self._position.leaps(pose, device.stamp_s):
+                self._trip("the hand leapt: it is another one, or the sensor lost it")
             elif age_s > limits.device_age_s:
                 self._trip(f"the clutch is held, but the device is silent for {age_s:.2f} s")
 
@@ -418,7 +427,7 @@ class TeleopEngine:
             self._armed = device.axes == NO_DEFLECTION
         elif not self.mapping.deadman_held(device):
             self._deadman_was_up = self._deadman_was_up or device.axes == NO_DEFLECTION
-        elif self._deadman_was_up and (self._position is None or _has_pose(device)):
+        elif self._deadman_was_up and (self._position is None or is_pose(device.pose)):
             self._armed = True
         if self._armed:
             self._trip_reason = ""
@@ -467,8 +476,3 @@ class TeleopEngine:
         if self._deadman_was_up:
             return f"{why}press {deadman} to move"
         return f"{why}let go of the device and of {deadman}, then press {deadman} to go on"
-
-
-def _has_pose(device: DeviceState) -> bool:
-    pose = device.pose
-    return pose is not None and is_finite(pose.position) and is_finite(pose.orientation)

@@ -23,6 +23,7 @@ from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import CardanError, ConfigurationError, DriverError
 from cardan.gateway.config import (
     SessionConfig,
+    check_mode,
     make_arm,
     make_device,
     make_filters,
@@ -31,7 +32,7 @@ from cardan.gateway.config import (
 )
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.feedback import HandFeedback
-from cardan.gateway.mapping import Mode, TwistMapping
+from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.gateway.snapshot import Snapshot
 from cardan.gateway.spnav import SpnavService
@@ -67,6 +68,7 @@ class Session:
         self.engine = engine
         self.snapshot = Snapshot()
         self._gripper = config.gripper
+        self._mapping_table = config.mapping
         self._channel = channel
         self._ticks = LatencyHistogram()
         self._square_sum_m2 = 0.0
@@ -125,13 +127,7 @@ class Session:
             raise ConfigurationError(
                 "mapping.enable", "this robot is made ready at its own controller; leave it out"
             )
-        measures = self.device.capabilities.gives_pose
-        if measures is not (options.mode is Mode.POSITION):
-            needed, what = ("position", "the hand's pose") if measures else ("rate", "deflections")
-            raise ConfigurationError(
-                "mapping.mode",
-                f'this device measures {what}: set mode = "{needed}"',
-            )
+        check_mode(self._mapping_table, self.device)
         for key, button in (
             *(("mapping.deadman", button) for button in options.deadman),
             ("mapping.enable", options.enable),

@@ -42,6 +42,22 @@ def test_release_all():
     assert [event.pressed for event in edges.events()] == [True, True, False, False]
 
 
+def test_a_button_held_through_a_loss_counts_once_it_was_seen_up():
+    edges = ButtonEdges()
+    edges.set(["a"], 1.0)
+    edges.release_all(2.0)
+    edges.set(["a", "b"], 3.0)
+    assert edges.held == {"b"}
+    edges.set(["b"], 4.0)
+    edges.set(["a", "b"], 5.0)
+    assert edges.held == {"a", "b"}
+    assert [event for event in edges.events() if event.button == "a"] == [
+        ButtonEvent(1.0, "a", True),
+        ButtonEvent(2.0, "a", False),
+        ButtonEvent(5.0, "a", True),
+    ]
+
+
 def test_what_a_missing_consumer_loses_is_counted(monkeypatch):
     monkeypatch.setattr(buttons, "MAX_EVENTS", 4)
     edges = ButtonEdges()

@@ -6,7 +6,7 @@ import pytest
 
 from cardan.drivers import reading
 from cardan.drivers.reading import ReadDevice
-from cardan.errors import DeviceNotFoundError
+from cardan.errors import DeviceAccessError, DeviceNotFoundError
 from cardan.types import (
     NEVER_S,
     ZERO_TWIST,
@@ -140,15 +140,38 @@ def test_a_lost_device_is_opened_again():
     assert "unplugged, or it cannot be read (No such device)" in reasons
 
 
-def test_a_reader_that_fails_leaves_no_deflection(monkeypatch):
-    failures = []
-    monkeypatch.setattr(threading, "excepthook", lambda args: failures.append(args.exc_value))
+def test_a_reader_that_fails_says_so_and_tries_again():
     device = Device()
     device.error = ZeroDivisionError("a bug")
-    device.open()
-    device.plugged.clear()
-    assert device.released.wait(PATIENCE_S)
+    with device:
+        device.plugged.clear()
+        assert device.released.wait(PATIENCE_S)
+        device.plugged.set()
+        assert device.connected.wait(PATIENCE_S)
+        reasons = [reason for _, reason in device._core.history]
+    assert "the reader failed: ZeroDivisionError('a bug')" in reasons
+
+
+def test_whatever_opening_raises_is_an_error_of_the_driver(monkeypatch):
+    def refuse():
+        raise ValueError("strange")
+
+    device = Device()
+    monkeypatch.setattr(device, "_connect", refuse)
+    with pytest.raises(DeviceAccessError, match="strange"):
+        device.open()
     assert device.state().link is DeviceLink.LOST
-    assert "ZeroDivisionError" in device.state().reason
+
+
+def test_a_reader_that_hangs_is_not_joined_by_a_second_one(monkeypatch):
+    monkeypatch.setattr(reading, "JOIN_TIMEOUT_S", 0.01)
+    device, go_on = Device(), threading.Event()
+    monkeypatch.setattr(device, "_serve", lambda stop: go_on.wait(PATIENCE_S))
+    device.open()
     device.close()
-    assert [type(failure) for failure in failures] == [ZeroDivisionError]
+    with pytest.raises(DeviceAccessError, match="still being closed"):
+        device.open()
+    go_on.set()
+    monkeypatch.setattr(reading, "JOIN_TIMEOUT_S", PATIENCE_S)
+    with device:
+        assert device.state().link is DeviceLink.NEEDS_NEUTRAL

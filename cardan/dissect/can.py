@@ -1,0 +1,32 @@
+"""CAN frames as Linux writes them into a capture (link type 227, LINKTYPE_CAN_SOCKETCAN)."""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+from cardan.dissect.capture import Frame
+
+CAN_SOCKETCAN = 227
+LINK_TYPES = (CAN_SOCKETCAN,)
+HEADER_BYTES = 8
+EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+
+
+class CanFrame(NamedTuple):
+    """A data frame with an identifier of 11 bits; `cut` when the capture lacks a part of it."""
+
+    identifier: int
+    data: bytes
+    cut: bool
+
+
+def parse(frame: Frame) -> CanFrame | None:
+    """The data frame in a captured one; None for extended, remote, error and broken frames."""
+    if frame.link_type != CAN_SOCKETCAN or len(frame.data) < HEADER_BYTES:
+        return None
+    word, size = struct.unpack_from("!IB", frame.data)  # the word is big-endian in any capture
+    if word & (EXTENDED | REMOTE | ERROR):
+        return None
+    data = frame.data[HEADER_BYTES : HEADER_BYTES + size]
+    return CanFrame(word & 0x7FF, data, len(data) < size)

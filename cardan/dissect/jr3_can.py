@@ -1,0 +1,230 @@
+"""scapy layers of the CAN frames of a JR3 force-torque sensor's board.
+
+An identifier of 11 bits is an opcode and the board's node id, 1 to 127; SYNC has none. All values
+are little-endian: forces and moments are raw, +-16384 at full scale, cut-off frequencies 0.01 Hz.
+Written from a description of the board's firmware, apart from Cardan's codec, so that each can be
+held against the other.
+
+`dissect(identifier, data)` chooses the layer of a frame's payload: UnknownFrame for an opcode that
+is none, BrokenFrame when bytes are missing or a board sends too many; it never raises.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from cardan.dissect._scapy import (
+    ByteEnumField,
+    Field,
+    LEIntField,
+    LEShortField,
+    LESignedShortField,
+    Packet,
+    StrField,
+)
+
+OPCODE_MASK, NODE_MASK = 0x780, 0x07F
+SYNC_IDENTIFIER = 0x080
+COUNTS_AT_FULL_SCALE = 16384
+"""More is an overload."""
+TENTHS = 10
+"""A moment's full scale is in 0.1 N·m, a force's in N."""
+STATES = {0: "ready", 1: "not initialised"}
+COUNTER_MODULUS = 2**16
+SAMPLE_PERIOD_S = 128.5e-6
+"""Of the sensor; the counter counts its samples."""
+
+
+class LEFloatField(Field[float, float]):
+    """f32."""
+
+    def __init__(self, name: str, default: float) -> None:
+        Field.__init__(self, name, default, "<f")
+
+
+class Jr3Frame(Packet):
+    """The payload of a frame."""
+
+    opcode: ClassVar[int] = 0
+    title: ClassVar[str] = ""
+    from_board: ClassVar[bool] = False
+    least_bytes: ClassVar[int] = 0
+
+    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
+        return b"", s
+
+
+class SyncFrame(Jr3Frame):
+    """To all boards: send one sample. Its identifier has no node id."""
+
+    opcode, title = SYNC_IDENTIFIER, "SYNC"
+
+
+class AckFrame(Jr3Frame):
+    """Answers a command, and does not say which."""
+
+    opcode, title, from_board, least_bytes = 0x100, "ACK", True, 1
+    fields_desc = [ByteEnumField("state", 0, STATES)]
+
+
+class FullScalesAckFrame(Jr3Frame):
+    """Answers a query of full scales: X, Y, Z in N, or in 0.1 N·m."""
+
+    opcode, title, from_board, least_bytes = 0x100, "ACK", True, 7
+    fields_desc = [
+        ByteEnumField("state", 0, STATES),
+        *(LEShortField(axis, 0) for axis in "xyz"),
+    ]
+
+
+class StartSyncFrame(Jr3Frame):
+    """Send a sample for each SYNC; cut-off 0 is unfiltered."""
+
+    opcode, title, least_bytes = 0x180, "START_SYNC", 2
+    fields_desc = [LEShortField("cutoff_centihertz", 0)]
+
+
+class StartAsyncFrame(Jr3Frame):
+    """Send a sample each period."""
+
+    opcode, title, least_bytes = 0x200, "START_ASYNC", 6
+    fields_desc = [LEShortField("cutoff_centihertz", 0), LEIntField("period_us", 0)]
+
+
+class StopFrame(Jr3Frame):
+    opcode, title = 0x280, "STOP"
+
+
+class ZeroOffsetsFrame(Jr3Frame):
+    """The present filtered value becomes zero."""
+
+    opcode, title = 0x300, "ZERO_OFFS"
+
+
+class SetFilterFrame(Jr3Frame):
+    opcode, title, least_bytes = 0x380, "SET_FILTER", 2
+    fields_desc = [LEShortField("cutoff_centihertz", 0)]
+
+
+class GetStateFrame(Jr3Frame):
+    opcode, title = 0x400, "GET_STATE"
+
+
+class GetForceScalesFrame(Jr3Frame):
+    opcode, title = 0x480, "GET_FS_FORCES"
+
+
+class GetMomentScalesFrame(Jr3Frame):
+    opcode, title = 0x500, "GET_FS_MOMENTS"
+
+
+class ResetFrame(Jr3Frame):
+    """Read the calibration of the sensor again."""
+
+    opcode, title = 0x580, "RESET"
+
+
+def _sample() -> list[Any]:
+    return [*(LESignedShortField(axis, 0) for axis in "xyz"), LEShortField("counter", 0)]
+
+
+class ForcesFrame(Jr3Frame):
+    """The first half of a sample."""
+
+    opcode, title, from_board, least_bytes = 0x600, "FORCES", True, 8
+    fields_desc = _sample()
+
+
+class MomentsFrame(Jr3Frame):
+    """The second half, with the same counter."""
+
+    opcode, title, from_board, least_bytes = 0x680, "MOMENTS", True, 8
+    fields_desc = _sample()
+
+
+class BootupFrame(Jr3Frame):
+    """The board is ready, with a sensor."""
+
+    opcode, title, from_board = 0x700, "BOOTUP", True
+
+
+class GripperPwmFrame(Jr3Frame):
+    """Of a gripper on the same board: -100 to 100."""
+
+    opcode, title, least_bytes = 0x780, "GRIPPER_PWM", 4
+    fields_desc = [LEFloatField("pwm_percent", 0.0)]
+
+
+class UnknownFrame(Jr3Frame):
+    """An opcode that the board ignores."""
+
+    title = "unknown opcode"
+    fields_desc = [StrField("data", b"")]
+
+
+class BrokenFrame(Jr3Frame):
+    """Not as many bytes as the opcode has; what a command lacks the board reads as 0."""
+
+    fields_desc = [StrField("data", b"")]
+    title = "broken"
+
+
+LAYERS: dict[int, type[Jr3Frame]] = {
+    layer.opcode: layer
+    for layer in (
+        AckFrame,
+        StartSyncFrame,
+        StartAsyncFrame,
+        StopFrame,
+        ZeroOffsetsFrame,
+        SetFilterFrame,
+        GetStateFrame,
+        GetForceScalesFrame,
+        GetMomentScalesFrame,
+        ResetFrame,
+        ForcesFrame,
+        MomentsFrame,
+        BootupFrame,
+        GripperPwmFrame,
+    )
+}
+"""By opcode, of frames with a node id."""
+ACKNOWLEDGED = (
+    StartSyncFrame,
+    StartAsyncFrame,
+    StopFrame,
+    ZeroOffsetsFrame,
+    SetFilterFrame,
+    GetStateFrame,
+    GetForceScalesFrame,
+    GetMomentScalesFrame,
+    ResetFrame,
+)
+"""The commands that the board answers."""
+
+
+def split(identifier: int) -> tuple[int, int]:
+    """Opcode and node id of an identifier."""
+    return identifier & OPCODE_MASK, identifier & NODE_MASK
+
+
+def dissect(identifier: int, data: bytes) -> Jr3Frame:
+    """The layer of a frame's payload."""
+    opcode, node = split(identifier)
+    layer = LAYERS.get(opcode, UnknownFrame) if node else UnknownFrame
+    if identifier == SYNC_IDENTIFIER:
+        layer = SyncFrame
+    elif layer is AckFrame and len(data) == FullScalesAckFrame.least_bytes:
+        layer = FullScalesAckFrame
+    if len(data) < layer.least_bytes or (layer.from_board and len(data) > layer.least_bytes):
+        return BrokenFrame(data=data)
+    # scapy makes a packet with default values of no bytes; only layers without fields get there.
+    return layer(data) if data else layer()
+
+
+def malformed(identifier: int, data: bytes) -> str | None:
+    """Why a payload is none of its opcode, None when it is one."""
+    layer = LAYERS.get(identifier & OPCODE_MASK)
+    if layer is None or not isinstance(dissect(identifier, data), BrokenFrame):
+        return None
+    return f"{layer.title} of {len(data)} bytes"

@@ -1,0 +1,320 @@
+"""scapy layers of spacenavd's socket: the handshake, its events, requests and replies.
+
+Every value is a 32-bit word in the byte order of the machine; these layers read the little-endian
+ones. Written from a description of spacenavd and libspnav, apart from Cardan's codec, so that each
+can be held against the other.
+
+`SpnavFromServer(record)` and `SpnavFromClient(record)` dissect one record, 32 bytes, or the four of
+a handshake or of a sensitivity of version 0; to SpnavBroken where it is neither. They never raise.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+from cardan.dissect._scapy import (
+    ByteField,
+    Field,
+    FieldListField,
+    LEIntField,
+    LEShortField,
+    LESignedIntField,
+    Packet,
+    StrField,
+    XByteField,
+)
+
+RECORD_BYTES, WORD_BYTES = 32, 4
+HANDSHAKE = 0x7FAA5500
+REQUEST_MARK = 0x7FAA
+"""Upper half of the first word of libspnav's requests; a server looks at the lower one only."""
+FIRST_REQUEST = 0x1000
+"""The lowest code of a request that there is."""
+MOTION, PRESS, RELEASE, DEVICE, CONFIG, RAW_AXIS, RAW_BUTTON = range(7)
+EVENT_MASK = {
+    0x01: "motion",
+    0x02: "button",
+    0x04: "device",
+    0x08: "config",
+    0x10: "raw axis",
+    0x20: "raw button",
+}
+CONTINUED = 0x10000
+"""In the last word of a packet of a string that is not its first."""
+STRING_BYTES = 24
+NO_WORDS: Any = [0] * 6
+FAILED = -1
+
+SET_NAME = 0x1000
+REQUESTS: dict[int, tuple[str, str]] = {
+    SET_NAME: ("SET_NAME", "text"),
+    0x1001: ("SET_SENS", "f"),
+    0x1002: ("GET_SENS", "f"),
+    0x1003: ("SET_EVMASK", "i"),
+    0x1004: ("GET_EVMASK", "i"),
+    0x2000: ("DEV_NAME", "text"),
+    0x2001: ("DEV_PATH", "text"),
+    0x2002: ("DEV_NAXES", "i"),
+    0x2003: ("DEV_NBUTTONS", "i"),
+    0x2004: ("DEV_USBID", "ii"),
+    0x2005: ("DEV_TYPE", "i"),
+    0x3000: ("SCFG_SENS", "f"),
+    0x3001: ("GCFG_SENS", "f"),
+    0x3002: ("SCFG_SENS_AXIS", "ffffff"),
+    0x3003: ("GCFG_SENS_AXIS", "ffffff"),
+    0x3004: ("SCFG_DEADZONE", "ii"),
+    0x3005: ("GCFG_DEADZONE", "ii"),
+    0x3006: ("SCFG_INVERT", "iiiiii"),
+    0x3007: ("GCFG_INVERT", "iiiiii"),
+    0x3008: ("SCFG_AXISMAP", "ii"),
+    0x3009: ("GCFG_AXISMAP", "ii"),
+    0x300A: ("SCFG_BNMAP", "ii"),
+    0x300B: ("GCFG_BNMAP", "ii"),
+    0x300C: ("SCFG_BNACTION", "ii"),
+    0x300D: ("GCFG_BNACTION", "ii"),
+    0x300E: ("SCFG_KBMAP", "ii"),
+    0x300F: ("GCFG_KBMAP", "ii"),
+    0x3010: ("SCFG_SWAPYZ", "i"),
+    0x3011: ("GCFG_SWAPYZ", "i"),
+    0x3012: ("SCFG_LED", "i"),
+    0x3013: ("GCFG_LED", "i"),
+    0x3014: ("SCFG_GRAB", "i"),
+    0x3015: ("GCFG_GRAB", "i"),
+    0x3016: ("SCFG_SERDEV", "text"),
+    0x3017: ("GCFG_SERDEV", "text"),
+    0x3018: ("SCFG_REPEAT", "i"),
+    0x3019: ("GCFG_REPEAT", "i"),
+    0x3FFE: ("CFG_SAVE", ""),
+    0x3FFF: ("CFG_RESTORE", ""),
+    0x4000: ("CFG_RESET", ""),
+}
+"""Name of each request, and what its data are: `f` a float, `i` an integer, or a string."""
+
+DEVICE_TYPES = {
+    0x000: "unknown",
+    0x100: "Spaceball 1003/2003",
+    0x101: "Spaceball 3003",
+    0x102: "Spaceball 4000",
+    0x103: "Magellan",
+    0x104: "Spaceball 5000 (serial)",
+    0x105: "CadMan (serial)",
+    0x200: "SpaceMouse Plus XT",
+    0x201: "CadMan",
+    0x202: "SpaceMouse Classic",
+    0x203: "Spaceball 5000",
+    0x204: "SpaceTraveler",
+    0x205: "SpacePilot",
+    0x206: "SpaceNavigator",
+    0x207: "SpaceExplorer",
+    0x208: "SpaceNavigator for Notebooks",
+    0x209: "SpacePilot Pro",
+    0x20A: "SpaceMouse Pro",
+    0x20B: "NuLOOQ",
+    0x20C: "SpaceMouse Wireless",
+    0x20D: "SpaceMouse Pro Wireless",
+    0x20E: "SpaceMouse Enterprise",
+    0x20F: "SpaceMouse Compact",
+    0x210: "SpaceMouse Module",
+}
+
+
+class LEFloatField(Field[float, float]):
+    """f32."""
+
+    def __init__(self, name: str, default: float) -> None:
+        Field.__init__(self, name, default, "<f")
+
+
+class Record(Packet):
+    """What follows belongs to the next record."""
+
+    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
+        return b"", s
+
+
+def _event(kind: int, *names: str) -> list[Any]:
+    """A word for each name, and words without meaning to the end of the record."""
+    unused = 7 - len(names)
+    return [
+        LEIntField("type", kind),
+        *(LESignedIntField(name, 0) for name in names),
+        *(LESignedIntField(f"unused_{n}", 0) for n in range(unused)),
+    ]
+
+
+class SpnavMotion(Record):
+    """Axes of spacenavd: right, up, away, left-handed. `period_ms` is since the previous motion."""
+
+    fields_desc = _event(MOTION, "x", "y", "z", "rx", "ry", "rz", "period_ms")
+
+
+class SpnavPress(Record):
+    fields_desc = _event(PRESS, "button", "pressed")
+
+
+class SpnavRelease(Record):
+    fields_desc = _event(RELEASE, "button", "pressed")
+
+
+class SpnavDevice(Record):
+    """`operation` 0: a device came, 1: it went."""
+
+    fields_desc = _event(DEVICE, "operation", "device", "device_type", "vendor", "product")
+
+
+class SpnavConfig(Record):
+    """Another client changed a setting: the request's code and data."""
+
+    fields_desc = _event(CONFIG, "code", *(f"data_{n}" for n in range(6)))
+
+
+class SpnavRawAxis(Record):
+    """Before dead zone and mapping."""
+
+    fields_desc = _event(RAW_AXIS, "axis", "value")
+
+
+class SpnavRawButton(Record):
+    fields_desc = _event(RAW_BUTTON, "button", "pressed")
+
+
+EVENTS = (
+    SpnavMotion,
+    SpnavPress,
+    SpnavRelease,
+    SpnavDevice,
+    SpnavConfig,
+    SpnavRawAxis,
+    SpnavRawButton,
+)
+"""By type."""
+
+
+class SpnavMessage(Record):
+    """A request, or the reply that echoes its first word."""
+
+    fields_desc = [
+        LEShortField("code", 0),
+        LEShortField("mark", REQUEST_MARK),
+        FieldListField("words", NO_WORDS, LESignedIntField("word", 0), count_from=lambda _: 6),
+        LESignedIntField("last", 0),
+    ]
+
+    @property
+    def title(self) -> str:
+        """The request's name."""
+        return REQUESTS.get(self.code, (f"0x{self.code:04x}",))[0]
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the data are a piece of a string."""
+        return REQUESTS.get(self.code, ("", ""))[1] == "text"
+
+    @property
+    def values(self) -> tuple[float | int, ...]:
+        """The data as numbers of the request's types; all of an unknown request as integers."""
+        kinds = REQUESTS.get(self.code, ("", "iiiiii"))[1]
+        if kinds == "text":
+            return ()
+        raw = struct.pack("<6i", *self.words)
+        return struct.unpack_from(f"<{kinds}", raw)
+
+    @property
+    def text(self) -> bytes:
+        """The piece of a string in the data."""
+        return struct.pack("<6i", *self.words)[: min(self.remaining, STRING_BYTES)]
+
+    @property
+    def remaining(self) -> int:
+        """Bytes of the string from this piece on; 0 where the server says that it failed."""
+        return 0 if self.last == FAILED else self.last & (CONTINUED - 1)
+
+    @property
+    def continued(self) -> bool:
+        """Whether this is a piece of a string, and not its first one."""
+        return self.last != FAILED and bool(self.last & CONTINUED)
+
+
+class SpnavRequest(SpnavMessage):
+    """Client to server."""
+
+
+class SpnavReply(SpnavMessage):
+    """Server to client; of requests without a string `last` is 0, or -1 when refused."""
+
+
+class SpnavHandshake(Record):
+    """From the client the version it wants, back from the server the one it has."""
+
+    fields_desc = [
+        ByteField("version", 1),
+        XByteField("mark_low", HANDSHAKE >> 8 & 0xFF),
+        LEShortField("mark_high", HANDSHAKE >> 16),
+    ]
+
+
+class SpnavSensitivity(Record):
+    """All that a client of version 0 can say."""
+
+    fields_desc = [LEFloatField("sensitivity", 1.0)]
+
+
+class SpnavBroken(Record):
+    """Bytes that are no record; `reason` says why."""
+
+    fields_desc = [StrField("data", b"")]
+
+    @property
+    def reason(self) -> str:
+        if len(self.data) < RECORD_BYTES:
+            return f"a record of {len(self.data)} bytes"
+        return f"event of unknown type {struct.unpack_from('<I', self.data)[0]}"
+
+
+def _word(data: bytes) -> int:
+    return int.from_bytes(data[:WORD_BYTES], "little")
+
+
+def _is_handshake(data: bytes) -> bool:
+    return len(data) == WORD_BYTES and _word(data) & 0xFFFFFF00 == HANDSHAKE
+
+
+class SpnavFromServer(Packet):
+    """Server to client."""
+
+    @classmethod
+    def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
+        if _is_handshake(_pkt):
+            return SpnavHandshake
+        if len(_pkt) < RECORD_BYTES:
+            return SpnavBroken
+        word = _word(_pkt)
+        if word < len(EVENTS):
+            return EVENTS[word]
+        # A request's first word comes back as it was, with libspnav's mark or without.
+        is_reply = word >> 16 == REQUEST_MARK or word & 0xFFFF >= FIRST_REQUEST
+        return SpnavReply if is_reply else SpnavBroken
+
+
+class SpnavFromClient(Packet):
+    """Client to server."""
+
+    @classmethod
+    def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
+        if _is_handshake(_pkt):
+            return SpnavHandshake
+        if len(_pkt) == WORD_BYTES:
+            return SpnavSensitivity
+        return SpnavRequest if len(_pkt) >= RECORD_BYTES else SpnavBroken
+
+
+def string_messages(kind: type[SpnavMessage], code: int, text: bytes) -> Sequence[SpnavMessage]:
+    """The packets of a string, in order; an empty one has a packet too."""
+    messages = []
+    for at in range(0, max(len(text), 1), STRING_BYTES):
+        piece = text[at : at + STRING_BYTES].ljust(STRING_BYTES, b"\0")
+        last = len(text) - at | (CONTINUED if at else 0)
+        messages.append(kind(code=code, words=list(struct.unpack("<6i", piece)), last=last))
+    return messages

@@ -1,0 +1,292 @@
+"""Wii Remotes in Bluetooth captures: channels, recognition, memory reads, figures."""
+
+import io
+import struct
+
+import pytest
+from scapy.layers.bluetooth import (
+    HCI_Event_Hdr,
+    HCI_Hdr,
+    L2CAP_CmdHdr,
+    L2CAP_ConnReq,
+    L2CAP_ConnResp,
+    L2CAP_DisconnReq,
+    L2CAP_Hdr,
+)
+from scapy.packet import Raw
+from scapy.utils import RawPcapWriter
+
+from cardan.dissect import dissect_file
+
+HANDLE = 0x0B
+ADDRESS = bytes.fromhex("001f32abcdef")
+BUTTONS_A = bytes.fromhex("a1 30 00 08")
+HOST_CONTROL, HOST_INTERRUPT, REMOTE_CONTROL, REMOTE_INTERRUPT = 0x40, 0x41, 0x41, 0x40
+"""Numbers of one side are those of the other side's other channel, as they may be."""
+
+
+def acl(payload, handle=HANDLE, boundary=2):
+    data = bytes(payload)
+    # By hand: scapy's names of these fields differ between its versions.
+    return struct.pack("<BHH", 2, handle | boundary << 12, len(data)) + data
+
+
+def on(cid, data, handle=HANDLE):
+    return acl(L2CAP_Hdr(cid=cid) / Raw(data), handle)
+
+
+def signal(command, code, number):
+    return acl(L2CAP_Hdr(cid=1) / L2CAP_CmdHdr(code=code, id=number) / command)
+
+
+def set_up(psm, host_cid, remote_cid, number):
+    """The host opens a channel."""
+    return [
+        (False, signal(L2CAP_ConnReq(psm=psm, scid=host_cid), 2, number)),
+        (True, signal(L2CAP_ConnResp(dcid=remote_cid, scid=host_cid, result=1), 3, number)),
+        (True, signal(L2CAP_ConnResp(dcid=remote_cid, scid=host_cid, result=0), 3, number)),
+    ]
+
+
+def both_channels():
+    return [
+        *set_up(0x11, HOST_CONTROL, REMOTE_CONTROL, 1),
+        *set_up(0x13, HOST_INTERRUPT, REMOTE_INTERRUPT, 2),
+    ]
+
+
+def event(code, values):
+    return bytes(HCI_Hdr(type=4) / HCI_Event_Hdr(code=code) / Raw(values))
+
+
+CONNECTED = (
+    True,
+    event(3, struct.pack("<BH6sBB", 0, HANDLE, ADDRESS[::-1], 1, 0)),
+)
+NAMED = (True, event(7, b"\0" + ADDRESS[::-1] + b"Nintendo RVL-CNT-01".ljust(248, b"\0")))
+DISCONNECTED = (True, event(5, struct.pack("<BHB", 0, HANDLE, 0x13)))
+
+
+def interrupt_in(text, cid=HOST_INTERRUPT):
+    return True, on(cid, b"\xa1" + bytes.fromhex(text))
+
+
+def interrupt_out(text, cid=REMOTE_INTERRUPT):
+    return False, on(cid, b"\xa2" + bytes.fromhex(text))
+
+
+@pytest.fixture
+def dissected(tmp_path):
+    def run(packets, link_type=201, **options):
+        path = tmp_path / "capture.pcap"
+        writer = RawPcapWriter(str(path), linktype=link_type)
+        writer.write_header(b"")
+        for number, (to_host, packet) in enumerate(packets):
+            if link_type == 201:
+                packet = struct.pack("!I", to_host) + packet
+            writer.write_packet(packet, sec=1_700_000_000, usec=10_000 * number)
+        writer.close()
+        out = io.StringIO()
+        counts = dissect_file(path, out, **options)
+        lines = out.getvalue().splitlines()
+        return counts, [line.split(" ", 2)[2] for line in lines if line.startswith("#")], lines
+
+    return run
+
+
+def test_a_session_with_its_set_up(dissected):
+    packets = [
+        CONNECTED,
+        NAMED,
+        *both_channels(),
+        interrupt_out("11 10"),
+        (False, on(REMOTE_CONTROL, bytes.fromhex("52 12 04 31"))),
+        (True, on(HOST_CONTROL, b"\0")),
+        interrupt_in("31 60 48 91 82 9c"),
+        interrupt_in("31 60 4c 84 82 9f"),
+        interrupt_in("20 00 08 12 00 00 c0"),
+        interrupt_out("15 00"),
+    ]
+    counts, shown, lines = dissected(packets)
+    where = "Wiimote 00:1f:32:ab:cd:ef"
+    assert shown == [
+        f"{where} interrupt OUT LEDs 1 motor off",
+        f"{where} control OUT data mode 0x31 continuous motor off",
+        f"{where} control IN handshake ok",
+        f"{where} interrupt IN data 0x31 | buttons a | accel 583 520 626",
+        f"{where} interrupt IN data 0x31 | buttons b, a | accel 531 520 638",
+        f"{where} interrupt IN status battery 192 | LEDs 1 | extension connected | on: none | "
+        "buttons a",
+        f"{where} interrupt OUT status request motor off",
+    ]
+    assert lines[-6:] == [
+        "Wii Remote 00:1f:32:ab:cd:ef Nintendo RVL-CNT-01",
+        "  from the remote: CoreAccelerationReport x2, StatusReport x1",
+        "    data 0x31: period mean 10.000 min 10.000 max 10.000 ms",
+        "  to the remote: LedsReport x1, DataModeReport x1, StatusRequestReport x1",
+        "15 packets: 6 Wiimote, 0 malformed; 8 others",
+        "other packets: Bluetooth x8",
+    ]
+    assert counts.messages["Wiimote"] == 6
+    assert counts.malformed["Wiimote"] == 0
+
+
+@pytest.mark.parametrize("link_type", [187, 201])
+def test_without_the_set_up_the_header_byte_tells(dissected, link_type):
+    packets = [
+        (True, on(0x70, bytes.fromhex("06 00 01 00 02 35 03"))),  # of another channel
+        interrupt_in("30 00 08", cid=0x77),
+        (False, on(0x78, bytes.fromhex("52 11 21"))),
+        interrupt_out("10 00", cid=0x79),
+        (True, on(0x70, bytes.fromhex("a1"))),
+    ]
+    counts, shown, _ = dissected(packets, link_type)
+    assert shown == [
+        "Wiimote handle 0x000b interrupt IN data 0x30 | buttons a",
+        "Wiimote handle 0x000b control OUT LEDs 2 motor on",
+        "Wiimote handle 0x000b interrupt OUT rumble motor off",
+        "Wiimote handle 0x000b interrupt IN MALFORMED empty report: ",
+    ]
+    assert counts.malformed["Wiimote"] == 1
+    assert counts.other_packets == 1
+
+
+def test_without_directions_a_number_of_both_sides_tells_nothing(dissected):
+    packets = [
+        *both_channels(),
+        interrupt_out("10 00"),
+        (False, on(REMOTE_CONTROL, bytes.fromhex("52 11 21"))),
+        interrupt_in("30 00 08"),
+        *set_up(0x01, 0x50, 0x51, 3),
+        interrupt_in("30 00 08", cid=0x51),  # service discovery, by its PSM
+    ]
+    _, shown, _ = dissected(packets, 187)
+    assert [line.split()[3:5] for line in shown] == [
+        ["interrupt", "OUT"],
+        ["control", "OUT"],
+        ["interrupt", "IN"],
+    ]
+
+
+def test_set_up_by_the_remote_and_other_protocols_on_its_link(dissected):
+    packets = [
+        (True, signal(L2CAP_ConnReq(psm=0x13, scid=0x51), 2, 1)),
+        (False, signal(L2CAP_ConnResp(dcid=0x61, scid=0x51, result=0), 3, 1)),
+        (True, signal(L2CAP_ConnReq(psm=0x01, scid=0x52), 2, 2)),
+        (False, signal(L2CAP_ConnResp(dcid=0x62, scid=0x52, result=0), 3, 2)),
+        interrupt_in("30 00 08", cid=0x61),
+        interrupt_in("30 00 08", cid=0x62),  # service discovery, by its PSM
+        interrupt_out("10 01", cid=0x51),
+        (False, signal(L2CAP_DisconnReq(dcid=0x51, scid=0x61), 6, 3)),
+        interrupt_in("30 00 00", cid=0x61),  # by its header byte again
+    ]
+    _, shown, _ = dissected(packets)
+    assert shown == [
+        "Wiimote handle 0x000b interrupt IN data 0x30 | buttons a",
+        "Wiimote handle 0x000b interrupt OUT rumble motor on",
+        "Wiimote handle 0x000b interrupt IN data 0x30 | buttons none",
+    ]
+
+
+def test_other_devices_are_left_alone(dissected):
+    packets = [
+        *both_channels(),
+        interrupt_in("01 00 00 04 00 00 00 00 00"),  # a keyboard
+        interrupt_in("11 " + "00" * 78),  # a game pad
+        interrupt_in("30 " + "00" * 48),  # another of the same maker
+    ]
+    counts, shown, lines = dissected(packets)
+    assert shown == []
+    assert counts.messages["Wiimote"] == 0
+    assert "Wiimote traffic found in 9 packets" in lines[1]
+    other_name = (True, event(7, b"\0" + ADDRESS[::-1] + b"Keyboard".ljust(248, b"\0")))
+    _, shown, _ = dissected([CONNECTED, other_name, interrupt_in("30 00 08")])
+    assert shown == []
+
+
+def test_memory_and_the_extension_that_it_tells_of(dissected):
+    block = "84 82 86 30 9f 9d 9f 02 40 2e"
+    packets = [
+        *both_channels(),
+        interrupt_out("17 00 00 00 16 00 14"),
+        interrupt_in(f"21 00 00 f0 00 16 {block} 84 82 86 30 9f 9d"),
+        interrupt_in("21 00 00 30 00 26 9f 02 40 2e" + " 00" * 12),
+        interrupt_in("32 00 00 80 c0 80 7f b5 e5 00 00"),
+        interrupt_out("16 04 a4 00 f0 01 55" + " 00" * 15),
+        interrupt_in("22 00 00 16 00"),
+        interrupt_out("17 04 a4 00 fa 00 06"),
+        interrupt_in("21 00 00 50 00 fa 00 00 a4 20 00 00" + " 00" * 10),
+        interrupt_in("32 00 00 80 c0 80 7f b5 e5 00 00"),
+        interrupt_in("20 00 00 00 00 00 c0"),
+        interrupt_in("32 00 00 80 c0 80 7f b5 e5 00 00"),
+        interrupt_out("17 04 a6 00 fa 00 06"),
+        interrupt_in("21 00 00 f7 00 fa" + " 00" * 16),
+        interrupt_in("21 00 00 50 00 fa" + " 00" * 16),
+        interrupt_out("17 04 a6 00 20 00 20"),
+        interrupt_in("21 00 00 f0 00 40" + " 00" * 16),
+    ]
+    _, shown, lines = dissected(packets)
+    texts = [line.split(" IN ", 1)[1] for line in shown if " IN " in line]
+    calibration = "accelerometer calibration zero 531 520 536, 1 g 636 628 638, checksum ok"
+    assert texts[1].endswith(f"all 20 bytes from 0x000016 | {calibration} | {calibration}")
+    assert texts[2].endswith("extension 80 c0 80 7f b5 e5 00 00")
+    assert texts[4].endswith("00 00 a4 20 00 00 | buttons none | Nunchuk")
+    assert texts[5].endswith("Nunchuk stick 128 192 accel 513 510 727 buttons c")
+    assert texts[7].endswith("extension 80 c0 80 7f b5 e5 00 00")
+    assert texts[8] == ("read at 0x00fa ERROR 7 no answer from the device | buttons none")
+    assert texts[9].endswith("NOT ASKED FOR")
+    assert texts[10].endswith("NOT THE PIECE THAT COMES NEXT")
+    assert "  memory requests answered 4 of 5, latency median 10.000 p99 10.000 ms" in lines
+    assert "  errors: read no answer from the device x1" in lines
+
+
+def test_connections_end_and_handles_are_used_again(dissected):
+    packets = [
+        CONNECTED,
+        *both_channels(),
+        interrupt_in("30 00 08"),
+        DISCONNECTED,
+        interrupt_in("01 00 00"),  # another device's
+        interrupt_in("30 00 00", cid=0x50),
+    ]
+    _, shown, lines = dissected(packets)
+    assert [line.split(" ")[1] for line in shown] == ["00:1f:32:ab:cd:ef", "handle"]
+    assert "Wii Remote 00:1f:32:ab:cd:ef" in lines
+    assert "Wii Remote handle 0x000b" in lines
+
+
+def test_fragments_damage_and_unknown_reports(dissected):
+    whole = on(HOST_INTERRUPT, bytes.fromhex("a1 31 60 48 91 82 9c"))[5:]
+    rest = struct.pack("<BHH", 2, HANDLE | 1 << 12, len(whole) - 6) + whole[6:]
+    packets = [
+        *both_channels(),
+        (True, rest),  # without its beginning
+        (True, struct.pack("<BHH", 2, HANDLE | 2 << 12, 6) + whole[:6]),
+        (True, rest),
+        interrupt_in("31 60 48"),
+        interrupt_in("2a 01"),
+        (True, on(HOST_CONTROL, b"\x15")),
+        (True, b""),
+        (True, b"\x02\x0b"),
+        (True, b"\x04\x03\x0b\x00"),
+    ]
+    counts, shown, lines = dissected(packets)
+    where = "Wiimote handle 0x000b"
+    assert shown == [
+        f"{where} interrupt IN data 0x31 | buttons a | accel 583 520 626",
+        f"{where} interrupt IN MALFORMED report 0x31 of 3 bytes: 31 60 48",
+        f"{where} interrupt IN unknown report 0x2a: 01",
+        f"{where} control IN HID transaction 15",
+    ]
+    assert counts.malformed["Wiimote"] == 1
+    assert "  unknown report ids: 0x2a x1" in lines
+
+
+def test_summary_and_limit(dissected):
+    packets = [interrupt_in("30 00 08")] * 5
+    _, shown, lines = dissected(packets, summary=True)
+    assert shown == []
+    assert "5 packets: 5 Wiimote, 0 malformed; 0 others" in lines
+    _, shown, lines = dissected(packets, limit=2)
+    assert len(shown) == 2
+    assert "stopped at the limit of 2" in lines[-1]
