@@ -5,6 +5,7 @@ PYTHON ?= python3
 VENV ?= .venv
 DEMO_SECONDS ?= 30
 DEMO_ROBOT ?= gofa
+PYTEST ?=
 BIN := $(VENV)/bin
 
 .PHONY: help demo test test-kernel device-table lint types check bench bench-motoros bench-thesis \
@@ -33,7 +34,7 @@ demo: $(VENV)/.cardan
 	$(BIN)/cardan demo $(DEMO_ROBOT) --seconds $(DEMO_SECONDS)
 
 test: $(VENV)/.cardan-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PYTEST)
 
 # Minutes, in software emulation; what it needs is installed from Debian, and downloaded once.
 test-kernel: $(VENV)/.cardan-dev

@@ -6,6 +6,8 @@ import pytest
 from bench.thesis import arbitrary, collision, eight, faults, line
 from bench.thesis.rig import DT_S, Metronome, published_mechanism, signed_delays, table
 
+pytestmark = pytest.mark.once
+
 
 def test_the_published_mechanism_has_the_published_delay():
     result = line.mechanism(0.5)

@@ -14,6 +14,8 @@ from cardan.gateway.snapshot import Snapshot
 from cardan.types import JointCommand
 from tests.drivers.motoros_rig import Rig
 
+pytestmark = pytest.mark.once
+
 FIRST_S = 1.0
 SPEED = 0.3
 

@@ -14,6 +14,8 @@ from cardan.gateway.demo import free_tcp_ports, free_udp_port, simulated_peer
 from cardan.gateway.session import EXIT_OK
 from cardan.gateway.supervisor import supervise
 
+pytestmark = pytest.mark.once
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 RUN_S = 4.5
 """Long enough for arming and the first strokes of every short script."""

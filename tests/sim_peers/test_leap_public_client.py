@@ -14,6 +14,8 @@ from cardan.protocols.leap import ClientOptions
 from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.once
+
 LEAPJS = "1.1.1"
 INSTALL_TIMEOUT_S = 45.0
 RUN_TIMEOUT_S = 20.0

@@ -15,6 +15,8 @@ import pytest
 from cardan.sim_peers.spacemouse import SerialSpaceMousePeer, SerialSpaceMousePeerOptions
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.once
+
 PATIENCE_S = 15.0
 MODELS = {
     "magellan": "MAGELLAN  Version 5.79",
