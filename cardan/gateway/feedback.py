@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from cardan.gateway.engine import EngineStatus, Phase
 from cardan.spatial import norm
-from cardan.types import DeviceFeedback, RobotState
+from cardan.types import ZERO3, DeviceFeedback, RobotState
 
 FEEDBACK_PERIOD_S = 0.05
 """A hand feels no faster change of a motor that needs 50 ms to start and to stop."""
@@ -111,6 +111,8 @@ class HandFeedback:
 
 
 def _limited(status: EngineStatus) -> bool:
-    return status.phase is Phase.MOVING and (
+    """Whether the hand asks for what the workspace or the arm does not give."""
+    asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
+    return asked and (
         status.at_workspace_limit or (status.arm is not None and bool(status.arm.in_words()))
     )

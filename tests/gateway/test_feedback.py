@@ -16,6 +16,7 @@ from cardan.types import (
     DeviceFeedback,
     RobotLink,
     RobotState,
+    Twist,
     Vector3,
     Wrench,
 )
@@ -23,7 +24,7 @@ from cardan.types import (
 BOTH = {"led", "rumble"}
 ROBOT = RobotState(0.0, RobotLink.LIVE, 1, 0, 0.004, (), (), None, "")
 REST = EngineStatus(Phase.HOLDING, "", ZERO_TWIST, ZERO_TWIST, None, 0.0, False, False, 0)
-MOVING = REST._replace(phase=Phase.MOVING)
+MOVING = REST._replace(phase=Phase.MOVING, target=Twist(Vector3(0.1, 0.0, 0.0), ZERO3))
 
 
 def played(hand, status, robot=ROBOT, start_s=0.0, seconds=1.0):

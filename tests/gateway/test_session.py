@@ -1,5 +1,6 @@
 """The loop: what it asks of its drivers, and what it tells about itself."""
 
+import contextlib
 import socket
 
 import pytest
@@ -8,8 +9,8 @@ from cardan.errors import ConfigurationError, DeviceNotFoundError
 from cardan.gateway.config import parse_config
 from cardan.gateway.session import make_session
 from cardan.gateway.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
-from cardan.types import PoseCommand
-from tests.gateway.fakes import FakeRobot
+from cardan.types import DeviceCapabilities, PoseCommand
+from tests.gateway.fakes import FakeDevice, FakeRobot
 
 TABLE = {
     "device": {"driver": "fake_device"},
@@ -124,3 +125,50 @@ def test_snapshots_survive_figures_that_are_not_numbers():
     back = Snapshot.from_bytes(snapshot.to_bytes())
     assert back.metrics == {"period_s": None}
     assert back.message == "é"
+
+
+def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
+    felt = []
+    monkeypatch.setattr(
+        FakeDevice,
+        "capabilities",
+        DeviceCapabilities(False, ("go", "grip"), frozenset({"rumble"}), False),
+    )
+    monkeypatch.setattr(FakeDevice, "_feedback", lambda device, told: felt.append(told.rumble))
+    walls = {"workspace_x_m": [0.4, 0.501]}
+    table = {"feedback": {"rumble": ["limit"]}, "limits": walls, "robot": {"cycles": 100_000}}
+    s = session(**table)
+    send = s.robot.send
+
+    def until_felt(command):
+        send(command)
+        if felt:
+            s.stop("enough")
+
+    s.robot.send = until_felt
+    s.run(seconds=20.0)
+    assert felt[0] == pytest.approx(0.4)
+    assert felt[-1] == 0.0
+
+
+def test_a_session_serves_programs_that_use_libspnav(fake_drivers, tmp_path):
+    path = tmp_path / "spnav.sock"
+    s = session(spnav={"socket": str(path)}, robot={"cycles": 100_000})
+    records = []
+    send = s.robot.send
+
+    def look(command):
+        send(command)
+        if len(s.robot.commands) == 20:
+            client.connect(str(path))
+        if len(s.robot.commands) > 20:
+            with contextlib.suppress(BlockingIOError):
+                records.append(client.recv(32))
+                s.stop("enough")
+
+    s.robot.send = look
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(0.0)
+        s.run(seconds=20.0)
+    assert records
+    assert not path.exists()
