@@ -107,6 +107,8 @@ class UsbipSession:
 
     def __init__(self, function: UsbFunction, bus_id: str = "1-1") -> None:
         self.bus_id = bus_id
+        self.present = True
+        """False: there is no such device now."""
         self.available = True
         """False: an import is refused, as the device is in use."""
         self.imported = False
@@ -153,7 +155,7 @@ class UsbipSession:
         elif code == REQUEST_DEVLIST:
             del self._in[: _OP.size]
             self._out += _OP.pack(VERSION, REPLY_DEVLIST, STATUS_OK)
-            devices = int(self.available)
+            devices = int(self.present and self.available)
             self._out += devices.to_bytes(4, "big")
             if devices:
                 self._out += self._device()
@@ -164,7 +166,7 @@ class UsbipSession:
                 return False
             bus_id = bytes(self._in[_OP.size : _OP.size + _BUS_ID_BYTES]).rstrip(b"\0")
             del self._in[: _OP.size + _BUS_ID_BYTES]
-            if bus_id != self.bus_id.encode():
+            if bus_id != self.bus_id.encode() or not self.present:
                 self._out += _OP.pack(VERSION, REPLY_IMPORT, STATUS_NO_DEVICE)
             elif not self.available:
                 self._out += _OP.pack(VERSION, REPLY_IMPORT, STATUS_BUSY)

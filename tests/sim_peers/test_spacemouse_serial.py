@@ -32,6 +32,7 @@ from cardan.sim_peers.spacemouse import (
     SerialSpaceMousePeer,
     SerialSpaceMousePeerOptions,
     play,
+    serial,
     simulated_serial_puck,
 )
 from cardan.sim_peers.spacemouse.keyboard import status_line
@@ -416,6 +417,73 @@ def test_a_bad_line(key, fault):
         assert bad >= 10
 
 
+@pytest.mark.parametrize("fault", ["key-lost", "key-parity", "key-half", "key-garbage"])
+@pytest.mark.parametrize("key", MODELS)
+def test_a_line_that_is_bad_for_keys(key, fault):
+    def packets(faults):
+        """What each press and each release is told with."""
+        port = Port(key, faults=faults)
+        port.run(1.5)
+        label = next(iter(port.puck.model.buttons.values()))
+        told = []
+        for _ in range(4):
+            port.puck.press(label)
+            told.append(port.run(0.05))
+            port.puck.release(label)
+            told.append(port.run(0.05))
+        return told
+
+    good, bad = packets({}), packets({fault: 2.0})
+    # Of a SpaceOrb, the packet of its start was the first.
+    odd = slice(int(key != "spaceorb"), None, 2)
+    even = slice(int(key == "spaceorb"), None, 2)
+    assert bad[even] == good[even]
+    for told, expected in zip(bad[odd], good[odd], strict=True):
+        assert told != expected
+        assert (
+            len(told)
+            == {
+                "key-lost": 0,
+                "key-parity": len(expected),
+                "key-half": len(expected) // 2,
+                "key-garbage": max(len(told), len(expected) + 1),
+            }[fault]
+        )
+
+
+def test_a_device_takes_its_place_at_power_up_for_rest():
+    for key in MODELS:
+        port = Port(key)
+        port.puck.set_axes(UP)
+        port.run(1.2)
+        port.puck.receive(b"MSSV\r")
+        port.run(1.2)
+        kinds = (MagellanMotion, SpaceballMotion, OrbMotion)
+        assert not port.motions(kinds)
+        port.puck.set_axes(REST)
+        port.run(0.5)
+        assert any(any(value[1:]) for _, value in port.motions(kinds))
+
+
+def test_when_a_host_has_begun():
+    for key, words in (
+        ("magellan", b"m3\r"),
+        ("magellan", b"kQ\r"),
+        ("spaceball-2003", b"MSSV\r"),
+        ("spaceball-4000", b"k\r"),
+    ):
+        port = Port(key)
+        port.say(b"vQ\r@RESET\rCB\r", 1.5)
+        assert not port.puck.host_began
+        port.say(words)
+        assert port.puck.host_began
+    for key, faults in (("spaceorb", {}), ("magellan", {"deaf": 1.0}), ("magellan", {"mute": 1.0})):
+        port = Port(key, faults=faults)  # nobody has to begin, or can
+        assert not port.puck.host_began
+        port.run(1.2)
+        assert port.puck.host_began
+
+
 def test_answers_may_be_slow_and_the_line_dead():
     port = Port("magellan", faults={"slow-answer": 400.0})
     port.run(1.0)
@@ -473,6 +541,7 @@ def test_every_fault_does_something_and_others_are_refused():
     port.run(1.0)
     assert port.puck.plugged
     port.puck.power(True)
+    port.run(0.6)
     port.puck.set_axes(UP)
     assert port.run(1.0)
     port.run(1.0)
@@ -547,6 +616,51 @@ def test_unplugging_hangs_the_port_up(tmp_path):
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
         hear(fd, b"R")
         os.close(fd)
+
+
+def test_the_script_waits_for_a_host(tmp_path, monkeypatch):
+    monkeypatch.setattr(serial, "SCRIPT_DELAY_S", 0.2)
+    script = "0.0 axes 0 0 0.5 0 0 0"
+    peer = SerialSpaceMousePeer(options(tmp_path, script, boot_s=0.0, faults={"unplug": 0.4}))
+    with in_a_thread(peer):
+        fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
+        eventually(lambda: peer.puck.powered)
+        os.write(fd, b"vQ\r")
+        hear(fd, b"97 \r")
+        assert not select.select([fd], [], [], 0.6)[0]  # it is not that long
+        os.write(fd, b"m3\r")
+        asked_s = time.monotonic()
+        assert hear(fd, b"d").startswith(b"m3\r")
+        assert time.monotonic() - asked_s >= 0.2
+        assert peer.puck.plugged
+        eventually(lambda: not peer.puck.plugged)  # times of faults count from the script, too
+        assert time.monotonic() - asked_s >= 0.6
+        os.close(fd)
+
+
+def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
+    dead = SerialSpaceMousePeer(options(tmp_path))
+    dead.open()
+    left = os.readlink(dead.endpoint), (tmp_path / "port.lock").read_text()
+    assert left[0] == left[1]
+    dead.close()
+    assert list(tmp_path.iterdir()) == [tmp_path / "script"]
+    master, slave = os.openpty()  # the number is somebody else's now
+    os.symlink(os.ttyname(slave), tmp_path / "port")
+    with pytest.raises(AddressError, match="no simulated device made it"):
+        SerialSpaceMousePeer(options(tmp_path)).open()
+    assert os.path.islink(tmp_path / "port")
+    (tmp_path / "port.lock").write_text(os.ttyname(slave))
+    peer = SerialSpaceMousePeer(options(tmp_path))
+    peer.open()
+    assert os.readlink(peer.endpoint) != os.ttyname(slave)
+    peer.close()
+    (tmp_path / "port.lock").write_text("mine")
+    with pytest.raises(AddressError, match="is no lock of a link"):
+        SerialSpaceMousePeer(options(tmp_path)).open()
+    assert (tmp_path / "port.lock").read_text() == "mine"
+    os.close(master)
+    os.close(slave)
 
 
 def test_a_refused_port_comes_later(tmp_path):

@@ -254,3 +254,11 @@ def test_faults_that_are_the_kernels_affair_are_refused():
 def test_a_file_that_is_not_the_kernels_is_refused(tmp_path):
     with pytest.raises(DeviceAccessError, match="cannot open"):
         UhidSpaceMousePeer(UhidSpaceMousePeerOptions(path=str(tmp_path))).open()
+
+
+def test_models_without_a_cable_come_over_bluetooth(kernel):
+    puck = peer(model="spacemouse-wireless-bt")
+    puck.open()
+    ((_, body),) = kernel.got()
+    assert struct.unpack_from("=HHII", body, 256)[1:] == (BUS_BLUETOOTH, 0x256F, 0xC63A)
+    puck.close()

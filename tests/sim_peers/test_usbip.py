@@ -105,6 +105,8 @@ def test_a_device_in_use_or_unknown_is_refused():
     assert puck.say(IMPORT) == bytes.fromhex("0111 0003 00000002")
     assert puck.say(DEVLIST) == bytes.fromhex("0111 0005 00000000 00000000")
     assert not puck.session.imported
+    puck.session.present = False
+    assert puck.say(IMPORT) == bytes.fromhex("0111 0003 00000004")
 
 
 def test_a_control_read_returns_what_fits():
@@ -356,11 +358,12 @@ def test_one_host_at_a_time(serve, host):
 
 
 def test_unplugged_it_hangs_up_and_can_be_attached_again_once_it_is_back(serve, host):
-    peer = serve("0.05 unplug\n0.1 replug", start_on_connect=False)
+    peer = serve("0.1 unplug\n0.6 replug", start_on_connect=False)
     pc = imported(host(peer))
     assert pc.gone()
     other = host(peer)
-    other.sock.sendall(DEVLIST)
+    other.sock.sendall(IMPORT)
+    assert other.get(8) == bytes.fromhex("0111 0003 00000004")
     while not peer.device.plugged:
         peer.step(time.monotonic() + 0.002)
     imported(host(peer))

@@ -8,11 +8,9 @@ import os
 import random
 import selectors
 import socket
-import stat
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -63,6 +61,7 @@ from cardan.protocols.evdev.uinput import (
     end_upload,
 )
 from cardan.sim_peers.evdev.core import EFFECTS, Frame, SimulatedInput
+from cardan.sim_peers.unix_socket import Client, PacketServer
 
 if sys.platform != "win32":
     import fcntl
@@ -72,8 +71,6 @@ MAX_CLIENTS = 8
 QUEUE_EVENTS = 64
 """Events the kernel keeps for a program that does not read; one more, and all are dropped."""
 _ROOM = 4096
-_SMALLEST_BUFFER = 1
-"""Makes the socket keep as little as it can (a few packets), so that QUEUE_EVENTS counts."""
 
 Clock = Callable[[], float]
 """The device's time, s from its script's start."""
@@ -109,40 +106,25 @@ class Carrier(ABC):
 # Socket
 
 
-class _Client:
-    """One program that has the device open, and the kernel's queue for it."""
+class _Client(Client):
+    """A client with the kernel's queue for it."""
 
     def __init__(self, sock: socket.socket) -> None:
-        sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALLEST_BUFFER)
-        self.sock = sock
+        super().__init__(sock)
         self.overruns = 0
-        self._queue: deque[bytes] = deque()
-        self._events = 0
-
-    @property
-    def waiting(self) -> bool:
-        return bool(self._queue)
 
     def send(self, events: Sequence[InputEvent]) -> None:
         """Queue a frame; a full queue is dropped whole, as the kernel does."""
-        if self._events + len(events) > QUEUE_EVENTS:
+        queued = sum(len(packet) // EVENT_BYTES for packet in self._queue)
+        if queued + len(events) > QUEUE_EVENTS:
             self._queue.clear()
-            self._events = 0
             self.overruns += 1
             events = [events[0]._replace(type=EV_SYN, code=SYN_DROPPED, value=0), events[-1]]
         self.send_bytes(encode_events(events))
 
     def send_bytes(self, packet: bytes) -> None:
+        """Queue a packet, whatever is in it."""
         self._queue.append(packet)
-        self._events += len(packet) // EVENT_BYTES
-
-    def flush(self) -> None:
-        """Pass on what the client has room for. Raises OSError when it is gone."""
-        with contextlib.suppress(BlockingIOError):
-            while self._queue:
-                self.sock.send(self._queue[0])
-                self._events -= len(self._queue.popleft()) // EVENT_BYTES
 
 
 class SocketCarrier(Carrier):
@@ -168,9 +150,7 @@ class SocketCarrier(Carrier):
         self._selector = selector
         self._clock = clock
         self._on_connect = on_connect
-        self._listener: socket.socket | None = None
-        self._identity: tuple[int, int] | None = None
-        self._clients: list[_Client] = []
+        self._server: PacketServer[_Client] | None = None
         self._frames = 0
         self._overruns_of_gone = 0
 
@@ -182,48 +162,38 @@ class SocketCarrier(Carrier):
     @property
     def there(self) -> bool:
         """Whether the socket exists."""
-        return self._listener is not None
+        return self._server is not None
 
     @property
     def overruns(self) -> int:
         """How often a client was too slow, and its events were dropped."""
         return self._overruns_of_gone + sum(client.overruns for client in self._clients)
 
+    @property
+    def _clients(self) -> Sequence[_Client]:
+        return () if self._server is None else self._server.clients
+
     def appear(self) -> None:
         """Create the socket."""
-        _remove_stale(self._path)
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        try:
-            listener.setblocking(False)
-            listener.bind(self._path)
-            info = os.stat(self._path)
-            listener.listen(MAX_CLIENTS)
-        except OSError as error:
-            listener.close()
-            raise AddressError(
-                f"cannot create the socket {self._path!r}: {error.strerror or error}; "
-                f"give a short path in a directory that can be written"
-            ) from None
-        self._identity = (info.st_dev, info.st_ino)
-        self._listener = listener
-        self._selector.register(listener, selectors.EVENT_READ, self._accept)
+        self._server = PacketServer(
+            self._path,
+            self._selector,
+            MAX_CLIENTS,
+            meet=self._meet,
+            take=self._take,
+            part=self._part,
+        )
+        self._server.listen()
 
     def vanish(self) -> None:
         """Close every connection and remove the socket, if it is still ours."""
-        for client in tuple(self._clients):
-            self._drop(client)
-        if self._listener is None:
-            return
-        self._selector.unregister(self._listener)
-        self._listener.close()
-        self._listener = None
-        with contextlib.suppress(OSError):
-            info = os.stat(self._path)
-            if (info.st_dev, info.st_ino) == self._identity:
-                os.unlink(self._path)
+        if self._server is not None:
+            self._server.close()
+            self._server = None
 
     def send(self, frames: Sequence[Frame]) -> None:
         """One packet a frame, to all, or to the one that has grabbed the device."""
+        assert self._server is not None
         # The kernel stamps events with the wall clock unless a program asks for another.
         offset_s = time.time() - self._clock()
         for frame in frames:
@@ -245,39 +215,17 @@ class SocketCarrier(Carrier):
                     client.send(events)
         for client in tuple(self._clients):
             if client.waiting:
-                self._flush(client)
+                self._server.flush(client)
 
     def _strikes(self, fault: str) -> bool:
         return fault in self._faults and self._frames % int(self._faults[fault]) == 0
 
-    def _accept(self) -> None:
-        assert self._listener is not None
-        try:
-            sock, _ = self._listener.accept()
-        except OSError:
-            return
-        if len(self._clients) == MAX_CLIENTS or _hung_up(sock):
-            sock.close()
-            return
-        client = _Client(sock)
-        self._clients.append(client)
-        self._selector.register(sock, selectors.EVENT_READ, lambda: self._serve(client))
+    def _meet(self, sock: socket.socket) -> _Client:
         self._on_connect()
+        return _Client(sock)
 
-    def _serve(self, client: _Client) -> None:
-        """The client wrote, has room again, or is gone."""
-        if client not in self._clients:
-            return
-        try:
-            packet = client.sock.recv(_ROOM)
-        except BlockingIOError:
-            self._flush(client)
-            return
-        except OSError:
-            packet = b""
-        if not packet:
-            self._drop(client)
-            return
+    def _take(self, client: _Client, packet: bytes) -> None:
+        """What the client wrote: events or a request."""
         if len(packet) % EVENT_BYTES == 0:
             self._device.write(client, packet, self._clock())
         else:
@@ -287,58 +235,10 @@ class SocketCarrier(Carrier):
             else:
                 answer = self._device.call(client, call.request, call.argument, self._clock())
                 client.send_bytes(encode_call(answer))
-        self._flush(client)
 
-    def _flush(self, client: _Client) -> None:
-        try:
-            client.flush()
-        except OSError:
-            self._drop(client)
-            return
-        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.waiting else 0)
-        key = self._selector.get_key(client.sock)
-        if key.events != wanted:
-            self._selector.modify(client.sock, wanted, key.data)
-
-    def _drop(self, client: _Client) -> None:
-        self._selector.unregister(client.sock)
-        client.sock.close()
-        self._clients.remove(client)
+    def _part(self, client: _Client) -> None:
         self._overruns_of_gone += client.overruns
         self._device.gone(client)
-
-
-def _hung_up(sock: socket.socket) -> bool:
-    """True when whoever connected only looked whether somebody listens (as `_remove_stale`)."""
-    try:
-        return not sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True
-
-
-def _remove_stale(path: str) -> None:
-    """Remove a socket file that nobody listens on. Raises AddressError for anything else."""
-    try:
-        if not stat.S_ISSOCK(os.lstat(path).st_mode):
-            raise AddressError(f"{path!r} exists and is not a socket; give another path")
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise AddressError(f"cannot use {path!r}: {error.strerror}") from None
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
-        probe.setblocking(False)
-        try:
-            result = probe.connect_ex(path)
-        except OSError as error:
-            raise AddressError(f"cannot use {path!r}: {error}") from None
-    if result == errno.ECONNREFUSED:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(path)
-    elif result != errno.ENOENT:
-        how = os.strerror(result) if result else "it answers"
-        raise AddressError(f"another program serves {path!r} ({how}); end it or give another path")
 
 
 # ---------------------------------------------------------------------------------------------

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from operator import methodcaller
 
-from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.evdev.core import NEUTRAL, Controls, Frame, SimulatedInput
+from cardan.sim_peers.scripted import DeflectingHand, StepWords, Timeline
+from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 
 HAND_PERIOD_S = 0.004
 """How often a moving hand is sampled: as often as a pad is polled."""
@@ -139,130 +139,24 @@ SCRIPTS: Mapping[str, Mapping[str, str]] = {
 device only after it has heard of it."""
 
 
-class _Ramp(NamedTuple):
-    target: tuple[float | None, ...]
-    """Six controls; None: this one stays where it is going."""
-    over_s: float
-    ends_swings: bool
+_STICKS = ("LX", "LY", "RX", "RY")
 
 
-class _Swing(NamedTuple):
-    amplitude: tuple[float, ...]
-    period_s: float
-    times: int
-    phase_rad: float
+_Action = Ramp | Swing | Callable[[SimulatedInput], None]
 
 
-class _Button(NamedTuple):
-    label: str
-    pressed: bool
-
-
-class _Plug(NamedTuple):
-    verb: str
-
-
-class _Loop(NamedTuple):
-    pass
-
-
-_Action = _Ramp | _Swing | _Button | _Plug | _Loop
-
-
-class ScriptedHand:
+class ScriptedHand(DeflectingHand[SimulatedInput, Controls]):
     """Plays the steps of a script on `device`; afterwards it stays as it is.
 
     Raises ScriptError, naming the step, for arguments that its verb does not take.
     """
 
     def __init__(self, steps: Sequence[ScriptStep], device: SimulatedInput) -> None:
-        actions: list[tuple[float, _Action]] = []
-        for index, step in enumerate(steps):
-            if step.verb == "loop" and (step.time_s <= 0.0 or index + 1 < len(steps)):
-                raise ScriptError(f"{step.time_s:g} s loop: must be the last step, after 0 s")
-            actions += _compile(step, device)
-        # A hold that lasts beyond the loop is let go at the loop.
-        end_s = steps[-1].time_s if steps and steps[-1].verb == "loop" else math.inf
-        self._actions = sorted(
-            ((min(time_s, end_s), action) for time_s, action in actions),
-            key=lambda pair: (pair[0], isinstance(pair[1], _Loop)),
-        )
-        self._next = 0
-        self._offset_s = 0.0
-        self._now_s = 0.0
-        self._start: Controls = NEUTRAL
-        self._goal: Controls = NEUTRAL
-        self._begin_s = self._end_s = 0.0
-        self._swings: list[tuple[float, _Swing]] = []
+        timeline = Timeline(steps, SCRIPT_VERBS, lambda words: _read(words, device))
+        super().__init__(timeline, VectorMotion(NEUTRAL, HAND_PERIOD_S))
 
-    @property
-    def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf after the end."""
-        due_s = math.inf
-        if self._next < len(self._actions):
-            due_s = self._offset_s + self._actions[self._next][0]
-        ends_s = [begin_s + swing.period_s * swing.times for begin_s, swing in self._swings]
-        if self._now_s < self._end_s:
-            ends_s.append(self._end_s)
-        if ends_s:
-            due_s = min(due_s, self._now_s + HAND_PERIOD_S, *ends_s)
-        return due_s
-
-    def advance(self, now_s: float, device: SimulatedInput) -> None:
-        """Do every step that is due until `now_s`, then hold the device as it is at `now_s`."""
-        while self._next < len(self._actions):
-            time_s, action = self._actions[self._next]
-            time_s += self._offset_s
-            if time_s > now_s:
-                break
-            self._next += 1
-            self._act(time_s, action, device)
-        self._now_s = now_s
-        self._swings = [
-            (begin_s, swing)
-            for begin_s, swing in self._swings
-            if now_s < begin_s + swing.period_s * swing.times
-        ]
-        device.set_controls(self._deflection(now_s))
-
-    def _act(self, time_s: float, action: _Action, device: SimulatedInput) -> None:
-        if isinstance(action, _Ramp):
-            start = self._deflection(time_s) if action.ends_swings else self._ramped(time_s)
-            if action.ends_swings:
-                self._swings.clear()
-            self._start = start
-            self._goal = _six(
-                new if new is not None else old
-                for new, old in zip(action.target, self._goal, strict=True)
-            )
-            self._begin_s, self._end_s = time_s, time_s + action.over_s
-        elif isinstance(action, _Swing):
-            self._swings.append((time_s, action))
-        elif isinstance(action, _Button):
-            if action.pressed:
-                device.press(action.label)
-            else:
-                device.release(action.label)
-        elif isinstance(action, _Plug):
-            getattr(device, action.verb)()
-        else:
-            self._offset_s = time_s
-            self._next = 0
-
-    def _ramped(self, at_s: float) -> Controls:
-        if at_s >= self._end_s:
-            return self._goal
-        share = (at_s - self._begin_s) / (self._end_s - self._begin_s)
-        return _six(a + (b - a) * share for a, b in zip(self._start, self._goal, strict=True))
-
-    def _deflection(self, at_s: float) -> Controls:
-        controls = self._ramped(at_s)
-        for begin_s, swing in self._swings:
-            if begin_s <= at_s < begin_s + swing.period_s * swing.times:
-                sine = math.sin(math.tau * (at_s - begin_s) / swing.period_s + swing.phase_rad)
-                amplitudes = (*swing.amplitude, 0.0, 0.0)
-                controls = _six(a + b * sine for a, b in zip(controls, amplitudes, strict=True))
-        return controls
+    def _hold(self, device: SimulatedInput, vector: Controls) -> None:
+        device.set_controls(vector)
 
 
 def play(device: SimulatedInput, hand: ScriptedHand, until_s: float) -> list[Frame]:
@@ -274,79 +168,42 @@ def play(device: SimulatedInput, hand: ScriptedHand, until_s: float) -> list[Fra
     return frames
 
 
-def _six(values: Iterable[float]) -> Controls:
-    lx, ly, rx, ry, lt, rt = values
-    return (lx, ly, rx, ry, lt, rt)
-
-
-def _compile(step: ScriptStep, device: SimulatedInput) -> list[tuple[float, _Action]]:
+def _read(words: StepWords, device: SimulatedInput) -> list[tuple[float, _Action]]:
     """Turn the words of one step into what it does, and when."""
-    where = f"{step.time_s:g} s {step.verb}"
-    usage = SCRIPT_VERBS[step.verb]
-    words = list(step.args)
-
-    def number(name: str, lowest: float, highest: float = math.inf) -> float:
-        if not words:
-            raise ScriptError(f"{where}: {name} is missing; usage: {usage}")
-        text = words.pop(0)
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not lowest <= value <= highest or math.isinf(value):
-            limit = "" if math.isinf(highest) else f" to {highest:g}"
-            raise ScriptError(
-                f"{where}: {name} is {text!r}, must be a number from {lowest:g}{limit}"
-            )
-        return value
-
-    def keyword(name: str) -> bool:
-        found = words[:1] == [name]
-        del words[: int(found)]
-        return found
-
-    def needs(name: str) -> None:
-        if not keyword(name):
-            raise ScriptError(f"{where}: {name!r} is missing; usage: {usage}")
-
-    def label() -> str:
-        if not words:
-            raise ScriptError(f"{where}: LABEL is missing; usage: {usage}")
-        word = words.pop(0)
-        if word not in device.labels:
-            raise ScriptError(
-                f"{where}: {device.model.name} has no button {word!r}; "
-                f"it has: {', '.join(device.labels)}"
-            )
-        return word
-
-    if step.verb in ("sticks", "triggers", "swing") and not device.model.is_gamepad:
-        raise ScriptError(f"{where}: {device.model.name} has no sticks and no triggers")
+    if words.verb in ("sticks", "triggers", "swing") and not device.model.is_gamepad:
+        raise words.error(f"{device.model.name} has no sticks and no triggers")
     actions: list[tuple[float, _Action]]
-    if step.verb in ("sticks", "triggers", "neutral"):
-        target: list[float | None] = [0.0] * 6
-        if step.verb == "sticks":
-            target = [*(number(name, -1.0, 1.0) for name in ("LX", "LY", "RX", "RY")), None, None]
-        elif step.verb == "triggers":
-            target = [None] * 4 + [number(name, 0.0, 1.0) for name in ("LEFT", "RIGHT")]
-        over_s = number("SECONDS", 0.0) if keyword("over") else 0.0
-        actions = [(step.time_s, _Ramp(tuple(target), over_s, step.verb == "neutral"))]
-    elif step.verb == "swing":
-        amplitude = tuple(number(name, -1.0, 1.0) for name in ("LX", "LY", "RX", "RY"))
-        needs("over")
-        period_s = number("SECONDS", HAND_PERIOD_S)
-        times = int(number("N", 1.0)) if keyword("times") else 1
-        phase_rad = math.radians(number("DEGREES", -360.0, 360.0)) if keyword("phase") else 0.0
-        actions = [(step.time_s, _Swing(amplitude, period_s, times, phase_rad))]
-    elif step.verb in ("press", "release"):
-        actions = [(step.time_s, _Button(label(), step.verb == "press"))]
-    elif step.verb == "hold":
-        held = label()
-        needs("for")
-        end_s = step.time_s + number("SECONDS", 0.0)
-        actions = [(step.time_s, _Button(held, True)), (end_s, _Button(held, False))]
+    if words.verb == "sticks":
+        sticks = words.numbers(_STICKS, -1.0, 1.0)
+        actions = [(words.time_s, Ramp((*sticks, None, None), words.over()))]
+    elif words.verb == "triggers":
+        triggers = words.numbers(("LEFT", "RIGHT"), 0.0, 1.0)
+        actions = [(words.time_s, Ramp((None,) * 4 + triggers, words.over()))]
+    elif words.verb == "neutral":
+        actions = [(words.time_s, Ramp(NEUTRAL, words.over(), ends_swings=True))]
+    elif words.verb == "swing":
+        sticks = words.numbers(_STICKS, -1.0, 1.0)
+        actions = [(words.time_s, words.swing((*sticks, 0.0, 0.0), HAND_PERIOD_S))]
+    elif words.verb in ("press", "release"):
+        actions = [(words.time_s, methodcaller(words.verb, _label(words, device)))]
+    elif words.verb == "hold":
+        label = _label(words, device)
+        words.needs("for")
+        end_s = words.time_s + words.number("SECONDS", 0.0)
+        actions = [
+            (words.time_s, methodcaller("press", label)),
+            (end_s, methodcaller("release", label)),
+        ]
     else:
-        actions = [(step.time_s, _Loop() if step.verb == "loop" else _Plug(step.verb))]
-    if words:
-        raise ScriptError(f"{where}: {' '.join(words)!r} is too much; usage: {usage}")
+        actions = [(words.time_s, methodcaller(words.verb))]
+    words.end()
     return actions
+
+
+def _label(words: StepWords, device: SimulatedInput) -> str:
+    word = words.word("LABEL")
+    if word not in device.labels:
+        raise words.error(
+            f"{device.model.name} has no button {word!r}; it has: {', '.join(device.labels)}"
+        )
+    return word

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import selectors
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from cardan.errors import ScriptError
-from cardan.sim_peers.base import SimulatedPeer, load_script
+from cardan.sim_peers.base import load_script
 from cardan.sim_peers.evdev.carriers import Carrier, SocketCarrier, UinputCarrier
 from cardan.sim_peers.evdev.core import SimulatedInput
 from cardan.sim_peers.evdev.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand, play
 from cardan.sim_peers.evdev.models import MODELS, Model
+from cardan.sim_peers.hand_peer import HandPeer
 
 STALL_S = 0.016
 """Motion older than this when the peer comes to run is left out: a late peer makes no burst."""
@@ -43,13 +42,14 @@ class EvdevPeerOptions:
     """The script starts when the first client connects, not when the peer opens; socket only."""
 
 
-class EvdevPeer(SimulatedPeer):
+class EvdevPeer(HandPeer):
     """A simulated input device, for any number of programs up to 8 on its socket.
 
     Raises ScriptError for a kind, model, script or fault that does not exist or does not fit.
     """
 
     def __init__(self, options: EvdevPeerOptions) -> None:
+        super().__init__()
         model = _model(options)
         if options.uinput == bool(options.path):
             raise ScriptError("give either the path of a socket or uinput, one of the two")
@@ -65,10 +65,7 @@ class EvdevPeer(SimulatedPeer):
         )
         steps = load_script(options.script, SCRIPTS[options.kind], SCRIPT_VERBS)
         self._hand = ScriptedHand(steps, self.device)
-        self._selector: selectors.BaseSelector | None = None
         self._carrier: Carrier | None = None
-        self._start_s: float | None = None
-        self._played_s = 0.0
 
     @property
     def endpoint(self) -> str:
@@ -106,19 +103,6 @@ class EvdevPeer(SimulatedPeer):
         if options.uinput or not options.start_on_connect:
             self._begin()
 
-    def step(self, until_s: float) -> None:
-        """Serve until the monotonic time `until_s`."""
-        assert self._selector is not None, "step() before open()"
-        while True:
-            now_s = time.monotonic()
-            self._play(now_s)
-            if now_s >= until_s:
-                return
-            due_s = min(until_s, self._next_due_s())
-            for key, _ in self._selector.select(max(0.0, due_s - now_s)):
-                handle: Callable[[], None] = key.data
-                handle()
-
     def close(self) -> None:
         """Close every connection, remove the socket or the node."""
         if self._carrier is not None:
@@ -129,17 +113,9 @@ class EvdevPeer(SimulatedPeer):
 
     # -- time ----------------------------------------------------------------------------------
 
-    def _begin(self) -> None:
-        if self._start_s is None:
-            self._start_s = time.monotonic()
-
-    def _device_s(self) -> float:
-        return 0.0 if self._start_s is None else time.monotonic() - self._start_s
-
-    def _next_due_s(self) -> float:
-        if self._start_s is None:
-            return math.inf
-        return self._start_s + min(self.device.next_due_s, self._hand.next_due_s)
+    @property
+    def _hand_due_s(self) -> float:
+        return min(self.device.next_due_s, self._hand.next_due_s)
 
     def _play(self, now_s: float) -> None:
         carrier = self._carrier

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from cardan.errors import ScriptError
 from cardan.protocols.leap import HANDS
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.leap.core import SimulatedLeapService
 from cardan.sim_peers.leap.faults import RESTART_S
+from cardan.sim_peers.scripted import StepWords, Timeline
+from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
+
+SHORTEST_SWING_S = 0.01
+"""The shortest period of a swing."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "enter": "enter left|right [X Y Z]",
@@ -136,38 +138,16 @@ SCRIPTS: Mapping[str, str] = {
 has shown nothing that could hold the clutch."""
 
 
-class _Ramp(NamedTuple):
-    """A gentle way from one value to another."""
-
-    start_s: float
-    over_s: float
-    origin: tuple[float, ...]
-    target: tuple[float, ...]
-
-    def at(self, now_s: float) -> tuple[float, ...]:
-        if now_s >= self.start_s + self.over_s:
-            return self.target
-        share = 0.5 - 0.5 * math.cos(math.pi * (now_s - self.start_s) / self.over_s)
-        return tuple(a + (b - a) * share for a, b in zip(self.origin, self.target, strict=True))
+class _Set(NamedTuple):
+    channel: str
+    ramp: Ramp
 
 
 class _Swing(NamedTuple):
-    amplitude: tuple[float, ...]
-    """mm and degrees."""
-    period_s: float
-    times: int
-    start_s: float = 0.0
-
-    def at(self, now_s: float) -> float | None:
-        """The factor of the amplitude; None when it is over."""
-        turns = (now_s - self.start_s) / self.period_s
-        return math.sin(math.tau * turns) if turns < self.times else None
-
-
-class _Set(NamedTuple):
-    channel: str
-    target: tuple[float, ...]
-    over_s: float
+    position: Swing
+    """mm"""
+    angles: Swing
+    """Degrees."""
 
 
 class _Enter(NamedTuple):
@@ -175,7 +155,6 @@ class _Enter(NamedTuple):
 
 
 class _Action(NamedTuple):
-    time_s: float
     verb: str
     side: str
     what: _Set | _Swing | _Enter | float | None
@@ -190,16 +169,13 @@ _CHANNELS: Mapping[str, tuple[float, ...]] = {
 }
 
 
-@dataclass
-class _Motion:
-    """How one hand moves."""
+_Channels = Mapping[str, VectorMotion[tuple[float, ...]]]
+"""How one hand moves."""
 
-    channels: dict[str, _Ramp] = field(
-        default_factory=lambda: {
-            name: _Ramp(0.0, 0.0, value, value) for name, value in _CHANNELS.items()
-        }
-    )
-    swings: list[_Swing] = field(default_factory=list)
+
+def _channels(palm_mm: tuple[float, ...] = HOME_MM) -> _Channels:
+    values = {**_CHANNELS, "move": palm_mm}
+    return {name: VectorMotion(value, gentle=True) for name, value in values.items()}
 
 
 class ScriptedHands:
@@ -209,67 +185,40 @@ class ScriptedHands:
     """
 
     def __init__(self, steps: Sequence[ScriptStep]) -> None:
-        self._actions = tuple(_compile(step) for step in steps)
-        for index, action in enumerate(self._actions):
-            if action.verb == "loop" and (action.time_s <= 0.0 or index + 1 < len(steps)):
-                raise ScriptError(f"{action.time_s:g} s loop: must be the last step, after 0 s")
-        self._next = 0
-        self._offset_s = 0.0
-        self._motions: dict[str, _Motion] = {}
+        self._timeline = Timeline(steps, SCRIPT_VERBS, lambda words: [(words.time_s, _read(words))])
+        self._hands: dict[str, _Channels] = {}
 
     @property
     def next_due_s(self) -> float:
         """When the next step is due, s; inf after the last. Between steps hands move with the
         service's frames."""
-        if self._next >= len(self._actions):
-            return math.inf
-        return self._offset_s + self._actions[self._next].time_s
+        return self._timeline.next_due_s
 
     def advance(self, now_s: float, service: SimulatedLeapService) -> None:
         """Do every step that is due until `now_s`, then hold the hands as they are at `now_s`."""
-        while (due_s := self.next_due_s) <= now_s:
-            action = self._actions[self._next]
-            self._next += 1
+        for due_s, action in self._timeline.due(now_s):
             self._act(due_s, action, service)
-        for side, motion in self._motions.items():
+        for side, channels in self._hands.items():
             if side in service.hands:
-                self._hold(side, motion, now_s, service)
-
-    def _hold(
-        self, side: str, motion: _Motion, now_s: float, service: SimulatedLeapService
-    ) -> None:
-        x, y, z, pitch, yaw, roll = (
-            *motion.channels["move"].at(now_s),
-            *motion.channels["tilt"].at(now_s),
-        )
-        going = []
-        for swing in motion.swings:
-            factor = swing.at(now_s)
-            if factor is not None:
-                going.append(swing)
-                dx, dy, dz, dpitch, dyaw, droll = (factor * a for a in swing.amplitude)
-                x, y, z = x + dx, y + dy, z + dz
-                pitch, yaw, roll = pitch + dpitch, yaw + dyaw, roll + droll
-        motion.swings = going
-        hand = service.hands[side]
-        hand.palm_mm, hand.tilt_deg = (x, y, z), (pitch, yaw, roll)
-        (hand.grab,) = motion.channels["grab"].at(now_s)
-        (hand.pinch,) = motion.channels["pinch"].at(now_s)
-        (hand.confidence,) = motion.channels["confidence"].at(now_s)
+                hand = service.hands[side]
+                x, y, z = channels["move"].advance(now_s)
+                pitch, yaw, roll = channels["tilt"].advance(now_s)
+                hand.palm_mm, hand.tilt_deg = (x, y, z), (pitch, yaw, roll)
+                (hand.grab,) = channels["grab"].advance(now_s)
+                (hand.pinch,) = channels["pinch"].advance(now_s)
+                (hand.confidence,) = channels["confidence"].advance(now_s)
 
     def _act(self, due_s: float, action: _Action, service: SimulatedLeapService) -> None:
-        verb, side, what = action.verb, action.side, action.what
+        verb, side, what = action
         if isinstance(what, _Enter):
             service.enter(side)
-            self._motions[side] = motion = _Motion()
-            motion.channels["move"] = _Ramp(due_s, 0.0, what.palm_mm, what.palm_mm)
+            self._hands[side] = _channels(what.palm_mm)
         elif isinstance(what, _Set):
-            channels = self._motions.setdefault(side, _Motion()).channels
-            origin = channels[what.channel].at(due_s)
-            channels[what.channel] = _Ramp(due_s, what.over_s, origin, what.target)
+            self._channels_of(side)[what.channel].start(due_s, what.ramp)
         elif isinstance(what, _Swing):
-            motion = self._motions.setdefault(side, _Motion())
-            motion.swings.append(what._replace(start_s=due_s))
+            channels = self._channels_of(side)
+            channels["move"].start(due_s, what.position)
+            channels["tilt"].start(due_s, what.angles)
         elif verb == "leave":
             service.leave(side)
         elif verb == "new-id":
@@ -288,11 +237,12 @@ class ScriptedHands:
             service.steal_focus()
         elif verb == "restart":
             service.restart(RESTART_S if what is None else what)
-        elif verb == "malformed":
-            service.break_next(1 if what is None else int(what))
         else:
-            self._offset_s = due_s
-            self._next = 0
+            service.break_next(1 if what is None else int(what))
+
+    def _channels_of(self, side: str) -> _Channels:
+        """Those of a hand, which a script may move before it comes."""
+        return self._hands.setdefault(side, _channels())
 
 
 def play(
@@ -307,66 +257,38 @@ def play(
     return sent
 
 
-def _compile(step: ScriptStep) -> _Action:
+def _read(words: StepWords) -> _Action:
     """Turn the words of one step into what it does."""
-    verb = step.verb
-    where = f"{step.time_s:g} s {verb}"
-    usage = SCRIPT_VERBS[verb]
-    words = list(step.args)
-
-    def number(name: str, lowest: float = -math.inf, highest: float = math.inf) -> float:
-        if not words:
-            raise ScriptError(f"{where}: {name} is missing; usage: {usage}")
-        text = words.pop(0)
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not lowest <= value <= highest or math.isinf(value):
-            limits = "" if math.isinf(lowest) else f" from {lowest:g}"
-            limits += "" if math.isinf(highest) else f" to {highest:g}"
-            raise ScriptError(f"{where}: {name} is {text!r}, must be a number{limits}")
-        return value
-
-    def keyword(name: str) -> bool:
-        found = words[:1] == [name]
-        del words[: int(found)]
-        return found
-
-    def position() -> tuple[float, ...]:
-        return tuple(number(axis, -2000.0, 2000.0) for axis in ("X", "Y", "Z"))
-
-    def angles() -> tuple[float, ...]:
-        return tuple(number(angle, -180.0, 180.0) for angle in ("PITCH", "YAW", "ROLL"))
-
-    def over() -> float:
-        return number("SECONDS", 0.0) if keyword("over") else 0.0
-
-    side = ""
-    if usage.startswith(f"{verb} left|right"):
-        side = words.pop(0) if words else ""
+    verb, side = words.verb, ""
+    if words.usage.startswith(f"{verb} left|right"):
+        side = words.left.pop(0) if words.left else ""
         if side not in HANDS:
-            raise ScriptError(f"{where}: {side!r} must be left or right; usage: {usage}")
+            raise words.error(f"{side!r} must be left or right; usage: {words.usage}")
     what: _Set | _Swing | _Enter | float | None = None
     if verb == "enter":
-        what = _Enter(position() if words else HOME_MM)
+        what = _Enter(_position(words) if words.left else HOME_MM)
     elif verb == "move":
-        what = _Set(verb, position(), over())
+        what = _Set(verb, Ramp(_position(words), words.over()))
     elif verb == "tilt":
-        what = _Set(verb, angles(), over())
+        what = _Set(verb, Ramp(_angles(words), words.over()))
     elif verb in ("grab", "pinch", "confidence"):
-        what = _Set(verb, (number("STRENGTH", 0.0, 1.0),), over())
+        what = _Set(verb, Ramp(words.numbers(("STRENGTH",), 0.0, 1.0), words.over()))
     elif verb == "swing":
-        amplitude = position()
-        amplitude += (0.0, 0.0, 0.0) if words[:1] in ([], ["over"]) else angles()
-        if not keyword("over"):
-            raise ScriptError(f"{where}: 'over' is missing; usage: {usage}")
-        period_s = number("SECONDS", 0.01)
-        what = _Swing(amplitude, period_s, int(number("N", 1.0)) if keyword("times") else 1)
-    elif verb == "restart" and words:
-        what = number("SECONDS", 0.0)
-    elif verb == "malformed" and words:
-        what = number("FRAMES", 1.0)
-    if words:
-        raise ScriptError(f"{where}: {' '.join(words)!r} is too much; usage: {usage}")
-    return _Action(step.time_s, verb, side, what)
+        amplitude = _position(words)
+        angles = (0.0, 0.0, 0.0) if words.left[:1] in ([], ["over"]) else _angles(words)
+        position = words.swing(amplitude, SHORTEST_SWING_S, phased=False)
+        what = _Swing(position, position._replace(amplitude=angles))
+    elif verb == "restart" and words.left:
+        what = words.number("SECONDS", 0.0)
+    elif verb == "malformed" and words.left:
+        what = words.number("FRAMES", 1.0)
+    words.end()
+    return _Action(verb, side, what)
+
+
+def _position(words: StepWords) -> tuple[float, ...]:
+    return words.numbers(("X", "Y", "Z"), -2000.0, 2000.0)
+
+
+def _angles(words: StepWords) -> tuple[float, ...]:
+    return words.numbers(("PITCH", "YAW", "ROLL"), -180.0, 180.0)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import heapq
 import math
-import random
 from collections.abc import Mapping
 
 from cardan.errors import ScriptError
 from cardan.protocols.connexion import Family, Model
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.report_line import ReportLine
 
 FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s, whatever it is doing", 3.0),
@@ -76,7 +75,7 @@ def _sent_family(faults: Mapping[str, float], model: Model) -> Family:
     return Family.ONE if model.family is Family.SPLIT else Family.SPLIT
 
 
-class FaultyLine:
+class FaultyLine(ReportLine):
     """What lies between the device and the host: carries reports, loses, mangles or delays them.
 
     `family` is the one whose motion reports the device sends.
@@ -85,19 +84,10 @@ class FaultyLine:
     def __init__(self, faults: Mapping[str, float], model: Model, seed: int) -> None:
         check_faults(faults, model)
         self.family = _sent_family(faults, model)
-        self._faults = faults
-        self._random = random.Random(seed)
-        self._burst_s = faults.get("burst", 0.0)
+        super().__init__(faults, seed)
         self._padding = int(faults.get("padded-report", 0))
         self._motions = 0
         self._halves = 0
-        self._carried = 0
-        self._under_way: list[tuple[float, int, bytes]] = []
-
-    @property
-    def next_due_s(self) -> float:
-        """When the next report arrives; inf when none is under way."""
-        return self._under_way[0][0] if self._under_way else math.inf
 
     def carry_motion(self, report: bytes, sent_s: float) -> None:
         """Take a motion report (id 1 or 2), sent at `sent_s`."""
@@ -117,26 +107,4 @@ class FaultyLine:
 
     def carry(self, report: bytes, sent_s: float) -> None:
         """Take any report, sent at `sent_s`."""
-        arrival_s = sent_s
-        if self._burst_s:
-            window = math.floor(sent_s / self._burst_s)
-            if window % 2:
-                arrival_s = (window + 1) * self._burst_s
-        self._carried += 1
-        heapq.heappush(
-            self._under_way, (arrival_s, self._carried, report.ljust(self._padding, b"\0"))
-        )
-
-    def arrived(self, now_s: float) -> list[bytes]:
-        """The reports that have arrived by `now_s`, in order of arrival."""
-        reports = []
-        while self._under_way and self._under_way[0][0] <= now_s:
-            reports.append(heapq.heappop(self._under_way)[2])
-        return reports
-
-    def cut(self) -> None:
-        """Lose everything under way."""
-        self._under_way.clear()
-
-    def _strikes(self, fault: str, count: int) -> bool:
-        return fault in self._faults and count % int(self._faults[fault]) == 0
+        super().carry(report.ljust(self._padding, b"\0"), sent_s)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from operator import methodcaller
+from typing import Protocol
 
-from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
+from cardan.sim_peers.scripted import DeflectingHand, StepWords, Timeline
 from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
+from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 
 HAND_PERIOD_S = 0.008
 """How often a moving hand is sampled: the shortest report period of a device."""
@@ -204,116 +205,23 @@ class Hand(Protocol):
         """Do to `device` what is due until `now_s`."""
 
 
-class _Ramp(NamedTuple):
-    target: Axes
-    over_s: float
-    ends_swings: bool
+_Action = Ramp | Swing | Callable[[Puck], None]
 
 
-class _Swing(NamedTuple):
-    amplitude: Axes
-    period_s: float
-    times: int
-    phase_rad: float
-
-
-class _Button(NamedTuple):
-    label: str
-    pressed: bool
-
-
-class _Plug(NamedTuple):
-    verb: str
-
-
-class _Loop(NamedTuple):
-    pass
-
-
-_Action = _Ramp | _Swing | _Button | _Plug | _Loop
-
-
-class ScriptedHand:
+class ScriptedHand(DeflectingHand[Puck, Axes]):
     """Plays the steps of a script on a device of `model`; afterwards it stays as it is.
 
     Raises ScriptError, naming the step, for arguments that its verb does not take.
     """
 
     def __init__(self, steps: Sequence[ScriptStep], model: PuckModel) -> None:
-        self._actions = tuple((step.time_s, _compile(step, model)) for step in steps)
-        for index, (time_s, action) in enumerate(self._actions):
-            if isinstance(action, _Loop) and (time_s <= 0.0 or index + 1 < len(steps)):
-                raise ScriptError(f"{time_s:g} s loop: must be the last step, after 0 s")
-        self._next = 0
-        self._offset_s = 0.0
-        self._now_s = 0.0
-        self._ramp = (0.0, NEUTRAL, _Ramp(NEUTRAL, 0.0, False))
-        self._swings: list[tuple[float, _Swing]] = []
+        timeline = Timeline(
+            steps, SCRIPT_VERBS, lambda words: [(words.time_s, _read(words, model))]
+        )
+        super().__init__(timeline, VectorMotion(NEUTRAL, HAND_PERIOD_S))
 
-    @property
-    def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf after the end."""
-        due_s = math.inf
-        if self._next < len(self._actions):
-            due_s = self._offset_s + self._actions[self._next][0]
-        start_s, _, ramp = self._ramp
-        ends_s = [begin_s + swing.period_s * swing.times for begin_s, swing in self._swings]
-        ends_s += [start_s + ramp.over_s] * (self._now_s < start_s + ramp.over_s)
-        if ends_s:
-            due_s = min(due_s, self._now_s + HAND_PERIOD_S, *ends_s)
-        return due_s
-
-    def advance(self, now_s: float, device: Puck) -> None:
-        """Do every step that is due until `now_s`, then hold the puck as it is at `now_s`."""
-        while self._next < len(self._actions):
-            time_s, action = self._actions[self._next]
-            time_s += self._offset_s
-            if time_s > now_s:
-                break
-            self._next += 1
-            self._act(time_s, action, device)
-        self._now_s = now_s
-        self._swings = [
-            (begin_s, swing)
-            for begin_s, swing in self._swings
-            if now_s < begin_s + swing.period_s * swing.times
-        ]
-        device.set_axes(self._deflection(now_s))
-
-    def _act(self, time_s: float, action: _Action, device: Puck) -> None:
-        if isinstance(action, _Ramp):
-            start = self._deflection(time_s) if action.ends_swings else self._ramped(time_s)
-            if action.ends_swings:
-                self._swings.clear()
-            self._ramp = (time_s, start, action)
-        elif isinstance(action, _Swing):
-            self._swings.append((time_s, action))
-        elif isinstance(action, _Button):
-            if action.pressed:
-                device.press(action.label)
-            else:
-                device.release(action.label)
-        elif isinstance(action, _Plug):
-            getattr(device, action.verb)()
-        else:
-            self._offset_s = time_s
-            self._next = 0
-
-    def _ramped(self, at_s: float) -> Axes:
-        start_s, start, ramp = self._ramp
-        if at_s >= start_s + ramp.over_s:
-            return ramp.target
-        share = (at_s - start_s) / ramp.over_s
-        return _axes(a + (b - a) * share for a, b in zip(start, ramp.target, strict=True))
-
-    def _deflection(self, at_s: float) -> Axes:
-        axes = self._ramped(at_s)
-        for begin_s, swing in self._swings:
-            if begin_s <= at_s < begin_s + swing.period_s * swing.times:
-                turn = math.tau * (at_s - begin_s) / swing.period_s + swing.phase_rad
-                sine = math.sin(turn)
-                axes = _axes(a + b * sine for a, b in zip(axes, swing.amplitude, strict=True))
-        return axes
+    def _hold(self, device: Puck, vector: Axes) -> None:
+        device.set_axes(vector)
 
 
 def play(device: Puck, hand: Hand, until_s: float) -> list[bytes]:
@@ -326,69 +234,29 @@ def play(device: Puck, hand: Hand, until_s: float) -> list[bytes]:
     return reports
 
 
-def _axes(values: Iterable[float]) -> Axes:
-    x, y, z, rx, ry, rz = values
-    return (x, y, z, rx, ry, rz)
-
-
-def _compile(step: ScriptStep, model: PuckModel) -> _Action:
+def _read(words: StepWords, model: PuckModel) -> _Action:
     """Turn the words of one step into what it does."""
-    where = f"{step.time_s:g} s {step.verb}"
-    words = list(step.args)
-
-    def number(name: str, lowest: float, highest: float = math.inf) -> float:
-        if not words:
-            raise ScriptError(f"{where}: {name} is missing; usage: {SCRIPT_VERBS[step.verb]}")
-        text = words.pop(0)
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not lowest <= value <= highest or math.isinf(value):
-            limit = "" if math.isinf(highest) else f" to {highest:g}"
-            raise ScriptError(
-                f"{where}: {name} is {text!r}, must be a number from {lowest:g}{limit}"
-            )
-        return value
-
-    def keyword(name: str) -> bool:
-        found = words[:1] == [name]
-        del words[: int(found)]
-        return found
-
     action: _Action
-    if step.verb == "axes":
-        target = _axes([number(axis, -1.0, 1.0) for axis in AXES])
-        action = _Ramp(target, number("SECONDS", 0.0) if keyword("over") else 0.0, False)
-    elif step.verb == "neutral":
-        action = _Ramp(NEUTRAL, number("SECONDS", 0.0) if keyword("over") else 0.0, True)
-    elif step.verb == "swing":
-        amplitude = _axes([number(axis, -1.0, 1.0) for axis in AXES])
-        if not keyword("over"):
-            raise ScriptError(f"{where}: 'over' is missing; usage: {SCRIPT_VERBS[step.verb]}")
-        period_s = number("SECONDS", HAND_PERIOD_S)
-        times = int(number("N", 1.0)) if keyword("times") else 1
-        phase_rad = math.radians(number("DEGREES", -360.0, 360.0)) if keyword("phase") else 0.0
-        action = _Swing(amplitude, period_s, times, phase_rad)
-    elif step.verb in ("press", "release"):
-        if not words:
-            raise ScriptError(f"{where}: LABEL is missing; usage: {SCRIPT_VERBS[step.verb]}")
-        action = _Button(_label(words.pop(0), model, where), step.verb == "press")
+    if words.verb == "axes":
+        action = Ramp(words.numbers(AXES, -1.0, 1.0), words.over())
+    elif words.verb == "neutral":
+        action = Ramp(NEUTRAL, words.over(), ends_swings=True)
+    elif words.verb == "swing":
+        action = words.swing(words.numbers(AXES, -1.0, 1.0), HAND_PERIOD_S)
+    elif words.verb in ("press", "release"):
+        action = methodcaller(words.verb, _label(words, model))
     else:
-        action = _Loop() if step.verb == "loop" else _Plug(step.verb)
-    if words:
-        raise ScriptError(
-            f"{where}: {' '.join(words)!r} is too much; usage: {SCRIPT_VERBS[step.verb]}"
-        )
+        action = methodcaller(words.verb)
+    words.end()
     return action
 
 
-def _label(word: str, model: PuckModel, where: str) -> str:
+def _label(words: StepWords, model: PuckModel) -> str:
+    word = words.word("LABEL")
     labels = [model.buttons[bit] for bit in sorted(model.buttons)]
     by_word = {"first": labels[:1], "second": labels[1:2]}.get(word, [word])
     if not by_word or by_word[0] not in labels:
-        raise ScriptError(
-            f"{where}: {model.name} has no button {word!r}; "
-            f"it has: {', '.join(labels) or 'no buttons'}"
+        raise words.error(
+            f"{model.name} has no button {word!r}; it has: {', '.join(labels) or 'no buttons'}"
         )
     return by_word[0]

@@ -75,6 +75,11 @@ class SimulatedSerialPuck(ABC):
         self.refused_commands = 0
         """Commands that the device could not make sense of."""
         self.beeps = 0
+        self.faults_from_s = 0.0
+        """The times of faults count from here; inf: they do not come yet."""
+        self.host_began = False
+        """A host has asked for the keys or for motion. True of a device that has started and waits
+        for no host, or hears none."""
         self._line = SerialLine(faults, model, seed)
         self._commands = CommandReader()
         self._jitter_lsb = jitter_lsb
@@ -159,7 +164,7 @@ class SimulatedSerialPuck(ABC):
     def power(self, on: bool) -> None:
         """The host raised RTS and DTR by opening the port, or dropped them by closing it."""
         self.powered = on
-        self._line.cut(self._now_s)
+        self._line.cut_at(self._now_s)
         self._commands.reset()
         self._start()
         self._started = False
@@ -175,7 +180,7 @@ class SimulatedSerialPuck(ABC):
     @property
     def next_due_s(self) -> float:
         """When `reports` has something to do next; inf while at rest."""
-        due_s = min(self._line.next_due_s, self._plugging[0][0] if self._plugging else math.inf)
+        due_s = min(self._line.next_due_s, self._next_fault_s)
         if not self._started:
             return min(due_s, self._ready_s)
         due_s = min(due_s, self._next_spontaneous_s())
@@ -186,8 +191,8 @@ class SimulatedSerialPuck(ABC):
     def reports(self, now_s: float) -> list[bytes]:
         """The bytes that arrive at the host from the last call until `now_s`, as they come."""
         arrived: list[bytes] = []
-        while self._plugging and self._plugging[0][0] <= now_s:
-            at_s, name = self._plugging.pop(0)
+        while (at_s := self._next_fault_s) <= now_s:
+            _, name = self._plugging.pop(0)
             self._produce(at_s)
             arrived += self._line.arrived(at_s)
             if name == "unplug":
@@ -234,6 +239,11 @@ class SimulatedSerialPuck(ABC):
     def _null_counts(self) -> int:
         return 0
 
+    @property
+    def _needs_host(self) -> bool:
+        """False: it reports without any command."""
+        return True
+
     def _next_spontaneous_s(self) -> float:
         """When it sends something that is neither motion nor an answer."""
         return math.inf
@@ -246,6 +256,10 @@ class SimulatedSerialPuck(ABC):
         return data
 
     # -- inside --------------------------------------------------------------------------------
+
+    @property
+    def _next_fault_s(self) -> float:
+        return self._plugging[0][0] + self.faults_from_s if self._plugging else math.inf
 
     @property
     def _quiet(self) -> bool:
@@ -281,6 +295,10 @@ class SimulatedSerialPuck(ABC):
     def _take_zero(self) -> None:
         self._zero = self._raw()
 
+    def _boot_zero(self) -> None:
+        """Take the cap's place at a reset for rest; a drift only comes after it."""
+        self._zero = [count - self._drift for count in self._raw()]
+
     def _say(self, packet: bytes, at_s: float) -> None:
         if not self._quiet:
             self._line.carry(packet, at_s)
@@ -290,7 +308,12 @@ class SimulatedSerialPuck(ABC):
 
     def _keys_changed(self, bit: int) -> None:
         if not self._quiet:
-            self._line.carry(self._keys(), self._now_s)
+            self._line.carry_keys(self._keys(), self._now_s)
+
+    def _answer_keys(self) -> None:
+        self.host_began = True
+        if not self._quiet:
+            self._line.carry_keys(self._keys(), self._now_s + self._answer_s)
 
     def _produce(self, until_s: float) -> None:
         """Send what the device sends until `until_s`."""
@@ -299,6 +322,9 @@ class SimulatedSerialPuck(ABC):
             self._started = True
             self._now_s = max(self._now_s, self._ready_s)
             self._due_s = self._now_s
+            self._boot_zero()
+            if self._deaf or self._mute or not self._needs_host:
+                self.host_began = True
             self._greet(self._now_s)
         while self._started and (at_s := self._next_spontaneous_s()) <= until_s:
             self._spontaneous(at_s)
@@ -321,7 +347,7 @@ class SimulatedSerialPuck(ABC):
         self._owes_zero = deflected
         if not self._commands.pending:  # a command without its end makes it mute
             self._line.carry_motion(self._motion(counts, at_s), at_s, rest=not deflected)
-        if deflected and at_s >= self._silent_after_s:
+        if deflected and at_s >= self._silent_after_s + self.faults_from_s:
             self._silenced = True
 
 
@@ -365,7 +391,7 @@ class SimulatedMagellan(SimulatedSerialPuck):
         elif letter == b"d" and query:
             self._answer(self._motion(self._counts(), self._now_s))
         elif letter == b"k" and query:
-            self._answer(self._keys())
+            self._answer_keys()
         elif letter == b"z" and not argument:
             self._take_zero()
             self._answer(b"z\r")
@@ -394,6 +420,7 @@ class SimulatedMagellan(SimulatedSerialPuck):
     def _set(self, letter: bytes, argument: bytes, values: Sequence[int]) -> bool:
         if letter == b"m" and len(values) == 1:
             self.mode = values[0]
+            self.host_began = True
         elif letter == b"c" and len(values) == 2:
             self.mode = self.mode & 8 | values[0] & 7
             self.extended = values[1]
@@ -481,9 +508,11 @@ class SimulatedSpaceball(SimulatedSerialPuck):
             return
         if letter == b"@":
             self._start()
+            self._boot_zero()
             self._answer(b"\r" + self._banner("software"))
         elif letter == b"M":
             self.sends_ball = True
+            self.host_began = True
             self._answer(command + b"\r")
         elif letter == b"P" and len(command) == 5:
             period_s = ((command[1] & 0x3F) << 6 | command[2] & 0x3F) * 1e-3
@@ -500,7 +529,7 @@ class SimulatedSpaceball(SimulatedSerialPuck):
         elif letter == b"B":
             self.beeps += 1
         elif command == b"k":
-            self._answer(self._keys())
+            self._answer_keys()
         elif command in (b"hm", b"hv", b'"'):
             self._identify(command)
         else:
@@ -554,6 +583,10 @@ class SimulatedSpaceOrb(SimulatedSerialPuck):
     def _greet(self, at_s: float) -> None:
         self._say(b"\r" + encode_orb_reset(ORB_VERSION), at_s)
         self._keys_s = at_s
+
+    @property
+    def _needs_host(self) -> bool:
+        return False
 
     @property
     def _reporting(self) -> bool:
@@ -610,7 +643,7 @@ class SimulatedSpaceOrb(SimulatedSerialPuck):
 
     def _spontaneous(self, at_s: float) -> None:
         self._now_s = max(self._now_s, at_s)
-        self._line.carry(self._keys(), at_s)
+        self._line.carry_keys(self._keys(), at_s)
 
 
 _KINDS: Mapping[str, type[SimulatedSerialPuck]] = {

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import heapq
 import math
-import random
 from collections.abc import Mapping
 
 from cardan.errors import ScriptError
 from cardan.protocols.connexion_serial import SerialModel
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.report_line import ReportLine
 
 SERIAL_FAULTS = (
     FaultSwitch("unplug", "the port vanishes at VALUE s, whatever the device is doing", 3.0),
@@ -24,6 +23,10 @@ SERIAL_FAULTS = (
     FaultSwitch("parity-error", "one bit of every VALUE-th motion packet is wrong", 10.0, 1.0),
     FaultSwitch("half-packet", "every VALUE-th motion packet ends halfway", 10.0, 1.0),
     FaultSwitch("garbage", "noise before every VALUE-th motion packet", 10.0, 1.0),
+    FaultSwitch("key-lost", "every VALUE-th packet of keys is lost", 2.0, 1.0),
+    FaultSwitch("key-parity", "one bit of every VALUE-th packet of keys is wrong", 2.0, 1.0),
+    FaultSwitch("key-half", "every VALUE-th packet of keys ends halfway", 2.0, 1.0),
+    FaultSwitch("key-garbage", "noise before every VALUE-th packet of keys", 2.0, 1.0),
     FaultSwitch("missing-zero", "the zero packet after every VALUE-th motion is lost", 1.0, 1.0),
     FaultSwitch(
         "burst", "for VALUE s in every 2·VALUE s nothing, then all of it at once", 0.5, 0.001
@@ -34,6 +37,9 @@ SERIAL_FAULTS = (
     FaultSwitch("overrange", "full deflection gives VALUE times the usual counts", 1.2, 0.01, 4.0),
     FaultSwitch("stuck-button", "the lowest button, once down, stays down"),
 )
+
+_SHORTEST_KEYS = 4
+"""Bytes of the shortest packet of keys, with its CR. Some devices say two in a row."""
 
 FIFO_BYTES = 14
 """A UART hands received bytes over in portions of this size, and what is left at a pause."""
@@ -46,26 +52,18 @@ def check_serial_faults(faults: Mapping[str, float]) -> None:
         raise ScriptError("fault replug: needs the fault unplug, at an earlier time")
 
 
-class SerialLine:
+class SerialLine(ReportLine):
     """The wire from the device to the host: bytes take their time, and some of them are mangled."""
 
     def __init__(self, faults: Mapping[str, float], model: SerialModel, seed: int) -> None:
         check_serial_faults(faults)
-        self._faults = faults
-        self._random = random.Random(seed)
+        super().__init__(faults, seed)
         stop_bits = 2 if model.protocol == "magellan" else 1
         self._byte_s = (9 + stop_bits) / 9600
-        self._burst_s = faults.get("burst", 0.0)
         self._motions = 0
+        self._keys = 0
         self._rests = 0
         self._free_s = 0.0
-        self._carried = 0
-        self._under_way: list[tuple[float, int, bytes]] = []
-
-    @property
-    def next_due_s(self) -> float:
-        """When the next bytes arrive; inf when none are under way."""
-        return self._under_way[0][0] if self._under_way else math.inf
 
     def carry_motion(self, packet: bytes, sent_s: float, *, rest: bool) -> None:
         """Take a motion packet; `rest`: it says that the cap is back at rest."""
@@ -75,13 +73,24 @@ class SerialLine:
             if self._strikes("missing-zero", self._rests):
                 return
         if self._strikes("garbage", self._motions):
-            packet = self._random.randbytes(self._random.randint(1, 12)) + packet
+            packet = self._noise() + packet
         if self._strikes("half-packet", self._motions):
             packet = packet[: len(packet) // 2]
         elif self._strikes("parity-error", self._motions):
-            at = self._random.randrange(1, len(packet) - 1)
-            wrong = packet[at] ^ 1 << self._random.randrange(7)
-            packet = packet[:at] + bytes((wrong,)) + packet[at + 1 :]
+            packet = self._with_a_wrong_bit(packet, len(packet))
+        self.carry(packet, sent_s)
+
+    def carry_keys(self, packet: bytes, sent_s: float) -> None:
+        """Take what the device says of its keys, unasked or asked."""
+        self._keys += 1
+        if self._strikes("key-lost", self._keys):
+            return
+        if self._strikes("key-garbage", self._keys):
+            packet = self._noise() + packet
+        if self._strikes("key-half", self._keys):
+            packet = packet[: len(packet) // 2]
+        elif self._strikes("key-parity", self._keys):
+            packet = self._with_a_wrong_bit(packet, min(len(packet), _SHORTEST_KEYS))
         self.carry(packet, sent_s)
 
     def carry(self, packet: bytes, sent_s: float) -> None:
@@ -89,26 +98,19 @@ class SerialLine:
         start_s = max(sent_s, self._free_s)
         for begin in range(0, len(packet), FIFO_BYTES):
             portion = packet[begin : begin + FIFO_BYTES]
-            arrival_s = start_s + (begin + len(portion)) * self._byte_s
-            if self._burst_s:
-                window = math.floor(arrival_s / self._burst_s)
-                if window % 2:
-                    arrival_s = (window + 1) * self._burst_s
-            self._carried += 1
-            heapq.heappush(self._under_way, (arrival_s, self._carried, portion))
+            super().carry(portion, start_s + (begin + len(portion)) * self._byte_s)
         self._free_s = start_s + len(packet) * self._byte_s
 
-    def arrived(self, now_s: float) -> list[bytes]:
-        """What has arrived by `now_s`, in order of arrival."""
-        portions = []
-        while self._under_way and self._under_way[0][0] <= now_s:
-            portions.append(heapq.heappop(self._under_way)[2])
-        return portions
-
-    def cut(self, now_s: float) -> None:
-        """Lose everything under way."""
-        self._under_way.clear()
+    def cut_at(self, now_s: float) -> None:
+        """Lose everything under way; the line is free again at `now_s`."""
+        self.cut()
         self._free_s = now_s
 
-    def _strikes(self, fault: str, count: int) -> bool:
-        return fault in self._faults and count % int(self._faults[fault]) == 0
+    def _noise(self) -> bytes:
+        return self._random.randbytes(self._random.randint(1, 12))
+
+    def _with_a_wrong_bit(self, packet: bytes, size: int) -> bytes:
+        """`packet` with one wrong bit among its first `size` bytes, but their first and last."""
+        at = self._random.randrange(1, size - 1)
+        wrong = packet[at] ^ 1 << self._random.randrange(7)
+        return packet[:at] + bytes((wrong,)) + packet[at + 1 :]

@@ -8,12 +8,13 @@ import selectors
 import sys
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cardan.errors import ScriptError
 from cardan.protocols.connexion import MODELS, model_by_key
-from cardan.sim_peers.base import SimulatedPeer, load_script
+from cardan.sim_peers.base import load_script
+from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.spacemouse.core import ONE_PERIOD_S, SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.hand import (
     SCRIPT_VERBS,
@@ -58,8 +59,8 @@ class PuckOptions:
     """The script starts when the first program opens the device, not when the peer opens."""
 
 
-class HandPeer(SimulatedPeer):
-    """A simulated device that a hand moves in real time; subclasses carry what it sends.
+class HeldPuckPeer(HandPeer):
+    """A simulated puck that a hand moves in real time; subclasses carry what it sends.
 
     Raises ScriptError for a script that does not exist or does not fit.
     """
@@ -73,6 +74,7 @@ class HandPeer(SimulatedPeer):
         faults: Mapping[str, float],
         start_on_connect: bool,
     ) -> None:
+        super().__init__()
         self.device = device
         self._faults = faults
         self._start_on_connect = start_on_connect
@@ -84,10 +86,7 @@ class HandPeer(SimulatedPeer):
             self._terminal = Terminal()
         else:
             self._hand = ScriptedHand(load_script(script, SCRIPTS, SCRIPT_VERBS), device.model)
-        self._selector: selectors.BaseSelector | None = None
         self._opened_s = 0.0
-        self._start_s: float | None = None
-        self._played_s = 0.0
         self._led = device.led
         self._status = ""
         self._status_due_s = math.inf
@@ -111,18 +110,6 @@ class HandPeer(SimulatedPeer):
     def _deliver(self, reports: Sequence[bytes]) -> None:
         """Pass input reports on to whoever has the device open."""
 
-    def _carrier_due_s(self) -> float:
-        """When `_attend` has something to do next, monotonic s."""
-        return math.inf
-
-    def _attend(self, now_s: float) -> None:
-        """Do what is due at `now_s` whatever the puck does."""
-
-    def _begin(self) -> None:
-        """A program has opened the device: the script starts if it waited for that."""
-        if self._start_s is None:
-            self._start_s = time.monotonic()
-
     # -- the peer ------------------------------------------------------------------------------
 
     def open(self) -> None:
@@ -144,21 +131,6 @@ class HandPeer(SimulatedPeer):
         if self._terminal is not None or not self._start_on_connect:
             self._start_s = self._opened_s
 
-    def step(self, until_s: float) -> None:
-        """Serve until the monotonic time `until_s`."""
-        assert self._selector is not None, "step() before open()"
-        while True:
-            now_s = time.monotonic()
-            self._attend(now_s)
-            self._play(now_s)
-            self._show(now_s)
-            if now_s >= until_s:
-                return
-            due_s = min(until_s, self._next_due_s())
-            for key, _ in self._selector.select(max(0.0, due_s - now_s)):
-                handle: Callable[[], None] = key.data
-                handle()
-
     def close(self) -> None:
         """Unplug the device for good, give the terminal back."""
         if self._selector is None:
@@ -172,15 +144,12 @@ class HandPeer(SimulatedPeer):
 
     # -- time ----------------------------------------------------------------------------------
 
-    def _device_s(self, now_s: float) -> float:
-        return 0.0 if self._start_s is None else now_s - self._start_s
+    @property
+    def _hand_due_s(self) -> float:
+        return min(self.device.next_due_s, self._hand.next_due_s)
 
     def _next_due_s(self) -> float:
-        due_s = min(self._status_due_s, self._carrier_due_s())
-        if self._start_s is not None:
-            next_s = min(self.device.next_due_s, self._hand.next_due_s)
-            due_s = min(due_s, self._start_s + next_s)
-        return due_s
+        return min(super()._next_due_s(), self._status_due_s)
 
     def _play(self, now_s: float) -> None:
         if self._start_s is None:
@@ -217,7 +186,8 @@ class HandPeer(SimulatedPeer):
         else:
             self._selector.unregister(self._terminal.fd)
 
-    def _show(self, now_s: float) -> None:
+    def _follow(self, now_s: float) -> None:
+        """Draw the line for the person at the keyboard."""
         if now_s < self._status_due_s:
             return
         self._status_due_s = now_s + STATUS_PERIOD_S
@@ -228,7 +198,7 @@ class HandPeer(SimulatedPeer):
             sys.stdout.flush()
 
 
-class PuckPeer(HandPeer):
+class PuckPeer(HeldPuckPeer):
     """A simulated HID device.
 
     Raises ScriptError for a model, script or fault that does not exist or does not fit.
@@ -263,4 +233,4 @@ class PuckPeer(HandPeer):
 
     def _take_output(self, report: bytes) -> None:
         """Hand the device an output report of the host's."""
-        self.device.output(report, self._device_s(time.monotonic()))
+        self.device.output(report, self._device_s())

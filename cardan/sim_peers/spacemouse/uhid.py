@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from cardan.protocols.connexion import CONNEXION
+from cardan.protocols.connexion import CONNEXION, Model
 from cardan.protocols.connexion.descriptors import descriptor_for
 from cardan.sim_peers.spacemouse.shell import PuckOptions, PuckPeer
 from cardan.sim_peers.uhid import (
@@ -27,6 +27,9 @@ from cardan.sim_peers.uhid import (
     SetReport,
     UhidDevice,
 )
+
+BLUETOOTH_MODELS = frozenset({"spacemouse-wireless-bt", "spacemouse-pro-wireless-bt"})
+"""Models that need no cable and no receiver."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +61,7 @@ class UhidSpaceMousePeer(PuckPeer):
         model = self.device.model
         self.identity = HidIdentity(
             name=f"3Dconnexion {model.name}",
-            # Linux's hid-logitech claims Logitech's ids on USB and refuses what is not real USB.
-            bus=BUS_USB if model.vendor_id == CONNEXION else BUS_BLUETOOTH,
+            bus=_bus(model),
             vendor_id=model.vendor_id,
             product_id=model.product_id,
             descriptor=descriptor_for(model),
@@ -113,3 +115,12 @@ class UhidSpaceMousePeer(PuckPeer):
                 self._uhid.reply_to(event, 0 if taken else errno.EIO)
             elif isinstance(event, GetReport):
                 self._uhid.reply_to(event, errno.EIO)
+
+
+def _bus(model: Model) -> int:
+    """Where the kernel is told that `model` is.
+
+    Linux's hid-logitech claims Logitech's ids on USB, and refuses what is not real USB hardware.
+    """
+    cable = model.vendor_id == CONNEXION and model.key not in BLUETOOTH_MODELS
+    return BUS_USB if cable else BUS_BLUETOOTH

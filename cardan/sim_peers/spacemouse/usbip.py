@@ -129,9 +129,10 @@ class UsbipSpaceMousePeer(PuckPeer):
         return self._refused_until_s if time.monotonic() < self._refused_until_s else math.inf
 
     def _attend(self, now_s: float) -> None:
-        """Say to every connection whether it may import the device."""
-        free = self._plugged and not self.attached and now_s >= self._refused_until_s
+        """Say to every connection whether the device is there, and whether it may import it."""
+        free = not self.attached and now_s >= self._refused_until_s
         for connection in self._connections:
+            connection.session.present = self._plugged
             connection.session.available = free
 
     # -- connections ---------------------------------------------------------------------------

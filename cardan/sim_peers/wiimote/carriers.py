@@ -12,7 +12,6 @@ import os
 import select
 import selectors
 import socket
-import stat
 import struct
 import time
 from abc import ABC, abstractmethod
@@ -36,11 +35,17 @@ from cardan.sim_peers.uhid import (
     SetReport,
     UhidDevice,
 )
+from cardan.sim_peers.unix_socket import Advice, PacketSocket
 
 AF_BLUETOOTH = 31
 """Linux's number; a Python built without Bluetooth headers has no name for it."""
 RECONNECT_S = 1.0
 """How long a remote that a host once paired takes to connect again, by itself."""
+_ADVICE = Advice(
+    no_socket="give another directory",
+    served="end it or give another one",
+    refused="give a short path that can be written",
+)
 _PACKET_ROOM = 4096
 _BACKLOG = 8
 _UCRED = struct.Struct("=3i")
@@ -200,12 +205,16 @@ class ChannelCarrier(Carrier):
         for channel in (*controls, *interrupts):
             channel.close()  # it has a host, or the order is wrong
 
+    def _next(self, listener: socket.socket) -> socket.socket:
+        """A channel that waits to be accepted. Raises OSError when none does."""
+        return listener.accept()[0]
+
     def _waiting(self, psm: int, most: int) -> list[socket.socket]:
         """Channels that wait to be accepted and have not been closed again."""
         channels: list[socket.socket] = []
         with contextlib.suppress(OSError):
             while psm in self._listeners and len(channels) < most:
-                channel, _ = self._listeners[psm].accept()
+                channel = self._next(self._listeners[psm])
                 if _hung_up(channel):
                     channel.close()
                 else:
@@ -261,7 +270,7 @@ class UnixChannels(ChannelCarrier):
         super().__init__()
         self._directory = directory
         self._made_directory = False
-        self._identities: dict[int, tuple[int, int]] = {}
+        self._sockets: dict[int, PacketSocket] = {}
 
     @property
     def endpoint(self) -> str:
@@ -282,30 +291,13 @@ class UnixChannels(ChannelCarrier):
                 f"cannot make the directory {self._directory!r}: {error.strerror or error}"
             ) from None
 
-    def _path(self, psm: int) -> str:
-        return os.path.join(self._directory, f"psm{psm:x}")
-
     def _bind(self, psm: int) -> socket.socket:
-        path = self._path(psm)
-        _remove_stale(path)
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        try:
-            listener.bind(path)
-            info = os.stat(path)
-        except OSError as error:
-            listener.close()
-            raise AddressError(
-                f"cannot create the socket {path!r}: {error.strerror or error}; "
-                f"give a short path that can be written"
-            ) from None
-        self._identities[psm] = (info.st_dev, info.st_ino)
-        return listener
+        path = os.path.join(self._directory, f"psm{psm:x}")
+        self._sockets[psm] = PacketSocket(path, _ADVICE)
+        return self._sockets[psm].sock
 
     def _unbind(self, psm: int) -> None:
-        with contextlib.suppress(OSError):
-            info = os.stat(self._path(psm))
-            if (info.st_dev, info.st_ino) == self._identities.pop(psm, None):
-                os.unlink(self._path(psm))
+        self._sockets.pop(psm).close()
 
     def close(self) -> None:
         super().close()
@@ -348,6 +340,14 @@ class BluetoothChannels(ChannelCarrier):
                 f"{os.strerror(number)}{hint}"
             )
         return listener
+
+    def _next(self, listener: socket.socket) -> socket.socket:
+        # By libc, too: a Python without Bluetooth refuses the address that accept() gives.
+        libc = ctypes.CDLL(None, use_errno=True)
+        number = libc.accept4(listener.fileno(), None, None, socket.SOCK_CLOEXEC)
+        if number < 0:
+            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+        return socket.socket(AF_BLUETOOTH, socket.SOCK_SEQPACKET, 0, number)
 
 
 class UhidCarrier(Carrier):
@@ -455,26 +455,3 @@ def sockaddr_l2(bdaddr: bytes, psm: int) -> bytes:
     """Linux's struct sockaddr_l2 for a wire-order address."""
     family = struct.pack("=H", AF_BLUETOOTH)
     return family + _SOCKADDR_L2.pack(0, psm, bdaddr, 0, 0)[2:]
-
-
-def _remove_stale(path: str) -> None:
-    """Remove a socket file that nobody listens on. Raises AddressError for anything else."""
-    try:
-        if not stat.S_ISSOCK(os.lstat(path).st_mode):
-            raise AddressError(f"{path!r} exists and is not a socket; give another directory")
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise AddressError(f"cannot use {path!r}: {error.strerror}") from None
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
-        probe.setblocking(False)
-        try:
-            result = probe.connect_ex(path)
-        except OSError as error:
-            raise AddressError(f"cannot use {path!r}: {error}") from None
-    if result == errno.ECONNREFUSED:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(path)
-    elif result != errno.ENOENT:
-        how = os.strerror(result) if result else "it answers"
-        raise AddressError(f"another program serves {path!r} ({how}); end it or give another one")

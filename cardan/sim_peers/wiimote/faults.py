@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import heapq
 import math
-import random
 from collections.abc import Mapping
 
 from cardan.errors import ScriptError
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.report_line import ReportLine
 
 FAULTS = (
     FaultSwitch("bad-checksum", "the first accelerometer calibration block has a wrong checksum"),
@@ -55,21 +54,12 @@ def check_faults(faults: Mapping[str, float], *, tr: bool) -> None:
         raise ScriptError("fault woken-by-1-2: only a -TR remote has it")
 
 
-class FaultyLink:
+class FaultyLink(ReportLine):
     """What lies between remote and host: carries reports, mangles or delays them."""
 
     def __init__(self, faults: Mapping[str, float], seed: int) -> None:
-        self._faults = faults
-        self._random = random.Random(seed)
-        self._burst_s = faults.get("burst", 0.0)
+        super().__init__(faults, seed)
         self._data_reports = 0
-        self._carried = 0
-        self._under_way: list[tuple[float, int, bytes]] = []
-
-    @property
-    def next_due_s(self) -> float:
-        """When the next report arrives; inf when none is under way."""
-        return self._under_way[0][0] if self._under_way else math.inf
 
     def carry_data(self, report: bytes, sent_s: float) -> None:
         """Take a data report, sent at `sent_s`."""
@@ -79,27 +69,3 @@ class FaultyLink:
         if self._strikes("short-report", self._data_reports):
             report = report[: self._random.randint(1, len(report) - 1)]
         self.carry(report, sent_s)
-
-    def carry(self, report: bytes, sent_s: float) -> None:
-        """Take any report, sent at `sent_s`. Order is kept."""
-        arrival_s = sent_s
-        if self._burst_s:
-            window = math.floor(sent_s / self._burst_s)
-            if window % 2:
-                arrival_s = (window + 1) * self._burst_s
-        self._carried += 1
-        heapq.heappush(self._under_way, (arrival_s, self._carried, report))
-
-    def arrived(self, now_s: float) -> list[bytes]:
-        """The reports that have arrived by `now_s`, in order of arrival."""
-        reports = []
-        while self._under_way and self._under_way[0][0] <= now_s:
-            reports.append(heapq.heappop(self._under_way)[2])
-        return reports
-
-    def cut(self) -> None:
-        """Lose everything under way."""
-        self._under_way.clear()
-
-    def _strikes(self, fault: str, count: int) -> bool:
-        return fault in self._faults and count % int(self._faults[fault]) == 0

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from cardan.errors import ScriptError
 from cardan.protocols.wiimote import BUTTONS, IrDot
 from cardan.protocols.wiimote.camera import HEIGHT, WIDTH
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.wiimote.core import EXTENSIONS, ZERO, SimulatedWiimote, Vector
+from cardan.sim_peers.scripted import StepWords, Timeline
+from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
+from cardan.sim_peers.wiimote.core import EXTENSIONS, ZERO, SimulatedWiimote
 
 HAND_PERIOD_S = 0.005
 """How often a moving hand is sampled."""
@@ -180,27 +181,12 @@ SCRIPTS: Mapping[str, str] = {
 """The built-in scripts."""
 
 
-class _Ramp(NamedTuple):
-    target: Vector
-    over_s: float
-    ends_swings: bool = False
-
-
-class _Swing(NamedTuple):
-    amplitude: Vector
-    period_s: float
-    times: int
-    phase_rad: float = 0.0
-
-
 class _Push(NamedTuple):
-    swing: _Swing
+    swing: Swing
 
 
 class _Stick(NamedTuple):
-    x: float
-    y: float
-    over_s: float
+    ramp: Ramp
 
 
 class _Button(NamedTuple):
@@ -220,11 +206,7 @@ class _Event(NamedTuple):
     verb: str
 
 
-class _Loop(NamedTuple):
-    pass
-
-
-_Action = _Ramp | _Swing | _Push | _Stick | _Button | _Dots | _Battery | _Event | _Loop
+_Action = Ramp | Swing | _Push | _Stick | _Button | _Dots | _Battery | _Event
 
 
 class ScriptedHand:
@@ -235,81 +217,49 @@ class ScriptedHand:
     """
 
     def __init__(self, steps: Sequence[ScriptStep], extension: str = "") -> None:
-        has_nunchuk = extension == "nunchuk"
-        actions: list[tuple[float, _Action]] = []
-        for index, step in enumerate(steps):
-            action = _compile(step)
-            has_nunchuk |= step.verb == "plug"
-            needs = step.verb == "stick" or (
-                isinstance(action, _Button) and action.label in ("c", "z")
-            )
-            if needs and not has_nunchuk:
-                raise ScriptError(
-                    f"{step.time_s:g} s {step.verb}: there is no Nunchuk; "
-                    f"choose the extension {EXTENSIONS[1]!r}"
-                )
-            if isinstance(action, _Loop) and (step.time_s <= 0.0 or index + 1 < len(steps)):
-                raise ScriptError(f"{step.time_s:g} s loop: must be the last step, after 0 s")
-            actions.append((step.time_s, action))
-        self._actions = tuple(actions)
-        self._next = 0
-        self._offset_s = 0.0
-        self._now_s = 0.0
-        self._ramp = (0.0, ZERO, _Ramp(ZERO, 0.0))
-        self._stick = (0.0, (0.0, 0.0), _Stick(0.0, 0.0, 0.0))
-        self._swings: list[tuple[float, _Swing]] = []
-        self._pushes: list[tuple[float, _Swing]] = []
+        self._has_nunchuk = extension == "nunchuk"
+        self._timeline = Timeline(
+            steps, SCRIPT_VERBS, lambda words: [(words.time_s, self._check(words))]
+        )
+        self._angles_rad = VectorMotion(ZERO, HAND_PERIOD_S)
+        self._acceleration_g = VectorMotion(ZERO, HAND_PERIOD_S)
+        self._stick = VectorMotion((0.0, 0.0), HAND_PERIOD_S)
 
     @property
     def next_due_s(self) -> float:
         """When `advance` has something to do next, s; inf after the end."""
-        due_s = math.inf
-        if self._next < len(self._actions):
-            due_s = self._offset_s + self._actions[self._next][0]
-        ends_s = [
-            begin_s + swing.period_s * swing.times
-            for begin_s, swing in (*self._swings, *self._pushes)
-        ]
-        for start_s, over_s in (
-            (self._ramp[0], self._ramp[2].over_s),
-            (self._stick[0], self._stick[2].over_s),
-        ):
-            if self._now_s < start_s + over_s:
-                ends_s.append(start_s + over_s)
-        if ends_s:
-            due_s = min(due_s, self._now_s + HAND_PERIOD_S, *ends_s)
-        return due_s
+        return min(
+            self._timeline.next_due_s,
+            self._angles_rad.next_due_s,
+            self._acceleration_g.next_due_s,
+            self._stick.next_due_s,
+        )
 
     def advance(self, now_s: float, remote: SimulatedWiimote) -> None:
         """Do every step that is due until `now_s`, then hold the remote as it is at `now_s`."""
-        while self._next < len(self._actions):
-            time_s, action = self._actions[self._next]
-            time_s += self._offset_s
-            if time_s > now_s:
-                break
-            self._next += 1
-            self._act(time_s, action, remote)
-        self._now_s = now_s
-        self._swings = [item for item in self._swings if now_s < _end_s(item)]
-        self._pushes = [item for item in self._pushes if now_s < _end_s(item)]
-        angles, rates = self._attitude(now_s)
-        remote.set_attitude(*angles, rates)
-        remote.set_acceleration(_sum_of(self._pushes, now_s))
-        remote.set_stick(*self._stick_at(now_s))
+        for due_s, action in self._timeline.due(now_s):
+            self._act(due_s, action, remote)
+        angles_rad = self._angles_rad.advance(now_s)
+        remote.set_attitude(*angles_rad, self._angles_rad.rates_at(now_s))
+        remote.set_acceleration(self._acceleration_g.advance(now_s))
+        remote.set_stick(*self._stick.advance(now_s))
+
+    def _check(self, words: StepWords) -> _Action:
+        """Read a step, and see that a Nunchuk which it needs is there."""
+        action = _read(words)
+        self._has_nunchuk |= words.verb == "plug"
+        needs = isinstance(action, _Stick) or (
+            isinstance(action, _Button) and action.label in ("c", "z")
+        )
+        if needs and not self._has_nunchuk:
+            raise words.error(f"there is no Nunchuk; choose the extension {EXTENSIONS[1]!r}")
+        return action
 
     def _act(self, time_s: float, action: _Action, remote: SimulatedWiimote) -> None:
-        if isinstance(action, _Ramp):
-            start = self._ramp_at(time_s)
-            if action.ends_swings:
-                start = self._attitude(time_s)[0]
-                self._swings = []
-            self._ramp = (time_s, start, action)
-        elif isinstance(action, _Swing):
-            self._swings.append((time_s, action))
-        elif isinstance(action, _Push):
-            self._pushes.append((time_s, action.swing))
+        if isinstance(action, _Push):
+            self._acceleration_g.start(time_s, action.swing)
         elif isinstance(action, _Stick):
-            self._stick = (time_s, self._stick_at(time_s), action)
+            self._stick.start(time_s, action.ramp)
         elif isinstance(action, _Button):
             if action.label not in ("c", "z") or remote.port.nunchuk is not None:
                 (remote.press if action.pressed else remote.release)(action.label)
@@ -317,9 +267,7 @@ class ScriptedHand:
             remote.set_dots(action.dots)
         elif isinstance(action, _Battery):
             remote.battery = action.level
-        elif isinstance(action, _Loop):
-            self._offset_s, self._next = time_s, 0
-        else:
+        elif isinstance(action, _Event):
             events = {
                 "plug": remote.plug,
                 "unplug": remote.unplug,
@@ -331,34 +279,8 @@ class ScriptedHand:
                 "resume": remote.resume,
             }
             events[action.verb](time_s)
-
-    def _ramp_at(self, time_s: float) -> Vector:
-        start_s, start, ramp = self._ramp
-        share = _share(time_s - start_s, ramp.over_s)
-        x, y, z = (a + share * (b - a) for a, b in zip(start, ramp.target, strict=True))
-        return (x, y, z)
-
-    def _stick_at(self, time_s: float) -> tuple[float, float]:
-        start_s, (x, y), stick = self._stick
-        share = _share(time_s - start_s, stick.over_s)
-        return (x + share * (stick.x - x), y + share * (stick.y - y))
-
-    def _attitude(self, time_s: float) -> tuple[Vector, Vector]:
-        """Angles, rad, and their derivatives."""
-        angles = [*self._ramp_at(time_s)]
-        rates = [0.0, 0.0, 0.0]
-        start_s, start, ramp = self._ramp
-        if ramp.over_s and time_s < start_s + ramp.over_s:
-            rates = [(b - a) / ramp.over_s for a, b in zip(start, ramp.target, strict=True)]
-        for begin_s, swing in self._swings:
-            if time_s >= begin_s + swing.period_s * swing.times:
-                continue
-            turn = 2.0 * math.pi / swing.period_s
-            phase = turn * (time_s - begin_s) + swing.phase_rad
-            for axis in range(3):
-                angles[axis] += swing.amplitude[axis] * math.sin(phase)
-                rates[axis] += swing.amplitude[axis] * turn * math.cos(phase)
-        return _vector(angles), _vector(rates)
+        else:
+            self._angles_rad.start(time_s, action)
 
 
 def play(remote: SimulatedWiimote, hand: ScriptedHand, until_s: float) -> list[bytes]:
@@ -371,116 +293,44 @@ def play(remote: SimulatedWiimote, hand: ScriptedHand, until_s: float) -> list[b
     return reports + remote.reports(until_s)
 
 
-def _share(elapsed_s: float, over_s: float) -> float:
-    return 1.0 if elapsed_s >= over_s else max(0.0, elapsed_s / over_s)
-
-
-def _end_s(item: tuple[float, _Swing]) -> float:
-    begin_s, swing = item
-    return begin_s + swing.period_s * swing.times
-
-
-def _sum_of(swings: Iterable[tuple[float, _Swing]], time_s: float) -> Vector:
-    total = [0.0, 0.0, 0.0]
-    for begin_s, swing in swings:
-        share = math.sin(2.0 * math.pi * (time_s - begin_s) / swing.period_s)
-        for axis in range(3):
-            total[axis] += swing.amplitude[axis] * share
-    return _vector(total)
-
-
-def _vector(values: Iterable[float]) -> Vector:
-    x, y, z = values
-    return (x, y, z)
-
-
-def _compile(step: ScriptStep) -> _Action:
+def _read(words: StepWords) -> _Action:
     """Turn the words of one step into what it does."""
-    where = f"{step.time_s:g} s {step.verb}"
-    usage = SCRIPT_VERBS[step.verb]
-    words = list(step.args)
-
-    def number(name: str, lowest: float, highest: float = math.inf) -> float:
-        if not words:
-            raise ScriptError(f"{where}: {name} is missing; usage: {usage}")
-        text = words.pop(0)
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not lowest <= value <= highest or math.isinf(value):
-            limit = "" if math.isinf(highest) else f" to {highest:g}"
-            raise ScriptError(
-                f"{where}: {name} is {text!r}, must be a number from {lowest:g}{limit}"
-            )
-        return value
-
-    def keyword(name: str) -> bool:
-        found = words[:1] == [name]
-        del words[: int(found)]
-        return found
-
-    def angles() -> Vector:
-        return _vector(
-            [math.radians(number(name, -720.0, 720.0)) for name in ("ROLL", "PITCH", "YAW")]
-        )
-
-    def seconds() -> float:
-        return number("SECONDS", 0.0) if keyword("over") else 0.0
-
-    def period() -> float:
-        if not keyword("over"):
-            raise ScriptError(f"{where}: 'over' is missing; usage: {usage}")
-        return number("SECONDS", HAND_PERIOD_S)
-
-    def times() -> int:
-        return int(number("N", 1.0)) if keyword("times") else 1
-
     action: _Action
-    if step.verb == "tilt":
-        target = angles()
-        action = _Ramp(target, seconds())
-    elif step.verb == "level":
-        action = _Ramp(ZERO, seconds(), True)
-    elif step.verb == "swing":
-        amplitude = angles()
-        period_s, count = period(), times()
-        phase_rad = math.radians(number("DEGREES", -360.0, 360.0)) if keyword("phase") else 0.0
-        action = _Swing(amplitude, period_s, count, phase_rad)
-    elif step.verb == "push":
-        amplitude = _vector([number(name, -4.0, 4.0) for name in ("X", "Y", "Z")])
-        period_s = period()
-        action = _Push(_Swing(amplitude, period_s, times()))
-    elif step.verb == "stick":
-        x, y = number("X", -1.0, 1.0), number("Y", -1.0, 1.0)
-        action = _Stick(x, y, seconds())
-    elif step.verb in ("press", "release"):
-        if not words:
-            raise ScriptError(f"{where}: LABEL is missing; usage: {usage}")
-        label = words.pop(0)
-        labels = (*BUTTONS.values(), "c", "z")
+    if words.verb == "tilt":
+        action = Ramp(_angles_rad(words), words.over())
+    elif words.verb == "level":
+        action = Ramp(ZERO, words.over(), ends_swings=True)
+    elif words.verb == "swing":
+        action = words.swing(_angles_rad(words), HAND_PERIOD_S)
+    elif words.verb == "push":
+        amplitude_g = words.numbers(("X", "Y", "Z"), -4.0, 4.0)
+        action = _Push(words.swing(amplitude_g, HAND_PERIOD_S, phased=False))
+    elif words.verb == "stick":
+        action = _Stick(Ramp(words.numbers(("X", "Y"), -1.0, 1.0), words.over()))
+    elif words.verb in ("press", "release"):
+        label, labels = words.word("LABEL"), (*BUTTONS.values(), "c", "z")
         if label not in labels:
-            raise ScriptError(
-                f"{where}: there is no button {label!r}; there are: {', '.join(labels)}"
-            )
-        action = _Button(label, step.verb == "press")
-    elif step.verb == "dots":
+            raise words.error(f"there is no button {label!r}; there are: {', '.join(labels)}")
+        action = _Button(label, words.verb == "press")
+    elif words.verb == "dots":
         dots: list[IrDot] = []
-        while words and len(dots) < 4:
-            x_count, y_count = number("X", 0.0, WIDTH - 1), number("Y", 0.0, HEIGHT - 1)
+        while words.left and len(dots) < 4:
+            x_count = words.number("X", 0.0, WIDTH - 1)
+            y_count = words.number("Y", 0.0, HEIGHT - 1)
             dots.append(IrDot(round(x_count), round(y_count), 3))
         action = _Dots(tuple(dots))
-    elif step.verb == "battery":
-        action = _Battery(round(number("level", 0.0, 255.0)))
-    elif step.verb == "plug":
-        if words != ["nunchuk"]:
-            raise ScriptError(f"{where}: {' '.join(words)!r} cannot be plugged; usage: {usage}")
-        words.clear()
-        action = _Event("plug")
-    elif step.verb == "loop":
-        action = _Loop()
+    elif words.verb == "battery":
+        action = _Battery(round(words.number("level", 0.0, 255.0)))
     else:
-        action = _Event(step.verb)
-    if words:
-        raise ScriptError(f"{where}: {' '.join(words)!r} is too much; usage: {usage}")
+        if words.verb == "plug":
+            if words.left != ["nunchuk"]:
+                what = " ".join(words.left)
+                raise words.error(f"{what!r} cannot be plugged; usage: {words.usage}")
+            words.left.clear()
+        action = _Event(words.verb)
+    words.end()
     return action
+
+
+def _angles_rad(words: StepWords) -> tuple[float, ...]:
+    return tuple(map(math.radians, words.numbers(("ROLL", "PITCH", "YAW"), -720.0, 720.0)))

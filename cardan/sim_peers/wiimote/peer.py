@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import logging
-import math
 import selectors
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from cardan.errors import ScriptError
 from cardan.protocols.wiimote import SET_REPORT_HEADER, WIIMOTE, WIIMOTE_TR
-from cardan.sim_peers.base import SimulatedPeer, load_script
+from cardan.sim_peers.base import load_script
+from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.wiimote.carriers import (
     BluetoothChannels,
     Carrier,
@@ -57,13 +57,14 @@ class WiimotePeerOptions:
     """The script starts when the first host connects, not when the peer opens."""
 
 
-class WiimotePeer(SimulatedPeer):
+class WiimotePeer(HandPeer):
     """A simulated remote that one host at a time can connect to, again and again.
 
     Raises ScriptError for a script, fault or option that does not exist or does not fit.
     """
 
     def __init__(self, options: WiimotePeerOptions) -> None:
+        super().__init__()
         ways = (options.l2cap, options.bluetooth, options.uhid)
         if sum(map(bool, ways)) != 1:
             raise ScriptError("give exactly one way to reach the remote: l2cap, bluetooth or uhid")
@@ -86,10 +87,7 @@ class WiimotePeer(SimulatedPeer):
         else:
             model = WIIMOTE_TR if options.tr else WIIMOTE
             self._carrier = UhidCarrier(model, options.address)
-        self._selector: selectors.BaseSelector | None = None
         self._opened_s = 0.0
-        self._start_s: float | None = None
-        self._played_s = 0.0
         self._logged = 0
 
     @property
@@ -112,30 +110,17 @@ class WiimotePeer(SimulatedPeer):
             self._start_s = self._opened_s
         try:
             self._carrier.open(self._selector, self)
-            self._follow()
+            self._follow(self._opened_s)
         except BaseException:
             self.close()
             raise
-
-    def step(self, until_s: float) -> None:
-        """Serve until the monotonic time `until_s`."""
-        assert self._selector is not None, "step() before open()"
-        while True:
-            now_s = time.monotonic()
-            self._play(now_s)
-            if now_s >= until_s:
-                return
-            due_s = min(until_s, self._next_due_s())
-            for key, _ in self._selector.select(max(0.0, due_s - now_s)):
-                handle: Callable[[], None] = key.data
-                handle()
 
     def close(self) -> None:
         """Close every channel and remove the sockets, or the device."""
         if self._selector is None:
             return
         self._carrier.close()
-        self.remote.disconnect(self._remote_s())
+        self.remote.disconnect(self._device_s())
         self._selector.close()
         self._selector = None
         self._start_s = None
@@ -144,41 +129,35 @@ class WiimotePeer(SimulatedPeer):
 
     def connected(self) -> bool:
         """A host has opened both channels."""
-        if self._start_s is None:
-            self._start_s = time.monotonic()
-        return self.remote.connect(self._remote_s())
+        self._begin()
+        return self.remote.connect(self._device_s())
 
     def disconnected(self) -> None:
         """The host has closed a channel."""
-        self.remote.disconnect(self._remote_s())
+        self.remote.disconnect(self._device_s())
 
     def interrupt(self, packet: bytes) -> None:
         """Take a packet of the interrupt channel."""
-        self.remote.interrupt(packet, self._remote_s())
+        self.remote.interrupt(packet, self._device_s())
 
     def control(self, packet: bytes) -> bytes:
         """Take a packet of the control channel; the answer there."""
-        return self.remote.control(packet, self._remote_s())
+        return self.remote.control(packet, self._device_s())
 
     def output(self, report: bytes) -> None:
         """Take an output report."""
-        self.remote.output(report, self._remote_s())
+        self.remote.output(report, self._device_s())
 
     def set_report(self, report: bytes) -> bool:
         """Take an output report sent the old way; False: refused."""
-        answer = self.remote.control(bytes((SET_REPORT_HEADER,)) + report, self._remote_s())
+        answer = self.remote.control(bytes((SET_REPORT_HEADER,)) + report, self._device_s())
         return answer == b"\x00"
 
     # -- time ----------------------------------------------------------------------------------
 
-    def _remote_s(self) -> float:
-        """The remote's time, which stands still until the script starts."""
-        return 0.0 if self._start_s is None else time.monotonic() - self._start_s
-
-    def _next_due_s(self) -> float:
-        if self._start_s is None:
-            return math.inf
-        return self._start_s + min(self.remote.next_due_s, self._hand.next_due_s)
+    @property
+    def _hand_due_s(self) -> float:
+        return min(self.remote.next_due_s, self._hand.next_due_s)
 
     def _play(self, now_s: float) -> None:
         if self._start_s is not None:
@@ -191,13 +170,12 @@ class WiimotePeer(SimulatedPeer):
                 self._send(due_s)
                 self._hand.advance(due_s, self.remote)
             self._send(until_s)
-        self._follow()
 
     def _send(self, until_s: float) -> None:
         for report in self.remote.reports(until_s):
             self._carrier.send(report)
 
-    def _follow(self) -> None:
+    def _follow(self, now_s: float) -> None:
         """Open and close channels as the remote does."""
         remote, carrier = self.remote, self._carrier
         if carrier.interrupt_up or (carrier.control_up and remote.connected):
@@ -205,7 +183,7 @@ class WiimotePeer(SimulatedPeer):
             interrupt = carrier.interrupt_up and not remote.interrupt_open
             if control or interrupt:
                 carrier.hang_up(control=control, interrupt=interrupt)
-        refused = time.monotonic() - self._opened_s < self.options.faults.get("refuse", 0.0)
+        refused = now_s - self._opened_s < self.options.faults.get("refuse", 0.0)
         if remote.powered and remote.in_range and not refused:
             carrier.appear()
         else:

@@ -1,0 +1,176 @@
+"""What scripted hands share: the words of a script's step, and steps as actions in time."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Generic, TypeVar
+
+from cardan.errors import ScriptError
+from cardan.sim_peers.base import ScriptStep
+from cardan.sim_peers.strokes import Ramp, Swing, V, VectorMotion
+
+A = TypeVar("A")
+D = TypeVar("D")
+
+
+class StepWords:
+    """The words behind a step's verb, taken one after the other.
+
+    All methods raise ScriptError, naming the step and where it helps its usage (from `verbs`).
+    """
+
+    def __init__(self, step: ScriptStep, verbs: Mapping[str, str]) -> None:
+        self.time_s = step.time_s
+        self.verb = step.verb
+        self.usage = verbs[step.verb]
+        self.left = list(step.args)
+        """The words that nobody has taken yet."""
+
+    def error(self, what: str) -> ScriptError:
+        """To raise: `what` is wrong with this step."""
+        return ScriptError(f"{self.time_s:g} s {self.verb}: {what}")
+
+    def word(self, name: str) -> str:
+        """The next word, whatever it is; `name` is what the usage calls it."""
+        if not self.left:
+            raise self.error(f"{name} is missing; usage: {self.usage}")
+        return self.left.pop(0)
+
+    def number(self, name: str, lowest: float = -math.inf, highest: float = math.inf) -> float:
+        """The next word as a finite number in `lowest` to `highest`."""
+        text = self.word(name)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not lowest <= value <= highest or math.isinf(value):
+            limits = "" if math.isinf(lowest) else f" from {lowest:g}"
+            limits += "" if math.isinf(highest) else f" to {highest:g}"
+            raise self.error(f"{name} is {text!r}, must be a number{limits}")
+        return value
+
+    def numbers(self, names: Iterable[str], lowest: float, highest: float) -> tuple[float, ...]:
+        """As many numbers as there are `names`."""
+        return tuple([self.number(name, lowest, highest) for name in names])
+
+    def keyword(self, name: str) -> bool:
+        """Take the next word if it is `name`; whether it was."""
+        found = self.left[:1] == [name]
+        del self.left[: int(found)]
+        return found
+
+    def needs(self, name: str) -> None:
+        """Take the next word, which must be `name`."""
+        if not self.keyword(name):
+            raise self.error(f"{name!r} is missing; usage: {self.usage}")
+
+    def over(self) -> float:
+        """``[over SECONDS]``; 0 without."""
+        return self.number("SECONDS", 0.0) if self.keyword("over") else 0.0
+
+    def swing(
+        self, amplitude: tuple[float, ...], shortest_s: float, *, phased: bool = True
+    ) -> Swing:
+        """``over SECONDS [times N] [phase DEGREES]``, the last only if `phased`."""
+        self.needs("over")
+        period_s = self.number("SECONDS", shortest_s)
+        times = int(self.number("N", 1.0)) if self.keyword("times") else 1
+        phase_deg = 0.0
+        if phased and self.keyword("phase"):
+            phase_deg = self.number("DEGREES", -360.0, 360.0)
+        return Swing(amplitude, period_s, times, math.radians(phase_deg))
+
+    def end(self) -> None:
+        """There must be no more words."""
+        if self.left:
+            raise self.error(f"{' '.join(self.left)!r} is too much; usage: {self.usage}")
+
+
+class Timeline(Generic[A]):
+    """A script's actions in the order of time, again from the start where it says ``loop``.
+
+    `read` turns a step's words into actions and their times, s; those after the loop come at the
+    loop. `start_s` is when the script begins; inf: when `start` is called. Raises ScriptError for
+    a ``loop`` that is not the last step, and what `read` raises.
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[ScriptStep],
+        verbs: Mapping[str, str],
+        read: Callable[[StepWords], Iterable[tuple[float, A]]],
+        start_s: float = 0.0,
+    ) -> None:
+        actions: list[tuple[float, A]] = []
+        self._loop_s = math.inf
+        for index, step in enumerate(steps):
+            words = StepWords(step, verbs)
+            if step.verb != "loop":
+                actions += read(words)
+                continue
+            words.end()
+            if step.time_s <= 0.0 or index + 1 < len(steps):
+                raise words.error("must be the last step, after 0 s")
+            self._loop_s = step.time_s
+        self._actions = sorted(
+            ((min(time_s, self._loop_s), action) for time_s, action in actions),
+            key=lambda timed: timed[0],
+        )
+        self._start_s = start_s
+        self._next = 0
+
+    @property
+    def next_due_s(self) -> float:
+        """When the next action or the loop is due, s; inf before the start and after the end."""
+        if self._next < len(self._actions):
+            return self._start_s + self._actions[self._next][0]
+        return self._start_s + self._loop_s
+
+    def start(self, now_s: float) -> None:
+        """Begin at `now_s`, unless the script has begun."""
+        if self._start_s == math.inf:
+            self._start_s = now_s
+
+    def due(self, now_s: float) -> Iterator[tuple[float, A]]:
+        """Each action that is due until `now_s` and that was not given before, with its time."""
+        while (due_s := self.next_due_s) <= now_s:
+            if self._next < len(self._actions):
+                self._next += 1
+                yield due_s, self._actions[self._next - 1][1]
+            else:
+                self._start_s, self._next = due_s, 0
+
+
+class DeflectingHand(ABC, Generic[D, V]):
+    """A scripted hand that deflects a device, of type D, by a vector that strokes move.
+
+    Whatever else a script does to the device is an action that takes it.
+    """
+
+    def __init__(
+        self,
+        timeline: Timeline[Ramp | Swing | Callable[[D], None]],
+        motion: VectorMotion[V],
+    ) -> None:
+        self._timeline = timeline
+        self._motion = motion
+
+    @abstractmethod
+    def _hold(self, device: D, vector: V) -> None:
+        """Deflect `device`."""
+
+    @property
+    def next_due_s(self) -> float:
+        """When `advance` has something to do next, s; inf after the end."""
+        return min(self._timeline.next_due_s, self._motion.next_due_s)
+
+    def advance(self, now_s: float, device: D) -> None:
+        """Do every step that is due until `now_s`, then hold `device` as it is at `now_s`."""
+        for due_s, action in self._timeline.due(now_s):
+            if isinstance(action, Ramp | Swing):
+                self._motion.start(due_s, action)
+            else:
+                action(device)
+        self._hold(device, self._motion.advance(now_s))

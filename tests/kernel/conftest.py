@@ -1,0 +1,54 @@
+"""These tests need a kernel of their own: tools/kernel-vm boots one and runs them inside."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable, Iterator
+
+import pytest
+
+INSIDE = os.environ.get("CARDAN_KERNEL_VM") == "1"
+
+collect_ignore_glob = [] if INSIDE else ["test_*.py"]
+"""Outside the virtual machine nothing here is collected."""
+
+_judged: list[tuple[str, str, str]] = []
+
+
+def load_module(name: str, *parameters: str) -> None:
+    """Load a kernel module from the unpacked kernel."""
+    folder = os.environ["CARDAN_KERNEL_MODULES"]
+    command = ["modprobe", "-d", folder, name, *parameters]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    if done.returncode:
+        pytest.fail(f"{' '.join(command)}: {done.stderr.strip()}")
+
+
+@pytest.fixture
+def modules() -> Iterator[Callable[..., None]]:
+    """Load kernel modules by name, for good."""
+
+    def load(*names: str) -> None:
+        for name in names:
+            load_module(name)
+
+    return load
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
+    outcome = yield
+    report = outcome.get_result()
+    marker = item.get_closest_marker("judged")
+    if marker is not None and report.when == "call" and report.passed:
+        words = marker.kwargs
+        _judged.append((words["device"], words["transport"], words["by"]))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """The paths through the kernel that were exercised, as a list."""
+    if _judged:
+        terminalreporter.section("shown against the Linux kernel")
+        for device, transport, by in dict.fromkeys(_judged):
+            terminalreporter.line(f"{device:14} {transport:32} judged by {by}")

@@ -1,0 +1,138 @@
+"""A whole session over a loopback interface that the kernel makes a bad network."""
+
+from __future__ import annotations
+
+import copy
+import re
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from cardan.gateway import demo
+from cardan.gateway.config import parse_config
+from cardan.gateway.demo import free_udp_port, simulated_peer
+from cardan.gateway.snapshot import Snapshot
+from cardan.gateway.supervisor import supervise
+
+HAND = """
+    0.2  axes 0 0 0.2 0 0 0 over 0.1
+    0.3  neutral over 0.1
+    1.0  press first
+    1.2  swing 0.6 0 0 0 0 0 over 2
+    1.2  swing 0 0 0 0 0 0.4 over 2
+    3.4  release first
+    3.6  loop
+"""
+ENOUGH_M = 0.04
+PROGRAM = """
+    0 movej
+    0 on-error restart 2
+    0 getid
+    0 setup timeout=1
+    0 act window=1e-9 max-speed=180 sample-rate=24
+    0 run cond-time=1e6
+"""
+"""A sixth of the usual rate: two emulated processors carry the hand, the robot and the session."""
+
+SPEED_M_S = 0.1
+SECONDS = 75.0
+
+
+@pytest.fixture
+def loopback(modules: Callable[..., None]) -> Iterator[Callable[..., None]]:
+    """Say what netem shall do to every packet from now on."""
+    modules("sch_netem")
+
+    def shape(*words: str) -> None:
+        tc("replace", "dev", "lo", "root", "netem", "limit", "10000", *words)
+
+    yield shape
+    subprocess.run(["tc", "qdisc", "del", "dev", "lo", "root"], timeout=30, capture_output=True)
+
+
+def tc(*words: str) -> None:
+    subprocess.run(["tc", "qdisc", *words], check=True, timeout=30)
+
+
+@pytest.mark.timeout(280)
+@pytest.mark.judged(
+    device="GoFa", transport="EGM with delay and loss", by="Linux kernel 6.1: netem"
+)
+def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
+    loopback, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(demo, "READY_WITHIN_S", 80.0)  # imports take long in the emulator
+
+    hand, program = tmp_path / "hand.txt", tmp_path / "program.txt"
+    hand.write_text(HAND)
+    program.write_text(PROGRAM)
+    hid = str(tmp_path / "puck")
+    port = free_udp_port()
+    config = parse_config(
+        {
+            "device": {"driver": "spacemouse", "transport": "socket", "path": hid},
+            "robot": {"driver": "abb_egm", "listen_port": port, "silence_s": 0.4},
+            "mapping": {"deadman": "left", "linear_speed_m_s": SPEED_M_S},
+        }
+    )
+    bad: list[Snapshot] = []
+    dead: list[Snapshot] = []
+    again: list[Snapshot] = []
+    shown = [bad]
+
+    def show(snapshot: Snapshot) -> None:
+        shown[-1].append(copy.deepcopy(snapshot))
+        if len(shown) == 1 and snapshot.path_m > ENOUGH_M and snapshot.phase == "moving":
+            loopback("loss", "100%")
+            shown.append(dead)
+            dead_since.append(time.monotonic())
+        elif len(shown) == 2 and time.monotonic() > dead_since[0] + 4.0:
+            loopback("delay", "20ms", "5ms", "loss", "2%")
+            shown.append(again)
+
+    dead_since: list[float] = []
+
+    def go_on() -> bool:
+        return not any(snapshot.phase == "moving" for snapshot in again)
+
+    loopback("delay", "20ms", "5ms", "loss", "2%")
+    with (
+        simulated_peer("spacemouse", "--hid", hid, "--script", str(hand)),
+        simulated_peer("abb-gofa", "--to", f"127.0.0.1:{port}", "--script", str(program)),
+    ):
+        outcome = supervise(config, SECONDS, show, go_on)
+
+    assert dead, f"it never moved enough: {outcome.last.diagnosis}\n{story(bad)}"
+    # Delayed by 40 to 50 ms there and back, out of order, one datagram in 25 lost: it moves.
+    assert fastest(bad) < 1.1 * SPEED_M_S, story(bad)
+    # Nothing arrives any more: said in words, and the command is at rest.
+    lost = [snapshot for snapshot in dead if snapshot.robot_link == "lost"]
+    assert lost, dead[-1]
+    assert lost[-1].hold_reason
+    assert lost[-1].phase == "no robot"
+    assert not any(lost[-1].twist)
+    assert len({tuple(snapshot.reference) for snapshot in lost[-5:]}) == 1
+    # It is back: no step in what is commanded, and motion only after a new grip.
+    assert again
+    assert fastest(again) < 1.1 * SPEED_M_S, story(again)
+    assert any("silent" in snapshot.message for snapshot in (*dead, *again)), story(dead + again)
+
+
+def fastest(snapshots: list[Snapshot]) -> float:
+    """The highest speed along one axis that was commanded, m/s."""
+    return max(abs(speed) for snapshot in snapshots for speed in snapshot.twist[:3])
+
+
+def story(snapshots: list[Snapshot]) -> str:
+    """What changed from snapshot to snapshot."""
+    lines = []
+    for s in snapshots:
+        words = f"{s.phase} ({s.message}), robot {s.robot_link} ({s.hold_reason}), hand "
+        words += f"{s.device_link} ({s.device_reason}), trips {s.trips}"
+        words = re.sub(r"[\d.]+ s", "... s", words)
+        if not lines or not lines[-1].endswith(words):
+            lines.append(f"{s.elapsed_s:5.1f} s {words}")
+    return "\n".join(lines)

@@ -1,0 +1,57 @@
+"""Waiting for the kernel, with an end; and peers that others wait for."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+from cardan.sim_peers.base import SimulatedPeer, serve
+
+_T = TypeVar("_T")
+
+PATIENCE_S = 12.0
+"""An emulated processor is slow; nothing here takes more than a second or two."""
+
+MOST_S = 100.0
+"""A served peer ends by itself after this."""
+
+
+def wait_for(ask: Callable[[], _T], patience_s: float = PATIENCE_S, poll_s: float = 0.005) -> _T:
+    """The first true answer of `ask`."""
+    end_s = time.monotonic() + patience_s
+    while not (answer := ask()):
+        assert time.monotonic() < end_s, f"not within {patience_s:g} s; at last: {answer!r}"
+        time.sleep(poll_s)
+    return answer
+
+
+@contextmanager
+def in_a_process(peer: SimulatedPeer) -> Iterator[str]:
+    """Serve `peer` in a process of its own; its endpoint.
+
+    For what blocks this one: hidapi's libusb back end waits for the device with Python's lock held.
+    """
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.close(reader)
+            os.dup2(writer, 1)
+            sys.stdout = os.fdopen(1, "w", closefd=False)
+            serve(peer, MOST_S)
+        finally:
+            os._exit(0)
+    os.close(writer)
+    try:
+        with os.fdopen(reader) as said:
+            word, _, endpoint = said.readline().rstrip("\n").partition(" ")
+            assert word == "READY", "the simulated peer did not start"
+            yield endpoint
+    finally:
+        os.kill(child, signal.SIGTERM)
+        os.waitpid(child, 0)
