@@ -36,9 +36,8 @@ def table() -> str:
     for device, transport, by in sorted(judged()):
         judges.setdefault((device, transport), []).append(by)
     lines = ["| device | transport | judged by |", "|---|---|---|"]
-    lines += [
-        f"| {device} | {transport} | {'; '.join(by)} |" for (device, transport), by in judges.items()
-    ]
+    for (device, transport), by in judges.items():
+        lines.append(f"| {device} | {transport} | {'; '.join(by)} |")
     return "\n".join(lines) + "\n"
 
 

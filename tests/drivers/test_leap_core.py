@@ -111,6 +111,33 @@ class TestClutch:
             state = rig.frame(hand(position=moved(0.1 * math.sin(0.05 * step))))
             assert state.buttons == {"hand"}
 
+    @pytest.mark.parametrize("clutch", ["still", "open"])
+    @pytest.mark.parametrize("speed_m_s", [0.02, 0.06, 0.2])
+    def test_a_hand_that_passes_by_is_not_still(self, clutch, speed_m_s):
+        rig = Rig(clutch=clutch)
+        rig.frames(0.2, *([hand(**FIST)] if clutch == "open" else []))
+        rig.frame()
+        for step in range(round(0.4 / speed_m_s / PERIOD_S)):
+            state = rig.frame(hand(position=moved(step * PERIOD_S * speed_m_s - 0.2)))
+            assert "clutch" not in state.buttons
+
+    def test_a_hand_that_trembles_is_still(self):
+        rig = Rig()
+        rig.frame()
+        for step in range(60):
+            rig.frame(hand(position=moved(0.002 * math.sin(step), 0.002 * math.cos(2.0 * step))))
+        assert "clutch" in rig.state.buttons
+
+    def test_a_fist_that_was_made_meanwhile_is_no_press(self):
+        rig = Rig(clutch="open")
+        assert rig.frames(0.2, hand(**FIST)).link is DeviceLink.LIVE
+        assert rig.edges() == ["+hand"]
+        rig.wait(0.2)
+        rig.frames(0.2, hand(**FIST))
+        assert rig.state.buttons == {"hand"}
+        rig.frame(hand())
+        assert "grab" in rig.frame(hand(**FIST)).buttons
+
     def test_open(self):
         rig = Rig(clutch="open")
         rig.frame()

@@ -243,6 +243,7 @@ def test_gaps_are_counted(device):
 
 def test_lost_while_moving(device):
     device.live()
+    device.report(encode_buttons(0, 3))
     device.report(encode_buttons(0b11, 3))
     device.motion(UP, 3)
     device.core.on_lost("unplugged", device.now_s)
@@ -361,6 +362,7 @@ def test_edges_carry_the_time_of_their_report():
 
 def test_pro_labels():
     device = Device("spacemouse-pro-wireless")
+    device.report(encode_buttons(0, 7))
     device.report(bytes.fromhex("03 00 10 00 02 00 00"))
     assert device.state.buttons == {"1", "ctrl"}
     device.report(b"\x03\x10")  # a short report 3: the missing bytes are zero
@@ -378,6 +380,51 @@ def test_bits_and_key_arrays_are_merged():
     assert device.edges() == [("1", True), ("v1", True), ("1", False), ("v1", False)]
 
 
+def test_the_first_report_that_names_several_buttons_presses_none():
+    device = Device("spacenavigator")
+    device.report(encode_buttons(0b11, 3))
+    assert device.core.events() == []
+    device.report(encode_buttons(0b10, 3))
+    device.report(encode_buttons(0b11, 3))
+    assert device.edges() == [("left", True)]
+    device.core.on_lost("unplugged", device.now_s)
+    device.core.on_opened(device.now_s, device.model)
+    device.core.events()
+    device.report(encode_buttons(0b11, 3))
+    assert device.core.state(device.now_s).buttons == frozenset()
+
+
+def test_the_first_report_that_names_one_button_is_a_press():
+    device = Device("spacenavigator")
+    device.report(encode_buttons(0b10, 3))
+    assert device.core.state(device.now_s).buttons == {"right"}
+    device.report(encode_buttons(0b11, 3))
+    assert device.core.state(device.now_s).buttons == {"left", "right"}
+
+
+@pytest.mark.parametrize("outage", ["silence", "unplugged"])
+def test_another_report_does_not_bring_back_a_button_held_through_an_outage(device, outage):
+    device.motion(ZERO, 2)
+    device.report(encode_buttons(1, 3))
+    device.motion(UP, 5)
+    if outage == "silence":
+        assert device.wait(0.2).link is DeviceLink.STALE
+    else:
+        device.core.on_lost("unplugged", device.now_s)
+        device.core.on_opened(device.now_s, device.model)
+    device.core.events()
+    device.motion(ZERO, 5)
+    # Reports of another kind say nothing about it.
+    device.report(encode_keys_down([]))
+    device.report(encode_long_press([]))
+    device.report(encode_buttons(0b11, 3))
+    device.report(encode_buttons(0b01, 3))
+    assert ("left", True) not in device.edges()
+    device.report(encode_buttons(0, 3))
+    device.report(encode_buttons(1, 3))
+    assert device.state.buttons == {"left"}
+
+
 def test_long_press_is_a_button_of_its_own():
     device = Device("spacemouse-enterprise")
     device.report(encode_keys_down([3]))
@@ -391,6 +438,7 @@ def test_long_press_is_a_button_of_its_own():
 
 def test_long_press_bits():
     device = Device("spacemouse-pro")
+    device.report(encode_buttons(1 << 2, 7))
     device.report(encode_buttons(1 << 2 | 1 << 22, 7))
     device.report(bytes.fromhex("16 04 00 40 00"))
     assert device.state.buttons == {"top", "bottom", "esc"}
@@ -410,6 +458,7 @@ def test_long_press_bits():
 )
 def test_what_is_paired_shows_in_the_buttons(model, length, labels):
     device = Device(model)
+    device.report(encode_buttons(0b01, length))
     device.report(encode_buttons(0b11, length))
     assert device.state.buttons == labels
     assert labels <= set(device.core.labels or labels)

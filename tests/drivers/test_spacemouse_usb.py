@@ -251,6 +251,31 @@ def test_unplug_and_replug(plug):
         eventually(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL)
 
 
+def test_a_device_that_vanishes_while_it_is_looked_at(plug, monkeypatch):
+    broken = plug(Puck("spacenavigator"))
+    ask = FakeLibusb.get_configuration_descriptor
+    looks = []
+
+    def vanish(self, dev, config):
+        looks.append(dev)
+        if dev is broken and len(looks) > vanish.after:
+            raise usb.core.USBError("Input/Output Error", -1, errno.EIO)
+        return ask(self, dev, config)
+
+    monkeypatch.setattr(FakeLibusb, "get_configuration_descriptor", vanish)
+    for vanish.after, words in (
+        (0, r"SpaceNavigator at 1-2 cannot be asked what it is .*: plug it in again"),
+        (1, r"cannot open SpaceNavigator: 1-2:1\.0: .*Input/Output Error"),
+    ):
+        looks.clear()
+        with pytest.raises(DeviceAccessError, match=words):
+            mouse().open()
+    vanish.after = 0
+    plug(Puck("spacemouse-compact", ports=(3,)))
+    with mouse() as device:  # the other one is no worse for it
+        assert device.state().link is DeviceLink.NEEDS_NEUTRAL
+
+
 def test_a_receiver_has_slots(plug):
     receiver = Puck("universal-receiver", interfaces=4)
     receiver.interfaces[3].subclass = receiver.interfaces[3].protocol = 1  # a keyboard

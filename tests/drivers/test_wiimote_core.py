@@ -191,12 +191,35 @@ def test_yaw_is_latched():
     bench.press("2")
     bench.release("2")
     assert bench.metrics()["yaw_mode"] == 1.0
+    assert any("about z (button 2)" in words for words in bench.diagnosis())
     assert held(bench, "a", right_deg=-20).axes == pytest.approx(
         (0, 0, 1, 0, 0, -SIN[20]), abs=CLOSE
     )
     bench.press("1")
     assert bench.release("1").axes == pytest.approx((0, 0, 1, -SIN[20], 0, 0), abs=CLOSE)
     assert bench.metrics()["yaw_mode"] == 0.0
+    assert bench.diagnosis() == []
+
+
+def test_yaw_off_wins_over_on():
+    bench = Bench()
+    bench.ready()
+    bench.remote.press("2")
+    bench.press("1")
+    assert bench.metrics()["yaw_mode"] == 0.0
+    bench.release("1", "2")
+    bench.press("2")
+    assert bench.metrics()["yaw_mode"] == 1.0
+
+
+def test_a_press_that_wakes_the_remote_sets_no_mode():
+    bench = Bench()
+    bench.remote.press("2")
+    bench.ready()
+    assert bench.metrics()["yaw_mode"] == 0.0
+    bench.release("2")
+    bench.press("2")
+    assert bench.metrics()["yaw_mode"] == 1.0
 
 
 def test_the_dead_zone():
@@ -244,6 +267,24 @@ def test_a_tilt_from_the_press_on():
     bench.release("a")
     bench.press("a")
     assert bench.run(0.1).axes == pytest.approx((0, 0, 1, 0, 0, 0), abs=CLOSE)
+
+
+@pytest.mark.parametrize("before", ["nothing", "another attitude"])
+def test_a_press_while_its_tilt_is_unknown_waits_for_it(before):
+    bench = Bench(WiimoteOptions(dead_zone=0.0, neutral="press", roles="tilt"))
+    if before == "nothing":
+        bench.remote.set_acceleration((0.0, 0.0, 1.0))
+    bench.tilt(60, 0)
+    bench.ready()
+    bench.run(1.0)
+    bench.remote.set_acceleration((0.0, 0.0, 1.0))
+    bench.tilt(40, 0)
+    bench.run(0.1)
+    assert bench.press("b").axes == REST
+    bench.remote.set_acceleration((0.0, 0.0, 0.0))
+    assert bench.run(1.0).axes == pytest.approx(REST, abs=2 * CLOSE)
+    bench.tilt(40, 20)
+    assert bench.run(0.4).axes[0] == pytest.approx(SIN[20] / SIN[45], abs=3 * CLOSE)
 
 
 # -- the other roles ------------------------------------------------------------------------------
@@ -300,7 +341,7 @@ def test_gyro_roles_need_a_motion_plus():
 def test_the_rest_point_is_refined():
     bench = Bench(WiimoteOptions(motion_plus="on"), motion_plus=True, noise_lsb=1)
     bench.ready()
-    drift = math.radians(4.0)
+    drift = math.radians(2.5)
     bench.remote.set_attitude(0.0, 0.0, 0.0, (drift, 0.0, 0.0))
     bench.run(3.0)
     assert abs(bench.metrics()["rate_x_rad_s"]) < math.radians(1.0)
@@ -308,6 +349,19 @@ def test_the_rest_point_is_refined():
     bench.remote.set_attitude(0.0, 0.0, 0.0, (2 * drift, 0.0, 0.0))
     bench.run(3.0)
     assert bench.metrics()["rate_x_rad_s"] == pytest.approx(drift, abs=math.radians(1.0))
+
+
+def test_a_slow_turn_before_the_clutch_moves_nothing_after():
+    """It looks like a rest point that has moved."""
+    options = WiimoteOptions(roles="gyro", gyro_full_scale_rad_s=0.3)
+    bench = Bench(options, motion_plus=True)
+    bench.ready()
+    bench.remote.set_attitude(0.0, 0.0, 0.0, (0.0, 0.0, math.radians(9.0)))
+    bench.run(2.5)
+    assert bench.metrics()["rest_point_updates"] > 0
+    bench.remote.set_attitude(0.0, 0.0)
+    bench.press("b")
+    assert bench.run(0.5).axes == pytest.approx(REST, abs=0.01)
 
 
 # -- Nunchuk --------------------------------------------------------------------------------------

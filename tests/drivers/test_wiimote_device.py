@@ -262,6 +262,9 @@ def test_a_remote_that_is_not_really_there_is_passed_over():
         assert shelf.links[0].closed
     with pytest.raises(DeviceAccessError, match=r"hidraw1 takes no report: .*Broken pipe"):
         Wiimote(transport=Shelf(FIRST, absent={FIRST.path})).open()
+    held = FIRST._replace(transport="socket")
+    with pytest.raises(DeviceAccessError, match="Broken pipe; another program holds it"):
+        Wiimote(transport=Shelf(held, absent={held.path})).open()
 
 
 def test_all_refused():
@@ -273,6 +276,66 @@ def test_none_is_meant():
     options = WiimoteOptions(address="00:00:00:00:00:02")
     with pytest.raises(DeviceNotFoundError, match="with address '00:00:00:00:00:02'"):
         Wiimote(options, transport=Shelf(FIRST)).open()
+
+
+class Lossy(Silent):
+    """A remote that is lost when it is told."""
+
+    lost = False
+
+    def read(self, timeout_s):
+        if self.lost:
+            raise OSError(19, "No such device")
+        super().read(timeout_s)
+
+
+class Returning(Shelf):
+    """Remotes that can be lost."""
+
+    def open(self, remote, given_up):
+        self.opened.append(remote.path)
+        self.links.append(Lossy())
+        return self.links[-1]
+
+
+def test_another_remote_is_no_successor():
+    shelf = Returning(FIRST, SECOND)
+    wiimote = Wiimote(transport=shelf)
+    with wiimote:
+        shelf.remotes = (SECOND,)
+        shelf.links[0].lost = True
+        eventually(lambda: "another one" in wiimote.state().reason)
+        assert f"the remote {FIRST.address} is gone" in wiimote.state().reason
+        assert any(SECOND.address in words for words in wiimote.diagnosis())
+        assert shelf.opened == [FIRST.path]
+        # It is back, and the system calls it by another path.
+        shelf.remotes = (SECOND, FIRST._replace(path="/dev/hidraw7"))
+        eventually(lambda: len(shelf.opened) == 2)
+        assert shelf.opened[1] == "/dev/hidraw7"
+    shelf.remotes = (SECOND,)
+    with wiimote:
+        assert shelf.opened[2] == SECOND.path
+
+
+def test_a_remote_without_an_address_is_known_by_its_path():
+    first, second = FIRST._replace(address=""), SECOND._replace(address="")
+    shelf = Returning(first, second)
+    with Wiimote(transport=shelf) as wiimote:
+        shelf.remotes = (second,)
+        shelf.links[0].lost = True
+        eventually(lambda: f"the remote {first.path} is gone" in wiimote.state().reason)
+        shelf.remotes = ()
+        eventually(lambda: wiimote.state().reason.endswith("is gone: press one of its buttons"))
+        shelf.remotes = (second, first)
+        eventually(lambda: shelf.opened == [first.path] * 2)
+
+
+def test_a_path_finds_the_remote_only_the_first_time():
+    shelf = Returning(FIRST, SECOND)
+    with Wiimote(WiimoteOptions(path=SECOND.path), transport=shelf):
+        shelf.remotes = (FIRST, SECOND._replace(path="/dev/hidraw8"))
+        shelf.links[0].lost = True
+        eventually(lambda: shelf.opened == [SECOND.path, "/dev/hidraw8"])
 
 
 def test_the_motor_is_stopped_at_the_end():

@@ -109,8 +109,10 @@ def test_silence_ends_in_stale_then_lost():
     bench.release("a")
     assert bench.state.link is DeviceLink.LIVE
     assert [edge for edge in bench.edges() if edge[0] == "a"] == [
-        ("a", True), ("a", False), ("a", True), ("a", False),
+        ("a", True), ("a", False),
     ]  # fmt: skip
+    bench.press("a")
+    assert bench.edges() == [("a", True)]
 
 
 def test_reports_that_are_late_do_not_count_as_rest():
@@ -211,6 +213,15 @@ def test_a_remote_that_drops_the_link_at_once_gets_advice():
     words = " ".join(bench.diagnosis())
     assert "sync" in words
     assert "-TR" in words
+
+
+def test_a_simulated_remote_that_drops_the_link_is_held_by_another():
+    bench = faulty("woken-by-1-2")
+    bench.identity = bench.identity._replace(transport="socket")
+    bench.run(1.0)
+    words = " ".join(bench.diagnosis())
+    assert "another program holds it" in words
+    assert "paired" not in words
 
 
 def test_the_rumble_ends_with_the_link():

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from cardan.drivers.wiimote.gyro import Gyro
+from cardan.drivers.wiimote.gyro import LARGEST_BIAS_RAD_S, Gyro
 
-DRIFT = (math.radians(4.0), math.radians(-6.0), 0.0)
+DRIFT = (math.radians(2.0), math.radians(-2.9), 0.0)
 
 
 def run(gyro, rates, seconds, at_rest=True, start_s=0.0, rate_hz=100):
@@ -28,6 +28,16 @@ def test_not_while_the_clutch_is_held():
     run(gyro, DRIFT, 0.9)
     assert run(gyro, DRIFT, 5.0, at_rest=False, start_s=0.9) == DRIFT
     assert gyro.updates == 0
+
+
+@pytest.mark.parametrize("allowed_rad_s", [0.0, 0.02, 1.0])
+@pytest.mark.parametrize("rate_deg_s", [-9.0, 5.0, 9.0])
+def test_a_slow_steady_turn_is_believed_to_be_rest_only_within_limits(rate_deg_s, allowed_rad_s):
+    gyro = Gyro(allowed_rad_s)
+    rates = (0.0, 0.0, math.radians(rate_deg_s))
+    run(gyro, rates, 5.0)
+    largest = min(allowed_rad_s, LARGEST_BIAS_RAD_S)
+    assert gyro.bias_rad_s == pytest.approx((0.0, 0.0, math.copysign(largest, rate_deg_s)))
 
 
 @pytest.mark.parametrize("rate_deg_s", [11.0, -30.0])

@@ -50,6 +50,8 @@ def test_neutral_is_how_it_was_held(right_deg, down_deg, more_right_deg, more_do
     tilt = Tilt(7.0, 90.0)
     now_s = settled(tilt, held(right_deg, down_deg))
     tilt.capture()
+    assert tilt.rolled_and_dipped(now_s) == (0.0, 0.0)
+    tilt.update(held(right_deg, down_deg), now_s)
     assert tilt.rolled_and_dipped(now_s) == pytest.approx((0.0, 0.0), abs=1e-4)
     now_s = settled(tilt, held(right_deg + more_right_deg, down_deg + more_down_deg), now_s)
     rolled, dipped = tilt.rolled_and_dipped(now_s)
@@ -78,6 +80,22 @@ def test_the_cut_off_frequency():
         if now_s > 2.0:
             largest = max(largest, tilt.rolled_and_dipped(now_s)[0])
     assert largest == pytest.approx(0.2 / math.sqrt(2.0), rel=0.05)
+
+
+@pytest.mark.parametrize("shaken_s", [0.05, 0.2, 1.0])
+def test_neutral_is_the_first_that_can_be_trusted(shaken_s):
+    """Turned while it is shaken, and the clutch pressed meanwhile."""
+    tilt = Tilt(7.0, 90.0)
+    now_s = settled(tilt, held(60.0, 0.0))
+    for at in range(1, round(shaken_s * 100)):
+        tilt.update(held(-20.0, 30.0, 2.0), now_s + at / 100)
+    now_s += shaken_s
+    tilt.capture()
+    tilt.update(held(-20.0, 30.0, 2.0), now_s)
+    assert tilt.rolled_and_dipped(now_s) == (0.0, 0.0)
+    for at in range(1, 100):
+        tilt.update(held(-20.0, 30.0), now_s + at / 100)
+        assert tilt.rolled_and_dipped(now_s + at / 100) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("weight_g", [0.0, 0.79, 1.21, 4.0])

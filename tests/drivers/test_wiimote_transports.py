@@ -305,6 +305,33 @@ def test_hidapi_reads_and_writes(hid):
     link.close()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="nodes are claimed on Linux only")
+def test_one_session_per_remote(hid, tmp_path):
+    hid.handle.open_path = lambda path: None
+    node = tmp_path / "hidraw3"
+    node.touch()
+    remote = Found("remote", "hidraw", str(node))
+    link = HidrawTransport().open(remote, NEVER)
+    with pytest.raises(
+        DeviceAccessError, match=r"another session has .*hidraw3; .*address or path"
+    ):
+        HidrawTransport().open(remote, NEVER)
+    link.close()
+    link.close()
+    HidrawTransport().open(remote, NEVER).close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="nodes are claimed on Linux only")
+def test_a_remote_that_was_not_opened_is_not_claimed(hid, tmp_path):
+    node = tmp_path / "hidraw3"
+    node.touch()
+    remote = Found("remote", "hidraw", str(node))
+    with pytest.raises(DeviceAccessError, match="open failed"):
+        HidrawTransport().open(remote, NEVER)
+    hid.handle.open_path = lambda path: None
+    HidrawTransport().open(remote, NEVER).close()
+
+
 def test_a_remote_that_cannot_be_opened(hid):
     with pytest.raises(DeviceAccessError, match="cannot open remote: /dev/hidraw99"):
         HidrawTransport().open(Found("remote", "hidraw", "/dev/hidraw99"), NEVER)

@@ -25,6 +25,9 @@ from cardan.protocols.leap import (
 MAX_MESSAGE_BYTES = 1 << 20
 """A message beyond this ends the connection; frames of two hands have about 20 kB."""
 
+DRAIN_BYTES = 16 << 20
+"""Read at once at most, before what has come is looked at; more than systems let queue up."""
+
 SEND_TIMEOUT_S = 0.5
 _READ_BYTES = 1 << 16
 
@@ -65,11 +68,14 @@ class Connection:
             raise
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """The text messages that have come, waiting `timeout_s` for the first bytes."""
+        """All text messages that have come, waiting `timeout_s` for the first bytes."""
         if not self._messages:
             self._check()
-            with contextlib.suppress(TimeoutError):
-                self._read(timeout_s)
+            with contextlib.suppress(TimeoutError, BlockingIOError):
+                count, left = self._read(timeout_s), DRAIN_BYTES
+                while count > 0 and left > 0:
+                    left -= count
+                    count = self._read(0.0)
         messages, self._messages = self._messages, []
         if not messages:
             self._check()
@@ -97,7 +103,8 @@ class Connection:
 
     # -- inside --------------------------------------------------------------------------------
 
-    def _read(self, timeout_s: float) -> None:
+    def _read(self, timeout_s: float) -> int:
+        """Read once, waiting `timeout_s`; the number of bytes."""
         self._socket.settimeout(timeout_s)
         data = self._socket.recv(_READ_BYTES)
         self.heard_s = time.monotonic()
@@ -116,6 +123,7 @@ class Connection:
         if not data and not self._messages:
             self._check()
             raise ServiceClosedError(1006, "the service closed the connection")
+        return len(data)
 
     def _take(self, frame: Frame) -> None:
         if frame.opcode is Opcode.TEXT:

@@ -4,6 +4,8 @@ Frames go on when no hand is in view, so silence is always trouble:
 
 - Without a frame for `STALE_AFTER_S` the link is STALE; a tracker that the service calls unplugged
   is LOST, one that does not deliver is STALE, whatever else comes.
+- Frames that come late (see :mod:`.lag`) are not believed: the link is STALE while they do, and the
+  age of what is believed counts from when the frame should have come.
 - After opening and after trouble the link is NEEDS_NEUTRAL until a frame shows no hand that could
   hold the clutch by staying as it is: no hand at all, or one that is open (clutch "grab"), apart
   ("pinch") or closed ("open").
@@ -17,6 +19,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.leap.lag import Lag
 from cardan.drivers.leap.options import LeapOptions
 from cardan.drivers.leap.tracking import COUNTERS as TRACKING_COUNTERS
 from cardan.drivers.leap.tracking import HandTracker
@@ -36,7 +39,12 @@ BUTTONS = ("hand", "clutch", "grab", "pinch")
 pinches."""
 
 STALE_AFTER_S = 0.1
-"""Silence beyond this, eleven frames at the usual rate, is a link in trouble."""
+"""Silence beyond this, eleven frames at the usual rate, is a link in trouble; so is a frame that
+comes later than this."""
+
+CONNECT_ANEW_S = 3.0
+"""Frames that have come late for so long will go on to: a new connection leaves behind what has
+queued up."""
 
 SETTLE_S = 0.02
 """Frames this soon after a silence may be old ones that had queued up meanwhile."""
@@ -49,6 +57,11 @@ RESTARTED_AFTER = 10
 
 OPENED_REASON = "connected, no frame yet"
 
+LATE_REASON = (
+    f"frames come more than {STALE_AFTER_S:.1f} s late: is the network slow, or one of the "
+    "machines busy?"
+)
+
 NEUTRAL_REASONS: Mapping[str, str] = MappingProxyType(
     {
         "still": "take the hand out of view once",
@@ -59,13 +72,16 @@ NEUTRAL_REASONS: Mapping[str, str] = MappingProxyType(
 )
 """What has to be seen before the clutch works, by the option `clutch`."""
 
-_COUNTERS: Mapping[str, str] = MappingProxyType(
+_OWN_COUNTERS: Mapping[str, str] = MappingProxyType(
     {
         "silences": f"silences of more than {STALE_AFTER_S:.1f} s",
+        "late_frames": f"frames that came more than {STALE_AFTER_S:.1f} s late",
+        "clock_changes": "times the service's clock was set back",
+        "undated": "frames without a time stamp",
         "old_frames": "frames that are not newer than the one before",
-        **TRACKING_COUNTERS,
     }
 )
+_COUNTERS: Mapping[str, str] = MappingProxyType({**_OWN_COUNTERS, **TRACKING_COUNTERS})
 
 
 class LeapCore:
@@ -78,9 +94,13 @@ class LeapCore:
         self._link = DeviceLink.CLOSED
         self._reason = "not opened"
         self._open = False
-        self._counts = Counter({"silences": 0, "old_frames": 0})
+        self._counts = Counter(dict.fromkeys(_OWN_COUNTERS, 0))
         self._malformed: Counter[str] = Counter()
         self._frames = 0
+        self._lag = Lag(STALE_AFTER_S)
+        self._lag_s = 0.0
+        self._late_since_s: float | None = None
+        """Since when every frame has come late; None: the newest did not."""
         self._forget_service()
         self._cached: DeviceState | None = None
 
@@ -103,6 +123,11 @@ class LeapCore:
     def on_opened(self, now_s: float) -> None:
         """A connection was made (again): what was known of the service is void."""
         self._forget_service()
+        if self._late_since_s is None:
+            self._lag.reset()
+        else:
+            self._lag.connected_anew(now_s)
+        self._late_since_s = None
         self._silent_since_s = now_s
         self._open = True
         self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
@@ -132,13 +157,20 @@ class LeapCore:
 
     # -- what it says --------------------------------------------------------------------------
 
+    def failure(self, now_s: float) -> str:
+        """Why to connect anew, in words; empty while there is no reason."""
+        late_since_s = self._late_since_s
+        if late_since_s is None or now_s - late_since_s <= CONNECT_ANEW_S:
+            return ""
+        return f"frames have come late for {CONNECT_ANEW_S:g} s, now by {self._lag_s:.1f} s"
+
     @property
     def heard(self) -> bool:
         """Whether any frame came since the connection was made."""
         return self._heard
 
     def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
+        """The newest state as of `now_s`; its stamp leaves out the delay of the frame."""
         if self._open:
             self._watch(now_s)
         if self._cached is None:
@@ -159,9 +191,11 @@ class LeapCore:
         return self._buttons.events()
 
     def metrics(self, now_s: float) -> dict[str, float]:
-        """Age of the newest frame in s (inf: none yet), the service's rate, and counts."""
+        """Age of the newest frame in time and delay of the newest, s (inf: none yet), the
+        service's rate, and counts."""
         return {
             "frame_age_s": now_s - self._stamp_s,
+            "frame_lag_s": self._lag_s,
             "service_rate_hz": self._rate_hz or 0.0,
             "frames": self._frames,
             **self._counts,
@@ -215,28 +249,52 @@ class LeapCore:
 
     def _on_frame(self, frame: Frame, now_s: float) -> None:
         self._watch(now_s)
+        if frame.timestamp_us is None:  # Nobody can tell how old it is.
+            self._counts["undated"] += 1
+            return
         if not self._is_new(frame.id):
             self._counts["old_frames"] += 1
             if self._old_run == RESTARTED_AFTER and self._link is DeviceLink.LIVE:
                 self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
             return
+        if self._lag.is_another_clock(frame.timestamp_us):
+            self._counts["clock_changes"] += 1
+            self._lag.reset()
+            if self._link is DeviceLink.LIVE:
+                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+                self._believe_s = now_s + SETTLE_S
         step_s = self._step_s(frame.timestamp_us, now_s)
+        self._lag_s = self._lag.update(frame.timestamp_us, now_s)
         self._frames += 1
         self._heard = True
         self._rate_hz = frame.current_frame_rate_hz
         if not self._delivers:
             return
-        self._stamp_s = self._silent_since_s = now_s
+        if self._lag_s > STALE_AFTER_S:
+            self._on_late(now_s)
+            return
+        self._late_since_s = None
+        self._stamp_s = self._silent_since_s = now_s - self._lag_s
         if self._link is DeviceLink.STALE:
             self._believe_s = now_s + SETTLE_S
             self._link = DeviceLink.NEEDS_NEUTRAL
         live = self._link is DeviceLink.LIVE
         self._tracker.on_frame(frame, now_s, step_s, may_engage=live)
         if not live:
+            # Nobody knows whether the hand was closed on purpose: it has to be seen open first.
+            self._buttons.mask([label for label in self._labels() if label != BUTTONS[0]])
             self._reason = NEUTRAL_REASONS[self._options.clutch]
             if self._tracker.at_rest and now_s >= self._believe_s:
                 self._link = DeviceLink.LIVE
         self._show(now_s)
+
+    def _on_late(self, now_s: float) -> None:
+        """A frame shows where the hand was, not where it is."""
+        self._counts["late_frames"] += 1
+        if self._late_since_s is None:
+            self._late_since_s = now_s
+        if self._reason is not LATE_REASON or self._link is not DeviceLink.STALE:
+            self._distrust(DeviceLink.STALE, LATE_REASON, now_s)
 
     def _is_new(self, frame_id: int | None) -> bool:
         """Whether a frame is newer than the newest; a service that counts anew is noticed."""
@@ -252,11 +310,11 @@ class LeapCore:
             self._frame_id = None
         return False
 
-    def _step_s(self, timestamp_us: int | None, now_s: float) -> float:
+    def _step_s(self, timestamp_us: int, now_s: float) -> float:
         """How long before this frame the last one was: by the service's clock if that makes
         sense, else by ours."""
         last_us, self._timestamp_us = self._timestamp_us, timestamp_us
-        if timestamp_us is not None and last_us is not None:
+        if last_us is not None:
             step_s = (timestamp_us - last_us) * 1e-6
             if 0.0 < step_s <= LONGEST_STEP_S:
                 return step_s
@@ -279,13 +337,13 @@ class LeapCore:
 
     def _show(self, now_s: float) -> None:
         """Bring the buttons to what the tracker says."""
-        tracker = self._tracker
-        labels = []
-        if self._link is DeviceLink.LIVE:
-            flags = (tracker.id is not None, tracker.engaged, tracker.grabbing, tracker.pinching)
-            labels = [label for label, held in zip(BUTTONS, flags, strict=True) if held]
-        self._buttons.set(labels, now_s)
+        self._buttons.set(self._labels() if self._link is DeviceLink.LIVE else (), now_s)
         self._cached = None
+
+    def _labels(self) -> list[str]:
+        tracker = self._tracker
+        flags = (tracker.id is not None, tracker.engaged, tracker.grabbing, tracker.pinching)
+        return [label for label, held in zip(BUTTONS, flags, strict=True) if held]
 
     def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
         """Go to a state in which nothing that was known of the hand counts any more."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import threading
 import time
 from collections.abc import Iterator
@@ -118,6 +119,10 @@ class Leap(ReadDevice[LeapCore]):
                 with self._lock:
                     self._core.on_message(message, now_s)
             now_s = time.monotonic()
+            with self._lock:
+                failure = self._core.failure(now_s)
+            if failure:
+                raise OSError(errno.ETIMEDOUT, failure)
             if heartbeats and now_s >= due_s:
                 due_s = now_s + HEARTBEAT_PERIOD_S - 0.5 * READ_TIMEOUT_S
                 connection.send(heartbeat)

@@ -22,8 +22,9 @@ STRONG, WEAK = 0.8, 0.3
 CLOSING = 0.5
 """An open hand that grabs more strongly than this lets go of the clutch."""
 
-STILL_M, STILL_S = 0.02, 0.3
-"""A hand is still that has stayed within STILL_M of one place for STILL_S."""
+STILL_M, STILL_S = 0.005, 0.3
+"""A hand is still that has stayed within STILL_M of one place for STILL_S: the tremor of a hand and
+the tracker's noise are some 2 mm, and a hand that passes by at more than 17 mm/s goes farther."""
 
 REACH_M = 1.0
 """A palm farther from the tracker than this is no measurement."""
@@ -41,7 +42,7 @@ COUNTERS: Mapping[str, str] = MappingProxyType(
         "absurd": f"hands beyond {REACH_M:g} m or without an attitude",
         "jumps": "hands that jumped or flipped over",
         "unsure": "hands of too little confidence",
-        "unreadable": "hands without id, palm or direction",
+        "unreadable": "hands without id, palm, direction, or a confidence in 0..1",
     }
 )
 """What is counted, and the words for it."""

@@ -36,6 +36,8 @@ class Buttons:
     def __init__(self, model: Model | None) -> None:
         self.model = model
         self._edges = ButtonEdges()
+        self._unheard = True
+        """No report of buttons came since the device was opened."""
         self._bits: list[str] = []
         self._keys: list[str] = []
         self._long_bits: list[str] = []
@@ -59,6 +61,10 @@ class Buttons:
         own = self.model.buttons.values()
         return tuple(dict.fromkeys((*TWO_BUTTONS.values(), *own) if self.model.receiver else own))
 
+    def on_opened(self) -> None:
+        """The device was opened (again): what its first report names may be down since long."""
+        self._unheard = True
+
     def on_report(self, value: ButtonReport, size: int, now_s: float) -> None:
         """Take a report of `size` bytes; each tells the whole state of what it tells about.
 
@@ -66,22 +72,28 @@ class Buttons:
         """
         if isinstance(value, ButtonBits):
             labels = self._labels_of(size)
-            self._bits = [labels.get(bit) or f"button-{bit}" for bit in _bits_of(value.mask)]
+            told = self._bits = [labels.get(bit) or f"button-{bit}" for bit in _bits_of(value.mask)]
             if not value.mask:
                 self._long_bits = []
         elif isinstance(value, KeysDown):
-            self._keys = [self._label(code) for code in value.codes]
+            told = self._keys = [self._label(code) for code in value.codes]
             if not value.codes:
                 self._long_keys = []
         elif isinstance(value, LongPress):
-            self._long_keys = self._long_labels(value.codes)
+            told = self._long_keys = self._long_labels(value.codes)
         else:
-            self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
+            told = self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
+        if self._unheard:
+            self._unheard = False
+            if len(told) > 1:  # nobody knows which of them was pressed now
+                self._edges.mask(told)
         self._edges.set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
 
     def release_all(self, now_s: float) -> None:
-        """Count every button as released: nobody can tell any more."""
-        self._bits, self._keys, self._long_bits, self._long_keys = [], [], [], []
+        """Count every button as released: nobody can tell any more.
+
+        What each report named last stays: another one does not show those buttons up.
+        """
         self._edges.release_all(now_s)
 
     def events(self) -> list[ButtonEvent]:

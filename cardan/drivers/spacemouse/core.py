@@ -20,6 +20,7 @@ from types import MappingProxyType
 from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
 from cardan.drivers.spacemouse.buttons import Buttons
 from cardan.drivers.spacemouse.drift import DRIFT_AFTER_S, DriftDetector
+from cardan.drivers.spacemouse.notices import Doubt, Lapse, Notice
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
 from cardan.errors import CommandError
 from cardan.protocols.connexion import (
@@ -65,6 +66,7 @@ RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 _COUNTERS: Mapping[str, str] = MappingProxyType(
     {
         "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
+        "doubts": "times the buttons were not told when asked for",
         "gaps": "gaps of more than {gap_ms:.0f} ms while deflected",
         "unpaired_halves": "translation or rotation reports without the other half",
         "unusual_lengths": "motion reports of an unusual length",
@@ -110,6 +112,8 @@ class SpaceMouseCore:
         self._buttons = Buttons(model)
         self._link = DeviceLink.CLOSED
         self._reason = "not opened"
+        self._resumed_reason = RESUMED_REASON
+        """What it says once a STALE device is heard of again."""
         self._open = False
         self._heard = False
         self._stamp_s = NEVER_S
@@ -150,6 +154,7 @@ class SpaceMouseCore:
         self._battery = None
         self._heard = False
         self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        self._buttons.on_opened()
         self._open = True
 
     def on_lost(self, reason: str, now_s: float) -> None:
@@ -161,6 +166,17 @@ class SpaceMouseCore:
         """It was closed on request."""
         self._distrust(DeviceLink.CLOSED, "closed", now_s)
         self._open = False
+
+    def on_notice(self, notice: Notice, now_s: float) -> None:
+        """What became of the device, at `now_s`, beside its reports."""
+        if isinstance(notice, Lapse):
+            self.on_lost(notice.reason, now_s)
+        elif not isinstance(notice, Doubt):
+            self.on_opened(now_s, notice.model, None, notice.period_s)
+        elif self._open:
+            self._counts["doubts"] += 1
+            self._resumed_reason = notice.reason
+            self._distrust(DeviceLink.STALE, notice.reason, now_s)
 
     def on_report(self, report: bytes, now_s: float) -> None:
         """An input report of its true length was received at `now_s`. Never raises."""
@@ -329,7 +345,7 @@ class SpaceMouseCore:
             ):
                 self._watch(now_s)
         if self._link is DeviceLink.STALE:
-            self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON
+            self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, self._resumed_reason
             self._believe_s = now_s + SETTLE_S
         self._motion_s = now_s
 
@@ -367,6 +383,7 @@ class SpaceMouseCore:
         if now_s - max(older.stamp_s, self._active_since_s) <= STALE_AFTER_S:
             return
         self._counts["silences"] += 1
+        self._resumed_reason = RESUMED_REASON
         what = older.name if now_s - self._motion_s <= self._gap_after_s else "motion"
         self._distrust(
             DeviceLink.STALE,

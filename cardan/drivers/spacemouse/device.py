@@ -10,6 +10,7 @@ from cardan.drivers import base
 from cardan.drivers.access import obstacle
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.spacemouse.core import SpaceMouseCore
+from cardan.drivers.spacemouse.notices import Doubt, Lapse, Restart
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
 from cardan.drivers.spacemouse.serial_port import SerialTransport
 from cardan.drivers.spacemouse.serial_session import device_model
@@ -41,6 +42,10 @@ READ_TIMEOUT_S = 0.05
 
 BIND_TIMEOUT_S = 0.004
 """Wait for each interface of a receiver in turn, until one speaks."""
+
+MAX_DRAINED = 64
+"""Reports taken in a row; then those who ask for the state get their turn."""
+YIELD_S = 0.0005
 
 MUTE_AFTER_S = 10.0
 """An open device that has said nothing for so long may be in another program's hands."""
@@ -254,9 +259,15 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             link = self._links[0]
             self._show_led(link)
             report = link.read(READ_TIMEOUT_S)
-            while report is not None and not stop.is_set():
+            for _ in range(MAX_DRAINED):
+                if report is None or stop.is_set():
+                    break
                 self._take(report)
                 report = link.read(0.0)
+            else:
+                if report is not None:
+                    self._take(report)
+                stop.wait(YIELD_S)
         if len(self._links) == 1:
             self._show_led(self._links[0])
 
@@ -284,6 +295,9 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         with self._lock:
             if isinstance(report, bytes):
                 self._core.on_report(report, now_s)
+            elif isinstance(report, (Doubt, Lapse, Restart)):
+                self._core.on_notice(report, now_s)
+                self._opened_s = now_s
             else:
                 self._core.on_value(report, now_s)
 

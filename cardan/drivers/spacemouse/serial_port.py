@@ -10,6 +10,14 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+try:
+    from termios import error as TerminalError  # noqa: N812
+except ImportError:  # where there are no terminals
+
+    class TerminalError(Exception):  # type: ignore[no-redef]
+        """Never raised."""
+
+
 from cardan.drivers.spacemouse.serial_session import SerialSession, device_model
 from cardan.drivers.spacemouse.transports import FoundDevice, Link, Reading, Transport
 from cardan.errors import DeviceAccessError, DriverError
@@ -95,7 +103,7 @@ class SerialLink(Link):
 
     def close(self) -> None:
         """Close the port, which takes the device's power."""
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, TerminalError):
             self._port.close()
 
     def _converse(self, timeout_s: float) -> None:
@@ -110,12 +118,14 @@ class SerialLink(Link):
                 port.write(words)
             waiting = port.in_waiting
             data = port.read(waiting or 1) if waiting or timeout_s > 0.0 else b""
-        except OSError as error:
+        except (OSError, TerminalError) as error:
             # pyserial's own words for it speak of file descriptors.
-            raise OSError(error.errno or errno.ENODEV, "the port is gone") from None
+            raise OSError(_number_of(error) or errno.ENODEV, "the port is gone") from None
         now_s = time.monotonic()
-        if data:
-            self._waiting.extend(session.receive(data, now_s))
+        reports = session.receive(data, now_s) if data else ()
+        # A lapse comes first: what was reported before it is gone.
+        self._waiting.extend(session.notices(now_s))
+        self._waiting.extend(reports)
         if reason := session.failure(now_s):
             raise OSError(errno.ENODEV, reason)
 
@@ -139,12 +149,19 @@ def _open_port(path: str) -> Any:
             write_timeout=0.5,
             exclusive=True if os.name == "posix" else None,
         )
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TerminalError) as error:
         raise DeviceAccessError(f"cannot open {path}: {_words(path, error)}") from None
 
 
-def _words(path: str, error: OSError | ValueError) -> str:
-    number = getattr(error, "errno", None)
+def _number_of(error: Exception) -> int | None:
+    """The system's number of an error; a terminal's has it as its first argument only."""
+    if isinstance(error, TerminalError) and error.args:
+        return int(error.args[0])
+    return getattr(error, "errno", None)
+
+
+def _words(path: str, error: Exception) -> str:
+    number = _number_of(error)
     if number is None and error.__context__ is not None and error.__context__.args:
         number = error.__context__.args[0]  # what the terminal's settings were refused for
     if number in (errno.EACCES, errno.EPERM):

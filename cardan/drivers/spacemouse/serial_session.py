@@ -2,12 +2,17 @@
 
 Without any I/O and in the caller's time: bytes in, bytes and reports out. What it reports is what a
 HID device would: `Motion` and `ButtonBits`, in the raw frame of the HID devices.
+
+Motion is repeated, so a lost packet of it is made good by the next. A change of the keys is told
+once: while one is down, and after every packet that cannot be read, the device is asked for them.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
+from cardan.drivers.spacemouse.notices import Doubt, Lapse, Notice, Restart
 from cardan.protocols.connexion import (
     ButtonBits,
     Family,
@@ -17,6 +22,7 @@ from cardan.protocols.connexion import (
     Motion,
 )
 from cardan.protocols.connexion_serial import (
+    MagellanCompressedMotion,
     MagellanEcho,
     MagellanError,
     MagellanKeys,
@@ -53,6 +59,17 @@ FIRMWARE_TIMEOUT_S = 0.4
 """Wait for the line of a Spaceball's banner that tells its firmware."""
 QUIET_S = 0.5
 """A Magellan or Spaceball that has been quiet for so long is asked for its keys."""
+ASK_AFTER_S = 0.12
+"""While a key is down it is asked so often, whatever else it says."""
+KEYS_TIMEOUT_S = 0.15
+"""A key whose device does not answer in this time counts as released."""
+PAUSE_S = 0.05
+"""Between two questions: a Magellan takes no more than five bytes in a row."""
+REST_AFTER_PERIODS = 3.0
+"""A Spaceball that was deflected and answers, but has sent no motion for so long, is at rest: not
+all of them may tell of it."""
+RESTS_TOLD = 2
+"""So many answers in a row show it, since the first may have been under way."""
 GONE_AFTER_S = 1.2
 """One that does not answer that is gone."""
 ORB_GONE_AFTER_S = 2.5
@@ -87,10 +104,14 @@ _START = {
 }
 """What starts each kind, one command after the other's answer."""
 _QUERY = {
-    "magellan": magellan.QUERY_KEYS + b"\r",
-    "spaceball": spaceball.QUERY_KEYS + b"\r",
+    "magellan": magellan.QUERY_KEYS,
+    "spaceball": spaceball.QUERY_KEYS,
     "spaceorb": b"",
 }
+
+
+_GREETING = "Version"
+"""In what a Magellan says about itself."""
 
 
 def device_model(model: SerialModel) -> Model:
@@ -134,13 +155,32 @@ class SerialSession:
         self._answer_by_s = now_s
         self._to_send = bytearray()
         self._reports: list[InputReport] = []
+        self._notices: list[Notice] = []
         self._orb_status = -1
+        self._sent = b""
+        """The command that has not been answered yet."""
+        self._versions_asked = 0
+        self._compressed = False
+        """The device has said that its data are compressed from now on."""
+        self._lapsed = False
+        """It is being started again."""
+        self._held = False
+        """A key is down."""
+        self._suspicious = False
+        """Something could not be read: it may have been a change of the keys."""
+        self._unanswered_s: float | None = None
+        """When it was asked for the keys, and has not told them since."""
+        self._doubted = False
+        self._mode_asked_s = now_s
+        self._motion_s = now_s
+        self._rests_owed = 0
 
     # -- what happens --------------------------------------------------------------------------
 
     def receive(self, data: bytes, now_s: float) -> list[InputReport]:
         """Take bytes of the device; what it reports. Never raises."""
-        self._reports = []
+        reports: list[InputReport] = []
+        self._reports = reports
         model = self.model
         if model is None:
             self._detect(data, now_s)
@@ -153,21 +193,46 @@ class SerialSession:
         else:
             for orb in self._orb.feed(data):
                 self._on_orb(orb, model, now_s)
-        return self._reports
+        return reports
+
+    def notices(self, now_s: float) -> list[Notice]:
+        """What became of the device since the last call."""
+        if (
+            self.running
+            and self._held
+            and not self._doubted
+            and self._unanswered_s is not None
+            and now_s - self._unanswered_s > KEYS_TIMEOUT_S
+        ):
+            self._doubted = True
+            assert self.model is not None
+            self._notices.append(
+                Doubt(
+                    f"the {self.model.name} does not say which buttons are down: check its cable, "
+                    "then touch the cap and let go once"
+                )
+            )
+        notices = self._notices
+        if notices:
+            self._notices = []
+        return notices
 
     def send(self, now_s: float) -> bytes:
         """What to send the device now."""
         if self.model is None:
-            while self._probes and self._probes[0][0] <= now_s:
-                self._to_send += self._probes.popleft()[1]
+            # One that has begun to greet must not be reset in the middle of it.
+            while self._probes and self._probes[0][0] <= now_s and self._banner_s is None:
+                _, words = self._probes.popleft()
+                self._versions_asked += words == _PROBE_MAGELLAN
+                self._to_send += words
             if self._banner_s is not None and now_s - self._banner_s > FIRMWARE_TIMEOUT_S:
                 self._found(serial_model_by_key("spaceball-2003"), now_s)
         if self.model is not None:
             if not self.running and now_s >= self._answer_by_s:
                 self._next_command(now_s)
-            elif self.running and now_s - max(self._heard_s, self._asked_s) >= QUIET_S:
-                self._asked_s = now_s
-                self._to_send += _QUERY[self.model.protocol]
+                self._suspicious = True  # the last command is the question for the keys
+            elif self.running:
+                self._ask(self.model, now_s)
         words = bytes(self._to_send)
         self._to_send.clear()
         return words
@@ -192,6 +257,7 @@ class SerialSession:
         if protocol in (None, "magellan"):
             for mag in self._magellan.feed(data):
                 if isinstance(mag, MagellanVersion):
+                    self._versions_asked -= 1
                     self._found(model_of_version(mag.text), now_s)
                     return
         if protocol in (None, "spaceball"):
@@ -217,66 +283,174 @@ class SerialSession:
     def _start(self, now_s: float) -> None:
         assert self.model is not None
         self.running = False
+        self._compressed = False
         self._commands = deque(_START[self.model.protocol])
         self._next_command(now_s)
 
     def _next_command(self, now_s: float) -> None:
         if self._commands:
-            self._to_send += self._commands.popleft() + b"\r"
+            self._sent = self._commands.popleft()
+            self._to_send += self._sent + b"\r"
             self._answer_by_s = now_s + ANSWER_TIMEOUT_S
-        else:
-            self.running = True
-            self._heard_s = self._asked_s = now_s
+            return
+        self.running = True
+        self._sent = b""
+        self._heard_s = self._asked_s = self._mode_asked_s = now_s
+        self._unanswered_s = None
+        self._rests_owed = 0
+        if self._lapsed:
+            assert self.model is not None
+            self._lapsed = False
+            self._notices.append(Restart(device_model(self.model), self.model.period_s))
+
+    def _lapse(self, model: SerialModel, now_s: float) -> None:
+        """It has started anew, with its own settings, and takes the cap's place then for rest."""
+        if self.running:
+            self._lapsed = True
+            self._held = self._suspicious = self._doubted = False
+            self._orb_status = -1
+            self._reports.clear()
+            self._notices.append(
+                Lapse(f"the {model.name} has lost its power for a moment and is started again")
+            )
+        self._start(now_s)
 
     def _answered(self, now_s: float) -> None:
         if not self.running:
             self._next_command(now_s)
 
+    # -- asking a device that runs ---------------------------------------------------------------
+
+    def _ask(self, model: SerialModel, now_s: float) -> None:
+        """Ask for the keys, or whether it still has its settings, when that is due."""
+        since_s = now_s - self._asked_s
+        keys = _QUERY[model.protocol]
+        if not keys or since_s < PAUSE_S:
+            return
+        quiet = now_s - max(self._heard_s, self._asked_s) >= QUIET_S
+        at_rest = self._rests_owed and now_s - self._motion_s >= _rest_after_s(model)
+        if quiet or self._suspicious or (since_s >= ASK_AFTER_S and (self._held or at_rest)):
+            self._suspicious = False
+            if self._unanswered_s is None:
+                self._unanswered_s = now_s
+        elif (
+            self._compressed
+            and now_s - self._mode_asked_s >= QUIET_S
+            and now_s - self._motion_s >= QUIET_S
+            and self._unanswered_s is None
+        ):
+            self._mode_asked_s = now_s
+            keys = self._sent = magellan.QUERY_EXTENDED
+        else:
+            return
+        self._asked_s = now_s
+        self._to_send += keys + b"\r"
+
+    def _keys(self, mask: int, now_s: float) -> None:
+        """It has said which keys are down."""
+        if self._rests_owed and self._unanswered_s is not None:
+            assert self.model is not None
+            if self._unanswered_s - self._motion_s >= _rest_after_s(self.model):
+                self._rests_owed -= 1
+                self._report(Motion(0, 0, 0, 0, 0, 0))
+        self._unanswered_s = None
+        self._doubted = False
+        self._held = mask != 0
+        self._heard_s = now_s
+        self._report(ButtonBits(mask))
+
+    def _on_error(self, now_s: float) -> None:
+        """The device has refused something, or it was noise."""
+        if self.running:
+            self._suspicious = True
+        else:
+            self._next_command(now_s)
+
+    def _is_answer(self, letter: bytes, now_s: float) -> bool:
+        """Whether a packet of `letter` is what the last command asked for, which is then over."""
+        if self._sent[:1] != letter or (self.running and now_s - self._asked_s > QUIET_S):
+            # Noise, or keys that became another packet on the way; rarely the device's own will.
+            self._suspicious = True
+            return False
+        self._sent = b""
+        return True
+
     # -- what it says --------------------------------------------------------------------------
 
     def _on_magellan(self, value: object, model: SerialModel, now_s: float) -> None:
         if isinstance(value, Malformed):
-            self._malformed(value)
-            return
-        self._heard_s = now_s
-        if isinstance(value, MagellanMotion):
+            self._malformed(value, now_s)
+        elif isinstance(value, MagellanMotion):
+            if isinstance(value, MagellanCompressedMotion):
+                self._compressed = True
+            elif self._compressed and self.running:
+                self._lapse(model, now_s)
+                return
+            self._heard_s = self._motion_s = now_s
             self._report(Motion._make(to_hid_counts(model, value)))
         elif isinstance(value, MagellanKeys):
-            self._report(ButtonBits(value.mask))
+            self._keys(value.mask, now_s)
             if not self._commands:
                 self._answered(now_s)
-        elif isinstance(value, (MagellanEcho, MagellanError)):
-            self._answered(now_s)
+        elif isinstance(value, MagellanEcho):
+            if value.command == magellan.EXTENDED_COMPRESSED:
+                self._compressed = True
+            if self._is_answer(value.command[:1], now_s):
+                self._on_echo(value.command, model, now_s)
+        elif isinstance(value, MagellanError):
+            if self._sent == magellan.QUERY_EXTENDED:
+                self._mode_asked_s = math.inf  # it does not know that question
+            self._on_error(now_s)
+        elif isinstance(value, MagellanVersion):
+            self._suspicious = True
+            if _GREETING in value.text:
+                self._versions_asked -= 1
+                if self._versions_asked < 0:
+                    self._lapse(model, now_s)
+
+    def _on_echo(self, command: bytes, model: SerialModel, now_s: float) -> None:
+        """The answer to the last command."""
+        if not self.running:
+            self._next_command(now_s)
+        elif len(command) != 3 or command[2] not in magellan.ALPHABET:
+            self._suspicious = True
+        elif command[2] & magellan.COMPRESSED_BITS == magellan.COMPRESSED_BITS:
+            self._heard_s = now_s
+        else:
+            self._lapse(model, now_s)
 
     def _on_spaceball(self, value: object, model: SerialModel, now_s: float) -> None:
         if isinstance(value, Malformed):
-            self._malformed(value)
-            return
-        self._heard_s = now_s
-        if isinstance(value, SpaceballMotion):
+            self._malformed(value, now_s)
+        elif isinstance(value, SpaceballMotion):
+            self._heard_s = self._motion_s = now_s
+            self._rests_owed = RESTS_TOLD if any(value[1:]) else 0
             self._report(Motion._make(to_hid_counts(model, _rates(value, model))))
         elif isinstance(value, SpaceballAdvancedKeys):
             if model.key == "spaceball-2003" and self._wanted is None:
                 # Firmware 2.42 is that of both.
                 self.model = model = serial_model_by_key("spaceball-4000")
-            self._report(ButtonBits(button_mask(model, value)))
+            self._keys(button_mask(model, value), now_s)
             self._answered(now_s)
         elif isinstance(value, SpaceballKeys):
             # Of a 4000 FLX they are only some of its keys.
             if model.key != "spaceball-4000":
-                self._report(ButtonBits(button_mask(model, value)))
+                self._keys(button_mask(model, value), now_s)
                 may_be_4000 = model.key == "spaceball-2003" and self._wanted is None
                 if not self._commands and not may_be_4000:
                     self._answered(now_s)
         elif isinstance(value, SpaceballReset):
-            if self.running and value.text[:1] == "1":  # it lost its power, and its settings
-                self._start(now_s)
-        elif isinstance(value, (SpaceballEcho, SpaceballError)):
-            self._answered(now_s)
+            if value.text[:1] == "1":
+                self._lapse(model, now_s)
+        elif isinstance(value, SpaceballEcho):
+            if self._is_answer(bytes((value.letter,)), now_s):
+                self._answered(now_s)
+        elif isinstance(value, SpaceballError):
+            self._on_error(now_s)
 
     def _on_orb(self, value: object, model: SerialModel, now_s: float) -> None:
         if isinstance(value, Malformed):
-            self._malformed(value)
+            self._malformed(value, now_s)
             return
         self._heard_s = now_s
         if isinstance(value, OrbMotion):
@@ -287,12 +461,22 @@ class SerialSession:
         elif isinstance(value, OrbKeys):
             self._orb_status = value.status
             self._report(ButtonBits(value.status))
+        elif isinstance(value, OrbReset):
+            self._lapse(model, now_s)
 
-    def _malformed(self, value: Malformed) -> None:
+    def _malformed(self, value: Malformed, now_s: float) -> None:
+        self._suspicious = True
+        if self._rests_owed:  # it may have been motion
+            self._motion_s = now_s
         self._report(MalformedReport(value.reason, value.letter))
 
     def _report(self, value: InputReport) -> None:
-        self._reports.append(value)
+        if not self._lapsed:  # else it does not have its settings yet
+            self._reports.append(value)
+
+
+def _rest_after_s(model: SerialModel) -> float:
+    return REST_AFTER_PERIODS * model.period_s
 
 
 def _rates(value: SpaceballMotion, model: SerialModel) -> tuple[int, ...]:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from cardan.drivers.access import refusal
 from cardan.drivers.hid import HidDevice, load_hid
 from cardan.drivers.spacemouse.core import REPORT_PERIOD_S
+from cardan.drivers.spacemouse.notices import Notice
 from cardan.errors import DeviceAccessError
 from cardan.protocols.connexion import (
     CONNEXION,
@@ -50,8 +51,8 @@ class FoundDevice(NamedTuple):
     """USB port ("1-2.3"), which stays the same as long as nobody replugs; empty: not known."""
 
 
-Reading = bytes | InputReport
-"""A HID report of its true length, or what one would say."""
+Reading = bytes | InputReport | Notice
+"""A HID report of its true length, what one would say, or what became of the device."""
 
 
 class Link(ABC):

@@ -10,7 +10,7 @@ from typing import Any
 from cardan.drivers.access import refusal
 from cardan.drivers.spacemouse.transports import REPORT_ROOM, FoundDevice, Link, Transport
 from cardan.errors import DeviceAccessError, DriverError
-from cardan.protocols.connexion import CONNEXION, LOGITECH, find_model, is_candidate
+from cardan.protocols.connexion import CONNEXION, LOGITECH, Model, find_model, is_candidate
 
 _HID_CLASS = 3
 _BOOT_PROTOCOLS = (1, 2)
@@ -38,43 +38,55 @@ class UsbTransport(Transport):
 
     def find(self) -> list[FoundDevice]:
         """The interfaces that may carry motion, in the order of the system."""
-        found = []
+        found: list[FoundDevice] = []
+        failures = []
         for device in _devices():
             model = find_model(device.idVendor, device.idProduct)
             if model is None or not is_candidate(device.idVendor, device.idProduct, 0, 0):
                 continue
-            port = _port_of(device)
-            for configuration, interface in _interfaces(device):
-                path = f"{port}:{configuration}.{interface.bInterfaceNumber}"
-                found.append(
-                    FoundDevice(
-                        name=model.name,
-                        vendor_id=model.vendor_id,
-                        product_id=model.product_id,
-                        transport=self.name,
-                        path=path,
-                        serial=_serial_of(device),
-                        model=model,
-                        certain=not model.receiver,
-                        interface=interface.bInterfaceNumber,
-                        port=port,
-                    )
+            try:
+                found += self._found(device, model)
+            except OSError as error:  # it is being plugged in, or out
+                failures.append(
+                    f"the {model.name} at {_port_of(device)} cannot be asked what it is "
+                    f"({error.strerror or error}): plug it in again"
                 )
+        if failures and not found:
+            raise DeviceAccessError("; ".join(failures))
         return found
+
+    def _found(self, device: Any, model: Model) -> list[FoundDevice]:
+        """The interfaces of `device`. Raises OSError when it cannot be asked."""
+        port = _port_of(device)
+        return [
+            FoundDevice(
+                name=model.name,
+                vendor_id=model.vendor_id,
+                product_id=model.product_id,
+                transport=self.name,
+                path=f"{port}:{configuration}.{interface.bInterfaceNumber}",
+                serial=_serial_of(device),
+                model=model,
+                certain=not model.receiver,
+                interface=interface.bInterfaceNumber,
+                port=port,
+            )
+            for configuration, interface in _interfaces(device)
+        ]
 
     def open(self, device: FoundDevice) -> Link:
         """Take the interface from the kernel's driver and claim it."""
         for usb_device in _devices():
             if _port_of(usb_device) != device.port:
                 continue
-            for _, interface in _interfaces(usb_device):
-                if interface.bInterfaceNumber == device.interface:
-                    try:
+            try:
+                for _, interface in _interfaces(usb_device):
+                    if interface.bInterfaceNumber == device.interface:
                         return UsbLink(usb_device, interface)
-                    except (OSError, NotImplementedError) as error:
-                        raise DeviceAccessError(
-                            f"cannot open {device.name}: {refusal(device.path, error)}"
-                        ) from None
+            except (OSError, NotImplementedError) as error:
+                raise DeviceAccessError(
+                    f"cannot open {device.name}: {refusal(device.path, error)}"
+                ) from None
         raise DeviceAccessError(f"cannot open {device.name}: {device.path} is gone")
 
 

@@ -101,7 +101,7 @@ class WiimoteCore:
         self._roles = ROLES[options.roles]()
         self._clutch = self._roles.clutch | {STICK_BUTTON}
         self._tilt = Tilt(options.low_pass_hz, options.full_tilt_used_deg)
-        self._gyro = Gyro()
+        self._gyro = Gyro(options.dead_zone * options.gyro_full_scale_rad_s)
         self._buttons = ButtonEdges()
         self._identity = Identity()
         self._link = DeviceLink.CLOSED
@@ -319,6 +319,8 @@ class WiimoteCore:
         if session.started:
             if self._link is DeviceLink.LIVE and not self._tilt.trusted(now_s):
                 words.append("it is shaken: its tilt cannot be told from that, and counts as none")
+            if self._roles.yaw:
+                words.append("tilt to the side turns about z (button 2): press 1 for about x")
             words += self._about_parts()
         if self._buttons.lost_edges:
             words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
@@ -355,9 +357,11 @@ class WiimoteCore:
         return words
 
     def _why_lost_early(self) -> str:
-        words = (
-            f"{self._early_losses} times it was lost within {EARLY_LOSS_S:.0f} s of opening: it is "
-            "not paired (use the red sync button; BlueZ drops unpaired remotes, see "
+        words = f"{self._early_losses} times it was lost within {EARLY_LOSS_S:.0f} s of opening: "
+        if self._identity.transport == "socket":
+            return words + "another program holds it"
+        words += (
+            "it is not paired (use the red sync button; BlueZ drops unpaired remotes, see "
             "ClassicBondedOnly)"
         )
         if self._identity.late_model:
@@ -506,32 +510,36 @@ class WiimoteCore:
             self._distrust(DeviceLink.NEEDS_NEUTRAL, _RESUMED, now_s)
             self._believe_s = now_s + SETTLE_S
         before = self._buttons.held
-        self._buttons.set((*_labels(self._core_buttons), *self._extension_buttons), now_s)
+        labels = (*_labels(self._core_buttons), *self._extension_buttons)
+        self._buttons.set(labels, now_s)
         held = self._buttons.held
         if held != before:
             self._on_buttons(held - before, held)
         if self._link is DeviceLink.NEEDS_NEUTRAL:
-            self._seek_neutral(missing, now_s)
+            self._seek_neutral(missing, not self._clutch.isdisjoint(labels), now_s)
         live = self._link is DeviceLink.LIVE
         self._axes = self._deflections(now_s) if live and self._held else NEUTRAL
         self._fresh_until_s = STALE_AFTER_S + self._oldest_s()
         self._cached = None
 
     def _on_buttons(self, pressed: frozenset[str], held: frozenset[str]) -> None:
-        for button in pressed:
-            self._roles.on_press(button)
+        if self._link is DeviceLink.LIVE:  # A press that wakes the remote up sets no mode.
+            self._roles.on_press(pressed)
         was_held, self._held = self._held, not self._clutch.isdisjoint(held)
         if self._held and not was_held and self._options.neutral == "press":
             self._tilt.capture()
 
-    def _seek_neutral(self, missing: str, now_s: float) -> None:
-        """Believe the remote once it is whole and nothing of it is held."""
-        let_go = not self._held and max(map(abs, self._stick)) < CENTRED
+    def _seek_neutral(self, missing: str, held: bool, now_s: float) -> None:
+        """Believe the remote once it is whole and nothing of it is held.
+
+        `held`: a clutch button is down, be it one that does not count until it was up.
+        """
+        let_go = not held and max(map(abs, self._stick)) < CENTRED
         if not missing and let_go and now_s >= self._believe_s:
             self._link = DeviceLink.LIVE
         else:
-            held = "" if self._held or let_go else "let go of the Nunchuk's stick once"
-            self._reason = missing or held or self._why
+            stick = "" if held or let_go else "let go of the Nunchuk's stick once"
+            self._reason = missing or stick or self._why
 
     def _deflections(self, now_s: float) -> Axes:
         rolled, dipped = self._tilt.rolled_and_dipped(now_s)

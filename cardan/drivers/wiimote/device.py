@@ -36,8 +36,8 @@ class Wiimote(ReadDevice[WiimoteCore]):
     """A Wii Remote as an operator device: tilt, buttons, Nunchuk, MotionPlus, rumble.
 
     Its axes are zero unless a clutch button is held, and LIVE only after none was; see :mod:`.core`
-    for the rules and :mod:`.roles` for what the motions mean. It is opened again by itself after
-    it was lost. `transport` replaces the way to the remote.
+    for the rules and :mod:`.roles` for what the motions mean. It, and no other, is opened again by
+    itself after it was lost. `transport` replaces the way to the remote.
     """
 
     Options = WiimoteOptions
@@ -50,6 +50,8 @@ class Wiimote(ReadDevice[WiimoteCore]):
         super().__init__(options, WiimoteCore(options))
         self._transport = transport or _transport(options)
         self._remote: Link | None = None
+        self._kept: Found | None = None
+        """The remote that was opened first, until it is closed: another hand is no successor."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
@@ -90,13 +92,28 @@ class Wiimote(ReadDevice[WiimoteCore]):
             if feedback.rumble is not None:
                 self._core.set_rumble(feedback.rumble, time.monotonic())
 
+    def open(self) -> None:
+        """Open a remote and start to read it.
+
+        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
+        """
+        if not self._opened:
+            self._kept = None
+        super().open()
+
     # -- the reader ----------------------------------------------------------------------------
 
     def _connect(self) -> None:
+        kept = self._kept
         refusals = []
+        others = []
         for remote in self._transport.find():
-            if not self._is_meant(remote):
-                continue
+            if kept is None or not _is_same(remote, kept):
+                if not self._is_meant(remote):
+                    continue
+                if kept is not None:
+                    others.append(remote)
+                    continue
             try:
                 link = self._transport.open(remote, self._stop.is_set)
             except DeviceAccessError as error:
@@ -106,7 +123,10 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 link.write(_MOTOR_OFF)
             except OSError as error:
                 link.close()
-                refusals.append(f"{remote.name} at {remote.path} takes no report: {error}")
+                words = f"{remote.name} at {remote.path} takes no report: {error}"
+                if remote.transport == SocketTransport.name:
+                    words += "; another program holds it"
+                refusals.append(words)
                 continue
             identity = Identity(
                 remote.name,
@@ -115,12 +135,15 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 remote.kernel_driver,
                 remote.late_model,
             )
+            self._kept = remote
             with self._lock:
                 self._remote = link
                 self._core.on_opened(time.monotonic(), identity)
             return
         if refusals:
             raise DeviceAccessError("; ".join(refusals))
+        if kept is not None and kept.transport != SocketTransport.name:
+            raise DeviceNotFoundError(_gone(kept, others))
         raise DeviceNotFoundError(self._not_found())
 
     def _serve(self, stop: threading.Event) -> None:
@@ -172,6 +195,27 @@ class Wiimote(ReadDevice[WiimoteCore]):
             f"no Wii Remote{such} is connected: pair it once (red sync button), then press one of "
             "its buttons; `cardan devices` lists what there is"
         )
+
+
+def _is_same(remote: Found, kept: Found) -> bool:
+    """By the address, as the system's path of a remote is another one when it is back."""
+    if kept.address:
+        return remote.address == kept.address
+    return remote.path == kept.path
+
+
+def _gone(kept: Found, others: list[Found]) -> str:
+    words = f"the remote {_label(kept)} is gone: press one of its buttons"
+    if others:
+        words += (
+            f"; {_label(others[0])} is there, but is another one: to use that, close the device "
+            "and open it again"
+        )
+    return words
+
+
+def _label(remote: Found) -> str:
+    return remote.address or remote.path
 
 
 def _transport(options: WiimoteOptions) -> Transport:

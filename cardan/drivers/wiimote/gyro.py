@@ -16,14 +16,23 @@ STILL_SAMPLES = 20
 STILL_RAD_S = math.radians(3.0)
 """How far rates may differ from another while it is still."""
 
-LARGEST_BIAS_RAD_S = math.radians(10.0)
+STEADY_TURN_RAD_S = math.radians(10.0)
 """More is no rest point that has moved but a steady turn."""
+
+LARGEST_BIAS_RAD_S = math.radians(3.0)
+"""No rest point is taken to be farther off. A slower steady turn looks the same as one that has
+moved, and is a turn the other way once the hand stops."""
 
 
 class Gyro:
-    """Rates in rad/s about the operator's axes. Times are monotonic, s."""
+    """Rates in rad/s about the operator's axes. Times are monotonic, s.
 
-    def __init__(self) -> None:
+    `largest_bias_rad_s`: the rest point is believed to be no farther off, nor than
+    `LARGEST_BIAS_RAD_S`. Within a dead zone of that size a wrong one moves nothing.
+    """
+
+    def __init__(self, largest_bias_rad_s: float = LARGEST_BIAS_RAD_S) -> None:
+        self._largest_bias_rad_s = min(largest_bias_rad_s, LARGEST_BIAS_RAD_S)
         self.reset()
 
     def reset(self) -> None:
@@ -62,12 +71,13 @@ class Gyro:
             still = (
                 still
                 and self._high[i] - self._low[i] < STILL_RAD_S
-                and abs(rate) < LARGEST_BIAS_RAD_S
+                and abs(rate) < STEADY_TURN_RAD_S
             )
         if not still:
             self._forget()
         elif now_s - self._since_s >= STILL_S and self._count >= STILL_SAMPLES:
-            x, y, z = self._sum
-            self.bias_rad_s = (x / self._count, y / self._count, z / self._count)
+            largest = self._largest_bias_rad_s
+            x, y, z = (min(largest, max(-largest, total / self._count)) for total in self._sum)
+            self.bias_rad_s = (x, y, z)
             self.updates += 1
             self._forget()

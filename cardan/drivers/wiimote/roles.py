@@ -40,8 +40,8 @@ class Roles(ABC):
     needs_rates = False
     """They use a MotionPlus."""
 
-    def on_press(self, button: str) -> None:  # noqa: B027 - most roles have no modes
-        """`button` went down."""
+    def on_press(self, buttons: frozenset[str]) -> None:  # noqa: B027 - most roles have no modes
+        """`buttons` went down, all at once."""
 
     def reset(self) -> None:  # noqa: B027
         """A new link: modes as they are at first."""
@@ -80,9 +80,11 @@ class PaperRoles(Roles):
     def reset(self) -> None:
         self._yaw = False
 
-    def on_press(self, button: str) -> None:
-        if button in ("one", "two"):
-            self._yaw = button == "two"
+    def on_press(self, buttons: frozenset[str]) -> None:
+        if "one" in buttons:
+            self._yaw = False
+        elif "two" in buttons:
+            self._yaw = True
 
     def _moved(self, hand: Hand) -> Axes:
         z = float("a" in hand.buttons) - float("b" in hand.buttons)

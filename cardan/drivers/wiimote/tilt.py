@@ -17,6 +17,9 @@ UNCALIBRATED_G = (0.6, 1.4)
 FREEZE_S = 0.25
 """A tilt that could not be measured for so long counts as none."""
 
+SETTLED = 4.0
+"""Time constants of the filter after which it has all but forgotten what was before."""
+
 SAMPLE_S = (0.002, 0.05)
 """Shortest and longest time that one sample stands for: reports come in bunches."""
 
@@ -41,7 +44,8 @@ class Tilt:
         """Nothing is known; level is neutral."""
         self._up: Vector | None = None
         self._neutral = _UP
-        self._sampled_s = self._trusted_s = NEVER_S
+        self._capturing = False
+        self._sampled_s = self._trusted_s = self._doubted_s = NEVER_S
 
     def update(self, force_g: Vector, now_s: float, calibrated: bool = True) -> None:
         """Take a sample. `calibrated`: zero and 1 g of this very accelerometer are known."""
@@ -49,8 +53,12 @@ class Tilt:
         low, high = TRUSTED_G if calibrated else UNCALIBRATED_G
         since_s, self._sampled_s = now_s - self._sampled_s, now_s
         if not low * low <= x * x + y * y + z * z <= high * high:
+            self._doubted_s = now_s
             return
-        if self._up is None or now_s - self._trusted_s > FREEZE_S:
+        gone_s = FREEZE_S
+        if self._capturing and now_s - self._doubted_s < SETTLED / self._rate:
+            gone_s = 0.0  # The filter still holds the attitude of before the hand moved.
+        if self._up is None or now_s - self._trusted_s > gone_s:
             self._up = force_g
         else:
             shortest, longest = SAMPLE_S
@@ -58,14 +66,16 @@ class Tilt:
             u, v, w = self._up
             self._up = (u + share * (x - u), v + share * (y - v), w + share * (z - w))
         self._trusted_s = now_s
-
-    def capture(self) -> None:
-        """What is held now is neutral."""
-        if self._up is not None:
+        if self._capturing:
+            self._capturing = False
             x, y, z = self._up
             length = math.sqrt(x * x + y * y + z * z)
-            if length > 0.0:
-                self._neutral = (x / length, y / length, z / length)
+            self._neutral = (x / length, y / length, z / length) if length > 0.0 else _UP
+
+    def capture(self) -> None:
+        """What the next sample that can be trusted shows is neutral; until then there is no
+        tilt."""
+        self._capturing = True
 
     def trusted(self, now_s: float) -> bool:
         """Whether the tilt is known at `now_s`."""
@@ -76,7 +86,7 @@ class Tilt:
 
         Both fade by themselves as the other nears 90 degrees. (0, 0) where it is not known.
         """
-        if self._up is None or not self.trusted(now_s):
+        if self._up is None or self._capturing or not self.trusted(now_s):
             return 0.0, 0.0
         x, y, _ = self._up if self._neutral is _UP else _turned(self._up, self._neutral)
         return _clamped(self._gain * y), _clamped(-self._gain * x)

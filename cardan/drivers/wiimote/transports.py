@@ -13,6 +13,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 from cardan.drivers.access import obstacle
@@ -29,6 +30,9 @@ from cardan.protocols.wiimote import (
     WIIMOTE_TR,
     model_of,
 )
+
+if sys.platform == "linux":
+    import fcntl
 
 REPORT_ROOM = 64
 """Asked of every read: a read that is too small loses the rest of the report."""
@@ -129,16 +133,61 @@ class HidrawTransport(Transport):
         return found
 
     def open(self, remote: Found, given_up: Callable[[], bool]) -> Link:
-        """Open a remote by its path."""
+        """Open a remote by its path, unless another driver of this kind has it."""
+        claim = _claim(remote)
         try:
-            return _HidLink(_hidraw(), remote.path)
-        except (OSError, ValueError) as error:
+            return _HidLink(_hidraw(), remote.path, claim)
+        except (OSError, ValueError, DriverError) as error:
+            _let_go(claim)
+            if isinstance(error, DriverError):
+                raise
             words = obstacle(remote.path) or f"{remote.path}: {error}"
             raise DeviceAccessError(f"cannot open {remote.name}: {words}") from None
 
 
 class _HidLink(HidDevice, Link):
     """An open HID device as a link."""
+
+    def __init__(self, module: ModuleType, path: str, claim: int | None) -> None:
+        super().__init__(module, path)
+        self._claim = claim
+
+    def close(self) -> None:
+        """Release the device, and the claim on it."""
+        super().close()
+        _let_go(self._claim)
+        self._claim = None
+
+
+def _claim(remote: Found) -> int | None:
+    """Claim a remote's node among drivers of this kind: hidraw lets any number open it.
+
+    The open file that holds the claim; None where there is nothing to claim. Raises
+    DeviceAccessError when another one has it.
+    """
+    if sys.platform != "linux":
+        return None
+    try:
+        node = os.open(remote.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:  # hidapi meets the same, and tells.
+        return None
+    try:
+        fcntl.flock(node, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(node)
+        raise DeviceAccessError(
+            f"cannot open {remote.name}: another session has {remote.path}; give each session a "
+            "remote of its own by address or path"
+        ) from None
+    except OSError:  # a file system that knows no locks
+        os.close(node)
+        return None
+    return node
+
+
+def _let_go(claim: int | None) -> None:
+    if claim is not None:
+        os.close(claim)
 
 
 def _hidraw() -> Any:

@@ -1,6 +1,7 @@
 """The serial protocols of 3Dconnexion's older six-axis devices: Magellan, Spaceball, SpaceOrb."""
 
 from cardan.protocols.connexion_serial.magellan import (
+    MagellanCompressedMotion,
     MagellanEcho,
     MagellanError,
     MagellanKeys,
@@ -58,6 +59,7 @@ from cardan.protocols.connexion_serial.values import CommandReader, Malformed
 __all__ = [
     "SERIAL_MODELS",
     "CommandReader",
+    "MagellanCompressedMotion",
     "MagellanEcho",
     "MagellanError",
     "MagellanKeys",

@@ -33,11 +33,14 @@ MODE_3D = b"m3"
 """Translation and rotation, all axes."""
 EXTENDED_COMPRESSED = b"c33"
 """Translation and rotation, keys beyond the eighth, compressed data with a checksum."""
+COMPRESSED_BITS = 0x3
+"""Of the second nibble of `c`: extended keys and compressed data."""
 DEFAULT_SENSITIVITY = b"q00"
 PERIODS_60_MS = b"pBB"
 """(2 + 1) · 20 ms, spontaneous and on request."""
 QUERY_VERSION = b"vQ"
 QUERY_KEYS = b"kQ"
+QUERY_EXTENDED = b"cQ"
 
 PLAIN_BYTES = 24
 """Data of a plain `d` packet: 6 x 4 nibbles."""
@@ -57,6 +60,12 @@ class MagellanMotion(NamedTuple):
     a: int
     b: int
     c: int
+
+
+class MagellanCompressedMotion(MagellanMotion):
+    """The same, as `d` says it in the compressed mode."""
+
+    __slots__ = ()
 
 
 class MagellanKeys(NamedTuple):
@@ -210,11 +219,11 @@ def _nibbles(data: bytes) -> bytes | None:
         return None
 
 
-def _decode_compressed(data: bytes) -> MagellanMotion | Malformed:
+def _decode_compressed(data: bytes) -> MagellanCompressedMotion | Malformed:
     values = data.translate(_UNCODE)
     if _NO_VALUE in values:
         return Malformed(BAD_CODE, _D)
     if sum(data[:12]) & 0xFFF != values[12] << 6 | values[13]:
         return Malformed(BAD_CHECKSUM, _D)
     x, y, z, a, b, c = (values[i] * 64 + values[i + 1] - 2048 for i in range(0, 12, 2))
-    return MagellanMotion(x, y, z, a, b, c)
+    return MagellanCompressedMotion(x, y, z, a, b, c)

@@ -86,7 +86,8 @@ class Frame(NamedTuple):
     hands: tuple[Hand, ...]
     """Those that could be read, in no particular order."""
     unreadable_hands: int = 0
-    """Hands whose id, palm or direction is missing or no number."""
+    """Hands whose id, palm or direction is missing or no number, or whose confidence is there but
+    no number in 0..1."""
 
 
 class Ignored(NamedTuple):
@@ -253,7 +254,10 @@ def _hand(entry: Any) -> Hand | None:
     position = _vector(entry.get("palmPosition"))
     normal = _vector(entry.get("palmNormal"))
     direction = _vector(entry.get("direction"))
+    confidence = _number(entry.get("confidence"))
     if identity is None or position is None or normal is None or direction is None:
+        return None
+    if "confidence" in entry and (confidence is None or not 0.0 <= confidence <= 1.0):
         return None
     kind = entry.get("type")
     return Hand(
@@ -264,7 +268,7 @@ def _hand(entry: Any) -> Hand | None:
         kind if kind in HANDS else "",
         _number(entry.get("grabStrength")),
         _number(entry.get("pinchStrength")),
-        _number(entry.get("confidence")),
+        confidence,
         _number(entry.get("timeVisible")),
     )
 

@@ -1,0 +1,62 @@
+"""How late frames come, by the service's own stamps, whose clock has an epoch of its own.
+
+A network or a reader that cannot keep up delivers every frame, in order and at an even pace, but
+seconds late; only the stamps tell. The smallest difference ever between arrival and stamp is taken
+for that of a frame without delay. It may rise only as slowly as clocks drift apart: a delay of 1 s
+would have to last for a quarter of an hour to look like none.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cardan.types import NEVER_S
+
+LARGEST_DRIFT = 1e-3
+"""How much faster our clock may run than the service's: NTP alone slews a clock by 500 ppm."""
+
+BACK_S = 0.1
+"""Stamps that go back by more are of another clock: delays never turn stamps around."""
+
+FORGET_S = 30.0
+"""After so long without a frame in time, what was known of the service's clock is doubted, too."""
+
+
+class Lag:
+    """The delay of frames. Times are monotonic, s."""
+
+    def __init__(self, late_s: float) -> None:
+        self._late_s = late_s
+        self.reset()
+
+    def reset(self) -> None:
+        """The next frame's clock is not known."""
+        self._least_s = math.inf
+        """Difference between our clock and the stamp of a frame without delay."""
+        self._stamp_s = -math.inf
+        self._arrival_s = NEVER_S
+        self._timely_s = NEVER_S
+
+    def connected_anew(self, now_s: float) -> None:
+        """The connection was made again because frames were late: the clock may be the same."""
+        if now_s - self._timely_s > FORGET_S:
+            self.reset()
+
+    def is_another_clock(self, timestamp_us: int) -> bool:
+        """Whether a frame of this stamp, newer than the one before, is of another clock."""
+        return timestamp_us * 1e-6 < self._stamp_s - BACK_S
+
+    def update(self, timestamp_us: int, now_s: float) -> float:
+        """How late a frame of this stamp is that was received at `now_s`, s."""
+        stamp_s = timestamp_us * 1e-6
+        passed_s = now_s - self._arrival_s
+        if passed_s > 0.0:
+            self._least_s += LARGEST_DRIFT * passed_s
+            self._arrival_s = now_s
+        self._stamp_s = stamp_s
+        difference_s = now_s - stamp_s
+        self._least_s = min(self._least_s, difference_s)
+        lag_s = difference_s - self._least_s
+        if lag_s <= self._late_s:
+            self._timely_s = now_s
+        return lag_s
