@@ -20,6 +20,7 @@ def describe(model):
         frozenset(model.codes.values()),
         dict(model.axes),
         model.effects,
+        bustype=model.id.bustype,
     )
 
 

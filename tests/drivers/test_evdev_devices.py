@@ -3,12 +3,15 @@
 import errno
 import fcntl
 import os
+import socket
 import time
 
 import pytest
 
+from cardan.drivers import reading
 from cardan.drivers.evdev import device as shell
-from cardan.drivers.evdev import nodes
+from cardan.drivers.evdev import links, nodes
+from cardan.drivers.evdev.core import UNREAD_AFTER_S
 from cardan.drivers.gamepad import Gamepad, GamepadOptions
 from cardan.drivers.keyboard import Keyboard, KeyboardOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
@@ -217,6 +220,95 @@ def test_a_file_that_is_no_input_device(tmp_path):
         Gamepad(GamepadOptions(path=path)).open()
 
 
+class Plugs:
+    """Devices of the kernel that come and go, each with an answer for every request."""
+
+    def __init__(self, monkeypatch):
+        self.models = {}
+        monkeypatch.setattr(shell, "find_nodes", self.nodes)
+        monkeypatch.setattr(shell, "NodeLink", self.open)
+        monkeypatch.setattr(shell, "kernel_driver", lambda path: "")
+
+    def nodes(self):
+        return [
+            nodes.Node(
+                path,
+                model.name,
+                f"{model.id.vendor:04x}:{model.id.product:04x}",
+                frozenset(model.codes.values()),
+                frozenset(model.axes),
+            )
+            for path, model in self.models.items()
+        ]
+
+    def open(self, path):
+        if path not in self.models:
+            raise FileNotFoundError(errno.ENOENT, "No such file")
+        return PluggedLink(self, path)
+
+
+class PluggedLink(links.Link):
+    def __init__(self, plugs, path):
+        self.plugs, self.path, self.model = plugs, path, plugs.models[path]
+        self.device = SimulatedInput(self.model)
+
+    def read(self, timeout_s):
+        time.sleep(0.002)
+        if self.plugs.models.get(self.path) is not self.model:
+            raise OSError(errno.ENODEV, "No such device")
+
+    def write(self, events):
+        pass
+
+    def call(self, request, argument=b"", timeout_s=0.5):
+        return self.device.call("client", request, argument, 0.0).argument
+
+    def answers(self, timeout_s):
+        return True
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("path", ["", "/dev/input/event3"])
+def test_another_pad_does_not_take_the_place_of_one_that_was_unplugged(monkeypatch, path):
+    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.01)
+    monkeypatch.setattr(reading, "RETRY_LAST_S", 0.02)
+    plugs = Plugs(monkeypatch)
+    first, second = BY_KEY["xbox-360"], BY_KEY["dualshock-4"]
+    plugs.models["/dev/input/event3"] = first
+    pad = Gamepad(GamepadOptions(path=path))
+    with pad:
+        assert pad.state().link is DeviceLink.NEEDS_NEUTRAL
+        plugs.models["/dev/input/event3"] = second  # the number is used again
+        wait_for(
+            lambda: (
+                f"{first.name} is not plugged in" in pad.state().reason
+                and second.name in pad.state().reason
+            ),
+            "not named",
+        )
+        assert pad.state().link is DeviceLink.LOST
+        if path:
+            plugs.models[path] = first
+        else:
+            plugs.models["/dev/input/event9"] = first
+        wait_for(lambda: pad.state().link is DeviceLink.NEEDS_NEUTRAL, "not picked up again")
+        assert pad._core.description.name == first.name
+    plugs.models = {"/dev/input/event3": second}
+    with pad:  # a new session takes what there is
+        assert pad._core.description.name == second.name
+
+
+def test_a_device_without_a_name_is_known_by_its_number(tmp_path):
+    model = BY_KEY["xbox-360"]
+    (add_node(tmp_path, 4, model) / "name").write_text("\n")
+    (node,) = nodes.find_nodes(tmp_path)
+    assert node.is_of("", "045e:028e")
+    assert not node.is_of("", "045e:028f")
+    assert not node.is_of("another", "045e:028e")
+
+
 # ---------------------------------------------------------------------------------------------
 # Driver and simulated peer over the socket
 
@@ -329,6 +421,99 @@ def test_unplugged_and_back(tmp_path):
             return state.link is DeviceLink.LIVE
 
         wait_for(moves_or_lives, "not back")
+
+
+@pytest.mark.parametrize("kind", ["gamepad", "keyboard"])
+def test_a_simulated_device_that_hangs_is_neutral_within_100_ms(tmp_path, kind):
+    if kind == "gamepad":
+        script = "0.0 hold start for 0.03\n0.1 sticks 0 0.9 0 0 over 0.1"
+        device = gamepad(tmp_path)
+    else:
+        script = "0.0 hold enter for 0.03\n0.1 hold a for 60"
+        device = Keyboard(KeyboardOptions(transport="socket", path=str(tmp_path / "s"), ramp_s=0.0))
+    with in_a_thread(peer(tmp_path, kind=kind, script=script)) as served, device:
+        wait_for(lambda: any(device.state().axes), "not deflected")
+        end_s = time.monotonic() + 0.3
+        while time.monotonic() < end_s:
+            time.sleep(0.01)
+        # It answers, so that a hand that holds still goes on.
+        assert any(device.state().axes)
+        served.step = lambda until_s: time.sleep(0.002)
+        stopped_s = time.monotonic()
+        wait_for(lambda: not any(device.state().axes), "not neutral")
+        assert time.monotonic() - stopped_s < 0.16  # a slice of the peer's, and 100 ms
+        state = device.state()
+        assert state.link is DeviceLink.STALE
+        assert "hangs" in state.reason
+        time.sleep(0.2)
+        del served.step
+        wait_for(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL, "not heard again")
+        assert not any(device.state().axes)
+        assert device.metrics()["garbled"] == 0
+
+
+class Slow:
+    """The other end of a socket, which answers when it is told to."""
+
+    def __init__(self, path):
+        self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.listener.bind(path)
+        self.listener.listen(1)
+        self.link = links.SocketLink(path)
+        self.sock, _ = self.listener.accept()
+
+    def answer(self):
+        call = evdev.decode_call(self.sock.recv(4096))
+        self.sock.send(evdev.encode_call(call))
+
+    def close(self):
+        self.link.close()
+        self.sock.close()
+        self.listener.close()
+
+
+EVENT = encode_events([evdev.InputEvent(0, 0, 1, 304, 1)])
+
+
+def test_late_answers_are_no_garbage(tmp_path):
+    slow = Slow(str(tmp_path / "s"))
+    link = slow.link
+    start_s = time.monotonic()
+    with pytest.raises(TimeoutError):
+        link.call(evdev.EVIOCSFF, b"", links.FEEDBACK_TIMEOUT_S)
+    assert not link.answers(0.01)
+    assert not link.answers(0.01)
+    assert time.monotonic() - start_s < 0.2
+    slow.answer()
+    slow.sock.send(EVENT)
+    assert link.read(0.1) == EVENT
+    assert link.answers(0.0)
+    assert not link.answers(0.0)
+    slow.answer()  # one request, though it was asked three times
+    assert link.answers(0.1)
+    slow.sock.send(EVENT)
+    assert not link.answers(0.1)
+    assert link.read(0.0) == EVENT
+    assert link.read(0.0) is None
+    slow.sock.setblocking(False)
+    slow.answer()
+    with pytest.raises(BlockingIOError):
+        slow.answer()
+    slow.close()
+
+
+def test_an_answer_that_nobody_asked_for_is_garbage(tmp_path):
+    slow = Slow(str(tmp_path / "s"))
+    answer = evdev.encode_call(evdev.Call(evdev.EVIOCGID, 0, bytes(8)))
+    slow.sock.send(answer)
+    assert slow.link.read(0.1) == answer
+    slow.close()
+
+
+def test_feedback_does_not_wait_for_a_device_that_hangs():
+    assert links.FEEDBACK_TIMEOUT_S <= 0.05
+    waits_s = shell.READ_TIMEOUT_S + shell.ANSWER_TIMEOUT_S + links.FEEDBACK_TIMEOUT_S
+    assert waits_s < UNREAD_AFTER_S
 
 
 @pytest.mark.parametrize("fault", ["dropped", "short", "garbage"])

@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from cardan.drivers.gamepad import GamepadOptions
-from cardan.protocols.evdev import InputEvent, encode_events
+from cardan.protocols.evdev import BUS_BLUETOOTH, BUS_USB, InputEvent, encode_events
 from cardan.types import DeviceLink
 from tests.drivers.evdev_bench import REST, STEP_S, Bench
 
@@ -191,6 +191,21 @@ def test_stale_after_catches_a_radio_that_died():
     assert "stale_after_s" in states[-1].reason
     bench.device.resume()
     assert_rearms_only_after_rest(bench)
+
+
+def test_a_bluetooth_device_says_what_a_lost_radio_means():
+    def words(bench, bustype):
+        bench.core.description = bench.core.description._replace(bustype=bustype)
+        return " ".join(bench.core.diagnosis(bench.now_s))
+
+    for model in ("xbox-360", "keyboard"):
+        bench = deflected(model)
+        assert words(bench, BUS_USB) == ""
+        assert "by Bluetooth" in (said := words(bench, BUS_BLUETOOTH))
+        assert "stale_after_s" in said
+        assert "dead-man" in said
+    bench = deflected("dualshock-4", options=GamepadOptions(stale_after_s=0.1), jitter_lsb=2)
+    assert words(bench, BUS_BLUETOOTH) == ""
 
 
 def test_a_radio_that_died_cannot_be_seen_without_it():

@@ -115,8 +115,81 @@ def test_a_power_failure_that_nobody_heard_of_is_no_rest():
     rig.board.set_wrench(REST)
     state = rig.run(4.0)
     assert state.link is DeviceLink.NEEDS_NEUTRAL
-    assert "if it is off, zero is lost" in state.reason
+    assert "zero is lost" in state.reason
     assert {state.axes for state in rig.states} == {REST}
+
+
+WEIGHT = (0.0, 0.0, -8.0, 0.0, 0.0, 0.0)
+
+
+def neutral_while_the_weight_is_carried(rig):
+    """A hand that carries the tool makes it look like rest, and lets go."""
+    rig.board.set_wrench((0.0, 0.0, 8.0, 0.0, 0.0, 0.0))
+    rig.run(1.0)
+    rig.board.set_wrench(REST)
+    rig.run(1.0)
+    return {(state.axes, state.link) for state in rig.states} == {(REST, DeviceLink.NEEDS_NEUTRAL)}
+
+
+def test_a_boot_that_nobody_heard_of_costs_the_zero():
+    rig = Rig(offset=WEIGHT)
+    rig.live()
+    rig.mangle = lambda frame: None if frame.arbitration_id == 0x721 else frame
+    rig.board.power_off()
+    rig.run(0.3)
+    rig.board.power_on()
+    rig.run(3.0)
+    assert rig.core.metrics(rig.now_s)["boots"] == 1
+    assert neutral_while_the_weight_is_carried(rig)
+    rig.core.ask_zero(rig.now_s)
+    assert rig.run(1.0).link is DeviceLink.LIVE
+
+
+@pytest.mark.parametrize("options", [Jr3Options(), Jr3Options(mode="sync")])
+def test_a_boot_while_the_bus_was_lost_costs_the_zero(options):
+    rig = Rig(options, offset=WEIGHT)
+    rig.live()
+    rig.core.on_lost("unplugged", rig.now_s)
+    rig.board.power_off()
+    rig.board.power_on()
+    rig.board.frames(rig.now_s + 0.5)
+    rig.now_s += 0.5
+    rig.open()
+    rig.run(3.0)
+    assert neutral_while_the_weight_is_carried(rig)
+    assert "zero is lost" in rig.states[-1].reason
+    assert rig.core.zeros == 1
+
+
+def test_a_board_that_another_program_started_has_booted_all_the_same():
+    rig = Rig(offset=WEIGHT)
+    rig.live()
+    rig.core.on_lost("unplugged", rig.now_s)
+    rig.board.power_off()
+    rig.board.power_on()
+    rig.board.frames(rig.now_s + 0.5)
+    rig.now_s += 0.5
+    for frame in rig.sent:
+        rig.board.receive(*frame, rig.now_s)
+        if frame.arbitration_id == 0x200 + 33:  # it is told to start
+            break
+    rig.open()
+    rig.run(3.0)
+    assert rig.states[-1].link is DeviceLink.NEEDS_NEUTRAL
+    assert "zero is lost" in rig.states[-1].reason
+
+
+@pytest.mark.parametrize("mode", ["async", "sync"])
+@pytest.mark.parametrize("away_s", [0.3, 5.0, 20.0])
+def test_a_board_that_went_on_while_the_bus_was_lost_keeps_its_zero(mode, away_s):
+    rig = Rig(Jr3Options(mode=mode), offset=WEIGHT)
+    rig.live()
+    rig.core.on_lost("unplugged", rig.now_s)
+    rig.board.frames(rig.now_s + away_s)
+    rig.now_s += away_s
+    rig.open()
+    assert rig.run(2.0).link is DeviceLink.LIVE
+    assert rig.core.zeros == 1
 
 
 def test_a_boot_in_midstream_is_neutral_at_once():
@@ -145,8 +218,13 @@ def test_another_program_stops_the_board():
     rig.board.receive(0x280 + 33, b"", rig.now_s)
     neutral_within(rig, 0.12)
     rig.board.set_wrench(REST)
-    assert rig.run(3.0).link is DeviceLink.LIVE
+    state = rig.run(3.0)
+    # A board that was stopped looks like one that has booted.
+    assert (state.link, state.wrench) == (DeviceLink.NEEDS_NEUTRAL, None)
+    assert "zero is lost" in state.reason
     assert rig.core.metrics(rig.now_s)["unexpected_acks"] == 1
+    rig.core.ask_zero(rig.now_s)
+    assert rig.run(1.0).link is DeviceLink.LIVE
 
 
 def test_overload():

@@ -2,6 +2,7 @@
 
 import importlib
 import socket
+import subprocess
 import sys
 import threading
 import time
@@ -171,7 +172,6 @@ def test_a_power_failure_costs_the_zero():
 
 def test_a_server_that_goes_is_noticed_and_found_again():
     port = free_port(socket.SOCK_STREAM)
-    # Boards of the same zero, since it is not taken again by itself.
     serve = Jr3PeerOptions(serve_socketcand=True, port=port, script="rest", offset=(0.0,) * 6, **UP)
     options = Jr3Options(interface="socketcand", port=port, wait_for_device=True)
     with Jr3(options) as device:
@@ -181,6 +181,9 @@ def test_a_server_that_goes_is_noticed_and_found_again():
             live(device)
         wait_for(lambda: device.state().link is DeviceLink.LOST)
         with in_a_thread(Jr3Peer(serve)):
+            # Another board, as far as anybody can tell.
+            wait_for(lambda: "zero is lost" in device.state().reason)
+            wait_for(lambda: zeroed(device))
             live(device)
 
 
@@ -317,3 +320,89 @@ def test_other_kinds_of_frames_are_sorted_out():
     assert one.receive(0.0) == Frame(0x621, b"\1")
     assert one.receive(0.0) == one.receive(0.0) == bus.Unusable("foreign_frames")
     assert one.receive(0.0) == bus.Unusable("bus_errors")
+
+
+def test_the_end_of_a_stream_is_no_silence():
+    import can
+
+    class Spinning(can.BusABC):
+        """As python-can's socketcand: the end of its stream is nothing to read, at once."""
+
+        def __init__(self, stream):
+            self._SocketCanDaemonBus__socket = stream
+            super().__init__(channel="can0")
+
+        def _recv_internal(self, timeout):
+            return None, False
+
+        def send(self, msg, timeout=None):
+            raise AssertionError("nothing is sent")
+
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        one = bus.CanBus(Spinning(ours))
+        assert one.receive(0.0) is None
+        theirs.send(b"< frame")
+        assert one.receive(0.0) is None
+        ours.recv(100)
+        theirs.close()
+        with pytest.raises(OSError, match="closed the connection"):
+            one.receive(0.05)
+        one.close()
+
+
+def test_socketcand_of_python_can_has_the_stream_that_is_watched():
+    port = free_port(socket.SOCK_STREAM)
+    serve = Jr3PeerOptions(serve_socketcand=True, port=port, script="rest", **UP)
+    with in_a_thread(Jr3Peer(serve)):
+        opened = bus.open_bus(Jr3Options(interface="socketcand", port=port))
+
+    def ended():
+        try:
+            opened.receive(0.01)
+        except OSError:
+            return True
+        return False
+
+    wait_for(ended)
+    opened.close()
+
+
+def test_an_interface_that_fails_in_its_own_way_is_refused_in_words(monkeypatch):
+    import can
+
+    def bus_of(**_):
+        raise NameError("name 'canGetNumberOfChannels' is not defined")
+
+    monkeypatch.setattr(can, "Bus", bus_of)
+    with pytest.raises(DriverError, match=r"by kvaser: .*canGetNumberOfChannels.*installed\?"):
+        bus.open_bus(Jr3Options(interface="kvaser", channel="0"))
+
+
+@pytest.mark.parametrize(
+    ("number", "words"), [(19, "no route for multicast"), (22, "address of a multicast group")]
+)
+def test_a_missing_route_is_told_from_a_wrong_group(number, words, monkeypatch):
+    import can
+
+    def bus_of(**_):
+        raise can.CanInitializationError("could not create socket") from OSError(number, "no")
+
+    monkeypatch.setattr(can, "Bus", bus_of)
+    with pytest.raises(DeviceNotFoundError, match=words):
+        bus.open_bus(Jr3Options(interface="udp_multicast", channel="1.2.3.4"))
+
+
+def test_warnings_of_python_can_stay_off_the_terminal():
+    script = (
+        "import logging\n"
+        "from cardan.drivers.jr3_can import Jr3Options, bus\n"
+        "try:\n"
+        "    bus.open_bus(Jr3Options(interface='nican', channel='x'))\n"
+        "except bus.DriverError:\n"
+        "    logging.getLogger('can.nican').warning('not for the operator')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=True
+    )
+    assert done.stdout + done.stderr == ""

@@ -282,6 +282,29 @@ def test_unplugging_is_told_and_neutral_at_once():
     assert daemon.state.axes == FORWARD
 
 
+def test_a_device_that_shows_more_buttons_goes_on():
+    daemon = Daemon(buttons=0)
+    daemon.arm()
+    daemon.motion(PUSH)
+    daemon.buttons = 2
+    daemon.send(encode_device(DeviceChange(True, 0, 0x206, 0x046D, 0xC626)))
+    daemon.send(encode_button(1, True))
+    daemon.exchange()
+    assert daemon.core.labels == ("button-0", "button-1")
+    state = daemon.state
+    assert (state.link, state.axes) == (DeviceLink.LIVE, FORWARD)
+    assert state.buttons == {"button-1"}
+
+
+def test_another_device_beside_the_first_has_to_come_to_rest():
+    daemon = Daemon()
+    daemon.arm()
+    daemon.motion(PUSH)
+    daemon.send(encode_device(DeviceChange(True, 1, 0x20D, 0x256F, 0xC631)))
+    state = daemon.state
+    assert (state.link, state.axes) == (DeviceLink.NEEDS_NEUTRAL, NEUTRAL)
+
+
 def test_one_of_two_devices_unplugged_leaves_the_other():
     daemon = Daemon()
     daemon.arm()

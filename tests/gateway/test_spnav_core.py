@@ -208,6 +208,71 @@ def test_a_deflection_that_is_not_offered_any_more_ends():
 # -- buttons ------------------------------------------------------------------------------------
 
 
+GROWN = DeviceChange(True, 0, 0, 0, 0)
+"""The device is told of again when it has more buttons than were known."""
+
+
+@pytest.mark.parametrize("first", [("left", "right"), ("right", "left")])
+def test_left_and_right_of_a_device_that_lists_none_have_the_numbers_0_and_1(first):
+    bench = Bench()
+    program = bench.program(version=1)
+    pressed = []
+    for button in (*first, "menu"):
+        bench.offer(REST, (button, True))
+        pressed += [value for value in program.take() if isinstance(value, Button)]
+    assert pressed == [*(Button(int(b == "right"), True) for b in first), Button(2, True)]
+
+
+@pytest.mark.parametrize(
+    ("pressed", "numbers"),
+    [
+        (("button-7", "button-0"), (7, 0)),
+        (("3", "1"), (2, 0)),
+        (("trigger", "left"), (2, 0)),
+        (("left", "button-0"), (0, 2)),
+        (("button-256", "0", "²", "button-"), (2, 3, 4, 5)),
+        (("button-255", "trigger"), (255, 0)),
+    ],
+)
+def test_buttons_of_a_device_that_lists_none(pressed, numbers):
+    bench = Bench()
+    program = bench.program(version=1)
+    told = []
+    for button in pressed:
+        bench.offer(REST, (button, True), (button, False))
+        told += [v.number for v in program.take() if isinstance(v, Button) and v.pressed]
+        assert program.ask(Code.DEV_NBUTTONS).data[0] == max(told) + 1
+    assert tuple(told) == numbers
+
+
+def test_a_device_is_told_of_again_when_it_has_more_buttons_than_were_known():
+    bench = Bench()
+    program = bench.program(version=1)
+    assert program.ask(Code.DEV_NBUTTONS).data[0] == 0
+    bench.offer(REST, ("right", True))
+    assert program.take() == [GROWN, Button(1, True)]
+    assert program.ask(Code.DEV_NBUTTONS).data[0] == 2
+    bench.offer(REST, ("left", True))
+    assert program.take() == [Button(0, True)]
+
+
+def test_buttons_that_nobody_offers_any_more_are_released():
+    bench = Bench("left")
+    program = bench.program()
+    bench.offer(REST, ("left", True))
+    assert program.take() == [Button(0, True)]
+    bench.now_s += STALE_AFTER_S
+    bench.core.advance(bench.now_s)
+    assert program.take() == []
+    bench.now_s += TICK_S
+    bench.core.advance(bench.now_s)
+    assert program.take() == [Button(0, False)]
+    assert STALE_AFTER_S <= 0.1
+    bench.offer(REST)
+    bench.offer(REST, ("left", False))
+    assert program.take() == []
+
+
 def test_buttons_have_the_numbers_of_their_order():
     bench = Bench("left", "right")
     program = bench.program()
@@ -219,7 +284,7 @@ def test_a_button_that_was_not_named_gets_the_next_number():
     bench = Bench("left")
     program = bench.program(version=1)
     bench.offer(REST, ("key-77", True))
-    assert program.take() == [Button(1, True)]
+    assert program.take() == [GROWN, Button(1, True)]
     assert program.ask(Code.DEV_NBUTTONS).data[0] == 2
 
 
@@ -228,8 +293,9 @@ def test_buttons_that_are_told_later_follow_in_their_order():
     program = bench.program(version=1)
     bench.core.name_buttons(("right", "left", "top"))
     bench.offer(REST, ("top", True))
-    assert program.take() == [Button(2, True)]
+    assert program.take() == [GROWN, Button(2, True)]
     bench.core.name_buttons([f"key-{n}" for n in range(300)])
+    assert program.take() == [GROWN]
     assert program.ask(Code.DEV_NBUTTONS).data[0] == 256
     bench.offer(REST, ("key-299", True))
     assert program.take() == []
@@ -464,10 +530,41 @@ def test_masks():
     assert program.ask(Code.SET_EVMASK, EventMask.BUTTON).ok
     bench.offer(PUSH, ("left", True))
     assert program.take() == [Button(0, True)]
-    program.ask(Code.SET_EVMASK, EventMask.MOTION)
+    program.send(encode_request(Code.SET_EVMASK, (EventMask.MOTION,)))
+    assert [type(value) for value in program.take()] == [Reply, Motion]
     bench.run(0.1, PUSH)
     bench.offer(PUSH, ("left", False))
     assert {type(value) for value in program.take()} == {Motion}
+
+
+def test_what_ended_while_it_was_left_out_is_told_once_it_is_asked_for():
+    bench = Bench("left", "right", "top")
+    program = bench.program(version=1)
+    bench.offer(PUSH, ("left", True), ("top", True))
+    program.take()
+    assert program.ask(Code.SET_EVMASK, EventMask.DEVICE).ok
+    bench.run(0.1, REST)
+    bench.offer(REST, ("left", False), ("right", True))
+    assert program.take() == []
+    program.send(encode_request(Code.SET_EVMASK, (MASK_V1,)))
+    bench.now_s += 2 * QUIET_S
+    reply, motion, *edges = program.take()
+    assert reply.ok
+    assert motion[:6] == (0,) * 6
+    assert edges == [Button(0, False), Button(1, True)]
+    program.send(encode_request(Code.SET_EVMASK, (MASK_V1,)))
+    assert len(program.take()) == 1  # nothing was left out
+
+
+def test_motion_beyond_32_bits_is_clamped():
+    bench = Bench(full_scale=1e6)
+    program = bench.program()
+    bench.offer(PUSH)
+    bench.core._clients[program.number].sensitivity = 1e300
+    (motion,) = program.take()
+    assert motion.z == 2**31 - 1
+    with pytest.raises(ValueError, match="1 to 1000000"):
+        SpnavServerCore(full_scale=1e306)
 
 
 # -- plugging -----------------------------------------------------------------------------------
@@ -541,6 +638,7 @@ def test_whatever_a_program_sends_nothing_is_raised(chunks, shakes_hands):
         ({"access": "friends"}, "allowed: owner, everybody"),
         ({"full_scale": 0.0}, "full_scale is 0.0"),
         ({"full_scale": float("nan")}, "full_scale is nan"),
+        ({"full_scale": 1e7}, "1 to 1000000 counts"),
     ],
 )
 def test_options_name_what_is_wrong(options, words):

@@ -224,6 +224,31 @@ def test_a_request_is_answered_at_once(path):
         assert service.diagnosis() == ()
 
 
+@pytest.mark.parametrize("where", ["receive", "outgoing"])
+def test_a_program_that_cannot_be_served_costs_the_others_nothing(path, where, monkeypatch):
+    whole = getattr(SpnavServerCore, where)
+    victims = []
+
+    def failing(core, number, *args):
+        if number in victims:
+            raise OverflowError("nobody thought of this")
+        return whole(core, number, *args)
+
+    monkeypatch.setattr(SpnavServerCore, where, failing)
+    with served(path, axes=PUSH) as service:
+        first = Program(path)
+        assert first.next()[:6] == AWAY
+        second = Program(path)
+        victims.append(0)
+        first.sock.sendall(encode_handshake(1))
+        with pytest.raises((EOFError, ConnectionResetError)):
+            first.until(lambda value: False)
+        assert second.next()[:6] == AWAY
+        assert any("nobody thought of this" in words for words in service.diagnosis())
+        first.close()
+        second.close()
+
+
 def test_buttons_may_be_known_only_once_the_device_is_plugged_in(path):
     service = SpnavService(lambda: ("a", "b", "c"), SpnavServerOptions(socket=str(path)))
     service.offer(device_state(link=DeviceLink.LOST), ())

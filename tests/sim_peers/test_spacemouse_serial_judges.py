@@ -30,11 +30,11 @@ ATTEMPTS = 3
 """It takes a pause of 0.13 s for the end of what a device says, and a busy machine makes such."""
 
 SCRIPT = """
-    2.8  axes 0.5 -0.25 1 0.1 -0.2 0.3
-    3.1  press first
-    3.2  release first
-    3.3  neutral
-    3.7  loop
+    1.0  axes 0.5 -0.25 1 0.1 -0.2 0.3
+    1.3  press first
+    1.4  release first
+    1.5  neutral
+    1.9  loop
 """
 EVENT = struct.Struct("8i")
 FULL_SCALES = (8000, 8000, 8000, 1600, 1600, 1600)

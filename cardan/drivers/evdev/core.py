@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
+from typing import ClassVar
 
 from cardan.drivers.buttons import ButtonEdges
 from cardan.drivers.evdev.nodes import Description, Snapshot
 from cardan.drivers.shaping import NEUTRAL, Axes
 from cardan.protocols.evdev import (
+    BUS_BLUETOOTH,
     EV_ABS,
     EV_KEY,
     EV_SYN,
@@ -42,6 +44,7 @@ LONGEST_FRAME = 256
 DROPPED_REASON = "the system dropped events of it, for want of a reader"
 GARBLED_REASON = "it sent bytes that are no events"
 UNREAD_REASON = f"deflected, but not read for {UNREAD_AFTER_S:.1f} s: this computer is too busy"
+UNANSWERED_REASON = f"deflected, but the simulated device hangs for {UNREAD_AFTER_S:.1f} s"
 
 _COUNTERS = {
     "dropped": "times the system dropped events, for want of a reader",
@@ -76,12 +79,17 @@ class EvdevCore(ABC):
         self._reason = "not opened"
         self._open = False
         self._heard = False
+        self._unanswered = False
+        """It was asked whether it is there, and has not answered yet."""
         self._stamp_s = NEVER_S
         self._event_s = NEVER_S
         self._counts = Counter(dict.fromkeys(_COUNTERS, 0))
         self._cached: DeviceState | None = None
 
     # -- what a kind of device is --------------------------------------------------------------
+
+    _radio_words: ClassVar[str]
+    """What a radio link that is lost while the device is deflected means, and what helps."""
 
     @abstractmethod
     def _labels(self) -> list[str]:
@@ -117,7 +125,7 @@ class EvdevCore(ABC):
         self._on_description()
         self._open = True
         self._event_s = now_s
-        self._skipping = self._heard = False
+        self._skipping = self._heard = self._unanswered = False
         self._renew(snapshot, "not heard of yet", now_s)
 
     def on_snapshot(self, snapshot: Snapshot, now_s: float) -> None:
@@ -163,10 +171,22 @@ class EvdevCore(ABC):
             return
         self._watch(now_s)
         self._stamp_s = now_s
+        self._unanswered = False
         self._cached = None
-        if self._link is DeviceLink.STALE and self._reason == UNREAD_REASON:
+        if self._link is DeviceLink.STALE and self._reason in (UNREAD_REASON, UNANSWERED_REASON):
             self._link = DeviceLink.NEEDS_NEUTRAL
             self._settle()
+
+    def on_unanswered(self, now_s: float) -> None:
+        """It was asked whether it is there, and did not say so in time."""
+        self._unanswered = True
+
+    @property
+    def has_to_answer(self) -> bool:
+        """Whether silence is not enough to go on: it is deflected, or was when it fell silent."""
+        if self._link is DeviceLink.LIVE:
+            return bool(self._buttons.held or self._away_from_rest())
+        return self._link is DeviceLink.STALE
 
     # -- what it says --------------------------------------------------------------------------
 
@@ -198,6 +218,8 @@ class EvdevCore(ABC):
         words = [reason] if (reason := self.state(now_s).reason) else []
         if self._buttons.lost_edges:
             words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+        if self._open and self.description.bustype == BUS_BLUETOOTH and not self._stale_after_s:
+            words.append(self._radio_words)
         return words + [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
 
     def metrics(self, now_s: float) -> dict[str, float]:
@@ -260,7 +282,8 @@ class EvdevCore(ABC):
         if now_s - self._stamp_s > UNREAD_AFTER_S:
             if self._buttons.held or self._away_from_rest():
                 self._counts["silences"] += 1
-                self._distrust(DeviceLink.STALE, UNREAD_REASON, now_s)
+                reason = UNANSWERED_REASON if self._unanswered else UNREAD_REASON
+                self._distrust(DeviceLink.STALE, reason, now_s)
         elif 0.0 < self._stale_after_s < now_s - self._event_s and self._away_from_rest():
             self._counts["silences"] += 1
             silent = f"deflected, but no event for {self._stale_after_s:g} s (stale_after_s)"

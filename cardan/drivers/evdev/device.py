@@ -28,6 +28,10 @@ TRANSPORTS = ("evdev", "socket")
 READ_TIMEOUT_S = 0.02
 """How long a silent device is waited for before it counts as looked at."""
 
+ANSWER_TIMEOUT_S = 0.03
+"""How long a simulated device may take to say that it is there. This, the wait before it and
+`FEEDBACK_TIMEOUT_S` together are less than what a deflected device may go unread."""
+
 SNAPSHOT_PERIOD_S = 0.02
 """Not more often is a device asked for all it holds, whatever it sends."""
 
@@ -69,6 +73,8 @@ class EvdevDevice(ReadDevice[K]):
     def __init__(self, options: Any, core: K) -> None:
         super().__init__(options, core)
         self._link: Link | None = None
+        self._chosen: Description | None = None
+        """What was opened first since open(): no other takes its place when it is unplugged."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
@@ -95,6 +101,11 @@ class EvdevDevice(ReadDevice[K]):
 
     # -- the reader ----------------------------------------------------------------------------
 
+    def close(self) -> None:
+        """Stop reading and release the device."""
+        super().close()
+        self._chosen = None
+
     def _connect(self) -> None:
         link, driver = self._open_link()
         try:
@@ -104,6 +115,7 @@ class EvdevDevice(ReadDevice[K]):
                     f"{description.name} ({self.options.path}) is no {self._kind}: "
                     f"leave path empty, or see `cardan devices`"
                 )
+            self._check_choice(description)
             snapshot = take_snapshot(link, description)
         except OSError as error:
             link.close()
@@ -114,6 +126,8 @@ class EvdevDevice(ReadDevice[K]):
             link.close()
             raise
         self._link = link
+        if self.options.transport == "evdev":
+            self._chosen = description
         with self._lock:
             self._core.on_opened(description, snapshot, time.monotonic())
 
@@ -123,12 +137,19 @@ class EvdevDevice(ReadDevice[K]):
         snapshot_due_s = 0.0
         while not stop.is_set():
             data = link.read(READ_TIMEOUT_S)
+            there = True
+            if data is None:
+                with self._lock:
+                    has_to_answer = core.has_to_answer
+                there = not has_to_answer or link.answers(ANSWER_TIMEOUT_S)
             now_s = time.monotonic()
             with self._lock:
-                if data is None:
+                if data is not None:
+                    core.on_packet(data, now_s)
+                elif there:
                     core.on_checked(now_s)
                 else:
-                    core.on_packet(data, now_s)
+                    core.on_unanswered(now_s)
                 needs_snapshot = core.needs_snapshot
             if needs_snapshot and now_s >= snapshot_due_s:
                 self._ask(link, core.description)
@@ -166,8 +187,13 @@ class EvdevDevice(ReadDevice[K]):
             return self._open_node(options.path)
         refusals: list[str] = []
         nodes = self._nodes()
+        chosen = self._chosen
         for node in nodes:
-            if options.name.lower() in node.name.lower():
+            if (
+                options.name.lower() in node.name.lower()
+                if chosen is None
+                else node.is_of(chosen.name, chosen.identity)
+            ):
                 try:
                     return self._open_node(node.path)
                 except DeviceAccessError as error:
@@ -175,11 +201,28 @@ class EvdevDevice(ReadDevice[K]):
         if refusals:
             raise DeviceAccessError("; ".join(refusals))
         there = ", ".join(node.name for node in nodes)
+        if chosen is not None:
+            raise DeviceNotFoundError(
+                f"{chosen.name} is not plugged in"
+                + (f"; there is {there}: start again to use it" if there else "")
+            )
         wanted = f" with name {options.name!r}" if options.name else ""
         raise DeviceNotFoundError(
             f"no {self._kind}{wanted} is plugged in"
             + (f"; there are: {there}" if there else ": see `cardan devices`")
         )
+
+    def _check_choice(self, description: Description) -> None:
+        """Raise unless this is the device that was opened first: numbers of nodes are reused."""
+        chosen = self._chosen
+        if chosen is not None and (chosen.name, chosen.identity) != (
+            description.name,
+            description.identity,
+        ):
+            raise DeviceNotFoundError(
+                f"{chosen.name} is not plugged in; at {self.options.path} there is "
+                f"{description.name}: start again to use it"
+            )
 
     def _open_node(self, path: str) -> tuple[Link, str]:
         try:

@@ -16,6 +16,7 @@ from cardan.errors import DeviceAccessError
 from cardan.protocols.evdev import (
     BY_VALUE,
     EVENT_BYTES,
+    EVIOCGID,
     Call,
     Malformed,
     argument_bytes,
@@ -30,7 +31,12 @@ if sys.platform != "win32":
 READ_BYTES = 64 * EVENT_BYTES
 """Asked of every read: as many events as the kernel keeps for a slow reader, at least."""
 
-_CALL_TIMEOUT_S = 0.5
+CALL_TIMEOUT_S = 0.5
+"""How long a simulated device may take to say what it is, or what it holds."""
+
+FEEDBACK_TIMEOUT_S = 0.03
+"""The same of what is done while the device is read: reading must not wait for it."""
+
 _CONNECT_TIMEOUT_S = 1.0
 
 
@@ -46,8 +52,15 @@ class Link(ABC):
         """Give the device events (EV_FF, EV_LED)."""
 
     @abstractmethod
-    def call(self, request: int, argument: bytes = b"") -> bytes:
-        """Make an ioctl request; its argument as it is after it. OSError when it is refused."""
+    def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
+        """Make an ioctl request; its argument as it is after it. OSError when it is refused.
+
+        Only a socket waits, for at most `timeout_s`.
+        """
+
+    @abstractmethod
+    def answers(self, timeout_s: float) -> bool:
+        """Whether the device is seen to be there, within `timeout_s`, while it sends no events."""
 
     @abstractmethod
     def close(self) -> None:
@@ -78,7 +91,7 @@ class NodeLink(Link):
         """One write."""
         os.write(self._fd, events)
 
-    def call(self, request: int, argument: bytes = b"") -> bytes:
+    def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
         """One ioctl."""
         if request in BY_VALUE:
             fcntl.ioctl(self._fd, request, decode_int(argument))
@@ -86,6 +99,10 @@ class NodeLink(Link):
         buffer = bytearray(argument.ljust(argument_bytes(request), b"\0"))
         fcntl.ioctl(self._fd, request, buffer, True)
         return bytes(buffer)
+
+    def answers(self, timeout_s: float) -> bool:
+        """True: a device that is gone shows in reading, as far as the kernel knows."""
+        return True
 
     def close(self) -> None:
         """Close the node; the kernel erases what effects were uploaded through it."""
@@ -99,6 +116,10 @@ class SocketLink(Link):
     def __init__(self, path: str) -> None:
         self._early: deque[bytes] = deque()
         """Packets that came while an answer was awaited."""
+        self._owed: deque[int] = deque()
+        """Requests whose answers may still come, although nobody waits for them."""
+        self._answered = False
+        """Such an answer came since `answers` was asked last."""
         self._peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             self._peer.settimeout(_CONNECT_TIMEOUT_S)
@@ -111,33 +132,73 @@ class SocketLink(Link):
         """One packet; an empty one is the end."""
         if self._early:
             return self._early.popleft()
-        return self._receive(timeout_s)
+        end_s = time.monotonic() + timeout_s
+        while True:
+            packet = self._receive(max(0.0, end_s - time.monotonic()))
+            if packet is None or not self._is_late(packet):
+                return packet
 
     def write(self, events: bytes) -> None:
         """One packet."""
-        self._peer.settimeout(_CALL_TIMEOUT_S)
-        self._peer.send(events)
+        self._send(events, FEEDBACK_TIMEOUT_S)
 
-    def call(self, request: int, argument: bytes = b"") -> bytes:
+    def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
         """Send the request and wait for its answer; events that come meanwhile are kept."""
-        self.write(encode_call(Call(request, 0, argument.ljust(argument_bytes(request), b"\0"))))
-        end_s = time.monotonic() + _CALL_TIMEOUT_S
+        end_s = time.monotonic() + timeout_s
+        packet = encode_call(Call(request, 0, argument.ljust(argument_bytes(request), b"\0")))
+        self._send(packet, timeout_s)
         while (left_s := end_s - time.monotonic()) > 0.0:
-            packet = self._receive(left_s)
-            if packet is None:
+            answer = self._receive(left_s)
+            if answer is None or self._is_late(answer):
                 continue
-            answer = None if len(packet) % EVENT_BYTES == 0 else decode_call(packet)
-            if answer is None or isinstance(answer, Malformed) or answer.request != request:
-                self._early.append(packet)
-            elif answer.result < 0:
-                raise OSError(-answer.result, os.strerror(-answer.result))
+            call = _call_in(answer)
+            if call is None or call.request != request:
+                self._early.append(answer)
+            elif call.result < 0:
+                raise OSError(-call.result, os.strerror(-call.result))
             else:
-                return answer.argument
+                return call.argument
+        self._owed.append(request)
         raise OSError(errno.ETIMEDOUT, "it does not answer")
+
+    def answers(self, timeout_s: float) -> bool:
+        """Whether the program behind the socket still serves it: a request shows that."""
+        end_s = time.monotonic() + timeout_s
+        if not self._answered and EVIOCGID not in self._owed:
+            # One is enough: a program that hangs finds no pile of them when it goes on.
+            try:
+                self._send(encode_call(Call(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
+            except (TimeoutError, BlockingIOError):
+                return False
+            self._owed.append(EVIOCGID)
+        while not self._answered and (left_s := end_s - time.monotonic()) > 0.0:
+            packet = self._receive(left_s)
+            if packet is not None and not self._is_late(packet):
+                self._early.append(packet)
+                break
+        answered, self._answered = self._answered, False
+        return answered
 
     def close(self) -> None:
         """Close the socket."""
         self._peer.close()
+
+    def _send(self, packet: bytes, timeout_s: float) -> None:
+        self._peer.settimeout(timeout_s)
+        self._peer.send(packet)
+
+    def _is_late(self, packet: bytes) -> bool:
+        """Whether `packet` answers a request that nobody waits for any more."""
+        if not self._owed:
+            return False
+        call = _call_in(packet)
+        if call is None or call.request not in self._owed:
+            return False
+        # Answers come in the order of the requests: what was asked before will get none.
+        while self._owed.popleft() != call.request:
+            pass
+        self._answered = True
+        return True
 
     def _receive(self, timeout_s: float) -> bytes | None:
         self._peer.settimeout(timeout_s)
@@ -148,6 +209,14 @@ class SocketLink(Link):
         if not packet:
             raise OSError(errno.ENODEV, "unplugged")
         return packet
+
+
+def _call_in(packet: bytes) -> Call | None:
+    """The answer to a request that `packet` is; None: it is something else."""
+    if len(packet) % EVENT_BYTES == 0:
+        return None
+    call = decode_call(packet)
+    return None if isinstance(call, Malformed) else call
 
 
 def open_socket(path: str, name: str) -> Link:

@@ -55,6 +55,10 @@ class Node(NamedTuple):
     keys: frozenset[int]
     axes: frozenset[int]
 
+    def is_of(self, name: str, identity: str) -> bool:
+        """Whether it belongs to a device that says it is `name`, of that vendor and product."""
+        return self.identity == identity and self.name == (name.strip() or _number(self.path))
+
 
 class Description(NamedTuple):
     """What an open device is and has."""
@@ -67,6 +71,13 @@ class Description(NamedTuple):
     effects: frozenset[int]
     kernel_driver: str = ""
     """Name of the kernel's driver ("xpad"); empty: not known."""
+    bustype: int = 0
+    """How it is connected (`BUS_USB`, `BUS_BLUETOOTH` ...); 0: not known."""
+
+    @property
+    def identity(self) -> str:
+        """Vendor and product, as those of a `Node`."""
+        return f"{self.vendor:04x}:{self.product:04x}"
 
 
 class Snapshot(NamedTuple):
@@ -98,7 +109,7 @@ def find_nodes(root: Path = Path("/")) -> list[Node]:
                 vendor, product = _text(device / "id/vendor"), _text(device / "id/product")
                 node = Node(
                     path=f"/dev/input/{entry.name}",
-                    name=_text(device / "name") or entry.name,
+                    name=_text(device / "name") or _number(entry.name),
                     identity=f"{vendor}:{product}" if vendor else "",
                     keys=_bits(_text(device / "capabilities/key")),
                     axes=_bits(_text(device / "capabilities/abs")),
@@ -127,7 +138,7 @@ def describe(link: Link, driver: str = "") -> Description:
     )
     infos = {code: decode_absinfo(link.call(eviocgabs(code))) for code in sorted(axes)}
     return Description(
-        name, device_id.vendor, device_id.product, keys, infos, effects, kernel_driver=driver
+        name, device_id.vendor, device_id.product, keys, infos, effects, driver, device_id.bustype
     )
 
 
@@ -154,6 +165,11 @@ def refusal(path: str, error: OSError, hint: str) -> str:
     if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return f"{path} is gone: plug it in again"
     return f"{path}: {error.strerror or error}"
+
+
+def _number(path: str) -> str:
+    """What stands for the name of a device that has none ("event7")."""
+    return os.path.basename(path)
 
 
 def _text(path: Path) -> str:

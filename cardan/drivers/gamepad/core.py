@@ -94,6 +94,11 @@ class _Trigger:
 class GamepadCore(EvdevCore):
     """The state of one gamepad. Times are monotonic, s."""
 
+    _radio_words = (
+        "by Bluetooth: when the radio is lost with a stick deflected and the dead-man held, the "
+        "system tells only after seconds; set stale_after_s if the sticks flutter, or take a cable"
+    )
+
     def __init__(self, options: GamepadOptions) -> None:
         super().__init__("press any button once", "let go of the sticks", options.stale_after_s)
         self._options = options

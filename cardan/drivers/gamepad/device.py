@@ -6,7 +6,7 @@ import contextlib
 import time
 
 from cardan.drivers.evdev.device import EvdevDevice
-from cardan.drivers.evdev.links import Link
+from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
 from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad
 from cardan.drivers.gamepad.core import GamepadCore
 from cardan.drivers.gamepad.options import GamepadOptions
@@ -99,7 +99,9 @@ class Gamepad(EvdevDevice[GamepadCore]):
             strength = round(_FULL * level)
             effect = decode_rumble(
                 link.call(
-                    EVIOCSFF, encode_rumble(Rumble(self._effect, strength, strength, RUMBLE_MS))
+                    EVIOCSFF,
+                    encode_rumble(Rumble(self._effect, strength, strength, RUMBLE_MS)),
+                    FEEDBACK_TIMEOUT_S,
                 )
             )
             if isinstance(effect, Malformed):
@@ -114,7 +116,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
         if effect != _NEW:
             with contextlib.suppress(OSError):
                 link.write(encode_events([InputEvent(0, 0, EV_FF, effect, 0)]))
-            link.call(EVIOCRMFF, encode_int(effect))
+            link.call(EVIOCRMFF, encode_int(effect), FEEDBACK_TIMEOUT_S)
 
     def close(self) -> None:
         """Stop reading and rumbling, and release the pad."""

@@ -11,6 +11,7 @@ import importlib.util
 import logging
 import os
 import socket
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -31,6 +32,7 @@ GARBLED_AT_MOST = 50
 """So many unreadable frames in a row, and the interface is opened anew."""
 ARPHRD_CAN = "280"
 _IFF_UP = 0x1
+_NO_ROUTE = (errno.ENODEV, errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL)
 _NO_NETWORK = (errno.ENODEV, errno.ENETUNREACH, errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT)
 
 
@@ -48,6 +50,8 @@ class CanBus:
         import can
 
         self._bus = bus
+        # python-can takes the end of socketcand's stream for nothing to read, and spins.
+        self._stream: socket.socket | None = getattr(bus, "_SocketCanDaemonBus__socket", None)
         self._message = can.Message
         self._error = can.CanError
         self._garbled = 0
@@ -55,6 +59,8 @@ class CanBus:
     def receive(self, timeout_s: float) -> Frame | Unusable | None:
         """The next frame, at most `timeout_s` from now; None: there was none."""
         try:
+            if self._stream is not None:
+                _look_for_end(self._stream)
             message = self._bus.recv(timeout_s)
         except self._error as error:
             return self._unreadable(error)
@@ -97,6 +103,7 @@ def open_bus(options: Jr3Options) -> CanBus:
 
     Raises DriverError that says what to do.
     """
+    _hush()
     try:
         import can
     except ImportError:
@@ -108,7 +115,6 @@ def open_bus(options: Jr3Options) -> CanBus:
     elif interface == "socketcand":
         extra = {"host": options.host, "port": options.full_port, "tcp_tune": True}
         _look_for_server(options.host, options.full_port)
-        _hush()
     elif interface not in ("socketcan", "virtual"):
         extra = {"bitrate": options.bitrate}
     filters = [{"can_id": options.node_id, "can_mask": NODE_MASK, "extended": False}]
@@ -126,6 +132,11 @@ def open_bus(options: Jr3Options) -> CanBus:
         raise DriverError(f"cannot open {where}: {error}{hint}") from None
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
         raise _refusal(interface, channel, where, error) from None
+    except Exception as error:  # such as a NameError where the maker's library is missing
+        raise DriverError(
+            f"cannot open {where}: python-can fails with {error!r}; "
+            "are the interface's driver and library installed?"
+        ) from None
     return CanBus(bus)
 
 
@@ -188,10 +199,14 @@ def _refusal(interface: str, channel: str, where: str, error: BaseException) -> 
         return DeviceNotFoundError(f"{words}; `ip link` lists the interfaces there are")
     if interface == "socketcan" and number == errno.ENETDOWN:
         return DeviceAccessError(f"{words}; {_down(channel)}")
-    if interface == "udp_multicast":
+    if interface == "udp_multicast" and number in _NO_ROUTE:
         return DeviceNotFoundError(
             f"{words}; this computer may have no route for multicast: "
             "sudo ip route add 239.0.0.0/8 dev lo, or use socketcand"
+        )
+    if interface == "udp_multicast":
+        return DeviceNotFoundError(
+            f"{words}; channel is the address of a multicast group, such as 239.74.163.2"
         )
     if number in (errno.EACCES, errno.EPERM, errno.EBUSY):
         return DeviceAccessError(words)
@@ -213,6 +228,18 @@ def _look_for_server(host: str, port: int) -> None:
         raise DeviceNotFoundError(f"no socketcand at {host}:{port}: another program answers there")
 
 
+def _look_for_end(stream: socket.socket) -> None:
+    """Raise OSError when the server has closed the connection."""
+    if sys.platform == "win32":
+        return
+    try:
+        ahead = stream.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+    except BlockingIOError:
+        return
+    if not ahead:
+        raise OSError(errno.ECONNRESET, "the server has closed the connection")
+
+
 class _Fragments(logging.Filter):
     """Drops the warning that a message came in two pieces of the stream, as every stream may."""
 
@@ -221,8 +248,11 @@ class _Fragments(logging.Filter):
 
 
 _FRAGMENTS = _Fragments()
+_NOWHERE = logging.NullHandler()
 
 
 def _hush() -> None:
-    """Keep python-can from warning of what is no fault. Adding a filter twice is fine."""
+    """Keep python-can's warnings off the terminal, unless the program has set logging up: what
+    matters of them is said in our words. Adding a filter or a handler twice is fine."""
+    logging.getLogger("can").addHandler(_NOWHERE)
     logging.getLogger("can.interfaces.socketcand.socketcand").addFilter(_FRAGMENTS)

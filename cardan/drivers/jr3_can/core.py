@@ -10,7 +10,9 @@ whose sensor is unplugged repeats the last one for ever. After opening, a silenc
 zeroing the axes stay zero (NEEDS_NEUTRAL) until the wrench was inside the dead bands for `REST_S`.
 
 Zero is taken by itself once, when the sensor is opened. A board that boots later has lost its zero,
-and a hand that is still on it must not become the new one: it counts again after `ask_zero`.
+and a hand that is still on it must not become the new one: it counts again after `ask_zero`. A boot
+may pass unheard, so a board that has to be told to start again has booted, unless it is seen to
+send before that, with a counter that has gone on with the time.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from typing import NamedTuple
 from cardan.drivers.jr3_can.options import Jr3Options
 from cardan.errors import CommandError
 from cardan.protocols.jr3_can import (
+    COUNTER_MODULUS,
     FULL_SCALE_COUNTS,
     NODE_MASK,
     SAMPLE_PERIOD_S,
@@ -99,6 +102,13 @@ LOOK_AGAIN_S = 0.05
 CLOCK_TOLERANCE = 0.02
 """The board's clock may run so much slower than `SAMPLE_PERIOD_S` says."""
 
+PROOF_S = 0.1
+"""How long a board that answers again is listened to before it is told to start: one that goes on
+sending shows that it has not booted. More than two of the longest periods."""
+
+_COUNTER_TURN_S = COUNTER_MODULUS * SAMPLE_PERIOD_S
+"""The counter begins anew so often."""
+
 _COUNTERS: Mapping[str, str] = MappingProxyType(
     {
         "boots": "times the board came up anew",
@@ -121,12 +131,11 @@ _COUNTERS: Mapping[str, str] = MappingProxyType(
 LOOK_AT = "check the power of the sensor's board, its node id, bit rate and cables"
 OPENED_REASON = "starting the sensor"
 REST_REASON = "not seen at rest yet: take the hand off the sensor"
-RESUMED_REASON = (
-    "it was silent: take the hand off the sensor; if it is off, zero is lost: start again"
-)
+RESUMED_REASON = "it was silent: take the hand off the sensor"
 BOOTED_REASON = "the sensor's board came up"
 ZERO_LOST_REASON = (
-    "the sensor's board restarted, so zero is lost: take the hand off, then start again or zero()"
+    "the sensor's board restarted, or may have, so zero is lost: take the hand off, then start "
+    "the session again or zero()"
 )
 ZEROING_REASON = "taking zero: keep the hand off the sensor"
 
@@ -227,6 +236,8 @@ class Jr3Core:
         """It has been running since it was opened on request: zero is not taken by itself any
         more, since a hand may be on the sensor that just came back."""
         self._zero_lost = False
+        self._continuous = False
+        """The board was seen to go on since it was last brought up."""
         self._zeros = 0
         self._sync_s = math.inf
         self._forces_n: tuple[int, int, int] | None = None
@@ -237,6 +248,9 @@ class Jr3Core:
         """What was measured last still counts."""
         self._forces: Forces | None = None
         self._counter: int | None = None
+        self._newest_counter: int | None = None
+        self._newest_s = NEVER_S
+        """Counter of the newest sample since it was opened on request, and when it was taken."""
         self._counter_time_s = 0.0
         self._least_offset_s = math.inf
         self._stands_since_s = math.inf
@@ -282,6 +296,7 @@ class Jr3Core:
         """It was closed on request."""
         self._halt()
         self._open = self._has_run = self._zero_lost = False
+        self._newest_counter = None
         self._distrust(DeviceLink.CLOSED, "closed")
 
     def on_frame(self, arbitration_id: int, data: bytes, now_s: float) -> None:
@@ -301,6 +316,8 @@ class Jr3Core:
                 self._counts["unpaired_samples"] += 1
             elif self._sampling:
                 self._on_sample(forces, value, now_s)
+            elif self._newest_counter is not None:
+                self._on_unasked_sample(value.counter, self._newest_counter, now_s)
         elif isinstance(value, Ack):
             self._on_ack(value, now_s)
         elif isinstance(value, Bootup):
@@ -340,6 +357,9 @@ class Jr3Core:
         if self._asked is None and self._done < len(self._plan) and now_s >= self._not_before_s:
             step = self._plan[self._done]
             if step is not _ZERO or self._may_zero(now_s):
+                if isinstance(step.message, (StartAsync, StartSync)):
+                    # From here on a board that has booted sends, too.
+                    self._zero_lost |= self._has_run and not self._continuous
                 self._asked = step
                 self._deadline_s = now_s + ACK_TIMEOUT_S
                 frames.append(encode_from_host(step.message, self._options.node_id))
@@ -448,6 +468,7 @@ class Jr3Core:
         if options.zero_on_open and not self._has_run:
             plan.append(_ZERO)
         self._halt()
+        self._continuous = False
         self._plan = tuple(plan)
         self._not_before_s = now_s
         self._forces_n = options.force_full_scales_n
@@ -511,6 +532,10 @@ class Jr3Core:
             self._retry_s = RETRY_FIRST_S
             if self._link is DeviceLink.LOST:
                 self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
+            if self._has_run and not (self._zero_lost or self._continuous):
+                self._not_before_s = now_s + PROOF_S
+                if self._options.mode == "sync" and self._options.send_sync:
+                    self._sync_s = now_s
         elif isinstance(step.message, (StartAsync, StartSync)):
             self._start(now_s)
         elif step is _ZERO:
@@ -613,6 +638,24 @@ class Jr3Core:
         elif stamp_s - self._rest_since_s >= REST_S:
             self._link, self._reason = DeviceLink.LIVE, ""
 
+    def _on_unasked_sample(self, counter: int, before: int, now_s: float) -> None:
+        """A sample came before the board was told to start: does it go on from that before?
+
+        The board of a sensor that is unplugged repeats the last sample: it has not booted, either.
+        """
+        passed_s = now_s - self._newest_s
+        counted_s = samples_between(counter, before) * SAMPLE_PERIOD_S
+        allowed_s = STALE_AFTER_S + CLOCK_TOLERANCE * passed_s
+        off_s = math.remainder(counted_s - passed_s, _COUNTER_TURN_S)
+        if counter != before and (abs(off_s) > allowed_s or allowed_s > 0.125 * _COUNTER_TURN_S):
+            return
+        self._newest_counter, self._newest_s = counter, now_s
+        if self._continuous:
+            return
+        self._continuous = True
+        if self._done == 1 and self._asked is None:
+            self._not_before_s = min(self._not_before_s, now_s)
+
     def _watch(self, now_s: float) -> None:
         """Notice a silence."""
         if self._believed and now_s - self._stamp_s > STALE_AFTER_S:
@@ -645,6 +688,7 @@ class Jr3Core:
         offset_s = now_s - self._counter_time_s
         self._least_offset_s = min(self._least_offset_s, offset_s)
         late_s = offset_s - self._least_offset_s
+        self._newest_counter, self._newest_s = counter, now_s - late_s
         if late_s > STALE_AFTER_S:
             self._counts["late_samples"] += 1
             return None

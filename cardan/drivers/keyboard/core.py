@@ -43,6 +43,11 @@ _AT_ONCE_S = 1e-9
 class KeyboardCore(EvdevCore):
     """The state of one keyboard. Times are monotonic, s."""
 
+    _radio_words = (
+        "by Bluetooth: when the radio is lost with a key and the dead-man down, the system tells "
+        "only after seconds (keys have no stale_after_s); take a cable"
+    )
+
     def __init__(self, options: KeyboardOptions) -> None:
         super().__init__("press any key once", "let go of all keys that move the robot")
         self._motion = MOTION_KEYS[options.layout]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.drivers.evdev.device import EvdevDevice
-from cardan.drivers.evdev.links import Link
+from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
 from cardan.drivers.evdev.nodes import GROUP_HINT, is_keyboard
 from cardan.drivers.keyboard.core import KeyboardCore
 from cardan.drivers.keyboard.options import KeyboardOptions
@@ -54,7 +54,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
         if wanted == self._grabbed or (wanted and (self._grab_refused or not nothing_down)):
             return
         try:
-            link.call(EVIOCGRAB, encode_int(int(wanted)))
+            link.call(EVIOCGRAB, encode_int(int(wanted)), FEEDBACK_TIMEOUT_S)
         except OSError:
             self._grab_refused = wanted
             return
@@ -63,4 +63,4 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     def _before_release(self, link: Link) -> None:
         grabbed, self._grabbed, self._grab_refused = self._grabbed, False, False
         if grabbed:
-            link.call(EVIOCGRAB, encode_int(0))
+            link.call(EVIOCGRAB, encode_int(0), FEEDBACK_TIMEOUT_S)

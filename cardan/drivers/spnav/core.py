@@ -133,6 +133,8 @@ class SpnavCore:
         self._asked_s = NEVER_S
         self._has_device = True
         self._button_count = 0
+        self._described = False
+        """The daemon has said what its device is."""
         self._device_type = 0
         self._usb_id = (0, 0)
         self._led_found: int | None = None
@@ -354,7 +356,9 @@ class SpnavCore:
 
     def _on_device(self, value: DeviceChange, now_s: float) -> None:
         self._hear(now_s)
-        if value.added:
+        if value.added and self._has_device and self._is_known(value):
+            pass  # one of the same kind beside it, or it has more buttons than the daemon knew
+        elif value.added:
             self._has_device = True
             self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
         else:
@@ -362,6 +366,14 @@ class SpnavCore:
             self._distrust(DeviceLink.LOST, UNPLUGGED_REASON, now_s)
         # Another device may be left, or this one may give other counts than the last.
         self._ask_all(now_s)
+
+    def _is_known(self, device: DeviceChange) -> bool:
+        """Whether it is what the daemon's answers describe, and gives the same counts."""
+        return self._described and (self._device_type, *self._usb_id) == (
+            device.device_type,
+            device.vendor_id,
+            device.product_id,
+        )
 
     def _watch(self, now_s: float) -> None:
         """Notice the silence of a deflected device."""
@@ -433,6 +445,7 @@ class SpnavCore:
                 self._has_device = True
                 self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
         elif code == Code.DEV_TYPE:
+            self._described = ok
             self._device_type = data[0] if ok else 0
             self._set_full_scale()
         elif code == Code.DEV_USBID:

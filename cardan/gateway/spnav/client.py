@@ -7,10 +7,13 @@ from collections import deque
 from collections.abc import Sequence
 
 from cardan.protocols.spnav import (
+    INT_MAX,
+    INT_MIN,
     MASK_V0,
     MASK_V1,
     ClientReader,
     StringAssembler,
+    encode_button,
     encode_motion,
 )
 
@@ -51,6 +54,8 @@ class SpnavClient:
         self.mask: int = MASK_V0
         self.name = ""
         self.strings = StringAssembler()
+        self._pressed: set[int] = set()
+        """Buttons that it takes for pressed, once it has read all."""
         self._connected_s = now_s
         self._quiet_until_s = now_s + QUIET_S
         self._replies: deque[bytes] = deque()
@@ -86,6 +91,18 @@ class SpnavClient:
             last.period_ms += period_ms
         else:
             self._events.append(_Motion(counts, period_ms))
+
+    def button(self, number: int, pressed: bool) -> None:
+        """Queue an edge of a button."""
+        (self._pressed.add if pressed else self._pressed.discard)(number)
+        self.event(encode_button(number, pressed))
+
+    def hold(self, numbers: set[int]) -> None:
+        """Queue the edges that lead to just these buttons being pressed, releases first."""
+        for number in sorted(self._pressed - numbers):
+            self.button(number, False)
+        for number in sorted(numbers - self._pressed):
+            self.button(number, True)
 
     def event(self, record: bytes) -> None:
         """Queue an event that must not be lost."""
@@ -123,5 +140,5 @@ class SpnavClient:
     def _encoded(self, motion: _Motion) -> bytes:
         counts, sensitivity = motion.counts, self.sensitivity
         if sensitivity != 1.0:
-            counts = [int(count * sensitivity) for count in counts]
+            counts = [int(min(INT_MAX, max(INT_MIN, count * sensitivity))) for count in counts]
         return encode_motion(counts, motion.period_ms)

@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from cardan.gateway.spnav.client import SpnavClient
+from cardan.gateway.spnav.options import FULL_SCALES
 from cardan.protocols.spnav import (
     FAILED,
     MAX_BUTTONS,
@@ -30,7 +31,6 @@ from cardan.protocols.spnav import (
     Request,
     Sensitivity,
     bits_of,
-    encode_button,
     encode_config,
     encode_device,
     encode_handshake,
@@ -47,13 +47,16 @@ MOTION_PERIOD_S = 0.008
 REPEAT_PERIOD_S = 0.016
 """A constant deflection is sent this often: programs may take silence for a loss."""
 
-STALE_AFTER_S = 0.3
-"""A deflection that nobody offers anew for so long does not count any more."""
+STALE_AFTER_S = 0.1
+"""Deflection and buttons that nobody offers anew for so long do not count any more."""
 
 MAX_CLIENTS = 32
 
 SENSITIVITIES = (0.001, 1000.0)
 """What a program may have its motion multiplied by, either sign."""
+
+TWO_BUTTONS = ("left", "right")
+"""Buttons of a device that does not list its own: 0 and 1, whichever is pressed first."""
 
 AXES = 6
 _REST = (0,) * AXES
@@ -76,8 +79,10 @@ class SpnavServerCore:
     """The clients and what each is to be sent. Times are monotonic, s.
 
     `buttons` are numbered from 0 in their order; a button that is not among them gets the next
-    number when it is first seen. `on_led` switches the device's LED; None: it has none, or it is
-    not for programs to switch.
+    number when it is first seen. Of a device that lists none, "left" and "right" are 0 and 1,
+    "button-7" is 7 and "7" is 6, whatever is pressed first; all others follow. `on_led` switches
+    the device's LED; None: it has none, or it is not for programs to switch. Raises ValueError for
+    a `full_scale` that is not in `FULL_SCALES`.
     """
 
     def __init__(
@@ -88,8 +93,15 @@ class SpnavServerCore:
         identity: DeviceIdentity | None = None,
         on_led: Callable[[bool], None] | None = None,
     ) -> None:
+        if not FULL_SCALES[0] <= full_scale <= FULL_SCALES[1]:
+            low, high = FULL_SCALES
+            raise ValueError(f"full_scale is {full_scale!r}; allowed: {low:.0f} to {high:.0f}")
         self._numbers: dict[str, int] = {}
-        self.name_buttons(buttons)
+        self._taken: set[int] = set()
+        """The numbers of buttons that are given."""
+        self._button_count = 0
+        """One more than the highest of them."""
+        self._listed = False
         self._full_scale = full_scale
         self._identity = identity or DeviceIdentity()
         self._on_led = on_led
@@ -108,6 +120,7 @@ class SpnavServerCore:
         self._offered_s = NEVER_S
         self._motion_s = NEVER_S
         self._due_s = NEVER_S
+        self.name_buttons(buttons)
 
     # -- clients -------------------------------------------------------------------------------
 
@@ -159,6 +172,13 @@ class SpnavServerCore:
         if client is not None:
             client.sent(size)
 
+    def give_up(self, number: int, reason: str) -> None:
+        """A program cannot be served: `given_up` is to name it."""
+        client = self._clients.get(number)
+        if client is not None:
+            client.failure = reason
+            self._look_at(number, client)
+
     def given_up(self) -> list[tuple[int, str]]:
         """Programs to be disconnected since the last call, each with the reason in words."""
         given_up = self._given_up
@@ -178,10 +198,13 @@ class SpnavServerCore:
         return self._present
 
     def name_buttons(self, buttons: Sequence[str]) -> None:
-        """Number those of `buttons` that have no number yet, in their order."""
+        """The device lists `buttons`: number those that have no number yet, in their order."""
+        self._listed |= bool(buttons)
+        before = self._button_count
         for button in buttons:
-            if len(self._numbers) < MAX_BUTTONS:
-                self._numbers.setdefault(button, len(self._numbers))
+            self._number(button)
+        if self._present and self._button_count > before:
+            self._tell_of_device()
 
     def offer(self, state: DeviceState, events: Sequence[ButtonEvent], now_s: float) -> None:
         """The device's newest state, and its button edges since the last offer."""
@@ -201,7 +224,8 @@ class SpnavServerCore:
 
     def advance(self, now_s: float) -> None:
         """Time has passed: repeat a deflection, or end one that is not offered any more."""
-        if self._target is not _REST and now_s - self._offered_s > STALE_AFTER_S:
+        held = self._target is not _REST or self._held
+        if held and now_s - self._offered_s > STALE_AFTER_S:
             self._counts["stale_offers"] += 1
             self._target = _REST
             self._release_all()
@@ -260,25 +284,40 @@ class SpnavServerCore:
             if client.mask & EventMask.MOTION:
                 client.motion(target, period_ms)
 
-    def _on_button(self, event: ButtonEvent) -> None:
-        number = self._numbers.get(event.button)
+    def _number(self, button: str) -> int | None:
+        """The number of `button`, now given where it had none; None: there is none left."""
+        number = self._numbers.get(button)
         if number is None:
-            self.name_buttons((event.button,))
-            number = self._numbers.get(event.button)
-            if number is None:
-                self._counts["unnumbered_buttons"] += 1
-                return
+            number = None if self._listed else _usual_number(button)
+            if number is None or number in self._taken:
+                number = max(self._button_count, 0 if self._listed else len(TWO_BUTTONS))
+            if number >= MAX_BUTTONS:
+                number = next((n for n in range(MAX_BUTTONS) if n not in self._taken), None)
+            if number is not None:
+                self._numbers[button] = number
+                self._taken.add(number)
+                self._button_count = max(self._button_count, number + 1)
+        return number
+
+    def _on_button(self, event: ButtonEvent) -> None:
+        before = self._button_count
+        number = self._number(event.button)
+        if number is None:
+            self._counts["unnumbered_buttons"] += 1
+            return
+        if self._present and self._button_count > before:
+            self._tell_of_device()
         if event.pressed is (number in self._held):
             return
         if event.pressed:
             self._held.add(number)
         else:
             self._held.discard(number)
-        self._tell(EventMask.BUTTON, encode_button(number, event.pressed))
+        self._tell_edge(number, event.pressed)
 
     def _release_all(self) -> None:
         for number in sorted(self._held):
-            self._tell(EventMask.BUTTON, encode_button(number, False))
+            self._tell_edge(number, False)
         self._held.clear()
 
     def _plug(self, present: bool, now_s: float) -> None:
@@ -289,15 +328,25 @@ class SpnavServerCore:
             self._target = _REST
             self._release_all()
             self._move(now_s)
+        self._tell_of_device()
+
+    def _tell_of_device(self) -> None:
+        """The device came or went, or has more buttons than were known."""
         identity = self._identity
         change = DeviceChange(
-            present,
+            self._present,
             self._device_id,
             identity.device_type,
             identity.vendor_id,
             identity.product_id,
         )
         self._tell(EventMask.DEVICE, encode_device(change))
+
+    def _tell_edge(self, number: int, pressed: bool) -> None:
+        for client_number, client in tuple(self._clients.items()):
+            if client.mask & EventMask.BUTTON:
+                client.button(number, pressed)
+                self._look_at(client_number, client)
 
     def _tell(self, kind: EventMask, record: bytes) -> None:
         """Queue an event that must not be lost for every program that wants its kind."""
@@ -346,7 +395,7 @@ class SpnavServerCore:
         if code == Code.GET_SENS:
             return (bits_of(client.sensitivity),)
         if code == Code.SET_EVMASK:
-            client.mask = data[0]
+            self._set_mask(client, data[0])
             return data[:AXES]
         if code == Code.GET_EVMASK:
             return (client.mask,)
@@ -365,7 +414,7 @@ class SpnavServerCore:
         if code == Code.DEV_NAXES:
             return (AXES,)
         if code == Code.DEV_NBUTTONS:
-            return (len(self._numbers),)
+            return (self._button_count,)
         if code == Code.DEV_TYPE:
             return (identity.device_type,)
         if code == Code.DEV_USBID and identity.vendor_id:
@@ -378,6 +427,15 @@ class SpnavServerCore:
             self._counts["malformed"] += 1
         elif name is not None:
             client.name = name
+
+    def _set_mask(self, client: SpnavClient, mask: int) -> None:
+        """What the program left out until now may have ended meanwhile: tell it how things are."""
+        wanted = mask & ~client.mask
+        client.mask = mask
+        if wanted & EventMask.MOTION:
+            client.motion(self._shown, 0)
+        if wanted & EventMask.BUTTON:
+            client.hold(self._held)
 
     def _set_sensitivity(self, client: SpnavClient, sensitivity: float) -> bool:
         """Whether `sensitivity` was taken.
@@ -413,6 +471,17 @@ class SpnavServerCore:
             self._on_led(on)
 
 
+def _usual_number(button: str) -> int | None:
+    """The number of a button of a device that does not list its own; None: any."""
+    if button in TWO_BUTTONS:
+        return TWO_BUTTONS.index(button)
+    digits = button.removeprefix("button-")
+    if not (digits.isascii() and digits.isdecimal() and len(digits) <= 3):
+        return None
+    number = int(digits) - (digits == button)
+    return number if 0 <= number < MAX_BUTTONS else None
+
+
 _COUNTERS: Mapping[str, str] = MappingProxyType(
     {
         "served_clients": "programs have connected",
@@ -421,7 +490,7 @@ _COUNTERS: Mapping[str, str] = MappingProxyType(
         "malformed": "requests that mean nothing",
         "bad_axes": "states of the device with numbers that are none",
         "unnumbered_buttons": f"edges of buttons beyond the {MAX_BUTTONS} that have a number",
-        "stale_offers": f"deflections that ended because none was offered for {STALE_AFTER_S} s",
+        "stale_offers": f"times the hand did not count: no state was offered for {STALE_AFTER_S} s",
     }
 )
 """What is counted, and the words for it."""

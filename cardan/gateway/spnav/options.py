@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
 from cardan.protocols.spnav import DEFAULT_SOCKET
 
 ACCESS = ("owner", "everybody")
+
+FULL_SCALES = (1.0, 1e6)
+"""Counts that a full deflection may give: 32 bits have room for a thousand times as many."""
 
 LONGEST_PATH_BYTES = 107
 """What the address of a Unix socket has room for."""
@@ -34,7 +36,8 @@ class SpnavServerOptions:
             )
         if self.access not in ACCESS:
             raise ValueError(f"access is {self.access!r}; allowed: {', '.join(ACCESS)}")
-        if not (1.0 <= self.full_scale < math.inf):
+        low, high = FULL_SCALES
+        if not low <= self.full_scale <= high:
             raise ValueError(
-                f"full_scale is {self.full_scale!r}; allowed: a number of counts from 1"
+                f"full_scale is {self.full_scale!r}; allowed: {low:.0f} to {high:.0f} counts"
             )

@@ -160,10 +160,13 @@ class SpnavServer:
             return
         except OSError:
             data = b""
-        if data:
-            self._core.receive(number, data, time.monotonic())
-        else:
+        if not data:
             self._drop(sock)
+            return
+        try:
+            self._core.receive(number, data, time.monotonic())
+        except Exception as error:  # of this program's request; the others go on
+            self._core.give_up(number, f"what it asked for failed: {error!r}")
 
     def _flush(self, now_s: float) -> None:
         """Send what clients have room for."""
@@ -181,6 +184,8 @@ class SpnavServer:
             except OSError:
                 self._drop(sock)
                 continue
+            except Exception as error:  # of this program's settings; the others go on
+                core.give_up(number, f"what is to be sent to it failed: {error!r}")
             self._watch(sock, selectors.EVENT_READ | (selectors.EVENT_WRITE if blocked else 0))
 
     def _watch(self, sock: socket.socket, events: int) -> None:

@@ -14,6 +14,8 @@ from cardan.protocols.spnav.codes import (
 )
 from cardan.protocols.spnav.records import (
     FAILED,
+    INT_MAX,
+    INT_MIN,
     MAX_BUTTONS,
     OK,
     RECORD_BYTES,
@@ -55,6 +57,8 @@ __all__ = [
     "DEFAULT_SOCKET",
     "DEVICE_TYPES",
     "FAILED",
+    "INT_MAX",
+    "INT_MIN",
     "MASK_V0",
     "MASK_V1",
     "MAX_BUTTONS",

@@ -3,8 +3,9 @@
 Everything but the handshake and the version 0 sensitivity is a record of eight 32-bit words in the
 host's byte order: it never leaves the machine.
 
-Axes are spacenavd's: x right, y up, z away from the operator, left-handed, and rotations by the
-left-hand rule about them. Counts; what a full deflection gives differs from device to device.
+Axes are spacenavd's: x right, y up, z away from the operator. The triad is left-handed; rotations
+are right-handed, each about its axis. Counts; what a full deflection gives differs from device to
+device.
 
 Source: spacenavd's and libspnav's description of the protocol (FreeSpacenav).
 """
