@@ -1,7 +1,8 @@
-"""Makes the table of docs/devices.md from the marks of the tests.
+"""Makes the tables of docs/devices.md from the tests.
 
 Every ``@pytest.mark.judged(device=..., transport=..., by=...)`` is one thing that was shown; the
-page says no more and no less. To write it anew: ``python -m tests.device_table``.
+page says no more and no less. The times to neutral are what test_device_faults measures. To write
+both anew: ``make device-table``.
 """
 
 from __future__ import annotations
@@ -9,9 +10,13 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+from tests import test_device_faults
+
 TESTS = Path(__file__).parent
 PAGE = TESTS.parent / "docs" / "devices.md"
-BEGIN, END = "<!-- made by tests/device_table.py -->\n", "<!-- end -->\n"
+JUDGED = "<!-- made by tests/device_table.py -->\n"
+FAULTS = "<!-- made by tests/test_device_faults.py -->\n"
+END = "<!-- end -->\n"
 
 
 def judged() -> set[tuple[str, str, str]]:
@@ -42,10 +47,13 @@ def table() -> str:
 
 
 def main() -> None:
-    """Write the table into its page."""
-    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, tail = rest.partition(END)
-    PAGE.write_text(head + BEGIN + "\n" + table() + "\n" + END + tail, encoding="utf-8")
+    """Write the tables into their page."""
+    page = PAGE.read_text(encoding="utf-8")
+    for begin, made in ((JUDGED, table()), (FAULTS, test_device_faults.table())):
+        head, _, rest = page.partition(begin)
+        _, _, tail = rest.partition(END)
+        page = head + begin + "\n" + made + "\n" + END + tail
+    PAGE.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -316,7 +316,8 @@ class Jr3(Subject):
 
 class Gamepad(Subject):
     name = "gamepad"
-    step_s = 0.004
+    step_s = 0.008
+    turn = 0
     model = "xbox-360"
     holds = False
 
@@ -336,9 +337,10 @@ class Gamepad(Subject):
 
     def run(self, seconds):
         """Only changes are reported: a hand that is never quite still makes them."""
-        for turn in range(max(1, round(seconds / 0.008))):
-            sticks = (0.01 * (turn % 3), 0.7, 0.0, 0.0, 0.0, 0.0) if self.holds else REST
-            self.rig.run(0.008, sticks)
+        for _ in range(max(1, round(seconds / self.step_s))):
+            self.turn += 1
+            sticks = (0.01 * (self.turn % 3), 0.7, 0.0, 0.0, 0.0, 0.0) if self.holds else REST
+            self.rig.run(self.step_s, sticks)
 
     def let_go(self):
         self.rig.release("left-shoulder")

@@ -2,12 +2,17 @@
 
 from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice
-from tests import device_table
+from tests import device_table, test_device_faults
 
 
 def test_the_page_has_the_table_that_the_tests_make():
     page = device_table.PAGE.read_text(encoding="utf-8")
     assert device_table.table() in page, "make device-table writes it anew"
+
+
+def test_the_page_has_the_times_that_the_tests_measure():
+    page = device_table.PAGE.read_text(encoding="utf-8")
+    assert test_device_faults.table() in page, "make device-table writes it anew"
 
 
 def test_every_device_has_its_line_on_the_page():

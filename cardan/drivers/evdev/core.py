@@ -24,6 +24,7 @@ from cardan.protocols.evdev import (
     BUS_BLUETOOTH,
     EV_ABS,
     EV_KEY,
+    EV_MAX,
     EV_SYN,
     KEY_DOWN,
     KEY_UP,
@@ -40,6 +41,9 @@ UNREAD_AFTER_S = 0.1
 
 LONGEST_FRAME = 256
 """Events between two SYN_REPORT; more than any device has is garbage."""
+
+FRAME_WITHIN_S = 0.05
+"""The kernel hands a frame out whole; a device whose frame does not end has lost its thread."""
 
 DROPPED_REASON = "the system dropped events of it, for want of a reader"
 GARBLED_REASON = "it sent bytes that are no events"
@@ -70,6 +74,7 @@ class EvdevCore(ABC):
         self._down: set[int] = set()
         self._values: dict[int, int] = {}
         self._frame: list[InputEvent] = []
+        self._frame_s = NEVER_S
         self._skipping = False
         """After SYN_DROPPED, up to the end of the frame."""
         self._buttons = ButtonEdges()
@@ -149,10 +154,15 @@ class EvdevCore(ABC):
         if isinstance(events, Malformed):
             self._void("garbled", GARBLED_REASON, now_s)
             return
+        if any(event.type > EV_MAX for event in events):
+            self._void("garbled", GARBLED_REASON, now_s)
+            return
         self.on_checked(now_s)
         for event in events:
             if event.type != EV_SYN:
                 if not self._skipping:
+                    if not self._frame:
+                        self._frame_s = now_s
                     self._frame.append(event)
             elif event.code == SYN_REPORT:
                 if not self._skipping:
@@ -162,7 +172,9 @@ class EvdevCore(ABC):
             elif event.code == SYN_DROPPED:
                 self._void("dropped", DROPPED_REASON, now_s)
                 self._skipping = True
-        if len(self._frame) > LONGEST_FRAME:
+        if len(self._frame) > LONGEST_FRAME or (
+            self._frame and now_s - self._frame_s > FRAME_WITHIN_S
+        ):
             self._void("overlong_frames", GARBLED_REASON, now_s)
 
     def on_checked(self, now_s: float) -> None:

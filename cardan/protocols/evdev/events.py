@@ -16,6 +16,8 @@ EVENT_BYTES = _EVENT.size
 """24 on 64-bit systems, 16 on 32-bit ones."""
 
 EV_SYN, EV_KEY, EV_REL, EV_ABS, EV_MSC = 0x00, 0x01, 0x02, 0x03, 0x04
+EV_MAX = 0x1F
+"""No event of the kernel's has a higher type."""
 EV_LED, EV_SND, EV_REP, EV_FF = 0x11, 0x12, 0x14, 0x15
 EV_UINPUT = 0x0101
 """Of a uinput device only: the kernel asks its maker for something."""
