@@ -403,6 +403,8 @@ class TeleopEngine:
             self._trip(device.reason or f"the device is {device.link.value}")
         elif not is_finite(device.axes):
             self._trip("the device gives values that are not numbers")
+        elif age_s < -limits.device_age_s:
+            self._trip(f"the device gives a time that is {-age_s:.1f} s to come")
         elif self._position is None:
             if device.axes != NO_DEFLECTION and age_s > limits.device_age_s:
                 self._trip(f"the device is deflected but silent for {age_s:.2f} s")
@@ -453,6 +455,8 @@ class TeleopEngine:
         else:
             self._phase = Phase.HOLDING if self._armed else Phase.DISARMED
         self._message = "" if self._armed else self._what_to_do(robot, device)
+        if self._armed and self._position is not None and self._position.slips:
+            self._message = "the hand is too far ahead of the TCP: the clutch slips"
 
     def _what_to_do(self, robot: RobotState, device: DeviceState) -> str:
         why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""

@@ -38,6 +38,9 @@ HAND_SPEED_M_S, HAND_SPEED_RAD_S = 3.0, 15.0
 HAND_NOISE_M, HAND_NOISE_RAD = 0.01, 0.1
 """Allowed beside the speed: two reports may come close together."""
 
+LONGEST_GAP_S = 0.1
+"""Between two reports; what stamps claim beyond is not believed."""
+
 FARTHEST_M = 10.0
 """No hand is farther from its sensor."""
 
@@ -77,6 +80,8 @@ class PositionMapping:
         self._yaw = Quaternion(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
         self._linear_axes = self._angular_axes = IDENTITY
         """Turn the mapping's frame into the base, as it was when the clutch was pressed."""
+        self.slips = False
+        """Whether the hand was too far ahead at the last look."""
         self._hand: Pose | None = None
         self._hand_s = NEVER_S
         self._target: Pose | None = None
@@ -96,12 +101,13 @@ class PositionMapping:
     def release(self) -> None:
         """The clutch was let go."""
         self._hand = self._target = None
+        self.slips = False
 
     def leaps(self, hand: Pose, stamp_s: float) -> bool:
         """Whether `hand`, measured at `stamp_s`, is too far from where it was to be the same."""
         if self._hand is None:
             return False
-        time_s = max(0.0, stamp_s - self._hand_s)
+        time_s = min(max(0.0, stamp_s - self._hand_s), LONGEST_GAP_S)
         way_m = norm(subtract(hand.position, self._hand.position))
         turn_rad = norm(rotation_between(self._hand.orientation, hand.orientation))
         return (
@@ -125,8 +131,11 @@ class PositionMapping:
         angular = rotate(self._angular_axes, Vector3(v[3], v[4], v[5]))
         position = add(self._target.position, linear)
         orientation = multiply(from_rotation_vector(angular), self._target.orientation)
-        way = limit_norm(subtract(position, tcp.position), self.options.slip_m)
-        turn = limit_norm(rotation_between(tcp.orientation, orientation), self.options.slip_rad)
+        full_way = subtract(position, tcp.position)
+        full_turn = rotation_between(tcp.orientation, orientation)
+        way = limit_norm(full_way, self.options.slip_m)
+        turn = limit_norm(full_turn, self.options.slip_rad)
+        self.slips = way != full_way or turn != full_turn
         self._target = Pose(
             add(tcp.position, way),
             normalized(multiply(from_rotation_vector(turn), tcp.orientation)),

@@ -261,6 +261,7 @@ def test_a_tilt_from_the_press_on():
     bench = Bench(WiimoteOptions(dead_zone=0.0, neutral="press"))
     bench.tilt(0, -40)
     bench.ready()
+    bench.run(0.3)
     bench.press("a")
     bench.tilt(0, -20)
     assert bench.run(0.4).axes == pytest.approx((0, 0, 1, 0, SIN[20], 0), abs=CLOSE)

@@ -123,3 +123,19 @@ def test_unknown_is_level():
     assert tilt.rolled_and_dipped(0.0) == (0.0, 0.0)
     tilt.capture()
     assert not tilt.trusted(0.0)
+
+
+def test_a_waving_hand_is_no_neutral():
+    """Sideways waves of 0.3 g stay within the trusted range, but not within a few degrees."""
+    tilt = Tilt(7.0, 45.0)
+    now_s = settled(tilt, held(0.0, 0.0))
+    tilt.capture()
+    shaken_s = now_s + 2.0
+    tilt.update((0.0, 0.6, 0.9), now_s + 0.01)
+    now_s += 0.01
+    tilt.capture()
+    while now_s < shaken_s:
+        now_s += 0.01
+        tilt.update((0.0, 0.3 * math.sin(12.0 * now_s), 1.0), now_s)
+    now_s = settled(tilt, held(0.0, 0.0), now_s)
+    assert tilt.rolled_and_dipped(now_s) == pytest.approx((0.0, 0.0), abs=0.08)

@@ -200,7 +200,9 @@ def test_a_hand_too_far_ahead_slips():
     while rig.device.pose.position.y < HAND.position.y + 0.5 - 1e-9:
         rig.run()
     when_the_hand_stopped = rig.moved.y
+    assert "slips" in rig.engine.status().message
     rig.run(3.0)
+    assert rig.engine.status().message == ""
     assert rig.moved.y == pytest.approx(when_the_hand_stopped + 0.1, abs=2e-3)
     assert 0.2 <= rig.turned.z < 0.4
     before = rig.moved
@@ -296,3 +298,12 @@ def test_the_hand_may_tremble_while_it_waits():
         rig.hand(displaced(x=1e-4 * math.sin(step))).run()
     assert norm(rig.moved) < 2e-4
     assert norm(scale(rig.turned, 1.0)) < 1e-9
+
+
+def test_a_time_to_come_is_not_believed():
+    rig = Rig().engage()
+    rig.fresh = False
+    rig.device = rig.device._replace(stamp_s=rig.now_s + 1000.0, pose=displaced(x=0.2))
+    rig.run(0.5)
+    assert norm(rig.moved) == 0.0
+    assert rig.engine.phase is Phase.DISARMED

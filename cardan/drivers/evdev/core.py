@@ -324,6 +324,7 @@ class EvdevCore(ABC):
         self._values = dict(snapshot.values)
         self._stamp_s = now_s
         self._distrust(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
+        self._tell_buttons(now_s)  # Those that were held, and are up by now, count again.
         self._settle()
 
     def _forget(self, link: DeviceLink, reason: str, now_s: float) -> None:

@@ -97,7 +97,9 @@ class LeapCore:
         self._counts = Counter(dict.fromkeys(_OWN_COUNTERS, 0))
         self._malformed: Counter[str] = Counter()
         self._frames = 0
-        self._lag = Lag(STALE_AFTER_S)
+        self._lag = Lag()
+        self._was_late = False
+        """The newest frame was late, and none in time came since, whatever the connection."""
         self._lag_s = 0.0
         self._late_since_s: float | None = None
         """Since when every frame has come late; None: the newest did not."""
@@ -123,10 +125,8 @@ class LeapCore:
     def on_opened(self, now_s: float) -> None:
         """A connection was made (again): what was known of the service is void."""
         self._forget_service()
-        if self._late_since_s is None:
+        if not self._was_late:  # Else the clock may be the same, and its frames late again.
             self._lag.reset()
-        else:
-            self._lag.connected_anew(now_s)
         self._late_since_s = None
         self._silent_since_s = now_s
         self._open = True
@@ -274,6 +274,7 @@ class LeapCore:
             self._on_late(now_s)
             return
         self._late_since_s = None
+        self._was_late = False
         self._stamp_s = self._silent_since_s = now_s - self._lag_s
         if self._link is DeviceLink.STALE:
             self._believe_s = now_s + SETTLE_S
@@ -291,6 +292,7 @@ class LeapCore:
     def _on_late(self, now_s: float) -> None:
         """A frame shows where the hand was, not where it is."""
         self._counts["late_frames"] += 1
+        self._was_late = True
         if self._late_since_s is None:
             self._late_since_s = now_s
         if self._reason is not LATE_REASON or self._link is not DeviceLink.STALE:

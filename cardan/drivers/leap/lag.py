@@ -18,15 +18,11 @@ LARGEST_DRIFT = 1e-3
 BACK_S = 0.1
 """Stamps that go back by more are of another clock: delays never turn stamps around."""
 
-FORGET_S = 30.0
-"""After so long without a frame in time, what was known of the service's clock is doubted, too."""
-
 
 class Lag:
     """The delay of frames. Times are monotonic, s."""
 
-    def __init__(self, late_s: float) -> None:
-        self._late_s = late_s
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
@@ -35,12 +31,6 @@ class Lag:
         """Difference between our clock and the stamp of a frame without delay."""
         self._stamp_s = -math.inf
         self._arrival_s = NEVER_S
-        self._timely_s = NEVER_S
-
-    def connected_anew(self, now_s: float) -> None:
-        """The connection was made again because frames were late: the clock may be the same."""
-        if now_s - self._timely_s > FORGET_S:
-            self.reset()
 
     def is_another_clock(self, timestamp_us: int) -> bool:
         """Whether a frame of this stamp, newer than the one before, is of another clock."""
@@ -56,7 +46,4 @@ class Lag:
         self._stamp_s = stamp_s
         difference_s = now_s - stamp_s
         self._least_s = min(self._least_s, difference_s)
-        lag_s = difference_s - self._least_s
-        if lag_s <= self._late_s:
-            self._timely_s = now_s
-        return lag_s
+        return difference_s - self._least_s

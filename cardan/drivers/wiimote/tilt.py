@@ -23,6 +23,10 @@ SETTLED = 4.0
 SAMPLE_S = (0.002, 0.05)
 """Shortest and longest time that one sample stands for: reports come in bunches."""
 
+STILL_S, STILL_COSINE = 0.15, math.cos(math.radians(3.0))
+"""A hand that waves sideways keeps 1 g within the trusted range: neutral is what has kept its
+direction for so long, within so much."""
+
 _UP: Vector = (0.0, 0.0, 1.0)
 _TURNED = -1.0 + 1e-9
 """Cosine beyond which a remote is upside down, and every way to turn it upright is as short."""
@@ -45,6 +49,8 @@ class Tilt:
         self._up: Vector | None = None
         self._neutral = _UP
         self._capturing = False
+        self._still: Vector | None = None
+        self._still_s = NEVER_S
         self._sampled_s = self._trusted_s = self._doubted_s = NEVER_S
 
     def update(self, force_g: Vector, now_s: float, calibrated: bool = True) -> None:
@@ -54,6 +60,7 @@ class Tilt:
         since_s, self._sampled_s = now_s - self._sampled_s, now_s
         if not low * low <= x * x + y * y + z * z <= high * high:
             self._doubted_s = now_s
+            self._still = None
             return
         gone_s = FREEZE_S
         if self._capturing and now_s - self._doubted_s < SETTLED / self._rate:
@@ -66,15 +73,21 @@ class Tilt:
             u, v, w = self._up
             self._up = (u + share * (x - u), v + share * (y - v), w + share * (z - w))
         self._trusted_s = now_s
-        if self._capturing:
+        self._watch_stillness(self._up, now_s)
+
+    def _watch_stillness(self, up: Vector, now_s: float) -> None:
+        length = math.hypot(*up)
+        x, y, z = here = (up[0] / length, up[1] / length, up[2] / length) if length else _UP
+        still = self._still
+        if still is None or x * still[0] + y * still[1] + z * still[2] < STILL_COSINE:
+            self._still, self._still_s = here, now_s
+        elif self._capturing and now_s - self._still_s >= STILL_S:
             self._capturing = False
-            x, y, z = self._up
-            length = math.sqrt(x * x + y * y + z * z)
-            self._neutral = (x / length, y / length, z / length) if length > 0.0 else _UP
+            self._neutral = here
 
     def capture(self) -> None:
-        """What the next sample that can be trusted shows is neutral; until then there is no
-        tilt."""
+        """The attitude that is held still, as far as can be told, is neutral; until there is one
+        there is no tilt."""
         self._capturing = True
 
     def trusted(self, now_s: float) -> bool:
