@@ -81,7 +81,7 @@ class Subject:
         self.core.on_lost("unplugged", self.now_s)
 
     def replug(self):
-        raise NotImplementedError
+        raise AssertionError("subclasses say how")
 
 
 class Intercepted(Subject):
