@@ -355,8 +355,23 @@ class Gamepad(Subject):
         self.rig.device.replug()
 
 
-SUBJECTS = (SpaceMouse, Serial, Spnav, Wiimote, Leap, Jr3, Gamepad)
-UNSEEN = {("gamepad", "silence")}
+class Keyboard(Gamepad):
+    name = "keyboard"
+    model = "keyboard"
+
+    def deflect(self):
+        self.rig.press("space", "a")
+        self.run(0.6)  # The kernel begins to repeat the key.
+
+    def run(self, seconds):
+        self.rig.run(seconds)
+
+    def let_go(self):
+        self.rig.release("space", "a")
+
+
+SUBJECTS = (SpaceMouse, Serial, Spnav, Wiimote, Leap, Jr3, Gamepad, Keyboard)
+UNSEEN = {("gamepad", "silence"), ("keyboard", "silence")}
 """The kernel reports changes only, so that silence is a hand that holds still: docs/gamepad.md."""
 
 CASES = [
