@@ -124,6 +124,27 @@ def test_the_old_and_the_new_way_over_sockets(place):
         assert time.monotonic() - begin_s > 0.15
 
 
+def test_the_last_words_of_a_host_that_hangs_up_are_heard(place):
+    peer = served(place, script="rest")
+    peer.open()
+    try:
+        with link(place) as (control, interrupt):
+            step_until(peer, lambda: peer.remote.connected)
+            interrupt.send(b"\xa2" + encode_output(Rumble(True)))
+            step_until(peer, lambda: peer.remote.rumble)
+            interrupt.send(b"\xa2" + encode_output(Rumble(False)))
+            interrupt.close()
+            control.close()
+            # The remote speaks before it has listened, and finds the line dead.
+            peer._carrier.send(b"\x30\0\0")
+        assert not peer.remote.connected
+        assert [entry.what for entry in peer.remote.log if "rumble" in entry.what][-1] == (
+            "rumble off"
+        )
+    finally:
+        peer.close()
+
+
 @pytest.mark.parametrize("closed", [0, 1])
 def test_closing_either_channel_ends_the_link_and_it_listens_again(place, closed):
     with in_a_thread(served(place, script="rest")) as peer:

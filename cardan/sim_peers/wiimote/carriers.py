@@ -254,8 +254,17 @@ class ChannelCarrier(Carrier):
     def _lose(self) -> None:
         """The host closed a channel, which ends both."""
         assert self._remote is not None
+        self._hear_out()
         self.hang_up(control=True, interrupt=True)
         self._remote.disconnected()
+
+    def _hear_out(self) -> None:
+        """Take what the host sent before it closed: its last words stop the motor."""
+        assert self._remote is not None
+        channel = self._channels.get(INTERRUPT_PSM)
+        with contextlib.suppress(OSError):
+            while channel is not None and (packet := channel.recv(_PACKET_ROOM)):
+                self._remote.interrupt(packet)
 
     def _forget(self, sock: socket.socket) -> None:
         if self._selector is not None and sock in self._selector.get_map():
