@@ -7,6 +7,7 @@ DEMO_SECONDS ?= 30
 DEMO_ROBOT ?= gofa
 PYTEST ?=
 BIN := $(VENV)/bin
+C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h)
 
 .PHONY: help demo test test-kernel device-table lint types check bench bench-motoros bench-thesis \
 	test-pythons clean
@@ -21,7 +22,7 @@ help:
 	@echo "make bench-thesis  the measurements of the 2020 thesis, with plots for docs/"
 	@echo "make clean   remove the environment and caches"
 
-$(VENV)/.cardan: pyproject.toml tools/environment
+$(VENV)/.cardan: pyproject.toml hatch_build.py tools/environment tools/native $(C_SOURCES)
 	tools/environment "$(PYTHON)" "$(VENV)"
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@

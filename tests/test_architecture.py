@@ -14,6 +14,7 @@ LEAVES = {
     "histogram",
     "realtime",
     "arm_model",
+    "haptics",
     "plugins",
     "__init__",
 }

@@ -1,0 +1,223 @@
+"""Values of force feedback: what a haptic device is told to render, and what it tells of itself.
+
+SI units. Hand frame: the axes of every hand's pose here, x forward (away from the operator), y
+left, z up, in m from the device's own origin. World frame: the robot's base, where fixtures stand.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+from cardan.types import NEVER_S, ZERO3, Pose, Vector3
+
+Matrix3 = tuple[float, float, float, float, float, float, float, float, float]
+"""Nine numbers, row by row."""
+
+IDENTITY3: Matrix3 = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+MAX_FIXTURES = 8
+"""So many fixtures a command carries at most: the tick keeps room for them."""
+
+
+# ---------------------------------------------------------------------------------------------
+# Fixtures, world frame. Each pushes with stiffness · depth, at most `cap_n`, and damps with
+# `damping_n_s_m` against motion into and out of it, never so much that it would pull.
+
+
+class Sphere(NamedTuple):
+    """A solid sphere, or with `inside` a hollow one that the point is kept in."""
+
+    centre: Vector3
+    radius_m: float
+    stiffness_n_m: float
+    cap_n: float = 3.0
+    damping_n_s_m: float = 0.0
+    inside: bool = False
+
+
+class Plane(NamedTuple):
+    """A half space, solid below `point` seen along the outward unit `normal`."""
+
+    point: Vector3
+    normal: Vector3
+    stiffness_n_m: float
+    cap_n: float = 3.0
+    damping_n_s_m: float = 0.0
+
+
+class Box(NamedTuple):
+    """A solid box with half sides along the columns of `rotation`, or with `inside` a hollow one.
+
+    A solid box pushes out through its nearest side; a hollow one holds each axis by itself.
+    """
+
+    centre: Vector3
+    half_sides_m: Vector3
+    stiffness_n_m: float
+    cap_n: float = 3.0
+    damping_n_s_m: float = 0.0
+    inside: bool = False
+    rotation: Matrix3 = IDENTITY3
+    """Box axes to world axes."""
+
+
+class Cylinder(NamedTuple):
+    """A solid cylinder without ends about `axis` (unit) through `point`; `inside`: hollow."""
+
+    point: Vector3
+    axis: Vector3
+    radius_m: float
+    stiffness_n_m: float
+    cap_n: float = 3.0
+    damping_n_s_m: float = 0.0
+    inside: bool = False
+
+
+class Spring(NamedTuple):
+    """A spring and a damper between the point and `target`: a virtual coupling."""
+
+    target: Vector3
+    stiffness_n_m: float
+    cap_n: float = 3.0
+    damping_n_s_m: float = 0.0
+
+
+class Viscous(NamedTuple):
+    """Drag against every motion."""
+
+    damping_n_s_m: float
+    cap_n: float = 3.0
+
+
+Fixture = Sphere | Plane | Box | Cylinder | Spring | Viscous
+
+
+class WorldMap(NamedTuple):
+    """Where the stylus is in the world: world point = `linear` · hand point + `offset`.
+
+    Forces go back by the rotation alone: hand force = `rotation`ᵀ · world force.
+    """
+
+    linear: Matrix3 = IDENTITY3
+    """Alignment times scale; no unit."""
+    offset: Vector3 = ZERO3
+    """m."""
+    rotation: Matrix3 = IDENTITY3
+    """Alignment alone, hand axes to world axes, determinant +1."""
+
+
+class MeasuredForce(NamedTuple):
+    """A force that was measured elsewhere, to be felt: already scaled, hand frame.
+
+    Between two of them the tick goes on with `rate_n_s`, and with `stiffness_n_m` against the
+    stylus's motion away from `position`, both for a bounded time.
+    """
+
+    force: Vector3
+    """N, as the hand is to feel it."""
+    stamp_s: float
+    """Local monotonic time of the measurement."""
+    rate_n_s: Vector3 = ZERO3
+    position: Vector3 = ZERO3
+    """Where the stylus was then, hand frame, m."""
+    stiffness_n_m: float = 0.0
+    """0: no local contact model."""
+
+
+class HapticCommand(NamedTuple):
+    """All that the tick renders until the next command; a command source owns `sequence`.
+
+    A command whose sequence is not above the last one's, or whose stamp is older, is dropped.
+    """
+
+    sequence: int
+    stamp_s: float
+    """Local monotonic time of what it was made from."""
+    engaged: bool = False
+    """False: no force at all, by ramp; the next True engages anew (small force first, then a
+    ramp up)."""
+    world: WorldMap = WorldMap()
+    fixtures: tuple[Fixture, ...] = ()
+    measured: MeasuredForce | None = None
+    force: Vector3 = ZERO3
+    """A plain force beside all that, hand frame, N."""
+    force_scale: float = 1.0
+    """Of the fixtures' forces."""
+    joint_torques_n_m: Vector3 | None = None
+    """Joint torque mode, raw: these and nothing else, within the limits."""
+
+
+class OperatingState(enum.Enum):
+    """What a haptic device's force is doing (CRTK operating_state)."""
+
+    DISABLED = "disabled"
+    """No force until enabled."""
+    ENABLED = "enabled"
+    PAUSED = "paused"
+    """Commands stopped coming, or the tick was late: no force until they come again and are small."""
+    FAULT = "fault"
+    """Latched, with a reason; enable tries again."""
+
+
+class Calibration(enum.Enum):
+    """How far the device knows its own position."""
+
+    OK = "ok"
+    NEEDS_UPDATE = "needs update"
+    NEEDS_MANUAL_INPUT = "needs manual input"
+    """The stylus must be put into the inkwell."""
+    UNKNOWN = "unknown"
+
+
+class HapticState(NamedTuple):
+    """A snapshot of the tick."""
+
+    stamp_s: float = NEVER_S
+    """Local monotonic time of the newest tick."""
+    ticks: int = 0
+    state: OperatingState = OperatingState.DISABLED
+    reason: str = ""
+    """Why the force is not what was commanded, in words; empty when it is."""
+    pose: Pose | None = None
+    """Of the gimbal's centre, hand frame; orientation orthonormal."""
+    velocity: Vector3 = ZERO3
+    """m/s, filtered."""
+    joints_rad: Vector3 = ZERO3
+    gimbal_rad: Vector3 = ZERO3
+    buttons: int = 0
+    """Levels, bit 0 is button 1."""
+    presses: tuple[int, int] = (0, 0)
+    """How often each button went down, counted in the tick."""
+    inkwell: bool = False
+    calibration: Calibration = Calibration.UNKNOWN
+    force_commanded: Vector3 = ZERO3
+    """N, hand frame: what the fixtures and the measured force ask for."""
+    force: Vector3 = ZERO3
+    """N, hand frame: what was sent, after every limit."""
+    energy_j: float = 0.0
+    """The passivity observer's: net energy taken in by the rendered environment; below 0 it has
+    given more than it took."""
+    delivered_j: float = 0.0
+    """All energy given to the hand less all taken from it since the tick began."""
+    passivity_damping_n_s_m: float = 0.0
+    """What the passivity controller damps with now."""
+    squeeze: float = 1.0
+    """Share of the clamp that the thermal limiter leaves."""
+    temperature: float = 0.0
+    """Of the hottest motor as predicted, 0 cold to 1 hottest."""
+    command_sequence: int = 0
+    command_age_s: float = float("inf")
+    force_age_s: float = float("inf")
+    """How old the measured force is that is being rendered."""
+    gap_s: float = 0.0
+    """Longest time between two ticks since the snapshot before."""
+    tick_cost_s: float = 0.0
+    """Longest that a tick took since the snapshot before."""
+    late_ticks: int = 0
+    """Gaps above the limit since the tick began."""
+    dropped_commands: int = 0
+    stale_commands: int = 0
+    """How often the command source fell silent."""
+    faults: int = 0
+    rate_hz: float = 0.0
