@@ -155,7 +155,7 @@ class OperatingState(enum.Enum):
     """No force until enabled."""
     ENABLED = "enabled"
     PAUSED = "paused"
-    """Commands stopped coming, or the tick was late: no force until they come again and are small."""
+    """Commands stopped coming, or ticks were late: no force until both are well and it is small."""
     FAULT = "fault"
     """Latched, with a reason; enable tries again."""
 
