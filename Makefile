@@ -1,6 +1,7 @@
 # Two commands do everything on a fresh Debian machine with Python, make and gcc:
 #   make demo    environment, install, the main job against simulated peers for half a minute
 #   make test    environment, install with the test judges, all tests
+# (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches)
 PYTHON ?= python3
 VENV ?= .venv
 DEMO_SECONDS ?= 30
@@ -48,6 +49,7 @@ device-table: $(VENV)/.cardan-dev
 lint: $(VENV)/.cardan-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	tools/native -Werror
 
 types: $(VENV)/.cardan-dev
 	$(BIN)/mypy
@@ -70,3 +72,4 @@ test-pythons:
 clean:
 	rm -rf $(VENV) .venv-3.* .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+	find cardan -name '*.so' -delete
