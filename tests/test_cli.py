@@ -90,7 +90,8 @@ def test_dissect_of_nothing():
 
 
 @pytest.mark.parametrize(
-    ("peer", "fault"), [("abb-gofa", "garbage"), ("spacemouse", "short-report")]
+    ("peer", "fault"),
+    [("abb-gofa", "garbage"), ("spacemouse", "short-report"), ("omni", "comm-error")],
 )
 def test_peers_list_what_they_can(peer, fault):
     assert fault in cardan("sim", peer, "--list-faults")

@@ -350,3 +350,68 @@ def sim_jr3(
         seed=seed,
     )
     serve_peer(jr3.Jr3Peer(options), seconds)
+
+
+@sim.command(
+    "omni",
+    # What follows the program's name is the program's.
+    context_settings={"allow_interspersed_args": False},
+    epilog="The program finds it as libHD.so, whether it is linked to that or loads it itself; "
+    "CARDAN_LIBHD has its path. The exit code is the program's.",
+)
+def sim_omni(
+    program: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="PROGRAM", help="To run with the simulated device, and its arguments."
+        ),
+    ] = None,
+    library: Annotated[
+        bool, typer.Option("--library", help="Print where the simulated libHD.so is, then end.")
+    ] = False,
+    model: Annotated[
+        str, typer.Option(metavar="omni|touch", help="Which of the two it says it is.")
+    ] = "omni",
+    cold: Annotated[
+        bool, typer.Option("--cold", help="It needs the inkwell before it knows where it is.")
+    ] = False,
+    log: Annotated[
+        str, typer.Option(metavar="FILE", help="Write true values there at the end (CSV).")
+    ] = "",
+    seconds: Seconds = None,
+    script: Script = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=VALUE][@SECONDS]",
+            help="A fault to have (repeatable), from so many s on; see --list-faults.",
+        ),
+    ] = None,
+    list_faults: ListFaults = False,
+    list_scripts: ListScripts = False,
+    seed: Seed = 0,
+) -> None:
+    """A Phantom Omni (Touch) and the hand that holds it, behind the functions of libHD: run a
+    program with it."""
+    from cardan.sim_peers import omni
+
+    if listed(list_faults, omni.FAULTS, list_scripts, omni.SCRIPTS, omni.SCRIPT_VERBS):
+        return
+    if library:
+        print(omni.library_path())
+        return
+    if not program:
+        raise ConfigurationError(
+            "",
+            "name the program that is to use the device, as in: cardan sim omni -- ./program; or "
+            "take --library, which prints where libHD.so is",
+        )
+    settings = omni.OmniSettings(
+        seed=seed,
+        model=model,
+        cold=cold,
+        motion=omni.load_motion(script or "demo"),
+        faults=omni.parse_omni_faults(fault or ()),
+        log=log,
+    )
+    raise typer.Exit(omni.run_program(program, settings, seconds))

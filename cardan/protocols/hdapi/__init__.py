@@ -1,1 +1,66 @@
-"""HDAPI, the C interface of the OpenHaptics library libHD: its names and values."""
+"""HDAPI, the C interface of the OpenHaptics library libHD: its names and values.
+
+hdapi.h, beside this file, has the same for C.
+"""
+
+from cardan.protocols.hdapi.constants import (
+    DEFAULT_SCHEDULER_PRIORITY,
+    ERROR_INFO,
+    HD_FALSE,
+    HD_TRUE,
+    INVALID_HANDLE,
+    MAX_SCHEDULER_PRIORITY,
+    MIN_SCHEDULER_PRIORITY,
+    SCHEDULER_FATAL,
+    Button,
+    Calibration,
+    CalibrationStyle,
+    CallbackCode,
+    Capability,
+    Error,
+    ErrorClass,
+    Info,
+    State,
+    WaitCode,
+    error_class,
+    error_name,
+    is_force_error,
+    is_scheduler_fatal,
+)
+from cardan.protocols.hdapi.frames import (
+    HAND_FROM_DEVICE,
+    rotation_to_device,
+    rotation_to_hand,
+    to_device,
+    to_hand,
+)
+
+__all__ = [
+    "DEFAULT_SCHEDULER_PRIORITY",
+    "ERROR_INFO",
+    "HAND_FROM_DEVICE",
+    "HD_FALSE",
+    "HD_TRUE",
+    "INVALID_HANDLE",
+    "MAX_SCHEDULER_PRIORITY",
+    "MIN_SCHEDULER_PRIORITY",
+    "SCHEDULER_FATAL",
+    "Button",
+    "Calibration",
+    "CalibrationStyle",
+    "CallbackCode",
+    "Capability",
+    "Error",
+    "ErrorClass",
+    "Info",
+    "State",
+    "WaitCode",
+    "error_class",
+    "error_name",
+    "is_force_error",
+    "is_scheduler_fatal",
+    "rotation_to_device",
+    "rotation_to_hand",
+    "to_device",
+    "to_hand",
+]

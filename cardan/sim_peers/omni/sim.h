@@ -18,9 +18,9 @@ typedef struct {
     double commanded_n[3];    /* what end-frame carried last */
     double delivered_n[3];    /* what the motors exert after clamp, ramp, amplifier and DAC */
     double delivered_j;       /* work of the motors on the stylus since the start (ground truth) */
-    double hand_j;            /* work of the hand on the stylus */
-    double lost_j;            /* work lost in friction and damping of the mechanism */
-    double kinetic_j;
+    double hand_j;            /* work of the hand on the stylus, of simPush and of the droop */
+    double lost_j;            /* work lost in friction, damping and stops of the mechanism */
+    double kinetic_j;         /* of the stylus: delivered_j + hand_j = lost_j + kinetic_j */
     double temperature[3];
     int32_t buttons;
     int32_t docked;

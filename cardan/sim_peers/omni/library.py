@@ -1,0 +1,231 @@
+"""The simulated libHD in this process: for tests, benches, and whoever wants to step it.
+
+A process has one libHD, as with the real one, so there is one simulated device at a time.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from cardan.errors import DeviceNotFoundError, ScriptError
+from cardan.protocols.hdapi import rotation_to_device, to_device, to_hand
+from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.omni.settings import FAULTS, OmniSettings
+from cardan.spatial import from_euler_zyx, to_euler_zyx
+from cardan.types import ZERO3, Vector3
+
+SETTINGS_VARIABLE = "CARDAN_OMNI"
+"""Names the settings file of a program that loads the library without knowing what it is."""
+LIBRARY_VARIABLE = "CARDAN_LIBHD"
+"""Where Cardan's own driver looks for libHD first."""
+LIBRARY_NAMES = ("libHD.so", "libHD.so.3.0", "libHD.so.3.4")
+"""What programs know the real one by."""
+
+
+def library_path() -> Path:
+    """Where the simulated libHD is. Raises DeviceNotFoundError when it was not compiled."""
+    path = Path(__file__).with_name("libHD.so")
+    if not path.exists():
+        raise DeviceNotFoundError(
+            f"the simulated libHD ({path}) was not compiled: install a C compiler (Debian: "
+            "apt-get install gcc libc6-dev) and install cardan again; in a source tree, run "
+            "tools/native"
+        )
+    return path
+
+
+def available() -> bool:
+    """Whether it was compiled."""
+    try:
+        library_path()
+    except DeviceNotFoundError:
+        return False
+    return True
+
+
+class OmniTruth(NamedTuple):
+    """What the simulated device really does, at the end of its newest tick; hand frame."""
+
+    time_s: float
+    """Of the library's clock: monotonic, or virtual from 0."""
+    ticks: int
+    position_m: Vector3
+    """Of the gimbal's centre, before any encoder."""
+    velocity_m_s: Vector3
+    hand_target_m: Vector3
+    hand_force_n: Vector3
+    """Of the hand on the stylus."""
+    commanded_n: Vector3
+    """What the last frame sent."""
+    delivered_n: Vector3
+    """What the motors exert after clamp, ramp, amplifier and converter."""
+    delivered_j: float
+    """Work of the motors on the stylus since the start."""
+    hand_j: float
+    """Work on the stylus of the hand, of pushes, and of the droop."""
+    lost_j: float
+    """Lost in the mechanism's friction, damping and stops."""
+    kinetic_j: float
+    """Of the stylus: delivered_j + hand_j = lost_j + kinetic_j."""
+    temperature: Vector3
+    """Of the three motors; above 1 they are too warm."""
+    buttons: int
+    docked: bool
+    gripped: bool
+    amplifier: bool
+    """Force goes out."""
+    calibrated: bool
+    script_done: bool
+
+
+_Double3 = ctypes.c_double * 3
+
+
+class _SimTruth(ctypes.Structure):
+    """SimTruth of sim.h; device frame."""
+
+    _fields_ = (
+        ("time_s", ctypes.c_double),
+        ("ticks", ctypes.c_uint64),
+        ("position_m", _Double3),
+        ("velocity_m_s", _Double3),
+        ("hand_target_m", _Double3),
+        ("hand_force_n", _Double3),
+        ("commanded_n", _Double3),
+        ("delivered_n", _Double3),
+        ("delivered_j", ctypes.c_double),
+        ("hand_j", ctypes.c_double),
+        ("lost_j", ctypes.c_double),
+        ("kinetic_j", ctypes.c_double),
+        ("temperature", _Double3),
+        ("buttons", ctypes.c_int32),
+        ("docked", ctypes.c_int32),
+        ("gripped", ctypes.c_int32),
+        ("amplifier", ctypes.c_int32),
+        ("calibrated", ctypes.c_int32),
+        ("script_done", ctypes.c_int32),
+    )
+
+
+@functools.cache
+def _load(path: Path) -> ctypes.CDLL:
+    library = ctypes.CDLL(str(path))
+    double3 = ctypes.POINTER(ctypes.c_double)
+    signatures: dict[str, tuple[object, Sequence[object]]] = {
+        "simConfigure": (ctypes.c_int, (ctypes.c_char_p,)),
+        "simProblem": (ctypes.c_char_p, ()),
+        "simStep": (ctypes.c_int, (ctypes.c_int,)),
+        "simNow": (ctypes.c_double, ()),
+        "simTruth": (None, (ctypes.POINTER(_SimTruth),)),
+        "simHand": (
+            None,
+            (double3, double3, ctypes.c_int, double3, ctypes.c_int, ctypes.c_int),
+        ),
+        "simPush": (None, (double3,)),
+        "simFault": (ctypes.c_int, (ctypes.c_char_p, ctypes.c_double)),
+    }
+    for name, (result, arguments) in signatures.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library
+
+
+class SimulatedOmni:
+    """The side channel of the simulated libHD. Making one makes the device anew, which ends
+    whatever an earlier one did; no device may be initialised at that time.
+
+    Vectors are in the hand frame: x forward, y left, z up. Raises ScriptError for settings that
+    the library does not take, DeviceNotFoundError when it was not compiled.
+    """
+
+    def __init__(self, settings: OmniSettings | None = None) -> None:
+        self.path = library_path()
+        self._library = _load(self.path)
+        self._truth = _SimTruth()
+        self.configure(settings or OmniSettings(virtual=True))
+
+    def configure(self, settings: OmniSettings) -> None:
+        """As just powered on, with these settings; nothing changes when they are refused."""
+        if self._library.simConfigure(settings.text.encode()):
+            problem = self._library.simProblem().decode(errors="replace")
+            raise ScriptError(f"the simulated Omni: {problem}")
+        self.settings = settings
+
+    def step(self, ticks: int = 1) -> int:
+        """Run so many ticks here and now; how many were run. Virtual time, started scheduler."""
+        return int(self._library.simStep(ticks))
+
+    @property
+    def now_s(self) -> float:
+        """The library's time."""
+        return float(self._library.simNow())
+
+    def truth(self) -> OmniTruth:
+        """The device as it is, rather than as it shows itself."""
+        it = self._truth
+        self._library.simTruth(ctypes.byref(it))
+        return OmniTruth(
+            it.time_s,
+            it.ticks,
+            to_hand(it.position_m),
+            to_hand(it.velocity_m_s),
+            to_hand(it.hand_target_m),
+            to_hand(it.hand_force_n),
+            to_hand(it.commanded_n),
+            to_hand(it.delivered_n),
+            it.delivered_j,
+            it.hand_j,
+            it.lost_j,
+            it.kinetic_j,
+            Vector3(*it.temperature),
+            it.buttons,
+            bool(it.docked),
+            bool(it.gripped),
+            bool(it.amplifier),
+            bool(it.calibrated),
+            bool(it.script_done),
+        )
+
+    def hand(
+        self,
+        target_m: Sequence[float] = ZERO3,
+        turn_rad: Sequence[float] = ZERO3,
+        *,
+        gripped: bool = True,
+        push_n: Sequence[float] = ZERO3,
+        buttons: int = 0,
+        docked: bool = False,
+    ) -> None:
+        """Hold the stylus like this from now on; ends the script.
+
+        Angles are about the fixed axes x, y, z in turn; `push_n` is beside the hand's spring.
+        """
+        turn = to_euler_zyx(rotation_to_device(from_euler_zyx(*turn_rad)))
+        self._library.simHand(
+            _Double3(*to_device(target_m)),
+            _Double3(*turn),
+            gripped,
+            _Double3(*to_device(push_n)),
+            buttons,
+            docked,
+        )
+
+    def push(self, force_n: Sequence[float] = ZERO3) -> None:
+        """A force of the world on the stylus, beside the hand, until the next call."""
+        self._library.simPush(_Double3(*to_device(force_n)))
+
+    def fault(self, name: str, value: float = 1.0) -> None:
+        """Have a fault of FAULTS from now on; value 0 ends it."""
+        check_faults({name: value} if value else {}, FAULTS)
+        if self._library.simFault(name.encode(), value):
+            raise ScriptError(f"the simulated Omni knows no fault {name!r}")
+
+    def address(self, name: str) -> int:
+        """Where a function of the library is ("hdBeginFrame", "simNow")."""
+        address = ctypes.cast(getattr(self._library, name), ctypes.c_void_p).value
+        assert address is not None
+        return address

@@ -1,0 +1,136 @@
+"""Running somebody's program with the simulated device in the place of the real one."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import FrameType
+
+from cardan.errors import ConfigurationError
+from cardan.sim_peers.omni.library import (
+    LIBRARY_NAMES,
+    LIBRARY_VARIABLE,
+    SETTINGS_VARIABLE,
+    library_path,
+)
+from cardan.sim_peers.omni.settings import OmniSettings
+
+GRACE_S = 5.0
+"""How long a program that was told to end may take."""
+
+_PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextlib.contextmanager
+def environment(settings: OmniSettings) -> Iterator[Mapping[str, str]]:
+    """What a program needs in its environment to find the simulated device when it loads libHD.
+
+    Good while the block lasts. Raises DeviceNotFoundError when the library was not compiled.
+    """
+    library = library_path()
+    with tempfile.TemporaryDirectory(prefix="cardan-omni-") as name:
+        folder = Path(name)
+        file = folder / "settings"
+        file.write_text(settings.text, encoding="utf-8")
+        for known in LIBRARY_NAMES:
+            (folder / known).symlink_to(library)
+        paths = [name, os.environ.get("LD_LIBRARY_PATH", "")]
+        yield {
+            **os.environ,
+            SETTINGS_VARIABLE: str(file),
+            LIBRARY_VARIABLE: str(library),
+            "LD_LIBRARY_PATH": os.pathsep.join(filter(None, paths)),
+        }
+
+
+def run_program(words: Sequence[str], settings: OmniSettings, seconds: float | None = None) -> int:
+    """Run a program and its arguments with the simulated device; its exit code.
+
+    Signals go on to it. After `seconds` it is told to end, which counts as 0. A program that a
+    signal ended gives 128 and the signal's number, as in a shell. Main thread only. Raises
+    ConfigurationError when it cannot be run, DeviceNotFoundError without the library.
+    """
+    with environment(settings) as variables, _Runner(seconds) as runner:
+        return runner.run(words, variables)
+
+
+class _Runner:
+    def __init__(self, seconds: float | None) -> None:
+        self._seconds = seconds
+        self._handlers: dict[signal.Signals, Callable[[int, FrameType | None], None]]
+        self._handlers = dict.fromkeys(_PASSED_ON, self._pass_on)
+        if seconds is not None:
+            self._handlers[signal.SIGALRM] = self._end
+        self._pid = 0
+        self._told_to_end = False
+
+    def __enter__(self) -> _Runner:
+        self._previous = {
+            number: signal.signal(number, handler) for number, handler in self._handlers.items()
+        }
+        self._timer = signal.getitimer(signal.ITIMER_REAL)
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        if self._seconds is not None:
+            signal.setitimer(signal.ITIMER_REAL, *self._timer)
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def run(self, words: Sequence[str], variables: Mapping[str, str]) -> int:
+        # No signal may come between the program's start and knowing its number.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, _PASSED_ON)
+        try:
+            self._pid = os.posix_spawnp(
+                words[0],
+                list(words),
+                variables,
+                setsigmask=mask,
+                # Python ignores these two, and what is ignored at a program's start stays so.
+                setsigdef=(signal.SIGPIPE, signal.SIGXFSZ),
+            )
+        except OSError as error:
+            raise ConfigurationError("", f"{words[0]!r} cannot be run: {error.strerror}") from None
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if self._seconds is not None:
+            # 0 would set no alarm at all.
+            signal.setitimer(signal.ITIMER_REAL, max(self._seconds, 1e-3), GRACE_S)
+        _, status = os.waitpid(self._pid, 0)
+        self._pid = 0
+        code = os.waitstatus_to_exitcode(status)
+        if code < 0:
+            return 0 if self._told_to_end else 128 - code
+        return code
+
+    def _pass_on(self, number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGINT and _in_foreground():
+            return  # The terminal has sent it to the program, too.
+        self._kill(number)
+
+    def _end(self, _number: int, _frame: FrameType | None) -> None:
+        self._kill(signal.SIGKILL if self._told_to_end else signal.SIGTERM)
+        self._told_to_end = True
+
+    def _kill(self, number: int) -> None:
+        if self._pid:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._pid, number)
+
+
+def _in_foreground() -> bool:
+    """Whether Ctrl-C of a terminal reaches this process and the programs that it has started."""
+    try:
+        terminal = os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY)
+    except OSError:
+        return False
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:
+        return False
+    finally:
+        os.close(terminal)

@@ -1,0 +1,274 @@
+"""What the simulated libHD is told before it starts: its settings, as a text.
+
+A line a setting, a word and its values with one blank between; a text value is the rest of its
+line. SI units, rad, axes of HDAPI (x right, y up, z to the operator)::
+
+    clock real|virtual              CLOCK_MONOTONIC and a thread, or time that simStep makes
+    seed N
+    rate HZ                         of the scheduler until hdSetSchedulerRate
+    powered calibrated|cold         cold: needs the inkwell before it knows where it is
+    model "PHANTOM Omni"|"Touch"
+    serial TEXT
+    device NAME                     for hdInitDevice, beside the default ones
+    mass KG                         of the mechanism, felt at the gimbal's centre
+    friction N                      Coulomb
+    viscous N_S_M
+    droop N                         down, while nobody grips
+    thermal S                       time constant of the motors
+    gimbal S1 S2 S3 O1 O2 O3        scales of the gimbal angles and their offsets, rad
+    hand KG N_S_M N_M               the gripping hand: mass, damping, stiffness
+    grip 0|1                        without waypoints
+    waypoint T X Y Z RX RY RZ GRIP BUTTONS DOCKED PX PY PZ KX KY KZ
+    loop T                          the waypoints start again
+    fault NAME VALUE [FROM_S]
+    log PATH                        true values as CSV, a line a tick, written at the end
+
+A waypoint is the hand at T s after the scheduler was first started: where it holds the gimbal's
+centre (m) and the stylus (rad, about the fixed axes x, y, z in turn), three flags (BUTTONS are
+bits), how it pushes beside its spring (N), and how stiff it is along each axis (N/m). Numbers are
+linear between waypoints; flags hold until the next. Faults count from the same instant.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from cardan.errors import ScriptError
+from cardan.sim_peers.base import FaultSwitch, check_faults
+from cardan.types import ZERO3, Vector3
+
+MODELS = {"omni": "PHANTOM Omni", "touch": "Touch"}
+"""What HD_DEVICE_MODEL_TYPE says, by the name of the option."""
+
+INKWELL_M = Vector3(0.0, -0.0655107, -0.0881142)
+"""Where the docked stylus holds the gimbal's centre, device frame."""
+
+
+def _flag(name: str, help_: str) -> FaultSwitch:
+    return FaultSwitch(name, help_, 1.0, 1.0, 1.0)
+
+
+FAULTS = (
+    _flag("comm-error", "the link fails: HD_COMM_ERROR, internal code -28; initialising fails too"),
+    _flag("unplug", "the device is gone: HD_DEVICE_FAULT"),
+    FaultSwitch("late-tick", "every 100th tick comes VALUE ms late", 5.0, 0.1, 1000.0),
+    FaultSwitch("overrun", "something holds up every tick for VALUE ms", 3.0, 0.1, 1000.0),
+    FaultSwitch(
+        "warm-motors", "motors show a temperature of VALUE; from 1 on no force", 1.0, 0.01, 10.0
+    ),
+    FaultSwitch(
+        "over-force",
+        "the force limit trips VALUE times a second: off, then a ramp",
+        1.0,
+        0.01,
+        100.0,
+    ),
+    _flag("uncalibrated", "the calibration is lost until the stylus is in the inkwell"),
+    FaultSwitch("button-bounce", "every edge of a button bounces for VALUE ms", 5.0, 1.0, 1000.0),
+    FaultSwitch("stuck-encoder", "the encoder of joint VALUE (1..3) stands still", 1.0, 1.0, 3.0),
+    FaultSwitch("jitter", "ticks come up to VALUE µs late, at random", 200.0, 1.0, 1e5),
+    FaultSwitch("slow-ticks", "ticks come VALUE times a second", 200.0, 1.0, 1000.0),
+    FaultSwitch("init-fails", "initialising fails with the error code VALUE", 768.0, 256.0, 1536.0),
+    _flag("no-license", "initialising fails with HD_INVALID_LICENSE"),
+    _flag("dead-scheduler", "ticks stop without a word"),
+)
+
+
+class OmniFault(NamedTuple):
+    """A fault of FAULTS, from so many s after the scheduler's first start."""
+
+    name: str
+    value: float = 1.0
+    from_s: float = 0.0
+
+
+def parse_omni_faults(words: Iterable[str]) -> tuple[OmniFault, ...]:
+    """Read ``NAME[=VALUE][@SECONDS]``; ScriptError says what is wrong and what there is."""
+    return tuple(_parse_fault(word) for word in words)
+
+
+def _parse_fault(word: str) -> OmniFault:
+    what, at, from_s = word.partition("@")
+    name, equals, value = what.partition("=")
+    defaults = {switch.name: switch.default for switch in FAULTS}
+    fault = OmniFault(
+        name,
+        _number_of(name, value) if equals else defaults.get(name, 1.0),
+        _number_of(name, from_s) if at else 0.0,
+    )
+    _check_fault(fault)
+    return fault
+
+
+def _number_of(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ScriptError(f"fault {name}: {text!r} is not a number") from None
+
+
+def _check_fault(fault: OmniFault) -> None:
+    switch = next((each for each in FAULTS if each.name == fault.name), None)
+    if switch is not None and switch.lowest == switch.highest != fault.value:
+        raise ScriptError(
+            f"fault {fault.name}: takes no value; {fault.name}@{fault.value:g} means from "
+            f"{fault.value:g} s on"
+        )
+    check_faults({fault.name: fault.value}, FAULTS)
+    if not 0.0 <= fault.from_s < math.inf:
+        raise ScriptError(f"fault {fault.name}: cannot begin at {fault.from_s:g} s")
+
+
+class Waypoint(NamedTuple):
+    """The hand at an instant, device frame; numbers are linear between two of them."""
+
+    time_s: float
+    """Since the scheduler was first started."""
+    position_m: Vector3 = ZERO3
+    """Where the hand wants the gimbal's centre."""
+    turn_rad: Vector3 = ZERO3
+    """About the fixed axes x, y, z in turn."""
+    gripped: bool = True
+    buttons: int = 0
+    docked: bool = False
+    push_n: Vector3 = ZERO3
+    """Beside the hand's spring."""
+    stiffness_n_m: Vector3 = Vector3(200.0, 200.0, 200.0)
+    """Of the spring, along each axis."""
+
+
+class HandMotion(NamedTuple):
+    """A script as the library plays it."""
+
+    waypoints: tuple[Waypoint, ...] = ()
+    """In the order of time; none: the hand stays at the origin, as OmniSettings has it."""
+    loop_s: float | None = None
+    """When it starts again; None: it does not."""
+
+
+STILL = HandMotion()
+UNSCALED = Vector3(1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OmniSettings:
+    """A simulated Omni. `text` is what simConfigure, or the file of CARDAN_OMNI, takes.
+
+    Raises ScriptError for a value out of range; the numbers are those of the real device where
+    those are known.
+    """
+
+    virtual: bool = False
+    """Time passes in simStep only; otherwise the clock of this machine and a thread."""
+    seed: int = 0
+    rate_hz: int = 1000
+    cold: bool = False
+    """Powered up without having been in the inkwell."""
+    model: str = "omni"
+    """One of MODELS."""
+    serial: str = "60907300123"
+    device: str = ""
+    """A name for hdInitDevice beside the default ones."""
+    mass_kg: float = 0.045
+    friction_n: float = 0.26
+    viscous_n_s_m: float = 0.1
+    droop_n: float = 0.2
+    """What pulls an unheld stylus down."""
+    thermal_s: float = 80.0
+    gimbal_scale: Vector3 = UNSCALED
+    gimbal_offset_rad: Vector3 = ZERO3
+    hand_mass_kg: float = 0.2
+    hand_damping_n_s_m: float = 5.0
+    hand_stiffness_n_m: float = 200.0
+    """Without waypoints, which say it themselves, as they do of the grip."""
+    gripped: bool = True
+    motion: HandMotion = STILL
+    faults: tuple[OmniFault, ...] = ()
+    log: str = ""
+    """Where the truth of each tick is written to at the end; empty: nowhere."""
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise ScriptError(f"there is no model {self.model!r}; there are: {', '.join(MODELS)}")
+        for name, lowest, highest in _RANGES:
+            value = getattr(self, name)
+            if not lowest <= value <= highest:
+                raise ScriptError(f"{name} is {value:g}, must be {lowest:g} to {highest:g}")
+        for name, longest in (("serial", 63), ("device", 63), ("log", 4000)):
+            value = getattr(self, name)
+            if not value.isprintable() or len(value.encode()) > longest or value != value.strip():
+                raise ScriptError(f"{name} is {value!r}, must be a line of up to {longest} bytes")
+        for fault in self.faults:
+            _check_fault(fault)
+        times_s = [waypoint.time_s for waypoint in self.motion.waypoints]
+        if any(b <= a for a, b in itertools.pairwise(times_s)):
+            raise ScriptError("waypoints must be in the order of time")
+
+    @property
+    def text(self) -> str:
+        """The settings as the library reads them."""
+        lines = [
+            f"clock {'virtual' if self.virtual else 'real'}",
+            f"seed {self.seed}",
+            f"rate {self.rate_hz}",
+            f"powered {'cold' if self.cold else 'calibrated'}",
+            f'model "{MODELS[self.model]}"',
+            f"mass {_number(self.mass_kg)}",
+            f"friction {_number(self.friction_n)}",
+            f"viscous {_number(self.viscous_n_s_m)}",
+            f"droop {_number(self.droop_n)}",
+            f"thermal {_number(self.thermal_s)}",
+            f"gimbal {_numbers(self.gimbal_scale)} {_numbers(self.gimbal_offset_rad)}",
+            f"hand {_number(self.hand_mass_kg)} {_number(self.hand_damping_n_s_m)} "
+            f"{_number(self.hand_stiffness_n_m)}",
+            f"grip {self.gripped:d}",
+        ]
+        lines += [_waypoint_line(waypoint) for waypoint in self.motion.waypoints]
+        if self.motion.loop_s is not None:
+            lines.append(f"loop {_number(self.motion.loop_s)}")
+        for fault in self.faults:
+            lines.append(f"fault {fault.name} {_number(fault.value)} {_number(fault.from_s)}")
+        if self.serial:
+            lines.append(f"serial {self.serial}")
+        if self.device:
+            lines.append(f"device {self.device}")
+        if self.log:
+            # The program that loads the library may be somewhere else by then.
+            lines.append(f"log {Path(self.log).absolute()}")
+        return "\n".join(lines) + "\n"
+
+
+_RANGES = (
+    ("seed", 0, 2**63 - 1),
+    ("rate_hz", 500, 2000),
+    ("mass_kg", 0.01, 1.0),
+    ("friction_n", 0.0, 5.0),
+    ("viscous_n_s_m", 0.0, 50.0),
+    ("droop_n", 0.0, 5.0),
+    ("thermal_s", 0.1, 1e4),
+    ("hand_mass_kg", 0.0, 10.0),
+    ("hand_damping_n_s_m", 0.0, 100.0),
+    ("hand_stiffness_n_m", 0.0, 5000.0),
+)
+
+
+def _waypoint_line(waypoint: Waypoint) -> str:
+    numbers = (
+        f"{_number(waypoint.time_s)} {_numbers(waypoint.position_m)} {_numbers(waypoint.turn_rad)}"
+    )
+    flags = f"{waypoint.gripped:d} {waypoint.buttons:d} {waypoint.docked:d}"
+    pushes = f"{_numbers(waypoint.push_n)} {_numbers(waypoint.stiffness_n_m)}"
+    return f"waypoint {numbers} {flags} {pushes}"
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(_number(value) for value in values)
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.9g}"
