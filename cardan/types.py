@@ -136,11 +136,13 @@ class DeviceCapabilities(NamedTuple):
     """What an operator device can give and take."""
 
     gives_pose: bool
-    """True: `DeviceState.pose` is measured; False: `axes` are deflections (rate control)."""
+    """True: `DeviceState.pose` is measured (position control)."""
     buttons: tuple[str, ...]
     feedback: frozenset[str]
     """Any of "led", "rumble", "wrench"."""
     battery: bool
+    gives_axes: bool = True
+    """True: `DeviceState.axes` are deflections (rate control); False: they are always zero."""
 
 
 class DeviceFeedback(NamedTuple):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cardan.drivers.omni import OmniOptions
 from cardan.gateway.config import load_config
 from cardan.gateway.demo import free_tcp_ports, free_udp_port, simulated_peer
 from cardan.gateway.session import EXIT_OK
@@ -19,6 +20,17 @@ pytestmark = pytest.mark.once
 EXAMPLES = Path(__file__).parents[1] / "examples"
 RUN_S = 4.5
 """Long enough for arming and the first strokes of every short script."""
+
+FELT_S = {
+    "omni-force-node-simulated.toml": 6.0,
+    "omni-gofa-simulated.toml": 9.0,
+    "omni-sphere-simulated.toml": 6.0,
+    "omni-ur5-simulated.toml": 6.0,
+}
+"""Of a haptic device, and how long it takes until its hand presses against something."""
+
+PRESSED_N = 0.4
+"""What it feels then, at least."""
 
 DEVICES = {
     "gamepad-ur5-simulated.toml": "short",
@@ -46,19 +58,25 @@ STROKES = """
 def commands(text):
     """The commands in a file's head, without the last, which runs the session."""
     found = re.findall(r"^#   cardan (.*)$", text, re.MULTILINE)
-    assert found[-1].startswith("run examples/")
+    assert "run examples/" in found[-1]
     return found[:-1]
 
 
-@pytest.mark.parametrize("name", DEVICES)
-def test_the_example_runs(name, tmp_path, monkeypatch):
-    text = (EXAMPLES / name).read_text(encoding="utf-8")
+def ports_of_its_own(text):
+    """`text` with free ports instead of the usual ones."""
     for port in set(re.findall(r"\b(?:6437|6510)\b", text)) | {"6437"}:
         free = free_udp_port() if port == "6510" else free_tcp_ports(1)
         text = text.replace(port, str(free))
         leap = f'driver = "leap"\nport = {free}'
         if port == "6437":
             text = text.replace('driver = "leap"', leap)
+    return text
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_the_example_runs(name, tmp_path, monkeypatch):
+    text = (EXAMPLES / name).read_text(encoding="utf-8")
+    text = ports_of_its_own(text)
     if name.startswith("jr3"):  # Multicast is not to be had everywhere, as the example says.
         port = free_tcp_ports(1)
         text = text.replace(
@@ -84,6 +102,47 @@ def test_the_example_runs(name, tmp_path, monkeypatch):
     last = outcome.last
     assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
     assert last.path_m > 1e-4, (last.message, last.device_reason, last.diagnosis)
+
+
+@pytest.mark.parametrize("name", FELT_S)
+def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
+    text = ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    (tmp_path / "examples").symlink_to(EXAMPLES)
+    device, dashes, run = re.findall(r"^#   (cardan .*)$", text, re.MULTILINE)[-1].partition(" -- ")
+    assert (dashes, run) == (" -- ", f"cardan run examples/{name}")
+    through = (sys.executable, "-m", *shlex.split(device), "--")
+    with contextlib.ExitStack() as peers:
+        for command in commands(text):
+            words = shlex.split(command)
+            if words[0] == "force":
+                peers.enter_context(waiting(words))
+            else:
+                to = re.search(r"listen_port = (\d+)", text)[1]
+                peers.enter_context(
+                    simulated_peer(*words[1:], "--to", f"127.0.0.1:{to}", "--seconds", "40")
+                )
+        config = load_config(Path(name))
+        outcome = supervise(config, FELT_S[name], lambda snapshot: None, through=through)
+    last = outcome.last
+    assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
+    assert PRESSED_N < last.force_peak_n <= OmniOptions().clamp_n, last.diagnosis
+    assert last.haptic_state == "enabled", last.haptic_reason
+
+
+@contextlib.contextmanager
+def waiting(words):
+    """A command that waits for a session that comes later, and ends with it."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cardan", *words, "--seconds", "40"], stdout=subprocess.DEVNULL
+    )
+    try:
+        yield
+        assert process.wait(5.0) == EXIT_OK
+    finally:
+        process.kill()
+        process.wait()
 
 
 @contextlib.contextmanager
@@ -112,5 +171,6 @@ def test_no_example_is_forgotten():
     }
     assert {path.name for path in EXAMPLES.glob("*-simulated.toml")} == {
         *DEVICES,
+        *FELT_S,
         *tested_elsewhere,
     }

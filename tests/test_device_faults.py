@@ -15,8 +15,8 @@ from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.leap import decode_service
 from cardan.protocols.spnav import encode_button, encode_motion
-from cardan.types import DeviceLink
-from tests.drivers import evdev_bench, jr3_rig, leap_frames, wiimote_bench
+from cardan.types import DeviceLink, Vector3
+from tests.drivers import evdev_bench, jr3_rig, leap_frames, omni_rig, wiimote_bench
 from tests.drivers.test_spacemouse_serial import Bench as SerialBench
 from tests.drivers.test_spacemouse_simulated import Bench as SpaceMouseBench
 
@@ -370,7 +370,38 @@ class Keyboard(Gamepad):
         self.rig.release("space", "a")
 
 
-SUBJECTS = (SpaceMouse, Serial, Spnav, Wiimote, Leap, Jr3, Gamepad, Keyboard)
+class Omni(Intercepted):
+    """What passes is the tick's snapshot: without a position, or with one that is no number."""
+
+    name = "Omni and Touch"
+    method = "on_snapshot"
+    step_s = omni_rig.LOOK_S
+
+    def make(self):
+        return omni_rig.Rig().live()
+
+    def shortened(self, report):
+        return report._replace(pose=None)
+
+    def garbled(self, report):
+        position = Vector3(self._rng.random(), float("nan"), float("inf"))
+        return report._replace(pose=report.pose._replace(position=position))
+
+    def deflect(self):
+        self.rig.position = (0.03, 0.0, 0.05)
+        self.rig.buttons = 1
+        self.rig.run(0.1)
+
+    def let_go(self):
+        self.rig.position = (0.0, 0.0, 0.0)
+        self.rig.buttons = 0
+        self.rig.run(0.1)
+
+    def replug(self):
+        self.core.on_opened(omni_rig.TOUCH, self.now_s)
+
+
+SUBJECTS = (SpaceMouse, Serial, Spnav, Wiimote, Leap, Jr3, Omni, Gamepad, Keyboard)
 UNSEEN = {("gamepad", "silence"), ("keyboard", "silence")}
 """The kernel reports changes only, so that silence is a hand that holds still: docs/gamepad.md."""
 

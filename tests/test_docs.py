@@ -19,10 +19,12 @@ from cardan.drivers.gamepad import GamepadOptions
 from cardan.drivers.jr3_can import Jr3Options
 from cardan.drivers.keyboard import KeyboardOptions
 from cardan.drivers.leap import LeapOptions
+from cardan.drivers.omni import OmniOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavOptions
 from cardan.drivers.wiimote import WiimoteOptions
 from cardan.gateway import config
+from cardan.gateway.force.tables import FixtureTable, ForceTable
 from cardan.protocols import connexion, egm
 from cardan.protocols import simple_message as sm
 from cardan.sim_peers import (
@@ -31,6 +33,7 @@ from cardan.sim_peers import (
     jr3,
     leap,
     motoros_controller,
+    omni,
     spacemouse,
     wiimote,
 )
@@ -49,6 +52,8 @@ TABLES = {
     "mapping": config.MappingTable,
     "gripper": config.GripperTable,
     "feedback": config.FeedbackTable,
+    "force": ForceTable,
+    "fixtures": FixtureTable,
     "limits": config.LimitsTable,
     "watchdogs": config.WatchdogTable,
     "spnav": config.SpnavTable,
@@ -107,6 +112,7 @@ def written(default: Any) -> str:
         ("gamepad.md", GamepadOptions),
         ("keyboard.md", KeyboardOptions),
         ("jr3.md", Jr3Options),
+        ("omni.md", OmniOptions),
     ],
 )
 def test_every_driver_option_is_there_with_its_default(page, options):
@@ -167,6 +173,7 @@ PEERS = [
     pytest.param(DEVICES, "The service: `cardan sim leap`", leap, id="leap"),
     pytest.param(DEVICES, INPUTS, evdev, id="gamepad"),
     pytest.param(DEVICES, "The sensor: `cardan sim jr3`", jr3, id="jr3"),
+    pytest.param(DEVICES, "The haptic device: `cardan sim omni`", omni, id="omni"),
 ]
 
 
@@ -215,6 +222,7 @@ def test_every_option_of_a_peer_is_there(page, heading, peer, request):
         option
         for parameter in commands[request.node.callspec.id].params
         for option in parameter.opts
+        if option.startswith("--")
     }
     assert set(re.findall(r"--[a-z][a-z0-9]*(?:-[a-z]+)*", told)) == offered - {"--help"}
 

@@ -90,11 +90,14 @@ def _options(
 
 @app.command()
 def demo(
-    robot: Annotated[str, typer.Argument(metavar="gofa|gp8", help="Which robot.")] = "gofa",
+    robot: Annotated[
+        str, typer.Argument(metavar="gofa|gp8|omni", help="Which robot, or the drawing.")
+    ] = "gofa",
     seconds: Annotated[float, typer.Option(min=3.0, help="How long to run.")] = 30.0,
 ) -> None:
     """Run the main job with no hardware: a simulated SpaceMouse drives a simulated robot, an ABB
-    GoFa over EGM or a Motoman GP8 over MotoROS."""
+    GoFa over EGM or a Motoman GP8 over MotoROS; or the hand on a simulated Phantom Omni draws with
+    the GoFa's pen and feels its board (omni)."""
     from cardan.gateway.demo import run_demo
 
     raise typer.Exit(run_demo(seconds, robot))
@@ -158,6 +161,13 @@ def check(file: ConfigFile) -> None:
             f", {len(config.obstacles)} obstacles" if config.arm.collisions else ", collisions OFF"
         )
         print(f"  arm      {config.arm.model}, policy {config.arm.policy}{around}")
+    if config.fixtures:
+        print(f"  fixtures {', '.join(each.shape for each in config.fixtures)}")
+    if config.force is not None and config.force.source != "none":
+        how = f"{config.force.scale:g} N for each N of the robot"
+        if config.force.source == "remote":
+            how = f"by a force node at {config.force.socket}"
+        print(f"  force    {config.force.source}, {how}")
     print(
         f"  limits   {limits.linear_speed_m_s * 1e3:.0f} mm/s, "
         f"{math.degrees(limits.angular_speed_rad_s):.0f} deg/s"
@@ -165,6 +175,8 @@ def check(file: ConfigFile) -> None:
     if mapping.deadman_buttons:
         held = " or ".join(repr(button) for button in mapping.deadman_buttons)
         print(f"  dead-man {held} must be held to move")
+    elif mapping.clutch:
+        print(f"  clutch   {mapping.clutch!r} begins and ends following; no dead-man is held")
     else:
         print("  dead-man NONE: any deflection moves the robot; set mapping.deadman beside people")
 
@@ -246,6 +258,26 @@ def spnav(
     if everybody:
         options = dataclasses.replace(options, access="everybody")
     serve_device(device, options, seconds)
+
+
+@app.command(epilog=EPILOG)
+def force(
+    file: ConfigFile,
+    connect: Annotated[
+        str,
+        typer.Option(metavar="PATH", help="The socket that the session offers: its force.socket."),
+    ],
+    seconds: Seconds = None,
+) -> None:
+    """Be the force node of a session in another process: read its robot's states, and send it the
+    forces that the [force] and [[fixtures]] of FILE make of them. Prints READY once it does."""
+    from cardan.gateway.config import load_force
+    from cardan.gateway.force.node import run_force_node
+
+    sent = run_force_node(load_force(file), connect, seconds)
+    print(f"{sent} forces sent")
+    if not sent:
+        raise typer.Exit(EXIT_INCOMPLETE)
 
 
 @app.command()

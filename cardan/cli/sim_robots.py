@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,9 @@ from cardan.cli.sim import Fault, ListFaults, ListScripts, Script, Seed, listed,
 from cardan.errors import ConfigurationError
 from cardan.sim_peers.base import parse_faults
 from cardan.types import Vector3
+
+if TYPE_CHECKING:
+    from cardan.sim_peers.egm_controller import Surface
 
 VIRTUAL_PERIOD_S = 0.004
 """Cycle of RobotStudio's virtual controller; a real one takes 4.032 ms."""
@@ -52,6 +55,25 @@ def sim_abb_gofa(
     virtual: Annotated[
         bool, typer.Option("--virtual", help="4.000 ms cycle, as RobotStudio's controller.")
     ] = False,
+    joints: Annotated[
+        str | None, typer.Option(metavar="J1,...,J6", help="Where the arm stands at first, deg.")
+    ] = None,
+    surface: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M[:N/M[:N.S/M[:MU]]]",
+            help="A table to press on: height, stiffness, damping, friction.",
+        ),
+    ] = None,
+    force_control: Annotated[
+        bool, typer.Option("--force-control", help="Measured force is compensated, not raw.")
+    ] = False,
+    force_frame: Annotated[
+        str, typer.Option(metavar="tool|base", help="Whose axes the measured force is along.")
+    ] = "tool",
+    force_sense: Annotated[
+        str, typer.Option(metavar="exerted|felt", help="Force of the tool on the world, or back.")
+    ] = "exerted",
 ) -> None:
     """An ABB GoFa CRB 15000-5 in Externally Guided Motion (protobuf on UDP, 250 Hz)."""
     from cardan.sim_peers import egm_controller as egm
@@ -62,6 +84,13 @@ def sim_abb_gofa(
     modes = {m.value: m for m in egm.Mode}
     if mode not in modes:
         raise ConfigurationError("--mode", f"{mode!r} is none; allowed: {', '.join(modes)}")
+    for option, value, allowed in (
+        ("--force-frame", force_frame, egm.FORCE_FRAMES),
+        ("--force-sense", force_sense, egm.FORCE_SENSES),
+    ):
+        if value not in allowed:
+            names = ", ".join(allowed)
+            raise ConfigurationError(option, f"{value!r} is none; allowed: {names}")
     options = egm.EgmControllerOptions(
         pc_host=host,
         pc_port=port,
@@ -75,7 +104,14 @@ def sim_abb_gofa(
         lp_filter_hz=lp_filter,
         k=gain,
         pos_corr_gain=pos_corr_gain,
+        surface=None if surface is None else _surface(surface),
+        force_control=force_control,
+        force_frame="base" if force_frame == "base" else "tool",
+        force_sense="felt" if force_sense == "felt" else "exerted",
     )
+    if joints is not None:
+        (start,) = _points("--joints", [joints], len(options.joints_deg))
+        options = dataclasses.replace(options, joints_deg=tuple(start))
     if virtual:
         options = dataclasses.replace(options, period_s=VIRTUAL_PERIOD_S)
     serve_peer(egm.EgmControllerPeer(options), seconds)
@@ -205,6 +241,19 @@ def sim_motoman_gp8(
         log=log,
     )
     serve_peer(motoros.MotorosControllerPeer(options), seconds)
+
+
+def _surface(text: str) -> Surface:
+    """HEIGHT[:STIFFNESS[:DAMPING[:FRICTION]]], SI units."""
+    from cardan.sim_peers.egm_controller import Surface
+
+    try:
+        height_m, *others = [float(word) for word in text.split(":")]
+        return Surface(height_m, *others)
+    except (ValueError, TypeError):
+        raise ConfigurationError(
+            "--surface", f"{text!r} is not HEIGHT[:STIFFNESS[:DAMPING[:FRICTION]]], as 0.28:500"
+        ) from None
 
 
 def _points(option: str, texts: list[str] | None, count: int) -> list[list[float]]:

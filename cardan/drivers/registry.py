@@ -17,6 +17,7 @@ BUILT_IN = {
     "gamepad": "cardan.drivers.gamepad:Gamepad",
     "keyboard": "cardan.drivers.keyboard:Keyboard",
     "jr3_can": "cardan.drivers.jr3_can:Jr3",
+    "omni": "cardan.drivers.omni:Omni",
     "abb_egm": "cardan.drivers.abb_egm:AbbEgm",
     "motoros": "cardan.drivers.motoros:Motoros",
     "sim_arm": "cardan.drivers.sim_arm:SimArm",

@@ -19,6 +19,11 @@ SUBSYSTEM=="hidraw", KERNELS=="0005:256F:*", MODE="0660", TAG+="uaccess"
 SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0306.*", MODE="0660", TAG+="uaccess"
 SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0330.*", MODE="0660", TAG+="uaccess"
 
+# Haptic devices: 3D Systems Touch, whose older ones are serial ports (the vendor's driver reads them).
+SUBSYSTEM=="tty", ATTRS{idVendor}=="2988", ATTRS{idProduct}=="0302", MODE="0660", TAG+="uaccess"
+SUBSYSTEM=="tty", ATTRS{idVendor}=="0301", ATTRS{idProduct}=="2988", MODE="0660", TAG+="uaccess"
+SUBSYSTEM=="hidraw", ATTRS{idVendor}=="2988", ATTRS{idProduct}=="0304", MODE="0660", TAG+="uaccess"
+
 # Gamepads, as the system knows them.
 SUBSYSTEM=="input", KERNEL=="event*", ENV{ID_INPUT_JOYSTICK}=="1", MODE="0660", TAG+="uaccess"
 # A keyboard as an operator device: whoever may read it can read every password typed on it, so this

@@ -29,16 +29,39 @@ from pydantic import (
 from cardan.arm_model import Capsule, load_arm
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
+from cardan.drivers.haptic import HapticDevice
 from cardan.errors import ConfigurationError
 from cardan.gateway.engine import Watchdogs
 from cardan.gateway.feedback import RUMBLE_SOURCES, FeedbackOptions
 from cardan.gateway.filters import registry as filter_registry
 from cardan.gateway.filters.base import TwistFilter
-from cardan.gateway.mapping import AXES, GripperAction, MappingOptions, Mode
+from cardan.gateway.force.conditioning import Conditioner, Conditioning
+from cardan.gateway.force.fixtures import FixtureSet
+from cardan.gateway.force.rendering import ForceRenderer
+from cardan.gateway.force.service import RemoteSource
+from cardan.gateway.force.sources import (
+    ContactSource,
+    ForceSource,
+    MeasuredSource,
+    SensorSource,
+)
+from cardan.gateway.force.stability import fixture_warning, loop_warning
+from cardan.gateway.force.tables import FixtureTable, ForceTable, check_fixtures
+from cardan.gateway.mapping import AXES, GripperAction, MappingOptions, Mode, Orientation
+from cardan.gateway.position import mirrors
 from cardan.gateway.reference import ReferenceLimits
 from cardan.gateway.spnav.options import SpnavServerOptions
+from cardan.gateway.tables import Bounds, DriverTable, Finite, Point, Positive, Share
 from cardan.spatial import from_euler_zyx, norm, scale
-from cardan.types import IDENTITY_POSE, CommandKind, Frame, Pose, RobotCapabilities, Vector3
+from cardan.types import (
+    IDENTITY_POSE,
+    ZERO3,
+    CommandKind,
+    Frame,
+    Pose,
+    RobotCapabilities,
+    Vector3,
+)
 
 if TYPE_CHECKING:
     from cardan.gateway.kinematics.base import Kinematics
@@ -49,12 +72,6 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
-Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-Bounds = tuple[Finite, Finite]
-Point = tuple[Finite, Finite, Finite]
-Share = Annotated[float, Field(gt=0, le=1, strict=True)]
 
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
 """What a robot must take, one of them, for a session to drive it by the model of its arm."""
@@ -77,18 +94,14 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class DriverTable(BaseModel):
-    """``[device]`` or ``[robot]``: a driver's name; all other keys are that driver's options."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-    driver: str
-
-
 class FilterTable(BaseModel):
     """One of ``[[filters]]``: a filter's name; all other keys are that filter's options."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
     filter: str
+
+
+_MAPPING_BUTTONS = ("clutch", "recapture", "enable")
 
 
 class MappingTable(_Table):
@@ -102,11 +115,19 @@ class MappingTable(_Table):
     scale: Annotated[list[Finite], Field(min_length=6, max_length=6)] = [1.0] * 6
     yaw_deg: Finite = 0.0
     device_rpy_deg: Point = (0.0, 0.0, 0.0)
+    orientation: Orientation | None = None
+    origin_m: Point | None = None
+    device_centre_m: Point = (0.0, 0.0, 0.0)
+    hand_to_tool_rpy_deg: Point = (0.0, 0.0, 0.0)
+    approach_speed_m_s: Positive = 0.05
+    approach_speed_rad_s: Positive = 0.3
     slip_m: Annotated[float, Field(gt=0, le=0.5, strict=True)] = 0.15
     slip_rad: Annotated[float, Field(gt=0, le=1.5, strict=True)] = 0.6
     joints: dict[str, str] = {}
     joint_speed_rad_s: Positive = 0.4
     deadman: str | list[str] = ""
+    clutch: str = ""
+    recapture: str = ""
     enable: str = ""
 
     @field_validator("deadman", mode="before")
@@ -125,17 +146,55 @@ class MappingTable(_Table):
 
     @model_validator(mode="after")
     def _fits_the_mode(self) -> MappingTable:
-        if self.mode is Mode.POSITION:
-            if not self.deadman_buttons:
+        mode = f'mode = "{self.mode.value}"'
+        if self.mode is Mode.RATE:
+            if any(self.device_rpy_deg):
                 raise ValueError(
-                    'deadman: mode = "position" needs one, the clutch: what the hand moves while '
-                    "it is held, the TCP moves"
+                    'device_rpy_deg: only mode = "position" and mode = "absolute" turn the '
+                    "device's axes"
+                )
+            if self.orientation is not None:
+                raise ValueError(
+                    f'orientation: {mode} follows no pose; "fixed" in axes keeps what must not turn'
+                )
+        else:
+            if not self.deadman_buttons and not self.clutch:
+                raise ValueError(
+                    f"deadman: {mode} needs one, the clutch: what the hand moves while it is "
+                    'held, the TCP moves; or a button that begins and ends it, clutch = "..."'
                 )
             if self.joints:
-                raise ValueError('joints: in mode = "position" no axis drives a joint')
-        elif any(self.device_rpy_deg):
-            raise ValueError('device_rpy_deg: only mode = "position" turns the device\'s axes')
+                raise ValueError(f"joints: in {mode} no axis drives a joint")
+        if self.recapture and self.mode is not Mode.POSITION:
+            raise ValueError(f"recapture: {mode} has no references to take anew")
+        if self.mode is not Mode.ABSOLUTE:
+            for key in ("origin_m", "device_centre_m", "hand_to_tool_rpy_deg"):
+                if getattr(self, key) != type(self).model_fields[key].default:
+                    raise ValueError(f'{key}: only mode = "absolute" has one')
+            if self.orientation is Orientation.ABSOLUTE:
+                raise ValueError('orientation: "absolute" is for mode = "absolute" only')
+        else:
+            self._fits_absolute()
         return self
+
+    def _fits_absolute(self) -> None:
+        if self.origin_m is None:
+            raise ValueError(
+                'origin_m: mode = "absolute" needs it: where the TCP is when the hand is at '
+                "device_centre_m"
+            )
+        if self.frame is not Frame.BASE:
+            raise ValueError(
+                f'frame: {self.frame.value!r} moves; in mode = "absolute" it is "base"'
+            )
+        mapped = self.axes[3:] != list(AXES[3:]) or self.scale[3:] != [1.0] * 3
+        if self.orientation is Orientation.ABSOLUTE and mapped:
+            raise ValueError(
+                'orientation: "absolute" takes the hand\'s orientation whole: leave the last three '
+                "of axes and scale as they are by themselves"
+            )
+        if self.orientation is not Orientation.ABSOLUTE and any(self.hand_to_tool_rpy_deg):
+            raise ValueError('hand_to_tool_rpy_deg: only orientation = "absolute" has one')
 
     @field_validator("axes")
     @classmethod
@@ -300,6 +359,25 @@ class ServedConfig(BaseModel):
     spnav: SpnavTable = SpnavTable()
 
 
+class ForceConfig(BaseModel):
+    """What ``cardan force`` reads of a file: neither device nor robot is needed."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+    force: ForceTable = ForceTable()
+    fixtures: tuple[FixtureTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _gives_force(self) -> ForceConfig:
+        if self.force.source == "remote":
+            raise ValueError(
+                'force.source: "remote" is the session\'s; the force node has a file of its own, '
+                "with the source that it reads"
+            )
+        if self.force.source == "none" and not self.fixtures:
+            raise ValueError("force: neither a source nor [[fixtures]]: there is nothing to send")
+        return self
+
+
 class SessionConfig(_Table):
     """A whole configuration file."""
 
@@ -315,14 +393,36 @@ class SessionConfig(_Table):
     limits: LimitsTable = LimitsTable()
     watchdogs: WatchdogTable = WatchdogTable()
     spnav: SpnavTable | None = None
+    force: ForceTable | None = None
+    fixtures: tuple[FixtureTable, ...] = ()
+    """What the hand feels of the space around the robot."""
 
-    @field_validator("filters", "obstacles", mode="before")
+    @field_validator("filters", "obstacles", "fixtures", mode="before")
     @classmethod
     def _array_of_tables(cls, tables: object, info: ValidationInfo) -> object:
         if not isinstance(tables, (list, tuple)):
             name = info.field_name
             raise ValueError(f"one table for each of them, under the heading [[{name}]]")
         return tables
+
+    @field_validator("fixtures")
+    @classmethod
+    def _room_for_all(cls, tables: tuple[FixtureTable, ...]) -> tuple[FixtureTable, ...]:
+        return check_fixtures(tables)
+
+    @property
+    def gives_force(self) -> bool:
+        """Whether the hand is to feel anything."""
+        return bool(self.fixtures) or (self.force is not None and self.force.source != "none")
+
+    @model_validator(mode="after")
+    def _force_follows_a_hand(self) -> SessionConfig:
+        if self.gives_force and self.mapping.mode is Mode.RATE:
+            raise ValueError(
+                f'{"fixtures" if self.fixtures else "force"}: in mode = "rate" no place of the '
+                'hand is one of the TCP; set mapping.mode = "position" or "absolute"'
+            )
+        return self
 
     @model_validator(mode="after")
     def _joints_need_an_arm(self) -> SessionConfig:
@@ -342,7 +442,7 @@ class SessionConfig(_Table):
     @model_validator(mode="after")
     def _one_meaning_a_button(self) -> SessionConfig:
         buttons = [("mapping.deadman", button) for button in self.mapping.deadman_buttons]
-        buttons.append(("mapping.enable", self.mapping.enable))
+        buttons += [(f"mapping.{n}", getattr(self.mapping, n)) for n in _MAPPING_BUTTONS]
         buttons += [(f"gripper.{a.value}", getattr(self.gripper, a.value)) for a in GripperAction]
         for key, button in buttons:
             for other, same in buttons:
@@ -388,11 +488,19 @@ class SessionConfig(_Table):
             scale=tuple(table.scale),
             yaw_deg=table.yaw_deg,
             device_rpy_deg=table.device_rpy_deg,
+            orientation=table.orientation,
+            origin_m=ZERO3 if table.origin_m is None else Vector3(*table.origin_m),
+            device_centre_m=Vector3(*table.device_centre_m),
+            hand_to_tool_rpy_deg=table.hand_to_tool_rpy_deg,
+            approach_speed_m_s=table.approach_speed_m_s,
+            approach_speed_rad_s=table.approach_speed_rad_s,
             slip_m=table.slip_m,
             slip_rad=table.slip_rad,
             joints=tuple(table.joints.items()),
             joint_speed_rad_s=table.joint_speed_rad_s,
             deadman=table.deadman_buttons,
+            clutch=table.clutch,
+            recapture=table.recapture,
             enable=table.enable,
             gripper=tuple(
                 (getattr(gripper, action.value), action)
@@ -487,7 +595,8 @@ def driver_options(driver: type[Driver], table: Mapping[str, Any], key: str) -> 
         raise wrong from None
 
 
-def _make_driver(table: DriverTable, key: str) -> Driver:
+def make_driver(table: DriverTable, key: str) -> Driver:
+    """The driver of a table, not opened yet; errors name `key`."""
     try:
         driver = registry.load(table.driver)
     except ConfigurationError as error:
@@ -497,7 +606,7 @@ def _make_driver(table: DriverTable, key: str) -> Driver:
 
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
     """The operator device that is configured, not opened yet."""
-    device = _make_driver(config.device, "device")
+    device = make_driver(config.device, "device")
     if not isinstance(device, OperatorDevice):
         raise ConfigurationError(
             "device.driver", f"{config.device.driver!r} is not an operator device"
@@ -507,17 +616,20 @@ def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
 
 def check_mode(mapping: MappingTable, device: OperatorDevice) -> None:
     """Raise ConfigurationError when the device does not measure what the mapping wants."""
-    measures_pose = device.capabilities.gives_pose
-    if measures_pose is not (mapping.mode is Mode.POSITION):
-        needed, what = ("position", "the hand's pose") if measures_pose else ("rate", "deflections")
+    able = device.capabilities
+    if mapping.mode is Mode.RATE and not able.gives_axes:
         raise ConfigurationError(
-            "mapping.mode", f'this device measures {what}: set mode = "{needed}"'
+            "mapping.mode", 'this device measures the hand\'s pose: set mode = "position"'
+        )
+    if mapping.mode is not Mode.RATE and not able.gives_pose:
+        raise ConfigurationError(
+            "mapping.mode", 'this device measures deflections: set mode = "rate"'
         )
 
 
 def make_robot(config: SessionConfig) -> RobotDriver:
     """The robot of a session, not opened yet."""
-    robot = _make_driver(config.robot, "robot")
+    robot = make_driver(config.robot, "robot")
     if not isinstance(robot, RobotDriver):
         raise ConfigurationError("robot.driver", f"{config.robot.driver!r} is not a robot")
     kinds = ", ".join(sorted(kind.value for kind in robot.capabilities.commands))
@@ -622,6 +734,111 @@ def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
             )
 
 
+def make_source(table: ForceTable) -> ForceSource | None:
+    """The source of a measured force, not opened yet; None where there is none."""
+    felt = table.sense == "felt" if table.sense is not None else table.source == "sensor"
+    if table.source == "measured":
+        return MeasuredSource(felt=felt)
+    if table.source == "contact":
+        return ContactSource(table.contact)
+    if table.source == "remote":
+        return RemoteSource(table.socket, table.max_age_s)
+    if table.sensor is None:
+        return None
+    sensor = make_driver(table.sensor, "force.sensor")
+    if not isinstance(sensor, OperatorDevice):
+        raise ConfigurationError(
+            "force.sensor.driver", f"{table.sensor.driver!r} is a robot, not a sensor"
+        )
+    if table.zero_sensor and not hasattr(sensor, "zero"):
+        raise ConfigurationError(
+            "force.zero_sensor", f"{table.sensor.driver!r} takes no zero: leave it out"
+        )
+    return SensorSource(sensor, felt=felt, zero=table.zero_sensor)
+
+
+def make_conditioner(table: ForceTable, source: ForceSource | None) -> Conditioner:
+    """What makes of the source's readings a force for the hand."""
+    options = Conditioning(
+        scale=table.scale,
+        deadband_n=table.deadband_n,
+        cutoff_hz=table.cutoff_hz,
+        tare=table.tare,
+    )
+    if source is None:
+        return Conditioner(options)
+    return Conditioner(options, rests_at_zero=source.rests_at_zero, shaped=source.shaped)
+
+
+def make_force(
+    config: SessionConfig, device: OperatorDevice, robot: RobotDriver
+) -> ForceRenderer | None:
+    """The force's share of a session, nothing opened yet; None for a device without force."""
+    if not isinstance(device, HapticDevice):
+        if config.gives_force:
+            raise ConfigurationError(
+                "fixtures" if config.fixtures else "force.source",
+                f"{config.device.driver!r} gives no force back to the hand; leave [force] and "
+                "[[fixtures]] out, or choose a haptic device",
+            )
+        return None
+    if config.gives_force and mirrors(config.mapping_options()):
+        raise ConfigurationError(
+            "mapping.axes",
+            "these axes and signs are no rotation (a mirror, or one axis twice): a force has no "
+            "way back through them",
+        )
+    table = config.force or ForceTable()
+    source = make_source(table)
+    return ForceRenderer(
+        device,
+        FixtureSet(config.fixtures),
+        source,
+        make_conditioner(table, source),
+        rendering=config.gives_force,
+        max_age_s=table.max_age_s,
+        stiffness_n_m=table.stiffness_n_m,
+        contact_target_n=table.contact_target_n,
+        warnings=_force_warnings(config, table, device, robot),
+    )
+
+
+def _force_warnings(
+    config: SessionConfig, table: ForceTable, device: HapticDevice, robot: RobotDriver
+) -> tuple[str, ...]:
+    """What the numbers alone say against a force that the hand can hold."""
+    if not config.gives_force:
+        return ()
+    mapping, period_s = config.mapping, robot.capabilities.period_s
+    factors = zip(mapping.axes[:3], mapping.scale[:3], strict=True)
+    motion_scale = max(0.0 if axis == "fixed" else abs(factor) for axis, factor in factors)
+    words = []
+    hold_s = getattr(device.options, "hold_s", math.inf)
+    if 2.0 * period_s > hold_s:
+        words.append(
+            f"the robot reports every {period_s * 1e3:g} ms, and the device lets go of the force "
+            f"after {hold_s * 1e3:g} ms: set device.hold_s to two periods or more"
+        )
+    words += [
+        fixture_warning(index, motion_scale, each.stiffness_n_m)
+        for index, each in enumerate(config.fixtures)
+        if each.stiffness_n_m is not None
+    ]
+    if table.source != "none" and table.environment_stiffness_n_m is not None:
+        words.append(
+            loop_warning(
+                motion_scale=motion_scale,
+                force_scale=1.0 if table.source == "remote" else table.scale,
+                environment_stiffness_n_m=table.environment_stiffness_n_m,
+                device_damping_n_s_m=getattr(device.options, "damping_n_s_m", 0.0),
+                period_s=period_s,
+                delay_s=table.delay_s,
+                cutoff_hz=table.cutoff_hz,
+            )
+        )
+    return tuple(filter(None, words))
+
+
 def _take_limits(kinematics: Kinematics, robot: RobotCapabilities) -> None:
     limits = robot.limits
     if limits is None:
@@ -678,12 +895,24 @@ def load_served(path: Path) -> ServedConfig:
     return config
 
 
+def load_force(path: Path) -> ForceConfig:
+    """Read and check what ``cardan force`` needs of a file: ``[force]`` and ``[[fixtures]]``."""
+    try:
+        config = ForceConfig.model_validate(_read(path))
+    except ValidationError as error:
+        raise _translate(error) from None
+    make_source(config.force)
+    return config
+
+
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
     config = parse_config(_read(path))
-    check_mode(config.mapping, make_device(config))
-    make_arm(config, make_robot(config))
+    device, robot = make_device(config), make_robot(config)
+    check_mode(config.mapping, device)
+    make_arm(config, robot)
     make_filters(config)
+    make_force(config, device, robot)
     return config
 
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cardan.drivers.omni.options import OmniOptions
 from cardan.errors import ConfigurationError, DriverError
 from cardan.gateway.config import SessionConfig, parse_config
 from cardan.gateway.session import EXIT_OK
@@ -37,18 +38,34 @@ MISSED_SHARE = 0.01
 """More than this of all cycles missed is no longer the hiccup of a machine that has other work to
 do and does not grant real-time scheduling; a real controller would not mind it either."""
 
+HELD_SHARE = 0.25
+"""Of the target, the contact force may be away from it in the root mean square. The stylus's own
+friction of 0.26 N hides more than a third of what the hand holds while it stands still, and less
+while it slides; coming down and lifting count, too."""
+
+FORCE_AGE_S = 0.010
+"""One EGM cycle between two forces, and 2 ms at most to the hand, on a machine that keeps up; on
+one that grants no real-time scheduling the hiccups of 1 % of the time are longer."""
+
 
 class Demo(NamedTuple):
-    """A robot to show."""
+    """Something to show."""
 
     words: str
     """What is joined to what."""
-    robot: Callable[[int], dict[str, Any]]
-    """The configuration's tables beside the device's, for the port."""
+    tables: Callable[[int], dict[str, Any]]
+    """The configuration's tables for the port; without a device's it is the SpaceMouse's."""
     port: Callable[[], int]
     """Finds a free one, or the first of so many."""
     peer: Callable[[int], tuple[str, ...]]
     """``cardan sim`` of the controller, for the port."""
+    judge: Callable[[Snapshot], list[str]]
+    """What the last snapshot lacks, in words; empty when all went as it should."""
+    praise: Callable[[Snapshot], str]
+    """What there is to say then."""
+    through: tuple[str, ...] = ()
+    """``cardan`` with these words runs the session with its simulated device inside; empty: the
+    device is a SpaceMouse in a process of its own."""
 
 
 def _gofa(port: int) -> dict[str, Any]:
@@ -75,10 +92,44 @@ def _gp8(port: int) -> dict[str, Any]:
     }
 
 
+BOARD_M, HOLDER_N_M = 0.272, 500.0
+"""Height of the drawing board, 20 mm below the pen at first, and stiffness of the pen's holder."""
+
+PEN_DOWN_DEG = "0,20,30,0,40,0"
+"""Joints that hold the pen straight down, at 0.618, 0, 0.292 m."""
+
+
+def _drawing(port: int) -> dict[str, Any]:
+    """As examples/omni-gofa-simulated.toml."""
+    return {
+        "device": {"driver": "omni"},
+        "robot": {"driver": "abb_egm", "listen_port": port},
+        "mapping": {
+            "mode": "position",
+            "frame": "base",
+            "clutch": "button_2",
+            "recapture": "button_1",
+            "orientation": "fixed",
+        },
+        "force": {
+            "source": "measured",
+            "scale": 0.125,
+            "environment_stiffness_n_m": HOLDER_N_M,
+            "delay_s": 0.07,
+            "contact_target_n": 5.6,
+        },
+        "limits": {
+            "workspace_x_m": [0.45, 0.80],
+            "workspace_y_m": [-0.20, 0.20],
+            "workspace_z_m": [0.22, 0.45],
+        },
+    }
+
+
 def demo_config(name: str, hid_path: str, port: int) -> SessionConfig:
     """The configuration of the demo called `name`."""
     device = {"driver": "spacemouse", "transport": "socket", "path": hid_path}
-    return parse_config({"device": device, **DEMOS[name].robot(port)})
+    return parse_config({"device": device, **DEMOS[name].tables(port)})
 
 
 @contextlib.contextmanager
@@ -147,25 +198,8 @@ def free_tcp_ports(count: int = 3) -> int:
     raise DriverError(f"there are no {count} free TCP ports in a row")
 
 
-DEMOS: Mapping[str, Demo] = {
-    "gofa": Demo(
-        "simulated SpaceMouse (HID reports) -> gateway -> simulated GoFa (EGM, 250 Hz)",
-        _gofa,
-        free_udp_port,
-        lambda port: ("abb-gofa", "--to", f"127.0.0.1:{port}"),
-    ),
-    "gp8": Demo(
-        "simulated SpaceMouse (HID reports) -> gateway -> simulated Motoman GP8 "
-        "(simple message, velocity mode, 250 Hz)",
-        _gp8,
-        free_tcp_ports,
-        lambda port: ("motoman-gp8", "--base-port", str(port), "--servo-on"),
-    ),
-}
-
-
 def shortcomings(last: Snapshot) -> list[str]:
-    """What a demo's last snapshot lacks, in words; empty when all went as it should."""
+    """What the last snapshot of any demo lacks, in words; empty when all went as it should."""
     found = []
     if last.cycles == 0:
         found.append("the robot was never commanded")
@@ -183,6 +217,89 @@ def shortcomings(last: Snapshot) -> list[str]:
     return found
 
 
+def drawing_shortcomings(last: Snapshot) -> list[str]:
+    """What the last snapshot of the drawing lacks, beside that of any demo."""
+    found = shortcomings(last)
+    limits = OmniOptions().limits()
+    if last.contact_path_m == 0.0:
+        found.append("nothing was drawn: the hand draws from the eighth second on")
+    elif last.contact_target_n is not None:
+        allowed_n = HELD_SHARE * last.contact_target_n
+        if last.contact_force_rms_error_n > allowed_n:
+            found.append(
+                f"the contact force was {last.contact_force_rms_error_n:.1f} N RMS away from its "
+                f"target of {last.contact_target_n:g} N (expected: {allowed_n:.1f} N)"
+            )
+    if last.contact_path_m and last.force_peak_n == 0.0:
+        found.append("the hand felt nothing")
+    if last.force_peak_n > limits.clamp_n * (1.0 + 1e-6):
+        found.append(f"the hand felt {last.force_peak_n:.2f} N, above {limits.clamp_n:g} N")
+    if last.energy_given_j > limits.energy_budget_j:
+        found.append(
+            f"the hand was given {last.energy_given_j * 1e3:.1f} mJ "
+            f"(bound: {limits.energy_budget_j * 1e3:g} mJ)"
+        )
+    if last.measured_age_p99_s is not None and last.measured_age_p99_s > FORCE_AGE_S:
+        found.append(
+            f"forces were up to {last.measured_age_p99_s * 1e3:.1f} ms old at the hand "
+            f"(expected: {FORCE_AGE_S * 1e3:g} ms)"
+        )
+    if last.haptic_state != "enabled":
+        found.append(f"the force was {last.haptic_state} at the end: {last.haptic_reason}")
+    return found
+
+
+def followed(_last: Snapshot) -> str:
+    """What there is to say of a SpaceMouse's demo that went well."""
+    return "a hand's HID reports became robot motion; all of it was followed"
+
+
+def drawn(last: Snapshot) -> str:
+    """What there is to say of a drawing that went well."""
+    return (
+        "a hand drew with the robot's pen and felt the board: it was given "
+        f"{last.energy_given_j * 1e3:+.1f} mJ, of +{OmniOptions().energy_budget_j * 1e3:g} mJ that "
+        "passivity allows"
+    )
+
+
+DEMOS: Mapping[str, Demo] = {
+    "gofa": Demo(
+        "simulated SpaceMouse (HID reports) -> gateway -> simulated GoFa (EGM, 250 Hz)",
+        _gofa,
+        free_udp_port,
+        lambda port: ("abb-gofa", "--to", f"127.0.0.1:{port}"),
+        shortcomings,
+        followed,
+    ),
+    "gp8": Demo(
+        "simulated SpaceMouse (HID reports) -> gateway -> simulated Motoman GP8 "
+        "(simple message, velocity mode, 250 Hz)",
+        _gp8,
+        free_tcp_ports,
+        lambda port: ("motoman-gp8", "--base-port", str(port), "--servo-on"),
+        shortcomings,
+        followed,
+    ),
+    "omni": Demo(
+        "simulated Phantom Omni (libHD) <-> gateway <-> simulated GoFa (EGM, 250 Hz) with a pen on "
+        "a board",
+        _drawing,
+        free_udp_port,
+        lambda port: (
+            "abb-gofa",
+            *("--to", f"127.0.0.1:{port}"),
+            *("--script", "teleop-retry"),
+            *("--joints", PEN_DOWN_DEG),
+            *("--surface", f"{BOARD_M:g}:{HOLDER_N_M:g}"),
+        ),
+        drawing_shortcomings,
+        drawn,
+        through=("sim", "omni", "--script", "drawing", "--"),
+    ),
+}
+
+
 def run_demo(seconds: float, name: str = "gofa") -> int:
     """Run one of DEMOS; returns the exit code of the command."""
     demo = DEMOS.get(name)
@@ -194,18 +311,23 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
     with tempfile.TemporaryDirectory(prefix="cardan-demo-") as folder, SessionView() as view:
         hid_path = str(Path(folder) / "spacemouse")
         view.console.print(demo.words)
-        with (
-            simulated_peer("spacemouse", "--hid", hid_path, "--script", "demo", *until),
-            simulated_peer(*demo.peer(port), *until),
-        ):
-            outcome = supervise(demo_config(name, hid_path, port), seconds, view.show)
+        with contextlib.ExitStack() as peers:
+            through: tuple[str, ...] = ()
+            if demo.through:
+                through = (sys.executable, "-m", "cardan", *demo.through)
+            else:
+                mouse = ("spacemouse", "--hid", hid_path, "--script", "demo", *until)
+                peers.enter_context(simulated_peer(*mouse))
+            peers.enter_context(simulated_peer(*demo.peer(port), *until))
+            config = demo_config(name, hid_path, port)
+            outcome = supervise(config, seconds, view.show, through=through)
     view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:
         print(f"cardan: {outcome.last.error}", file=sys.stderr)
         return outcome.exit_code
-    missing = shortcomings(outcome.last)
+    missing = demo.judge(outcome.last)
     for line in missing:
         print(f"cardan demo: {line}", file=sys.stderr)
     if not missing:
-        view.console.print("a hand's HID reports became robot motion; all of it was followed")
+        view.console.print(demo.praise(outcome.last))
     return EXIT_INCOMPLETE if missing else EXIT_OK

@@ -6,7 +6,8 @@ reads a clock, a socket or a file.
 The rule of arming: nothing moves unless a fresh command from a live operator says so. Whatever
 interrupts that (silence, unplug, a robot that stops or restarts) ends in a braking ramp and a
 hold, and going on takes a deliberate act: the device at rest and, where one is configured, the
-dead-man button let go and pressed anew.
+dead-man button let go and pressed anew, or a press of the button that toggles the clutch. Where the
+hand's pose is followed, its deflections mean nothing, and nothing is at rest or not.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from cardan.gateway.absolute import AbsoluteMapping
 from cardan.gateway.filters.base import TwistFilter
 from cardan.gateway.mapping import Mode, TwistMapping
-from cardan.gateway.position import PositionMapping, is_pose
+from cardan.gateway.position import HandMapping, PositionMapping, is_pose, resting_pose
 from cardan.gateway.reference import Reference
+from cardan.haptics import WorldMap
 from cardan.spatial import is_finite, norm, rotation_between, scale, subtract
 from cardan.types import (
     NEVER_S,
@@ -64,6 +67,12 @@ a leash further on. Gravity sag is far below it and never creeps in."""
 
 EASE_BELOW = 0.1
 """Share of the leash at which that is enough."""
+
+CLUTCH_WITHIN_S = 0.5
+"""Older presses of the clutch begin nothing: this computer may have stood still. They still end."""
+
+CLUTCH_ERROR_SHARE = 0.5
+"""Share of the following error that trips, beyond which no hand is taken up."""
 
 
 class Phase(enum.Enum):
@@ -139,9 +148,22 @@ class TeleopEngine:
         self.filters = tuple(filters)
         """Shared control: applied in this order between mapping and reference."""
         self.arm = arm
-        self._position: PositionMapping | None = None
+        self._position: HandMapping | None = None
+        """How the hand's pose is followed; None in rate mode."""
         if mapping.options.mode is Mode.POSITION:
             self._position = PositionMapping(mapping.options, reference.limits)
+        elif mapping.options.mode is Mode.ABSOLUTE:
+            self._position = AbsoluteMapping(mapping.options, reference.limits)
+        self._following = False
+        self._clutch_was_up = self._was_live = False
+        """Whether the button that toggles the clutch was seen up, and the device live, before."""
+        self._recapture = False
+        self._refusal = ""
+        """Why the clutch was pressed in vain."""
+        self._disturbed = False
+        """Whether anything in this tick makes a press of the clutch no deliberate act."""
+        self._let_run_out = False
+        """Whether the operator ended the motion, so that it may end as softly as it went."""
         self._misfit = ""
         self._filter_fault = ""
         self._phase = Phase.NO_ROBOT
@@ -173,6 +195,18 @@ class TeleopEngine:
         return not self._moving
 
     @property
+    def following(self) -> bool:
+        """True while the operator's hand drives the robot: armed, dead-man held, clutched in."""
+        return self._following
+
+    def hand_map(self) -> WorldMap | None:
+        """Where the TCP is told to go for any place of the hand, as things stand after the last
+        tick; None while no hand's pose is followed, or through axes that mirror."""
+        if self._position is None or not self._following:
+            return None
+        return self._position.world_map()
+
+    @property
     def _moving(self) -> bool:
         return self.reference.moving or (self.arm is not None and self.arm.moving)
 
@@ -196,14 +230,17 @@ class TeleopEngine:
     def request_stop(self, reason: str) -> None:
         """Brake and stay: from now on no operator input moves the robot."""
         self._stop_reason = self._message = reason
+        self._let_run_out = False
 
     def tick(
         self, robot: RobotState, device: DeviceState, events: Sequence[ButtonEvent] = ()
     ) -> RobotCommand:
         """Decide the command for the control instant that `robot` reports."""
         stalled_s, self._ticked_s = robot.stamp_s - self._ticked_s, robot.stamp_s
+        self._disturbed = self._recapture = False
         measured = self._measured(robot) if robot.ready else None
         if measured is None:
+            self._see_clutch(device)
             return self._without_robot(robot)
         if robot.session != self._session:
             if self._session is not None and self._armed:
@@ -223,25 +260,28 @@ class TeleopEngine:
         self.reference.observe(measured)
         self._supervise(robot, device)
         self._arm(robot, device)
+        if events:
+            self._take_presses(robot, device, events)
+        self._see_clutch(device)
         if events and self._armed and self.mapping.deadman_held(device):
             self.mapping.take_gripper(events)
 
         dt_s = min(max(robot.period_s, 0.0), self.watchdogs.longest_step_s)
         wanted = ZERO_TWIST
-        if not self._armed or not self.mapping.deadman_held(device):
-            if self._position is not None:
-                self._position.release()
-        elif self._position is None:
+        self._following = self._armed and self.mapping.deadman_held(device)
+        if self._following and self._position is not None:
+            wanted = self._follow(self._position, robot, device, dt_s)
+        elif self._following:
             wanted = self.mapping.twist(device.axes)
-        else:
-            wanted = self._follow(self._position, device, dt_s)
+        if self._position is not None and not self._following:
+            self._position.release()
         if self.filters:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot if self.arm is None else robot._replace(pose=measured)
             wanted = self._filter(wanted, seen)
         self._target = wanted
         rates: dict[str, float] = {}
-        if self.mapping.drives_joints and self._armed and self.mapping.deadman_held(device):
+        if self.mapping.drives_joints and self._following:
             rates = self.mapping.joint_rates(device.axes)
         self._joints_asked = any(rates.values())
         asked = self._joints_asked or wanted.linear != ZERO3 or wanted.angular != ZERO3
@@ -259,18 +299,21 @@ class TeleopEngine:
             self._way_m = MEETING_WAYS * self.reference.ahead_m + MEETING_M
             self._way_rad = MEETING_WAYS * self.reference.ahead_rad + MEETING_RAD
         self._meeting = meeting
+        smooth = self._armed or (
+            self._let_run_out and not (robot.alarm or self._filter_fault or self._resyncing)
+        )
         before = self.reference.pose
         if self._easing and not given_up:
             wanted = self._resync_twist(measured)
         if self.arm is None:
-            self.reference.advance(wanted, dt_s, smooth=self._armed)
+            self.reference.advance(wanted, dt_s, smooth=smooth)
         elif given_up:
             self.reference.place(self.arm.halt(dt_s))
         elif self._resyncing or self._easing:
             self.reference.place(self.arm.glide(robot, RESYNC_TIME_S, dt_s))
         else:
             for step_s in self.arm.steps(dt_s):
-                self.reference.shape(wanted, step_s, smooth=self._armed)
+                self.reference.shape(wanted, step_s, smooth=smooth)
                 self.arm.advance(self.reference, step_s, rates)
         if meeting:
             self._count_way(before)
@@ -285,14 +328,101 @@ class TeleopEngine:
         deadman = self.mapping.options.deadman
         return any(event.button in deadman and not event.pressed for event in events)
 
-    def _follow(self, position: PositionMapping, device: DeviceState, dt_s: float) -> Twist:
-        """What the hand's displacement since the clutch was pressed asks for."""
-        hand, tcp = device.pose, self.reference.pose
-        assert hand is not None  # _supervise() has seen to it.
-        assert tcp is not None
+    def _follow(
+        self, position: HandMapping, robot: RobotState, device: DeviceState, dt_s: float
+    ) -> Twist:
+        """What the hand asks for, taken up first where it was not before."""
         if not position.engaged:
-            position.engage(hand, device.stamp_s, tcp)
+            self._refusal = self._why_not_taken(robot, device)
+            if self._refusal:
+                self._armed = self._following = self._deadman_was_up = False
+                return ZERO_TWIST
+        hand, tcp = device.pose, self.reference.pose
+        assert hand is not None  # _supervise() and _why_not_taken() have seen to it.
+        assert tcp is not None
+        if self._recapture or not position.engaged:
+            position.engage(hand, device.stamp_s, resting_pose(self.reference))
         return position.twist(hand, device.stamp_s, tcp, dt_s)
+
+    def _see_clutch(self, device: DeviceState) -> None:
+        """Note whether the button that toggles the clutch is up. Held through a loss, it is not
+        pressed anew."""
+        self._was_live = device.link is DeviceLink.LIVE
+        self._clutch_was_up = self._was_live and self.mapping.options.clutch not in device.buttons
+
+    def _take_presses(
+        self, robot: RobotState, device: DeviceState, events: Sequence[ButtonEvent]
+    ) -> None:
+        """Act on the edges of the buttons that toggle the clutch and take the references anew."""
+        options = self.mapping.options
+        if not options.clutch and not options.recapture:
+            return
+        for event in events:
+            if event.button == options.recapture:
+                self._recapture = self._recapture or event.pressed
+            elif event.button != options.clutch:
+                continue
+            elif not event.pressed:
+                self._clutch_was_up = self._was_live
+            elif self._armed:
+                self._armed = self._clutch_was_up = False
+                self._let_run_out = True
+                if self._position is not None:
+                    self._position.release()  # Although it may be taken up again by now.
+            else:
+                deliberate, self._clutch_was_up = self._clutch_was_up, False
+                tripped = self._disturbed and self._trip_reason
+                if deliberate and not (tripped or self._resyncing or self._obstacle(robot, device)):
+                    self._clutch_in(robot, device, robot.stamp_s - event.stamp_s)
+
+    def _clutch_in(self, robot: RobotState, device: DeviceState, pressed_ago_s: float) -> None:
+        if pressed_ago_s > CLUTCH_WITHIN_S:
+            self._refusal = f"it was pressed {pressed_ago_s:.1f} s ago"
+        elif self._position is None and device.axes != NO_DEFLECTION:
+            self._refusal = "the device is not at rest"
+        else:
+            self._refusal = self._why_not_taken(robot, device)
+        if not self._refusal:
+            self._armed, self._trip_reason, self._let_run_out = True, "", False
+
+    def _obstacle(self, robot: RobotState, device: DeviceState) -> bool:
+        """Whether anything that the message names by itself keeps the operator from arming."""
+        return bool(
+            self._stop_reason
+            or robot.alarm
+            or self._filter_fault
+            or device.link is not DeviceLink.LIVE
+            or (self._position is None and not is_finite(device.axes))
+        )
+
+    def _why_not_taken(self, robot: RobotState, device: DeviceState) -> str:
+        """Why neither hand nor robot are as they must be to take the hand up, in words."""
+        limits = self.watchdogs
+        if self._disturbed:
+            return "the robot was not ready for it"
+        if self._position is not None:
+            if device.pose is None or not is_pose(device.pose):
+                return "the device gives no pose"
+            age_s = robot.stamp_s - device.stamp_s
+            if age_s > limits.device_age_s:
+                return f"the hand's pose is {age_s:.2f} s old"
+            if age_s < -limits.device_age_s:
+                return f"the robot's pose is {-age_s:.2f} s older than the hand's"
+        error_m, error_rad = self.reference.ahead_m, self.reference.ahead_rad
+        joint, joint_error = "", 0.0
+        if self.arm is not None:
+            joint, joint_error = self.arm.worst_joint(robot)
+        if (
+            error_m > CLUTCH_ERROR_SHARE * limits.following_error_m
+            or error_rad > CLUTCH_ERROR_SHARE * limits.following_error_rad
+            or joint_error > CLUTCH_ERROR_SHARE * limits.following_error_joint
+        ):
+            joints = f" ({joint} by {joint_error:.2f})" if joint else ""
+            return (
+                f"the robot is {error_m * 1e3:.0f} mm and {error_rad:.2f} rad behind its "
+                f"reference{joints}"
+            )
+        return ""
 
     def _count_way(self, before: Pose | None) -> None:
         """Give up a reference that goes on and on and does not meet its robot."""
@@ -316,6 +446,7 @@ class TeleopEngine:
 
     def _place(self, measured: Pose, robot: RobotState) -> None:
         self._resyncing = self._easing = self._meeting = False
+        self._disturbed = True
         self.reference.place(measured)
         if self.arm is not None:
             self.arm.place(robot)
@@ -363,8 +494,10 @@ class TeleopEngine:
         return HoldCommand()
 
     def _trip(self, reason: str) -> None:
-        self._armed = False
+        self._armed = self._following = self._let_run_out = False
         self._deadman_was_up = False
+        self._disturbed = True
+        self._refusal = ""
         self._trip_reason = reason
         self._trips += 1
 
@@ -401,7 +534,7 @@ class TeleopEngine:
             self._trip(robot.alarm)
         elif device.link is not DeviceLink.LIVE:
             self._trip(device.reason or f"the device is {device.link.value}")
-        elif not is_finite(device.axes):
+        elif self._position is None and not is_finite(device.axes):
             self._trip("the device gives values that are not numbers")
         elif age_s < -limits.device_age_s:
             self._trip(f"the device gives a time that is {-age_s:.1f} s to come")
@@ -411,26 +544,31 @@ class TeleopEngine:
         elif self.mapping.deadman_held(device):
             pose = device.pose
             if pose is None or not is_pose(pose):
-                self._trip("the clutch is held, but the device gives no pose")
+                self._trip("the hand is followed, but the device gives no pose")
             elif self._position.leaps(pose, device.stamp_s):
                 self._trip("the hand leapt: it is another one, or the sensor lost it")
             elif age_s > limits.device_age_s:
-                self._trip(f"the clutch is held, but the device is silent for {age_s:.2f} s")
+                self._trip(f"the hand is followed, but the device is silent for {age_s:.2f} s")
 
     def _arm(self, robot: RobotState, device: DeviceState) -> None:
         """Arm after the deliberate act: device at rest, dead-man up, dead-man pressed anew."""
-        if self._armed or self._stop_reason or self._resyncing:
+        options = self.mapping.options
+        if self._armed or self._resyncing or options.clutch:
             return
-        obstacle = robot.alarm or self._filter_fault
-        if obstacle or device.link is not DeviceLink.LIVE or not is_finite(device.axes):
+        if self._obstacle(robot, device):
             self._deadman_was_up = False
             return
-        if not self.mapping.options.deadman:
-            self._armed = device.axes == NO_DEFLECTION
+        at_rest = self._position is not None or device.axes == NO_DEFLECTION
+        if not options.deadman:
+            self._armed = at_rest and self._position is None
         elif not self.mapping.deadman_held(device):
-            self._deadman_was_up = self._deadman_was_up or device.axes == NO_DEFLECTION
-        elif self._deadman_was_up and (self._position is None or is_pose(device.pose)):
+            self._deadman_was_up = self._deadman_was_up or at_rest
+        elif self._deadman_was_up and self._position is None:
             self._armed = True
+        elif self._deadman_was_up:
+            self._refusal = self._why_not_taken(robot, device)
+            self._armed = not self._refusal
+            self._deadman_was_up = self._armed
         if self._armed:
             self._trip_reason = ""
 
@@ -455,8 +593,8 @@ class TeleopEngine:
         else:
             self._phase = Phase.HOLDING if self._armed else Phase.DISARMED
         self._message = "" if self._armed else self._what_to_do(robot, device)
-        if self._armed and self._position is not None and self._position.slips:
-            self._message = "the hand is too far ahead of the TCP: the clutch slips"
+        if self._following and self._position is not None:
+            self._message = self._position.remark
 
     def _what_to_do(self, robot: RobotState, device: DeviceState) -> str:
         why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""
@@ -474,9 +612,21 @@ class TeleopEngine:
         if device.link is not DeviceLink.LIVE:
             reason = device.reason or f"the device is {device.link.value}"
             return why + reason if reason not in why else reason
-        deadman = " or ".join(repr(button) for button in self.mapping.options.deadman)
+        if self._refusal:
+            why = f"the clutch was not taken: {self._refusal}; "
+        options = self.mapping.options
+        deadman = " or ".join(repr(button) for button in options.deadman)
+        deflected = self._position is None and device.axes != NO_DEFLECTION
+        if options.clutch:
+            first = "let go of the device, then " if deflected else ""
+            if options.clutch in device.buttons:
+                first = f"let go of {options.clutch!r}, then "
+            while_held = f", with {deadman} held," if deadman else ""
+            return f"{why}{first}press {options.clutch!r}{while_held} to move"
         if not deadman:
             return f"{why}let go of the device to go on"
         if self._deadman_was_up:
             return f"{why}press {deadman} to move"
+        if self._position is not None:
+            return f"{why}let go of {deadman}, then press it to go on"
         return f"{why}let go of the device and of {deadman}, then press {deadman} to go on"

@@ -2,7 +2,9 @@
 
 Pure values in and out: no clock, no hardware. The mappings are those of Łukawski, Victores and
 Balaguer 2023, Table 1: rate control in the base frame (SpaceNavigator), which is the default, rate
-control in the tool frame (Wiimote), and position control in the base frame (Leap Motion).
+control in the tool frame (Wiimote), and position control in the base frame (Leap Motion). The
+buttons that toggle the clutch and take the references anew are those of the Phantom Omni in
+"Bilateral haptic teleoperation", 2026.
 """
 
 from __future__ import annotations
@@ -13,7 +15,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from cardan.spatial import rotate
-from cardan.types import ButtonEvent, DeviceLink, DeviceState, Frame, Quaternion, Twist, Vector3
+from cardan.types import (
+    ZERO3,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    Frame,
+    Quaternion,
+    Twist,
+    Vector3,
+)
 
 ENABLE_WITHIN_S = 0.5
 """Older presses of the enable button do not count: this computer may have stood still."""
@@ -29,6 +40,22 @@ class Mode(enum.Enum):
     """Deflections are velocities."""
     POSITION = "position"
     """What the hand moved since the clutch was pressed, the TCP moves."""
+    ABSOLUTE = "absolute"
+    """Where the hand is, the TCP goes."""
+
+
+class Orientation(enum.Enum):
+    """What the hand's orientation means, where its pose is followed."""
+
+    FOLLOW_BASE = "follow-base"
+    """What the hand turned since the clutch was pressed, about its device's axes, the TCP turns
+    about those of the base."""
+    FOLLOW_TOOL = "follow-tool"
+    """What the hand turned about its own axes, the TCP turns about the tool's."""
+    FIXED = "fixed"
+    """The TCP keeps its orientation."""
+    ABSOLUTE = "absolute"
+    """The tool stands as the hand does; mode absolute only."""
 
 
 class GripperAction(enum.Enum):
@@ -57,10 +84,26 @@ class MappingOptions:
     scale: tuple[float, ...] = (1.0,) * 6
     """Factor on each component."""
     device_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """How the device's axes stand in those of `frame` (roll, pitch, yaw); position mode."""
+    """How the device's axes stand in those of `frame` (roll, pitch, yaw); position and absolute
+    mode."""
+    orientation: Orientation | None = None
+    """What the hand's orientation means. None: in position mode what `frame` says, the hand's turn
+    about its device's axes; in absolute mode it is fixed."""
     slip_m: float = 0.15
-    """How far the hand may be ahead of the TCP before the clutch slips; position mode."""
+    """How far the hand may be ahead of the TCP: beyond, the clutch slips in position mode, and the
+    TCP goes at the approach speed in absolute mode."""
     slip_rad: float = 0.6
+    """The same for its orientation."""
+    origin_m: Vector3 = ZERO3
+    """Where the TCP is, base frame, when the hand is at `device_centre_m`; absolute mode."""
+    device_centre_m: Vector3 = ZERO3
+    """A place of the hand, along the device's axes; absolute mode."""
+    hand_to_tool_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """How the tool's axes stand in the hand's (roll, pitch, yaw); orientation absolute."""
+    approach_speed_m_s: float = 0.05
+    """Speed at which the TCP goes to where the hand is after the clutch was pressed; absolute
+    mode."""
+    approach_speed_rad_s: float = 0.3
     """The same for its orientation."""
     yaw_deg: float = 0.0
     """Where the operator faces, seen from above, relative to the robot's x axis."""
@@ -70,8 +113,13 @@ class MappingOptions:
     joint_speed_rad_s: float = 0.4
     """Of such a joint at full deflection; m/s for one that slides."""
     deadman: tuple[str, ...] = ()
-    """Buttons of which one is held while moving, the clutch in position mode; none: deflection
-    alone moves (not beside a person)."""
+    """Buttons of which one is held while moving, the clutch in position mode; none, and no
+    `clutch` either: deflection alone moves (not beside a person)."""
+    clutch: str = ""
+    """Button of which each press begins or ends the motion; empty: none. With `deadman` too, both
+    are needed."""
+    recapture: str = ""
+    """Button that makes hand and TCP, each where it is, belong together; position mode."""
     enable: str = ""
     """Button that asks for the robot's drives and program; empty: none."""
     gripper: tuple[tuple[str, GripperAction], ...] = ()
@@ -129,6 +177,11 @@ class TwistMapping:
         deadman = self.options.deadman
         return not deadman or not device.buttons.isdisjoint(deadman)
 
+    @property
+    def follows_pose(self) -> bool:
+        """True where the hand's pose moves the TCP, and its deflections mean nothing."""
+        return self.options.mode is not Mode.RATE
+
     def asks_to_enable(
         self, device: DeviceState, events: Iterable[ButtonEvent], now_s: float
     ) -> bool:
@@ -142,7 +195,7 @@ class TwistMapping:
                 for event in events
             )
             and device.link is DeviceLink.LIVE
-            and not any(device.axes)
+            and (self.follows_pose or not any(device.axes))
             and device.buttons.isdisjoint(self.options.deadman)
         )
 

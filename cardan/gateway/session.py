@@ -27,11 +27,13 @@ from cardan.gateway.config import (
     make_arm,
     make_device,
     make_filters,
+    make_force,
     make_robot,
     parse_config,
 )
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.feedback import HandFeedback
+from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.gateway.snapshot import Snapshot
@@ -40,8 +42,10 @@ from cardan.histogram import LatencyHistogram
 from cardan.realtime import ask_for_real_time
 from cardan.spatial import norm, subtract
 from cardan.types import (
+    IDENTITY_POSE,
     DeviceFeedback,
     DeviceState,
+    Pose,
     RobotState,
 )
 
@@ -62,7 +66,9 @@ class Session:
         engine: TeleopEngine,
         config: SessionConfig,
         channel: socket.socket | None = None,
+        force: ForceRenderer | None = None,
     ) -> None:
+        """`force`: what a haptic device renders."""
         self.device = device
         self.robot = robot
         self.engine = engine
@@ -70,6 +76,8 @@ class Session:
         self._gripper = config.gripper
         self._mapping_table = config.mapping
         self._channel = channel
+        self._force = force
+        self._tool_of_model = config.arm is not None and config.arm.tool() != IDENTITY_POSE
         self._ticks = LatencyHistogram()
         self._square_sum_m2 = 0.0
         self._moving_cycles = 0
@@ -95,6 +103,11 @@ class Session:
             self._feedback = HandFeedback(self._feedback_options, channels)
             for each in self.engine.filters:
                 opened.enter_context(each)
+            if self._force is not None:
+                opened.callback(self._force.stop)
+                if self._force.source is not None:
+                    opened.enter_context(self._force.source)
+                self._force.start(self._tcp)
             if self._spnav_options is not None:
                 self._spnav = SpnavService(
                     lambda: self.device.capabilities.buttons, self._spnav_options
@@ -130,6 +143,8 @@ class Session:
         check_mode(self._mapping_table, self.device)
         for key, button in (
             *(("mapping.deadman", button) for button in options.deadman),
+            ("mapping.clutch", options.clutch),
+            ("mapping.recapture", options.recapture),
             ("mapping.enable", options.enable),
             *((f"gripper.{action.value}", name) for name, action in options.gripper),
         ):
@@ -141,6 +156,7 @@ class Session:
     def _loop(self, seconds: float) -> None:
         robot, device, engine = self.robot, self.device, self.engine
         mapping, hand_feedback, spnav = engine.mapping, self._feedback, self._spnav
+        force = self._force
         monotonic, tick_cost = time.monotonic, self._ticks.add
         gripper_closed = mapping.gripper_closed
         start_s = monotonic()
@@ -166,6 +182,9 @@ class Session:
                 if engine.phase is Phase.MOVING or engine.phase is Phase.BRAKING:
                     self._account(state)
             # Everything below is bookkeeping: the answer has left.
+            if force is not None:
+                at_rest = engine.at_rest and not engine.following
+                force.cycle(state, hand, engine.hand_map(), at_rest)
             if spnav is not None:
                 spnav.offer(hand, events)
             if hand_feedback.useful and hand_feedback.due(now_s):
@@ -182,6 +201,14 @@ class Session:
         if state is not None:
             snapshot.finished = True
             self._publish(state, device.state(), monotonic() - start_s)
+
+    def _tcp(self, state: RobotState) -> Pose | None:
+        """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
+        the robot reports joints alone."""
+        arm = self.engine.arm
+        if arm is None or (state.pose is not None and not self._tool_of_model):
+            return state.pose
+        return arm.reported(state) if state.ready else None
 
     def _account(self, state: RobotState) -> None:
         """Keep the figures of the summary: path, and how well the robot is where it is told."""
@@ -227,8 +254,8 @@ class Session:
         s.robot_link, s.hold_reason = state.link.value, state.hold_reason
         s.sequence, s.joints_rad = state.sequence, list(state.joints)
         pose = state.pose
-        if pose is None and self.engine.arm is not None and state.ready:
-            pose = self.engine.arm.reported(state)
+        if pose is None:
+            pose = self._tcp(state)
         if pose is not None:
             s.pose = [*pose.position, *pose.orientation]
         if status.pose is not None:
@@ -254,6 +281,9 @@ class Session:
             s.diagnosis += each.diagnosis()
         if self._spnav is not None:
             s.diagnosis += self._spnav.diagnosis()
+        if self._force is not None:
+            s.diagnosis += self._force.diagnosis()
+            self._force.show(s)
         self._tell(s)
 
     def _tell(self, snapshot: Snapshot) -> None:
@@ -278,7 +308,9 @@ def make_session(config: SessionConfig, channel: socket.socket | None = None) ->
         make_filters(config),
         make_arm(config, robot),
     )
-    return Session(make_device(config), robot, engine, config, channel)
+    device = make_device(config)
+    force = make_force(config, device, robot)
+    return Session(device, robot, engine, config, channel, force)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -68,6 +68,40 @@ class Snapshot:
     tick_p50_s: float = 0.0
     tick_p99_s: float = 0.0
     tick_max_s: float = 0.0
+    haptic_state: str = ""
+    """What the haptic device's force is doing; empty without such a device."""
+    haptic_reason: str = ""
+    """Why the force is not what was commanded; empty when it is."""
+    force_n: float = 0.0
+    """Felt by the hand now."""
+    force_commanded_n: float = 0.0
+    """What fixtures and measured force ask for."""
+    force_peak_n: float = 0.0
+    """The strongest that was felt, of those looked at every 10 ms."""
+    force_age_s: float | None = None
+    """Of the measured force that is rendered; None: none is."""
+    fixture_age_p50_s: float | None = None
+    """Of the stylus's place at which fixtures were evaluated; None: nothing was rendered."""
+    fixture_age_p99_s: float | None = None
+    measured_age_p50_s: float | None = None
+    """Of the measured force that was rendered, from its measurement on."""
+    measured_age_p99_s: float | None = None
+    energy_j: float = 0.0
+    """The passivity observer's: below 0, what is rendered has given more than it took."""
+    energy_given_j: float = 0.0
+    """Net, from the device to the hand."""
+    passivity_damping_n_s_m: float = 0.0
+    """What the passivity controller damps with now."""
+    contact_force_n: float | None = None
+    """At the tool, now; None without a source of measured force."""
+    contact_s: float = 0.0
+    """How long the tool touched something."""
+    contact_path_m: float = 0.0
+    """How far the measured TCP went meanwhile."""
+    contact_force_mean_n: float = 0.0
+    contact_target_n: float | None = None
+    contact_force_rms_error_n: float = 0.0
+    """About the target, or about the mean without one."""
     metrics: dict[str, float] = field(default_factory=dict)
     """The robot driver's own figures."""
     diagnosis: list[str] = field(default_factory=list)

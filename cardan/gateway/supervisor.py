@@ -11,7 +11,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import NamedTuple
 
@@ -55,16 +55,20 @@ def supervise(
     seconds: float = math.inf,
     show: Callable[[Snapshot], None] = lambda _snapshot: None,
     poll: Callable[[], bool] = lambda: True,
+    through: Sequence[str] = (),
 ) -> Outcome:
     """Run a session as configured until it ends; `show` gets each snapshot.
 
     SIGINT, SIGTERM, SIGHUP and SIGTSTP ask it to brake, hold and leave; so does `poll`, called
     several times a second, by returning False, and an exception in `show`, which goes on after.
+    `through` is a command that runs the command after it in an environment of its making, hands
+    signals on to it and ends with its code, as ``cardan sim omni --`` does.
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         process = subprocess.Popen(
             [
+                *through,
                 sys.executable,
                 "-m",
                 "cardan.gateway.session",
@@ -112,7 +116,7 @@ def supervise(
                 if process.poll() is None:
                     process.kill()
                 code = process.wait()
-        if stopping and code == -signal.SIGTERM:
+        if stopping and code in (-signal.SIGTERM, 128 + signal.SIGTERM):
             # It was asked before it had begun: nothing was open yet.
             code, last.message = 0, "stopped before it began"
         if code != 0 and not last.error:

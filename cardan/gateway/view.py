@@ -94,6 +94,13 @@ def render(snapshot: Snapshot) -> RenderableType:
         "answer latency p50, p99",
         f"{_microseconds(s.tick_p50_s)}, {_microseconds(s.tick_p99_s)}",
     )
+    if s.haptic_state:
+        robot.add_row("force felt, peak", f"{s.force_n:.2f} N, {s.force_peak_n:.2f} N")
+        robot.add_row("force", _force_words(s))
+        if s.contact_force_n is not None:
+            robot.add_row(
+                "contact, drawn", f"{s.contact_force_n:.1f} N, {s.contact_path_m * 1e3:.0f} mm"
+            )
     links = Text.assemble(
         "hand ",
         _link(s.device_link),
@@ -118,6 +125,47 @@ def render(snapshot: Snapshot) -> RenderableType:
     columns = Table.grid(padding=(0, 4))
     columns.add_row(hand, robot)
     return Panel(Group(*lines, Text(), columns), title="cardan", subtitle="Ctrl-C: brake and stop")
+
+
+def _force_words(s: Snapshot) -> str:
+    """What the haptic device's force is doing, how old it is, and the energy of it."""
+    words = [s.haptic_state]
+    if s.force_age_s is not None and math.isfinite(s.force_age_s):
+        words.append(f"{s.force_age_s * 1e3:.1f} ms old")
+    words.append(f"energy {s.energy_j * 1e3:+.1f} mJ")
+    if s.passivity_damping_n_s_m > 0.0:
+        words.append(f"damped by {s.passivity_damping_n_s_m:.1f} N·s/m")
+    return ", ".join(words)
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "–" if seconds is None else f"{seconds * 1e3:.2f} ms"
+
+
+def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
+    """The summary's rows of force feedback; none without a haptic device."""
+    if not s.haptic_state:
+        return []
+    rows = [
+        ("force felt, peak", f"{s.force_peak_n:.2f} N"),
+        ("energy given to the hand, net", f"{s.energy_given_j * 1e3:+.1f} mJ"),
+    ]
+    for name, p50, p99 in (
+        ("fixture", s.fixture_age_p50_s, s.fixture_age_p99_s),
+        ("measured", s.measured_age_p50_s, s.measured_age_p99_s),
+    ):
+        if p50 is not None:
+            rows.append(
+                (f"age of {name} force, p50 / p99", f"{_milliseconds(p50)} / {_milliseconds(p99)}")
+            )
+    if s.contact_force_n is not None:
+        about = "its mean" if s.contact_target_n is None else f"{s.contact_target_n:g} N"
+        rows += [
+            ("path drawn in contact", f"{s.contact_path_m * 1e3:.0f} mm in {s.contact_s:.1f} s"),
+            ("contact force, mean", f"{s.contact_force_mean_n:.2f} N"),
+            (f"RMS error about {about}", f"{s.contact_force_rms_error_n:.2f} N"),
+        ]
+    return rows
 
 
 def missed_cycles(snapshot: Snapshot) -> int:
@@ -178,6 +226,8 @@ def plain(snapshot: Snapshot) -> str:
         f"answers {s.cycles}, missed {missed_cycles(s)}, "
         f"p99 {_microseconds(s.tick_p99_s)}"
     )
+    if s.haptic_state:
+        text += f", force {s.force_n:.2f} N"
     said = _said(s)
     return f"{text}  | {said}" if said else text
 
@@ -210,6 +260,7 @@ def summary(snapshot: Snapshot) -> Table:
             "answer latency, p50 / p99 / max",
             " / ".join(map(_microseconds, (s.tick_p50_s, s.tick_p99_s, s.tick_max_s))),
         ),
+        *_force_rows(s),
         ("scheduling of the loop", s.scheduling or "–"),
         ("hand taken off the robot", f"{s.trips} times"),
         ("last message", escape(s.message) or "–"),

@@ -30,6 +30,7 @@ def nowhere(driver, tmp_path, **more):
         "leap": {"port": 1},
         "gamepad": {"transport": "socket", "path": str(tmp_path / "none")},
         "keyboard": {"transport": "socket", "path": str(tmp_path / "none")},
+        "omni": {"library": str(tmp_path / "libHD.so")},
         "jr3_can": {"interface": "socketcand", "host": "127.0.0.1", "port": 1},
     }[next(name for name, target in registry.BUILT_IN.items() if registry.load(name) is driver)]
     assert set(place) <= fields

@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.config import (
+    check_mode,
     load_config,
     make_device,
     make_filters,
     make_robot,
     parse_config,
 )
-from cardan.gateway.mapping import GripperAction
+from cardan.gateway.mapping import GripperAction, Orientation
 from cardan.types import Frame
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.toml"))
@@ -46,6 +47,87 @@ def test_a_good_table(fake_drivers):
     assert (camera.name, proximity.name) == ("camera", "proximity")
     assert camera.options.camera_rpy_deg == (0, 0, 90)
     assert proximity.options.alert_high == 700
+
+
+POSED = {"mode": "position", "clutch": "button_2", "recapture": "button_1"}
+ABSOLUTE = {"mode": "absolute", "deadman": "go", "origin_m": [0.5, 0, 0.3]}
+
+
+def test_mappings_of_a_pose():
+    options = parse_config({**GOOD, "mapping": {**POSED, "orientation": "fixed"}}).mapping_options()
+    assert (options.clutch, options.recapture, options.deadman) == ("button_2", "button_1", ())
+    assert options.orientation is Orientation.FIXED
+    assert parse_config({**GOOD, "mapping": POSED}).mapping_options().orientation is None
+    mapping = {
+        **ABSOLUTE,
+        "orientation": "absolute",
+        "device_centre_m": [0.1, 0, 0],
+        "hand_to_tool_rpy_deg": [180, 0, 0],
+        "approach_speed_m_s": 0.02,
+    }
+    config = parse_config({**GOOD, "mapping": mapping})
+    options = config.mapping_options()
+    assert (options.origin_m, options.device_centre_m) == ((0.5, 0, 0.3), (0.1, 0, 0))
+    assert options.approach_speed_m_s == 0.02
+    assert parse_config(config.model_dump(mode="json")) == config
+
+
+@pytest.mark.parametrize(
+    ("mapping", "words"),
+    [
+        ({"mode": "position"}, 'deadman: mode = "position" needs one'),
+        ({"mode": "absolute", "origin_m": [0, 0, 0]}, 'deadman: mode = "absolute" needs one'),
+        ({**POSED, "joints": {"rz": "joint_6"}}, "joints: in mode"),
+        ({**POSED, "orientation": "absolute"}, 'is for mode = "absolute" only'),
+        ({**POSED, "orientation": "follow"}, "'follow-base', 'follow-tool', 'fixed' or 'absolute'"),
+        ({**POSED, "origin_m": [0, 0, 0]}, "origin_m: only mode"),
+        ({**POSED, "device_centre_m": [0, 0, 1]}, "device_centre_m: only mode"),
+        ({**POSED, "recapture": "button_2"}, "mapping.clutch and mapping.recapture are the same"),
+        ({**POSED, "deadman": "button_2"}, "mapping.clutch and mapping.deadman are the same"),
+        ({"recapture": "button_1"}, 'recapture: mode = "rate" has no references'),
+        ({"orientation": "fixed"}, 'orientation: mode = "rate" follows no pose'),
+        ({"device_rpy_deg": [0, 0, 90]}, "device_rpy_deg: only mode"),
+        ({**ABSOLUTE, "recapture": "button_1"}, 'recapture: mode = "absolute" has no references'),
+        ({"mode": "absolute", "clutch": "a"}, 'origin_m: mode = "absolute" needs it'),
+        ({**ABSOLUTE, "frame": "tool"}, "frame: 'tool' moves"),
+        ({**ABSOLUTE, "approach_speed_m_s": 0}, "approach_speed_m_s"),
+        ({**ABSOLUTE, "hand_to_tool_rpy_deg": [1, 0, 0]}, "hand_to_tool_rpy_deg: only orientation"),
+        (
+            {**ABSOLUTE, "orientation": "absolute", "scale": [1, 1, 1, 1, 1, 2]},
+            "takes the hand's orientation whole",
+        ),
+    ],
+)
+def test_a_mapping_that_does_not_fit_its_mode(mapping, words):
+    with pytest.raises(ConfigurationError) as caught:
+        parse_config({**GOOD, "mapping": mapping})
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("gives_pose", "gives_axes", "mapping", "words"),
+    [
+        (False, True, {}, ""),
+        (False, True, POSED, 'measures deflections: set mode = "rate"'),
+        (False, True, ABSOLUTE, 'measures deflections: set mode = "rate"'),
+        (True, False, {}, 'set mode = "position"'),
+        (True, False, POSED, ""),
+        (True, True, {}, ""),
+        (True, True, ABSOLUTE, ""),
+    ],
+)
+def test_the_device_must_measure_what_the_mapping_wants(
+    fake_drivers, monkeypatch, gives_pose, gives_axes, mapping, words
+):
+    config = parse_config({**GOOD, "mapping": mapping})
+    device = make_device(config)
+    able = type(device).capabilities._replace(gives_pose=gives_pose, gives_axes=gives_axes)
+    monkeypatch.setattr(type(device), "capabilities", able)
+    if not words:
+        check_mode(config.mapping, device)
+    else:
+        with pytest.raises(ConfigurationError, match=words):
+            check_mode(config.mapping, device)
 
 
 def test_without_filters_there_are_none():
@@ -174,6 +256,10 @@ keys = st.sampled_from(
         "axes",
         "scale",
         "deadman",
+        "clutch",
+        "recapture",
+        "orientation",
+        "origin_m",
         "toggle",
         "output",
         "leash_m",

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cardan.gateway.mapping import AXES, GripperAction, MappingOptions, TwistMapping
+from cardan.gateway.mapping import AXES, GripperAction, MappingOptions, Mode, TwistMapping
 from cardan.spatial import norm
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState, Frame
 
@@ -107,3 +107,9 @@ def test_making_the_robot_ready_takes_a_hand_at_rest():
     assert not mapping.asks_to_enable(rest._replace(link=DeviceLink.STALE), edges("right"), 0.1)
     assert not TwistMapping(MappingOptions()).asks_to_enable(rest, edges("right"), 0.1)
     assert not mapping.asks_to_enable(rest, edges("right"), 0.6)
+
+
+def test_where_the_pose_is_followed_deflections_do_not_keep_the_robot_from_being_made_ready():
+    options = MappingOptions(mode=Mode.POSITION, clutch="button_2", enable="right")
+    mapping = TwistMapping(options)
+    assert mapping.asks_to_enable(state()._replace(axes=(0.3,) * 6), edges("right"), 0.1)

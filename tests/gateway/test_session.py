@@ -113,6 +113,11 @@ def test_buttons_that_do_not_exist_are_refused(fake_drivers):
         session(mapping={"deadman": "left"}).run()
 
 
+def test_a_clutch_button_that_does_not_exist_is_refused(fake_drivers):
+    with pytest.raises(ConfigurationError, match=r"mapping\.clutch: .* 'left'; it has: go, grip"):
+        session(mapping={"clutch": "left"}).run()
+
+
 def test_a_missing_device_leaves_nothing_open(fake_drivers):
     s = session(device={"present": False})
     with pytest.raises(DeviceNotFoundError):

@@ -111,20 +111,6 @@ def test_contact_with_force_control(robotware):
     assert pc.last.measured_force.fc_active is (True if robotware == "7" else None)
 
 
-def test_a_wall_pushes_back_as_deep_as_the_tcp_is_in_it():
-    pc = Pc(mode="pose", force_control=True)
-    start = pc.core.tcp
-    pc.core.do("wall", wall=(1e3 * start.position.z - 20.0, 5.0))
-    goal = start.position._replace(z=start.position.z - 0.030)
-    pc.run(0.05, pc.pose(goal, start.orientation))
-    assert pc.last.measured_force.force[2] == pytest.approx(0.0, abs=1.5)
-    pc.run(4.0, pc.pose(goal, start.orientation))
-    assert pc.last.measured_force.force[2] == pytest.approx(50.0, abs=2.0)
-    pc.core.do("force-control", on=False)
-    pc.run(0.1, pc.pose(goal, start.orientation))
-    assert pc.last.measured_force.fc_active is False
-
-
 def test_force_can_be_absent():
     assert run("7", force=False).last.measured_force is None
 

@@ -65,7 +65,11 @@ class Leap(ReadDevice[LeapCore]):
     def capabilities(self) -> DeviceCapabilities:
         """A pose and four buttons that the hand makes; nothing can be given back to it."""
         return DeviceCapabilities(
-            gives_pose=True, buttons=BUTTONS, feedback=frozenset(), battery=False
+            gives_pose=True,
+            buttons=BUTTONS,
+            feedback=frozenset(),
+            battery=False,
+            gives_axes=False,
         )
 
     @classmethod

@@ -1,9 +1,15 @@
 """A simulated ABB GoFa CRB 15000-5 controller that speaks Externally Guided Motion (EGM)."""
 
 from cardan.sim_peers.egm_controller.arguments import Mode
+from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.controller import Counters, EgmController
 from cardan.sim_peers.egm_controller.faults import FAULTS
-from cardan.sim_peers.egm_controller.options import ROBOTWARE, EgmControllerOptions
+from cardan.sim_peers.egm_controller.options import (
+    FORCE_FRAMES,
+    FORCE_SENSES,
+    ROBOTWARE,
+    EgmControllerOptions,
+)
 from cardan.sim_peers.egm_controller.rapid import EgmState, Event
 from cardan.sim_peers.egm_controller.scripts import SCRIPT_VERBS, SCRIPTS
 from cardan.sim_peers.egm_controller.udp import EgmControllerPeer
@@ -11,6 +17,8 @@ from cardan.sim_peers.link import FaultyLink
 
 __all__ = [
     "FAULTS",
+    "FORCE_FRAMES",
+    "FORCE_SENSES",
     "ROBOTWARE",
     "SCRIPTS",
     "SCRIPT_VERBS",
@@ -22,4 +30,5 @@ __all__ = [
     "Event",
     "FaultyLink",
     "Mode",
+    "Surface",
 ]

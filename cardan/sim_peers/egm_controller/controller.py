@@ -31,6 +31,7 @@ from cardan.protocols.egm.messages import (
 )
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run, Setup, StopMode
+from cardan.sim_peers.egm_controller.contact import Surface, tcp_velocity, touch
 from cardan.sim_peers.egm_controller.faults import (
     CLOCK_STEP_AT_S,
     PAUSE_EVERY_S,
@@ -46,8 +47,8 @@ from cardan.sim_peers.egm_controller.scripts import (
     Action,
     compile_script,
 )
-from cardan.spatial import to_euler_zyx
-from cardan.types import Pose
+from cardan.spatial import conjugate, norm, rotate, to_euler_zyx
+from cardan.types import ZERO3, Pose, Vector3
 
 SENDING_FAILED = 41830
 SYSTEM_FAILURE = 10014
@@ -121,7 +122,10 @@ class EgmController:
         self._force_noise: list[list[float]] = (noise * _FORCE_NOISE).tolist()
         self._force_control = options.force_control
         self._contact = (0.0,) * AXES
-        self._wall: tuple[float, float] | None = None
+        self._surface = options.surface
+        self._pressing = ZERO3
+        """The force that the TCP exerts on the surface, N, base axes."""
+        self._hard = False
         self._queue: deque[bytes] = deque()
         self._first_s: float | None = None
         self._last_s = 0.0
@@ -222,6 +226,11 @@ class EgmController:
     def tcp(self) -> Pose:
         """Where the TCP (tool0) really is, base frame."""
         return forward(self.servo.actual, self.servo.arm.links).pose
+
+    @property
+    def contact_force(self) -> Vector3:
+        """What the TCP really exerts on the surface, N, base axes; without noise and bias."""
+        return self._pressing
 
     @property
     def planned_tcp(self) -> Pose:
@@ -327,6 +336,8 @@ class EgmController:
                 data = self._queue.popleft()
             self._take(data)
         self.rapid.tick()
+        if self._surface is not None:
+            self._touch(self._surface)
 
     def _take(self, data: bytes) -> None:
         message = decode_from_pc(data)
@@ -415,18 +426,34 @@ class EgmController:
     def _force(self, tcp: Pose) -> EgmMeasuredForce:
         noise = self._force_noise[self._sent % _NOISE_SAMPLES]
         force = [c + n for c, n in zip(self._contact, noise, strict=True)]
-        if self._wall is not None:
-            height_m, stiffness_n_m = self._wall
-            force[2] += stiffness_n_m * max(0.0, height_m - tcp.position.z)
+        if self._pressing is not ZERO3:
+            pressing = self._pressing
+            if self.options.force_frame == "tool":
+                pressing = rotate(conjugate(tcp.orientation), pressing)
+            sense = 1.0 if self.options.force_sense == "exerted" else -1.0
+            for n in range(3):
+                force[n] += sense * pressing[n]
         if not self._force_control:
             force = [f + b for f, b in zip(force, _RAW_BIAS, strict=True)]
         return EgmMeasuredForce(
             tuple(force), self._force_control if self._profile.fc_active else None
         )
 
+    def _touch(self, surface: Surface) -> None:
+        frames = forward(self.servo.actual, self.servo.arm.links)
+        velocity = tcp_velocity(frames, self.servo.actual_speeds)
+        self._pressing = touch(surface, frames.pose.position, velocity)
+        most_n = self.options.collision_force_n
+        hard = 0.0 < most_n < norm(self._pressing)
+        if hard and not self._hard:
+            self.rapid.collide()
+        self._hard = hard
+
     def _collision(self) -> EgmCollisionInfo:
         collision = self.rapid.collision
         quota = _COLLISION_QUOTA if collision else _QUIET_QUOTA
+        if self.options.collision_force_n:
+            quota = max(quota, 100.0 * norm(self._pressing) / self.options.collision_force_n)
         return EgmCollisionInfo(collision, (quota,) * AXES)
 
     def _torques(self) -> tuple[float, ...]:
@@ -467,7 +494,7 @@ class EgmController:
             "jog": self._jog,
             "collision": rapid.collide,
             "contact": self._set_contact,
-            "wall": self._set_wall,
+            "wall": self._set_surface,
             "force-control": self._set_force_control,
             "do": lambda on: self._set_output(dig_val=on),
             "dnum": lambda values: self._set_output(dnum=tuple(values)),
@@ -513,9 +540,9 @@ class EgmController:
     def _set_contact(self, wrench: Sequence[float]) -> None:
         self._contact = tuple(wrench)
 
-    def _set_wall(self, wall: Sequence[float]) -> None:
-        height_mm, stiffness_n_mm = wall
-        self._wall = (height_mm * 1e-3, stiffness_n_mm * 1e3) if stiffness_n_mm else None
+    def _set_surface(self, surface: Surface | None) -> None:
+        self._surface = surface
+        self._pressing = ZERO3
 
     def _set_force_control(self, on: bool) -> None:
         self._force_control = on

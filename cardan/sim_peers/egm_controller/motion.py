@@ -102,6 +102,12 @@ class Servo:
         return [b + f * (a - b) for a, b in zip(older, newer, strict=True)]
 
     @property
+    def actual_speeds(self) -> list[float]:
+        """How fast the arm really moves, rad/s."""
+        older, newer, period_s = self._history[0], self._history[1], self.period_s
+        return [(b - a) / period_s for a, b in zip(older, newer, strict=True)]
+
+    @property
     def measured(self) -> list[float]:
         """Where the encoders say the arm is, rad: `actual` with noise, new every cycle."""
         noise = self._noise[self._tick % _NOISE_SAMPLES]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from cardan.errors import ConfigurationError
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.egm_controller.arguments import Mode
+from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.faults import FAULTS
-from cardan.sim_peers.egm_controller.kinematics import AXES
+from cardan.sim_peers.egm_controller.kinematics import AXES, GOFA
 
 REAL_PERIOD_S = 0.004032
 """Control period of a real controller; a virtual one runs at about 0.004 s."""
@@ -39,6 +41,17 @@ PROFILES: Mapping[str, Profile] = {
 
 ROBOTWARE: Mapping[str, str] = {"6": "6.10", "7": "7.16", **{name: name for name in PROFILES}}
 """What may be asked for, and the release it means."""
+
+
+def _within_range(joints_deg: Sequence[float]) -> bool:
+    joints = map(math.radians, joints_deg)
+    return all(
+        low <= q <= high for q, low, high in zip(joints, GOFA.lower, GOFA.upper, strict=True)
+    )
+
+
+FORCE_FRAMES = ("tool", "base")
+FORCE_SENSES = ("exerted", "felt")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +127,16 @@ class EgmControllerOptions:
     """measuredForce is sent."""
     force_control: bool = False
     """Force control is active: forces are compensated; else the raw sensor is sent."""
+    surface: Surface | None = None
+    """What the TCP can touch; felt in measuredForce."""
+    force_frame: Literal["tool", "base"] = "tool"
+    """Along whose axes measuredForce gives contact forces; ABB's manual does not say."""
+    force_sense: Literal["exerted", "felt"] = "exerted"
+    """Whether contact forces in it are what the tool exerts on the world, or what it feels from
+    it; ABB's manual does not say. Exerted is what `RobotState.wrench` is everywhere here."""
+    collision_force_n: float = 150.0
+    """A contact force at which the motion supervision sees a collision; 0: never. The order of
+    magnitude at which collaborative arms stop; the real one depends on load and speed."""
     ptp: bool = False
     """timeStamp is sent (RobotWare 7.16)."""
     rapid_echo: bool = True
@@ -130,6 +153,7 @@ class EgmControllerOptions:
         check("robotware", self.robotware in ROBOTWARE, f"one of {', '.join(ROBOTWARE)}")
         check("pc_port", 1 <= self.pc_port <= 65535, "a port, 1 to 65535")
         check("joints_deg", len(self.joints_deg) == AXES, f"{AXES} joint values")
+        check("joints_deg", _within_range(self.joints_deg), "within the joints' ranges")
         check("level", self.level in (None, 0, 1, 2), "0, 1 or 2")
         check("k", 0.0 <= self.k <= 20.0, "within 0 to 20")
         check("default_lp_filter_hz", 0.0 <= self.default_lp_filter_hz <= 100.0, "within 0 to 100")
@@ -144,6 +168,17 @@ class EgmControllerOptions:
             check(key, value is None or value > 0.0, "above 0")
         rate = self.sample_rate_ms
         check("sample_rate_ms", rate is None or (rate >= 4 and rate % 4 == 0), "a multiple of 4")
+        check("force_frame", self.force_frame in FORCE_FRAMES, f"one of {', '.join(FORCE_FRAMES)}")
+        check("force_sense", self.force_sense in FORCE_SENSES, f"one of {', '.join(FORCE_SENSES)}")
+        check("collision_force_n", self.collision_force_n >= 0.0, "at least 0")
+        if self.surface is not None:
+            height_m, *others = self.surface
+            check("surface", math.isfinite(height_m), "at a finite height")
+            check(
+                "surface",
+                all(math.isfinite(value) and value >= 0.0 for value in others),
+                "of a finite stiffness, damping and friction of at least 0",
+            )
         check_faults(self.faults, FAULTS)
 
     @property

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.egm_controller.arguments import ALL_AXES, Mode, StopMode
+from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.kinematics import AXES
 from cardan.sim_peers.egm_controller.rapid import OnError
 
@@ -42,7 +43,8 @@ SCRIPT_VERBS: dict[str, str] = {
     "jog": "jog J1 ... J6 (deg)",
     "collision": "collision",
     "contact": "contact FX FY FZ TX TY TZ (N, N·m)",
-    "wall": "wall Z_MM N_PER_MM (a horizontal wall below the TCP)",
+    "wall": "wall Z_MM N_PER_MM [N_S_PER_M [FRICTION]] (a horizontal surface below the TCP; "
+    "0 N_PER_MM: none)",
     "force-control": "force-control on|off",
     "do": "do 0|1 (RAPIDfromRobot.digVal)",
     "dnum": "dnum VALUE ... (RAPIDfromRobot.dnum)",
@@ -54,6 +56,15 @@ SCRIPTS: dict[str, str] = {
 # run EGM endlessly; after an error an operator starts it again within 2 s
 0 movej
 0 on-error restart 2
+0 getid
+0 setup
+0 act window=1e-9 max-speed=180
+0 run cond-time=1e6
+""",
+    "teleop-retry": """\
+# as teleop, with an error handler in the program that runs EGM again at once
+0 movej
+0 on-error retry 0.2
 0 getid
 0 setup
 0 act window=1e-9 max-speed=180
@@ -268,6 +279,15 @@ def _on_error(words: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def _wall(words: Sequence[str]) -> dict[str, Any]:
+    height_mm, *others = _numbers("values", 2, 4)(words)["values"]
+    if min(others) < 0.0:
+        raise ValueError("stiffness, damping and friction must be at least 0")
+    if not others[0]:
+        return {"surface": None}
+    return {"surface": Surface(height_mm * 1e-3, others[0] * 1e3, *others[1:])}
+
+
 def _egmmovel(words: Sequence[str]) -> dict[str, Any]:
     values = _numbers("values", 4, 5)(words)["values"]
     if values[3] <= 0.0:
@@ -312,7 +332,7 @@ _PARSERS: Mapping[str, Callable[[Sequence[str]], dict[str, Any]]] = {
     "on-error": _on_error,
     "jog": _numbers("joints_deg", AXES, AXES),
     "contact": _numbers("wrench", AXES, AXES),
-    "wall": _numbers("wall", 2, 2),
+    "wall": _wall,
     "force-control": _switch,
     "do": _switch,
     "dnum": _numbers("values", 0, 40),

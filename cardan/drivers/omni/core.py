@@ -1,0 +1,409 @@
+"""What the snapshots of the tick mean for the operator, without any I/O and in the caller's time.
+
+- The link is LIVE while the newest tick is young, the device calibrated, its stylus out of the
+  inkwell, and its position a position. Whatever ends that takes the pose away and releases the
+  buttons.
+- It is LIVE again only after the buttons were seen up: one that was held through trouble is no
+  deliberate act. The axes (rate mode) stay zero until the stylus was seen near its centre.
+- Button edges come from the tick's counters, so that a click between two looks is an edge too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from cardan import spatial
+from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.omni.calibration import CalibrationWatch
+from cardan.drivers.omni.options import OmniOptions
+from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
+from cardan.haptics import Calibration, HapticState, OperatingState
+from cardan.types import NEVER_S, ZERO3, ButtonEvent, DeviceLink, DeviceState, Pose, Vector3
+
+BUTTONS = ("button_1", "button_2")
+"""button_1 is the front one (dark), button_2 the rear one (white)."""
+
+LOWEST_FORCE_RATE_HZ = 900.0
+"""Below this rate of the library's loop there is no force: a wall would buzz."""
+
+RATE_KNOWN_AFTER = 80
+"""So many ticks after the opening the rate, which is smoothed, is believed."""
+
+POSE_AFTER_S = 0.1
+"""A pose that is asked for by name is at most so old."""
+
+SETTLING_S = 0.5
+"""So long after the opening the calibration may settle and the rate be unknown."""
+
+SETTLES = (Calibration.OK, Calibration.UNKNOWN)
+
+SLOW_S = 0.3
+"""A rate below is no passing stall when it lasts so long."""
+
+WARM = 0.8
+"""Temperature, of 1, from which on the diagnosis tells of it."""
+
+UNSEEN_REASON = "opened, no tick yet"
+INKWELL_REASON = "the stylus is in the inkwell: take it out"
+BUTTONS_REASON = "let go of the buttons once"
+NO_POSITION_REASON = "the device gives no position"
+
+_COUNTERS: Mapping[str, str] = MappingProxyType(
+    {
+        "late_ticks": "ticks came late: real-time priority and an idle machine help",
+        "stale_commands": "times the source of the force fell silent",
+        "dropped_commands": "commands came too late or out of order, and were dropped",
+        "faults": "faults that switched the force off",
+    }
+)
+
+
+class Identity(NamedTuple):
+    """What the device says of itself. SI units, hand frame."""
+
+    model: str = ""
+    serial: str = ""
+    vendor: str = ""
+    api_version: str = ""
+    driver_version: str = ""
+    firmware: str = ""
+    max_force_n: float = 0.0
+    continuous_force_n: float = 0.0
+    max_stiffness_n_m: float = 0.0
+    max_damping_n_s_m: float = 0.0
+    usable_lower_m: Vector3 = ZERO3
+    usable_upper_m: Vector3 = ZERO3
+    reach_lower_m: Vector3 = ZERO3
+    reach_upper_m: Vector3 = ZERO3
+    input_dof: int = 0
+    output_dof: int = 0
+    calibration_styles: int = 0
+
+
+class OmniCore:
+    """The state of one device. Times are monotonic, s."""
+
+    def __init__(self, options: OmniOptions) -> None:
+        self._options = options
+        self.calibration = CalibrationWatch()
+        self.identity = Identity()
+        self.snapshot = HapticState()
+        """The newest one; its times since the snapshot before are those since the last `taken`."""
+        self.hint = ""
+        """What else deserves attention, in words: of the force's priority and its permission."""
+        self._shaper = Shaper(options)
+        self._centre = Vector3(*options.centre_m)
+        angles = (math.radians(angle) for angle in options.centre_rpy_deg)
+        self._upright = spatial.conjugate(spatial.from_euler_zyx(*angles))
+        self._buttons = ButtonEdges()
+        self._link = DeviceLink.CLOSED
+        self._reason = "not opened"
+        self._open = False
+        self._heard = False
+        self._stamp_s = NEVER_S
+        self._presses = (0, 0)
+        self._levels = 0
+        self._axes: Axes = NEUTRAL
+        self._axes_count = False
+        self._silences = 0
+        self._first_tick = 0
+        self._fast = False
+        """Whether the loop is fast enough for force."""
+        self._slow_since_s: float | None = None
+        self._update_due = False
+        self._longest_gap_s = 0.0
+        self._longest_cost_s = 0.0
+        self._opened_s = 0.0
+
+    # -- what happens --------------------------------------------------------------------------
+
+    def on_opened(self, identity: Identity, now_s: float) -> None:
+        """The device was opened (again): nothing that was known of the hand counts."""
+        self.identity = identity
+        self.calibration.on_opened(identity.calibration_styles)
+        self._heard = False
+        self._fast, self._slow_since_s = False, None
+        self._update_due = False
+        self._stamp_s = NEVER_S
+        self._open, self._opened_s = True, now_s
+        self._distrust(DeviceLink.NEEDS_NEUTRAL, UNSEEN_REASON, now_s)
+
+    def on_lost(self, reason: str, now_s: float) -> None:
+        """The device is gone, or could not be opened."""
+        self._open = False
+        self._distrust(DeviceLink.LOST, reason, now_s)
+
+    def on_closed(self, now_s: float) -> None:
+        """It was closed on request."""
+        self._open = False
+        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+
+    def on_snapshot(self, snapshot: HapticState, now_s: float) -> None:
+        """The newest snapshot of the tick, at `now_s`. Never raises."""
+        last = self.snapshot
+        if self._heard:  # Else it reaches back to before the device was opened.
+            self._longest_gap_s = max(self._longest_gap_s, snapshot.gap_s)
+        self._longest_cost_s = max(self._longest_cost_s, snapshot.tick_cost_s)
+        self.snapshot = snapshot._replace(
+            gap_s=max(last.gap_s, snapshot.gap_s),
+            tick_cost_s=max(last.tick_cost_s, snapshot.tick_cost_s),
+        )
+        if not self._open or snapshot.stamp_s < self._opened_s:
+            return
+        if not self._heard:
+            self._first_tick = snapshot.ticks
+        self._heard = True
+        self._stamp_s = snapshot.stamp_s
+        self._judge_rate(snapshot, now_s)
+        if self.calibration.on_answer(snapshot.calibration, now_s):
+            self._update_due = True
+        before, self._levels = self._levels, snapshot.buttons
+        counts, self._presses = self._presses, snapshot.presses
+        was_live = self._link is DeviceLink.LIVE
+        self._judge(now_s)
+        if self._link is DeviceLink.LIVE:
+            if was_live and (before != self._levels or counts != self._presses):
+                self._show_buttons(before, counts, now_s)
+            self._deflect()
+
+    def take_update(self) -> bool:
+        """Whether the library is to be told to calibrate now; once for each time."""
+        due, self._update_due = self._update_due, False
+        return due
+
+    def taken(self) -> HapticState:
+        """The newest snapshot; the next one's longest gap and cost count from here."""
+        snapshot = self.snapshot
+        self.snapshot = snapshot._replace(gap_s=0.0, tick_cost_s=0.0)
+        return snapshot
+
+    def forget_tick(self) -> None:
+        """The tick is gone, and its counters with it."""
+        self.snapshot = HapticState(reason=self._reason)
+        self._presses = (0, 0)
+
+    # -- what it says --------------------------------------------------------------------------
+
+    @property
+    def heard(self) -> bool:
+        """Whether any tick came since the device was opened."""
+        return self._heard
+
+    def open_for_s(self, now_s: float) -> float:
+        """How long the device has been open."""
+        return now_s - self._opened_s
+
+    def force_obstacle(self, now_s: float) -> str:
+        """Why the device must not give force now, in words; empty when it may."""
+        if not self._open:
+            return self._reason
+        if not self._fast and self.snapshot.ticks - self._first_tick >= RATE_KNOWN_AFTER:
+            return (
+                f"the library's loop runs at {self.snapshot.rate_hz:.0f} Hz, and force needs 1000: "
+                "is the machine busy, or another rate set in the vendor's setup tool?"
+            )
+        if self.identity.output_dof < 3:
+            return f"the device gives {self.identity.output_dof} forces, and 3 are needed"
+        if reason := self.calibration.reason(now_s):
+            return reason
+        return "" if self._fast else "a moment, until the rate of the force loop is known"
+
+    def settling(self, now_s: float) -> bool:
+        """Whether what stands in the way of force goes away by itself in a moment."""
+        if not self._open or self.calibration.state not in SETTLES:
+            return False
+        return not self.calibration.usable(now_s) or now_s - self._opened_s < SETTLING_S
+
+    def state(self, now_s: float) -> DeviceState:
+        """The newest state as of `now_s`."""
+        self._judge(now_s)
+        live = self._link is DeviceLink.LIVE
+        return DeviceState(
+            self._stamp_s,
+            self._link,
+            self._axes if live else NEUTRAL,
+            self._buttons.held,
+            self.snapshot.pose if live else None,
+            None,
+            "" if live else self._reason,
+        )
+
+    def measured(self, now_s: float) -> tuple[Pose | None, str]:
+        """The newest pose, or None and why there is none to believe; whatever the link says of
+        buttons and inkwell."""
+        if not self._open:
+            return None, self._reason
+        if not now_s - self._stamp_s <= POSE_AFTER_S:
+            return None, "no tick of the force loop"
+        if reason := self.calibration.reason(now_s):
+            return None, reason
+        return self.snapshot.pose, NO_POSITION_REASON
+
+    def events(self) -> list[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        return self._buttons.events()
+
+    def metrics(self, now_s: float) -> dict[str, float]:
+        """The force loop's rate, gaps and cost, the force, its age, the energy, and counts."""
+        snapshot = self.snapshot
+        return {
+            "tick_age_s": now_s - self._stamp_s,
+            "rate_hz": snapshot.rate_hz,
+            "longest_gap_s": self._longest_gap_s,
+            "longest_tick_s": self._longest_cost_s,
+            "ticks": snapshot.ticks,
+            "late_ticks": snapshot.late_ticks,
+            "silences": self._silences,
+            "force_n": spatial.norm(snapshot.force),
+            "force_commanded_n": spatial.norm(snapshot.force_commanded),
+            "command_age_s": snapshot.command_age_s,
+            "force_age_s": snapshot.force_age_s,
+            "temperature": snapshot.temperature,
+            "squeeze": snapshot.squeeze,
+            "energy_j": snapshot.energy_j,
+            "delivered_j": snapshot.delivered_j,
+            "passivity_damping_n_s_m": snapshot.passivity_damping_n_s_m,
+            "dropped_commands": snapshot.dropped_commands,
+            "stale_commands": snapshot.stale_commands,
+            "faults": snapshot.faults,
+            "calibrations_lost": self.calibration.changes,
+            "lost_edges": self._buttons.lost_edges,
+        }
+
+    def diagnosis(self, now_s: float) -> list[str]:
+        """What stands in the way or deserves attention, worst first."""
+        snapshot = self.snapshot
+        words = [reason] if (reason := self.state(now_s).reason) else []
+        if not self._open:
+            return words
+        obstacle = self.force_obstacle(now_s)
+        if obstacle and obstacle not in words:
+            words.append(f"no force: {obstacle}")
+        if snapshot.state is OperatingState.FAULT:
+            words.append(f"no force until it is enabled again; {snapshot.reason or 'fault'}")
+        elif snapshot.state is OperatingState.DISABLED:
+            words.append("the force is disabled: no program has enabled it")
+        elif snapshot.state is OperatingState.PAUSED:
+            words.append(f"no force: {snapshot.reason or 'paused'}")
+        if snapshot.temperature >= WARM:
+            words.append(
+                f"the motors are warm ({snapshot.temperature:.0%} of what they stand): rest them"
+            )
+        if snapshot.squeeze < 0.99:
+            words.append(
+                f"the force is limited to {snapshot.squeeze:.0%}: it was strong for long, and the "
+                "motors would get too warm"
+            )
+        if self.hint:
+            words.append(self.hint)
+        if self.calibration.changes:
+            words.append(f"{self.calibration.changes} times the calibration was lost")
+        if self._silences:
+            words.append(
+                f"{self._silences} times no tick came for more than "
+                f"{self._options.stale_after_s * 1e3:g} ms"
+            )
+        words += [
+            f"{count} {text}"
+            for key, text in _COUNTERS.items()
+            if (count := getattr(snapshot, key))
+        ]
+        if self._buttons.lost_edges:
+            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+        return words
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _judge(self, now_s: float) -> None:
+        """Bring the link to what is known at `now_s`."""
+        if not self._open:
+            return
+        link, reason = self._verdict(now_s)
+        if link is DeviceLink.LIVE:
+            if self._link is not DeviceLink.LIVE:
+                self._link, self._reason = link, ""
+                self._axes, self._axes_count = NEUTRAL, False
+                self._buttons.set((), now_s)
+        elif self._link is not link or self._reason != reason:
+            if link is DeviceLink.STALE and self._link is not DeviceLink.STALE:
+                self._silences += self._heard
+            self._distrust(link, reason, now_s)
+
+    def _judge_rate(self, snapshot: HapticState, now_s: float) -> None:
+        if snapshot.rate_hz >= LOWEST_FORCE_RATE_HZ:
+            self._slow_since_s = None
+            self._fast = self._fast or snapshot.ticks - self._first_tick >= RATE_KNOWN_AFTER
+        elif self._slow_since_s is None:
+            self._slow_since_s = now_s
+        elif now_s - self._slow_since_s >= SLOW_S:
+            self._fast = False
+
+    def _verdict(self, now_s: float) -> tuple[DeviceLink, str]:
+        options, snapshot = self._options, self.snapshot
+        if not self._heard:
+            if now_s - self._opened_s <= options.stale_after_s:
+                return DeviceLink.NEEDS_NEUTRAL, UNSEEN_REASON
+            return DeviceLink.STALE, "no tick of the force loop since the device was opened"
+        if not now_s - self._stamp_s <= options.stale_after_s:
+            return (
+                DeviceLink.STALE,
+                f"no tick of the force loop for {options.stale_after_s * 1e3:g} ms: is the machine "
+                "busy, or the device gone?",
+            )
+        if reason := self.calibration.reason(now_s):
+            return DeviceLink.NEEDS_NEUTRAL, reason
+        if options.inkwell_switch and snapshot.inkwell:
+            return DeviceLink.NEEDS_NEUTRAL, INKWELL_REASON
+        pose = snapshot.pose
+        if pose is None or not spatial.is_finite((*pose.position, *pose.orientation)):
+            return DeviceLink.STALE, NO_POSITION_REASON
+        if self._link is not DeviceLink.LIVE and snapshot.buttons & 0b11:
+            return DeviceLink.NEEDS_NEUTRAL, BUTTONS_REASON
+        return DeviceLink.LIVE, ""
+
+    def _show_buttons(self, levels: int, counts: tuple[int, int], now_s: float) -> None:
+        """Turn what the counters say since the last look into edges."""
+        down = [bool(levels >> bit & 1) for bit in range(2)]
+        for bit in range(2):
+            for _ in range(min(self._presses[bit] - counts[bit], MOST_CLICKS)):
+                if down[bit]:
+                    down[bit] = False
+                    self._buttons.set(_labels(down), now_s)
+                down[bit] = True
+                self._buttons.set(_labels(down), now_s)
+        down = [bool(self._levels >> bit & 1) for bit in range(2)]
+        self._buttons.set(_labels(down), now_s)
+
+    def _deflect(self) -> None:
+        options, pose = self._options, self.snapshot.pose
+        assert pose is not None
+        x, y, z = (
+            value / options.range_m for value in spatial.subtract(pose.position, self._centre)
+        )
+        turn = (
+            spatial.to_rotation_vector(spatial.multiply(pose.orientation, self._upright))
+            if options.rotation
+            else ZERO3
+        )
+        rx, ry, rz = (math.degrees(value) / options.range_deg for value in turn)
+        raw = tuple(max(-1.0, min(1.0, value)) for value in (x, y, z, rx, ry, rz))
+        axes = self._shaper(raw)  # type: ignore[arg-type]
+        self._axes_count = self._axes_count or not any(axes)
+        self._axes = axes if self._axes_count else NEUTRAL
+
+    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        """Go to a state in which nothing that was known of the hand counts any more."""
+        self._link, self._reason = link, reason
+        self._axes, self._axes_count = NEUTRAL, False
+        self._buttons.release_all(now_s)
+
+
+MOST_CLICKS = 50
+"""So many clicks of a button between two looks are believed at most."""
+
+
+def _labels(down: list[bool]) -> list[str]:
+    return [label for label, held in zip(BUTTONS, down, strict=True) if held]

@@ -1,0 +1,573 @@
+"""The Phantom Omni driver: a tick in the library's own loop, and a thread that watches over it."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import dataclasses
+import functools
+import math
+import os
+import threading
+import time
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+
+from cardan import spatial
+from cardan.drivers.access import UDEV_HINT
+from cardan.drivers.base import FoundDevice
+from cardan.drivers.haptic import HapticDevice
+from cardan.drivers.omni import library
+from cardan.drivers.omni.core import BUTTONS, SETTLING_S, Identity, OmniCore
+from cardan.drivers.omni.library import LibHD, error_words
+from cardan.drivers.omni.options import OmniOptions
+from cardan.drivers.omni.tick import WORKSPACE_LOWER_M, WORKSPACE_UPPER_M, Servo, Tick, TickLimits
+from cardan.drivers.reading import ReadDevice
+from cardan.errors import CommandError, DeviceAccessError, DriverError, NotOpenError
+from cardan.haptics import HapticCommand, HapticState, OperatingState
+from cardan.protocols.hdapi import Capability, Info, State, to_hand
+from cardan.types import (
+    IDENTITY_POSE,
+    ZERO3,
+    DeviceCapabilities,
+    DeviceFeedback,
+    DeviceState,
+    Frame,
+    Pose,
+    Vector3,
+)
+
+WATCH_PERIOD_S = 0.01
+"""How often the thread looks at the tick, the calibration, and whether it is to stop."""
+
+DEAD_AFTER_S = 0.5
+"""Without a tick for so long the device is given up, and opened again."""
+
+EDGE_M = 0.01
+"""The spring at the edge of the workspace begins so far before the device's own end."""
+
+OMNI_WORKSPACE_M = (WORKSPACE_LOWER_M, WORKSPACE_UPPER_M)
+
+RELEASE_TIMEOUT_S = 0.1
+"""How long the force may take to be zero and the callback to end, before the loop is stopped."""
+
+USB_IDS = {
+    ("2988", "0302"): "Touch (USB)",
+    ("0301", "2988"): "Touch (USB)",
+    ("2988", "0304"): "Touch (USB, HID)",
+}
+"""Vendor and product ids of the haptic devices that say by USB what they are."""
+
+NO_PRIORITY = (
+    "the force loop has no real-time priority, and ticks late on a busy machine: give the user the "
+    "permission (`rtprio 99` in /etc/security/limits.conf, or CAP_SYS_NICE)"
+)
+
+LIGHT_ON, LIGHT_OFF = 6, 2
+"""Of the status light: steadily green, slowly blinking green."""
+
+_USB_DEVICES = Path("/sys/bus/usb/devices")
+
+
+class Omni(ReadDevice[OmniCore], HapticDevice):
+    """A Phantom Omni, Geomagic Touch or 3D Systems Touch, by the vendor's library libHD.
+
+    The force is made by compiled code in the library's own loop; this class tells it what to
+    render and reads what it felt. The device is opened again by itself after it was lost; its
+    force stays off then until enable().
+    """
+
+    Options = OmniOptions
+    options: OmniOptions
+
+    def __init__(self, options: OmniOptions | None = None) -> None:
+        options = OmniOptions() if options is None else options
+        super().__init__(options, OmniCore(options))
+        self._commands = threading.Lock()
+        """Guards what is told to the tick: one source at a time."""
+        self._hd: LibHD | None = None
+        self._handle: int | None = None
+        self._scheduled: int | None = None
+        self._tick: Tick | None = None
+        self._servo: Servo | None = None
+        self._has_light = False
+        self._force_allowed = False
+        self._sequence = 0
+        self._joint_torques = options.force_mode == "joint"
+        self._transformation = IDENTITY_POSE
+        self._at_exit = functools.partial(_close_at_exit, weakref.ref(self))
+
+    @classmethod
+    def find(cls) -> list[FoundDevice]:
+        """Devices that say by USB what they are, and the library; nothing is opened or loaded."""
+        path, missing = library.presence()
+        found = [
+            FoundDevice(name, identity, "usb", "", missing or obstacle)
+            for name, identity, obstacle in _usb_devices()
+        ]
+        if found or not path:
+            return found
+        words = missing or "what is behind it (FireWire, Ethernet, simulated) shows when opened"
+        return [FoundDevice("libHD, the library of Omni and Touch", "", "library", path, words)]
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """A pose, deflections of it, two buttons; it takes forces, and its light where it can."""
+        return DeviceCapabilities(
+            gives_pose=True,
+            buttons=BUTTONS,
+            feedback=frozenset({"wrench", "led"} if self._has_light else {"wrench"}),
+            battery=False,
+            gives_axes=True,
+        )
+
+    @property
+    def identity(self) -> Identity:
+        """What the device said of itself when it was opened last."""
+        return self._core.identity
+
+    # -- open and close ------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open the device, start its loop and watch it; the force is disabled.
+
+        Raises DeviceNotFoundError or DeviceAccessError in words, unless `wait_for_device` is set;
+        NativeMissingError when Cardan's own compiled part is not there.
+        """
+        if self._opened:
+            return
+        if self._tick is None:
+            self._tick = Tick(self.options.limits())
+        try:
+            super().open()
+        except BaseException:
+            self._forget_tick()
+            raise
+        atexit.register(self._at_exit)
+        deadline_s = time.monotonic() + self.options.calibration_wait_s
+        while (now_s := time.monotonic()) < deadline_s:
+            with self._lock:
+                if self._core.calibration.usable(now_s):
+                    return
+            time.sleep(WATCH_PERIOD_S)
+
+    def close(self) -> None:
+        """No force, by ramp; then end the loop and let go of the device."""
+        if not self._opened:
+            return
+        tick = self._tick
+        assert tick is not None
+        with contextlib.suppress(Exception):
+            with self._commands:
+                tick.disable()
+            self._await_no_force()
+        super().close()
+        atexit.unregister(self._at_exit)
+        self._forget_tick()
+
+    # -- what it measures ----------------------------------------------------------------------
+
+    def state(self) -> DeviceState:
+        """The newest state, of the newest tick."""
+        with self._lock:
+            return self._core.state(self._look())
+
+    def haptics(self) -> HapticState:
+        """The newest snapshot of the tick."""
+        with self._lock:
+            now_s = self._look()
+            link_reason = self._core.state(now_s).reason
+            snapshot = self._core.taken()
+        if snapshot.reason or self._handle is not None:
+            return snapshot
+        return snapshot._replace(reason=link_reason)
+
+    # -- what it renders -----------------------------------------------------------------------
+
+    def render(self, command: HapticCommand) -> None:
+        """Render `command` from the next tick on."""
+        with self._commands:
+            self._opened_tick().command(command)
+            self._sequence = max(self._sequence, command.sequence)
+
+    def enable(self) -> None:
+        """Let force out; after a latched fault this tries again.
+
+        Right after the opening or the inkwell it waits, for half a second at most, until it can be.
+        """
+        deadline_s = time.monotonic() + SETTLING_S
+        while True:
+            with self._commands:
+                tick = self._opened_tick()
+                with self._lock:
+                    now_s = self._look()
+                    obstacle = self._core.force_obstacle(now_s)
+                    settling = self._core.settling(now_s)
+                if not obstacle:
+                    tick.enable()
+                    return
+            if not settling or now_s >= deadline_s:
+                raise CommandError(f"the force cannot be enabled: {obstacle}")
+            time.sleep(WATCH_PERIOD_S)
+
+    def disable(self) -> None:
+        """No force, by ramp, until enable()."""
+        with self._commands:
+            self._opened_tick().disable()
+
+    def pause(self) -> None:
+        """No force, by ramp, until resume()."""
+        with self._commands:
+            self._opened_tick().pause()
+
+    def resume(self) -> None:
+        """Go on after pause()."""
+        with self._commands:
+            self._opened_tick().resume()
+
+    def _feedback(self, feedback: DeviceFeedback) -> None:
+        """A wrench's force is rendered until it is repeated or silent for too long; its torque
+        cannot be. Without effect while the device is not there."""
+        if feedback.led is not None:
+            self._light(LIGHT_ON if feedback.led else LIGHT_OFF)
+        if feedback.wrench is None:
+            return
+        force = feedback.wrench.force
+        if feedback.wrench.frame is Frame.TOOL:
+            with self._lock:
+                pose = self._core.snapshot.pose
+            if pose is None:
+                return
+            force = spatial.rotate(pose.orientation, force)
+        with self._commands:
+            if self._tick is not None:
+                self._send(force=force)
+
+    # -- IHapticDevice -------------------------------------------------------------------------
+
+    def get_position(self) -> Vector3:
+        """Of the gimbal's centre in the frame of the transformation, m.
+
+        Raises DriverError while the device cannot tell, in words.
+        """
+        offset, turn, _ = self._transformation
+        return spatial.add(offset, spatial.rotate(turn, self._measured_pose().position))
+
+    def get_orientation(self) -> Vector3:
+        """Of the stylus in the frame of the transformation: roll, pitch, yaw, rad.
+
+        Raises DriverError while the device cannot tell, in words.
+        """
+        turn = self._transformation.orientation
+        return spatial.to_euler_zyx(spatial.multiply(turn, self._measured_pose().orientation))
+
+    def get_buttons(self) -> tuple[bool, ...]:
+        """Whether button 1 and button 2 are down."""
+        held = self.state().buttons
+        return tuple(label in held for label in BUTTONS)
+
+    def is_cartesian_force_mode_enabled(self) -> bool:
+        """True: feedback is a force; False: joint torques."""
+        return not self._joint_torques
+
+    def set_cartesian_force_mode(self) -> None:
+        """Feedback is a force in N from now on; it becomes zero first."""
+        self._set_mode(joint_torques=False)
+
+    def set_joint_torque_mode(self) -> None:
+        """Feedback is torques in N·m from now on; it becomes zero first."""
+        self._set_mode(joint_torques=True)
+
+    def get_max_feedback(self) -> Vector3:
+        """The largest feedback: N in Cartesian mode (of the norm), N·m in joint torque mode."""
+        limits = self._limits()
+        most = limits.torque_limit_n_m if self._joint_torques else limits.clamp_n
+        return Vector3(most, most, most)
+
+    def set_feedback(self, feedback: Vector3) -> None:
+        """Force in N along the transformation's axes, or joint torques in N·m.
+
+        It starts with less than `engage_below_n`, as every force does, and ends `hold_s` after the
+        last call. Raises CommandError for what is not finite, NotOpenError.
+        """
+        with self._commands:
+            self._opened_tick()
+            if self._joint_torques:
+                self._send(torques=Vector3(*feedback))
+            else:
+                back = spatial.conjugate(self._transformation.orientation)
+                self._send(force=spatial.rotate(back, Vector3(*feedback)))
+
+    def stop_feedback(self) -> None:
+        """No feedback, by ramp."""
+        with self._commands:
+            self._opened_tick()
+            self._send(engaged=False)
+
+    def set_transformation(self, transformation: Pose) -> None:
+        """Where the hand frame is in the user's: applied to positions; its rotation to forces.
+
+        Raises CommandError for what is no pose.
+        """
+        position, turn, frame = transformation
+        if not spatial.is_finite((*position, *turn)):
+            raise CommandError(f"the transformation {transformation} is not finite")
+        try:
+            unit = spatial.normalized(turn)
+        except ValueError as error:
+            raise CommandError(f"the transformation is no pose: {error}") from None
+        self._transformation = Pose(Vector3(*position), unit, frame)
+
+    def get_transformation(self) -> Pose:
+        """The transformation."""
+        return self._transformation
+
+    # -- inside: commands ----------------------------------------------------------------------
+
+    def _opened_tick(self) -> Tick:
+        if self._tick is None:
+            raise NotOpenError("the haptic device is not open")
+        return self._tick
+
+    def _send(
+        self, *, engaged: bool = True, force: Vector3 = ZERO3, torques: Vector3 | None = None
+    ) -> None:
+        """Command that and nothing else; `_commands` is held and the tick is there."""
+        self._sequence += 1
+        self._opened_tick().command(
+            HapticCommand(
+                self._sequence,
+                time.monotonic(),
+                engaged,
+                force=force,
+                joint_torques_n_m=torques,
+            )
+        )
+
+    def _set_mode(self, *, joint_torques: bool) -> None:
+        with self._commands:
+            if self._tick is not None and self._joint_torques is not joint_torques:
+                self._send(engaged=False)
+            self._joint_torques = joint_torques
+
+    def _measured_pose(self) -> Pose:
+        with self._lock:
+            now_s = self._look()
+            pose, reason = self._core.measured(now_s)
+        if pose is None:
+            kind = DriverError if self._opened else NotOpenError
+            raise kind(f"the haptic device has no position to give: {reason}")
+        return pose
+
+    def _light(self, value: int) -> None:
+        with self._lock:
+            hd, handle = self._hd, self._handle
+        if hd is not None and handle is not None:
+            hd.set_integer(handle, State.USER_STATUS_LIGHT, value)
+
+    def _forget_tick(self) -> None:
+        with self._commands, self._lock:
+            if self._tick is None or self._servo is not None or self._ending is not None:
+                return  # Nothing, or the library may still step it.
+            self._tick.close()
+            self._tick = None
+            self._core.forget_tick()
+
+    # -- inside: the device --------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        options, tick = self.options, self._tick
+        assert tick is not None
+        hd = library.load(options.library)
+        handle = hd.init_device(options.device)
+        self._hd, self._handle = hd, handle
+        self._force_allowed = False
+        hd.enable(handle, Capability.FORCE_OUTPUT, False)
+        identity = _identity(hd, handle)
+        self._has_light = options.status_light and _light_works(hd, handle)
+        with self._commands:
+            tick.set_limits(self._limits(identity))
+        self._servo = Servo(tick, hd.functions, handle, realtime=options.realtime)
+        with self._lock:
+            self._core.on_opened(identity, time.monotonic())
+        self._scheduled = hd.schedule(self._servo.callback, self._servo.user, handle)
+
+    def _serve(self, stop: threading.Event) -> None:
+        while not stop.is_set():
+            self._watch()
+            stop.wait(WATCH_PERIOD_S)
+
+    def _watch(self) -> None:
+        """Look after the device once. Raises DeviceAccessError when it is gone."""
+        hd, handle, scheduled = self._hd, self._handle, self._scheduled
+        assert hd is not None
+        assert handle is not None
+        assert scheduled is not None
+        tick = self._tick
+        assert tick is not None
+        with self._lock:
+            now_s = self._look()
+            snapshot = self._core.snapshot
+        details = tick.details()
+        if not hd.scheduled(scheduled):
+            with self._lock:
+                self._look()  # Its last words may have come since.
+            details = tick.details()
+            if details.error:
+                raise DeviceAccessError(error_words(details.error, details.internal_error))
+            raise DeviceAccessError("the library ended the force loop without a word")
+        if now_s - snapshot.stamp_s > DEAD_AFTER_S and self._core.open_for_s(now_s) > DEAD_AFTER_S:
+            raise DeviceAccessError(
+                f"the library's loop has stood still for {DEAD_AFTER_S:g} s without a word"
+            )
+        with self._lock:
+            update = self._core.take_update()
+            allowed = not self._core.force_obstacle(now_s)
+            style = self._core.calibration.style
+            if details.realtime is False:
+                self._core.hint = NO_PRIORITY
+        if allowed is not self._force_allowed:
+            hd.enable(handle, Capability.FORCE_OUTPUT, allowed)
+            self._force_allowed = allowed
+        if update:
+            hd.update_calibration(handle, style)
+
+    def _release(self) -> None:
+        hd, handle, scheduled, servo = self._hd, self._handle, self._scheduled, self._servo
+        with self._lock:
+            self._hd = self._handle = self._scheduled = None
+        if hd is None or handle is None:
+            return
+        with contextlib.suppress(Exception):
+            if servo is not None and scheduled is not None:
+                servo.stop()
+                deadline_s = time.monotonic() + RELEASE_TIMEOUT_S
+                while hd.scheduled(scheduled) and time.monotonic() < deadline_s:
+                    time.sleep(0.001)
+                hd.unschedule(scheduled, handle)
+            if servo is not None:
+                # Only here: what the library may still call is never freed.
+                servo.close()
+                self._servo = None
+        with contextlib.suppress(Exception):
+            hd.enable(handle, Capability.FORCE_OUTPUT, False)
+        with contextlib.suppress(Exception):
+            hd.disable_device(handle)
+
+    def _look(self) -> float:
+        """Take the newest snapshot, with `_lock` held. Returns the time after it."""
+        if self._tick is None:
+            return time.monotonic()
+        snapshot = self._tick.snapshot()
+        now_s = time.monotonic()
+        self._core.on_snapshot(snapshot, now_s)
+        return now_s
+
+    def _limits(self, identity: Identity | None = None) -> TickLimits:
+        """The tick's limits, none above what the device says it bears."""
+        identity = self._core.identity if identity is None else identity
+        limits = self.options.limits()
+        lower, upper = identity.reach_lower_m, identity.reach_upper_m
+        if (limits.workspace_lower_m, limits.workspace_upper_m) == OMNI_WORKSPACE_M and all(
+            high - low > 4.0 * EDGE_M for low, high in zip(lower, upper, strict=True)
+        ):
+            x, y, z = lower
+            a, b, c = upper
+            limits = dataclasses.replace(
+                limits,
+                workspace_lower_m=(x + EDGE_M, y + EDGE_M, z + EDGE_M),
+                workspace_upper_m=(a - EDGE_M, b - EDGE_M, c - EDGE_M),
+            )
+        if identity.max_force_n > 0.0:
+            limits = dataclasses.replace(limits, clamp_n=min(limits.clamp_n, identity.max_force_n))
+        if identity.continuous_force_n > 0.0:
+            limits = dataclasses.replace(
+                limits, continuous_n=min(limits.continuous_n, identity.continuous_force_n)
+            )
+        return limits
+
+    def _await_no_force(self) -> None:
+        deadline_s = time.monotonic() + RELEASE_TIMEOUT_S
+        while time.monotonic() < deadline_s:
+            with self._lock:
+                now_s = self._look()
+                snapshot = self._core.snapshot
+            if snapshot.state is OperatingState.DISABLED and snapshot.force == ZERO3:
+                return
+            if now_s - snapshot.stamp_s > 0.02:  # Nothing ticks, so no force goes out.
+                return
+            time.sleep(0.001)
+
+
+def _identity(hd: LibHD, handle: int) -> Identity:
+    def doubles(what: int, count: int) -> tuple[float, ...]:
+        values = hd.doubles(handle, what, count)
+        return values if all(map(math.isfinite, values)) else (0.0,) * count
+
+    firmware = doubles(Info.DEVICE_FIRMWARE_VERSION, 1)[0]
+    usable = _box(doubles(Info.USABLE_WORKSPACE_DIMENSIONS, 6))
+    reach = _box(doubles(Info.MAX_WORKSPACE_DIMENSIONS, 6))
+    found = Identity(
+        model=hd.string(handle, Info.DEVICE_MODEL_TYPE),
+        serial=hd.string(handle, Info.DEVICE_SERIAL_NUMBER),
+        vendor=hd.string(handle, Info.DEVICE_VENDOR),
+        api_version=hd.string(handle, Info.VERSION),
+        driver_version=hd.string(handle, Info.DEVICE_DRIVER_VERSION),
+        firmware=f"{firmware:g}" if firmware else "",
+        max_force_n=doubles(Info.NOMINAL_MAX_FORCE, 1)[0],
+        continuous_force_n=doubles(Info.NOMINAL_MAX_CONTINUOUS_FORCE, 1)[0],
+        max_stiffness_n_m=1e3 * doubles(Info.NOMINAL_MAX_STIFFNESS, 1)[0],
+        max_damping_n_s_m=1e3 * doubles(Info.NOMINAL_MAX_DAMPING, 1)[0],
+        usable_lower_m=usable[0],
+        usable_upper_m=usable[1],
+        reach_lower_m=reach[0],
+        reach_upper_m=reach[1],
+        input_dof=hd.integer(handle, Info.INPUT_DOF),
+        output_dof=hd.integer(handle, Info.OUTPUT_DOF),
+        calibration_styles=hd.integer(handle, Info.CALIBRATION_STYLE),
+    )
+    hd.errors()  # Of what this device does not have.
+    return found
+
+
+def _box(mm: tuple[float, ...]) -> tuple[Vector3, Vector3]:
+    """Lowest and highest corner along the hand's axes, m, of a box along HDAPI's, mm."""
+    a, b = to_hand(mm[:3]), to_hand(mm[3:])
+    lower, upper = (
+        Vector3(*(1e-3 * pick(pair) for pair in zip(a, b, strict=True))) for pick in (min, max)
+    )
+    return lower, upper
+
+
+def _light_works(hd: LibHD, handle: int) -> bool:
+    """Whether the status light can be set; asked before anything else takes the errors."""
+    hd.errors()
+    hd.enable(handle, State.USER_STATUS_LIGHT, True)
+    hd.set_integer(handle, State.USER_STATUS_LIGHT, LIGHT_OFF)
+    return not hd.errors()
+
+
+def _usb_devices() -> Iterator[tuple[str, str, str]]:
+    """Name, USB identity and obstacle of the haptic devices that are plugged in (Linux)."""
+    for vendor in sorted(_USB_DEVICES.glob("*/idVendor")):
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            ids = (vendor.read_text().strip(), vendor.with_name("idProduct").read_text().strip())
+            if ids in USB_IDS:
+                yield USB_IDS[ids], ":".join(ids), _usb_obstacle(vendor.parent)
+
+
+def _usb_obstacle(device: Path) -> str:
+    """Why the nodes of a USB device cannot be opened by this user; empty if they can."""
+    for kind, folder in (("tty", "tty*"), ("hidraw", "hidraw*")):
+        for node in sorted(device.glob(f"*/**/{kind}/{folder}")):
+            path = Path("/dev") / node.name
+            if path.exists() and not os.access(path, os.R_OK | os.W_OK):
+                return f"no permission for {path}: {UDEV_HINT}"
+    return ""
+
+
+def _close_at_exit(device: weakref.ref[Omni]) -> None:
+    found = device()
+    if found is not None:
+        found.close()

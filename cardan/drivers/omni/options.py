@@ -1,0 +1,88 @@
+"""What can be set about the Phantom Omni driver."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from cardan.drivers.omni.tick import TickLimits
+from cardan.drivers.shaping import ShapingOptions, check_choice
+
+FORCE_MODES = ("cartesian", "joint")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OmniOptions(ShapingOptions, TickLimits):
+    """Options of :class:`Omni`. Raises ValueError for a value that is not allowed.
+
+    The limits of the tick are among them, with its defaults: docs/omni.md has the reason of each.
+    The device's own nominal forces are never exceeded, whatever is set here, and the workspace is
+    the device's own unless it is set.
+    """
+
+    device: str = ""
+    """The device's name in the vendor's setup tool; empty: the first one."""
+    library: str = ""
+    """Path or name of libHD; empty: $CARDAN_LIBHD, else where the system's loader finds it."""
+    force_mode: Literal["cartesian", "joint"] = "cartesian"
+    """What set_feedback takes at first: forces at the stylus, or torques of the three joints."""
+    inkwell_switch: bool = True
+    """The stylus in its inkwell is put away: no pose and no force. False: the driver's pose does
+    not look at the switch (of a unit where it is broken); the tick still gives no force."""
+    status_light: bool = True
+    """Feedback "led" sets the device's status light, where it has one that can be set."""
+    calibration_wait_s: float = 0.0
+    """open() waits at most so long until the device is calibrated, s, and succeeds either way."""
+    stale_after_s: float = 0.02
+    """Without a tick for so long the pose is not believed any more, s."""
+    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rate mode: where the axes are zero, hand frame, m."""
+    range_m: float = 0.06
+    """Rate mode: the displacement from there that is a full deflection, m."""
+    centre_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rate mode: the orientation in which the axes of rotation are zero: Rz(yaw)·Ry(pitch)·Rx(roll)
+    of the hand frame."""
+    range_deg: float = 35.0
+    """Rate mode: the turn from there that is a full deflection."""
+    dead_zone: float = 0.15
+    """Rate mode: share of the full deflection that counts as rest."""
+    dead_zone_shape: Literal["axis", "radial"] = "radial"
+    """axis: each axis by itself; radial: the lengths of translation and rotation."""
+    rotation: bool = False
+    """Rate mode: the stylus's orientation deflects the axes of rotation, too."""
+    realtime: bool = True
+    """Ask for real-time priority for the force loop; without the permission it goes on without."""
+    wait_for_device: bool = False
+    """open() succeeds without a device or its library, which are picked up once they are there."""
+
+    def __post_init__(self) -> None:
+        ShapingOptions.__post_init__(self)
+        TickLimits.__post_init__(self)
+
+        def check(key: str, good: Callable[[float], bool], allowed: str) -> None:
+            value = getattr(self, key)
+            values = value if isinstance(value, tuple) else (value,)
+            if not all(math.isfinite(each) and good(each) for each in values):
+                raise ValueError(f"{key} is {value!r}; allowed: {allowed}")
+
+        check_choice("force_mode", self.force_mode, FORCE_MODES)
+        check("calibration_wait_s", lambda t: 0.0 <= t <= 600.0, "0 to 600 s")
+        check("stale_after_s", lambda t: 0.005 <= t <= 0.1, "0.005 to 0.1 s")
+        check("range_m", lambda x: 0.001 <= x <= 1.0, "0.001 to 1 m")
+        check("range_deg", lambda a: 1.0 <= a <= 180.0, "1 to 180")
+        for key, good, allowed in (
+            ("centre_m", lambda x: abs(x) <= 1.0, "three lengths, -1 to 1 m"),
+            ("centre_rpy_deg", lambda a: abs(a) <= 360.0, "three angles, -360 to 360"),
+        ):
+            if len(getattr(self, key)) != 3:
+                raise ValueError(f"{key} is {getattr(self, key)!r}; it needs three numbers")
+            check(key, good, allowed)
+
+    def limits(self) -> TickLimits:
+        """The limits of the tick."""
+        return TickLimits(
+            **{field.name: getattr(self, field.name) for field in dataclasses.fields(TickLimits)}
+        )

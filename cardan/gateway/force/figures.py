@@ -1,0 +1,96 @@
+"""Figures of what the hand felt and of what the tool touched, for a session's summary."""
+
+from __future__ import annotations
+
+import math
+
+from cardan.gateway.force.conditioning import LowPass
+from cardan.haptics import HapticState
+from cardan.histogram import LatencyHistogram
+from cardan.spatial import norm, subtract
+from cardan.types import Vector3
+
+CONTACT_CUTOFF_HZ = 10.0
+"""Of the filter on the contact force before it is judged: 0.3 N of noise leave 0.1 N."""
+
+CONTACT_FROM_N, CONTACT_UNTIL_N = 1.0, 0.5
+"""Contact begins above the first, and ends below the second."""
+
+LONGEST_PERIOD_S = 0.1
+"""A reading stands for no more time than this."""
+
+PATH_STEP_M = 0.0005
+"""The path drawn is counted in steps of this length, so that noise at rest draws nothing."""
+
+
+class ContactFigures:
+    """The contact force, and the path that the TCP drew while it touched something."""
+
+    def __init__(self) -> None:
+        self.force_n = 0.0
+        """Now."""
+        self.time_s = 0.0
+        self.path_m = 0.0
+        self.touching = False
+        self._force = LowPass(CONTACT_CUTOFF_HZ)
+        self._sum = self._square_sum = 0.0
+        self._corner: Vector3 | None = None
+
+    def add(self, force: Vector3, stamp_s: float, place: Vector3 | None) -> None:
+        """Take the contact force (N, at the tool) of one reading, and where the TCP is."""
+        period_s = min(max(stamp_s - self._force.stamp_s, 0.0), LONGEST_PERIOD_S)
+        self._force.add(force, stamp_s)
+        now_n = self.force_n = norm(self._force.value)
+        self.touching = now_n >= (CONTACT_UNTIL_N if self.touching else CONTACT_FROM_N)
+        if not self.touching:
+            self._corner = None
+            return
+        self.time_s += period_s
+        self._sum += now_n * period_s
+        self._square_sum += now_n * now_n * period_s
+        if place is None:
+            return
+        corner = self._corner
+        if corner is None:
+            self._corner = place
+        elif (step_m := norm(subtract(place, corner))) >= PATH_STEP_M:
+            self.path_m += step_m
+            self._corner = place
+
+    def lift(self) -> None:
+        """There is no force to be had: contact is not known of."""
+        self.touching, self.force_n, self._corner = False, 0.0, None
+
+    @property
+    def mean_n(self) -> float:
+        """The mean contact force."""
+        return self._sum / self.time_s if self.time_s else 0.0
+
+    def rms_error_n(self, target_n: float | None) -> float:
+        """Of the contact force about `target_n`, or about its own mean without one."""
+        if not self.time_s:
+            return 0.0
+        mean = self.mean_n
+        target = mean if target_n is None else target_n
+        square = self._square_sum / self.time_s - 2.0 * target * mean + target * target
+        return math.sqrt(max(0.0, square))
+
+
+class FeltFigures:
+    """What the device gave to the hand: the strongest force, and how old forces were."""
+
+    def __init__(self) -> None:
+        self.peak_n = 0.0
+        self.fixture_age = LatencyHistogram()
+        """Age of the place that fixtures are evaluated at: the longest tick of each look."""
+        self.measured_age = LatencyHistogram()
+        self.newest = HapticState()
+
+    def add(self, state: HapticState, fixtures: bool, measured: bool) -> None:
+        """Take the device's newest snapshot; whether it renders fixtures, and a measured force."""
+        self.newest = state
+        self.peak_n = max(self.peak_n, norm(state.force))
+        if fixtures and state.gap_s > 0.0:
+            self.fixture_age.add(state.gap_s + state.tick_cost_s)
+        if measured and math.isfinite(state.force_age_s):
+            self.measured_age.add(state.force_age_s)

@@ -1,0 +1,58 @@
+"""Who may command the force, and which of its forces count. No I/O; time is an argument."""
+
+from __future__ import annotations
+
+from cardan.gateway.force.link import ForceMessage
+from cardan.types import NEVER_S
+
+LEASE_S = 1.0
+"""A node that says nothing for so long may be replaced by another."""
+
+FUTURE_S = 0.1
+"""A stamp farther in the future is of another clock."""
+
+
+class Lease:
+    """One owner of the force at a time, by number; and its newest force."""
+
+    def __init__(self, max_age_s: float) -> None:
+        self._max_age_s = max_age_s
+        self.owner: int | None = None
+        self.newest: ForceMessage | None = None
+        self.dropped = 0
+        """Forces that were stale, out of order, or of the future."""
+        self.refused = 0
+        """Nodes that came while there was another."""
+        self._heard_s = NEVER_S
+        self._stamp_s = NEVER_S
+
+    def ask(self, number: int, now_s: float) -> str:
+        """Let `number` own the force. Returns why not, in words; empty when it owns it now."""
+        if self.owner is not None and now_s - self._heard_s < LEASE_S:
+            self.refused += 1
+            return "another force node is connected: end it first; only one commands the force"
+        self.owner, self._heard_s = number, now_s
+        self.newest = None
+        return ""
+
+    def leave(self, number: int) -> None:
+        """`number` is gone; its force with it."""
+        if number == self.owner:
+            self.owner = self.newest = None
+
+    def take(self, number: int, message: ForceMessage, now_s: float) -> bool:
+        """Take a force; False when it is dropped."""
+        if number != self.owner:
+            self.dropped += 1
+            return False
+        self._heard_s = now_s
+        before = self.newest
+        if (
+            (before is not None and message.sequence <= before.sequence)
+            or message.stamp_s < self._stamp_s
+            or not -FUTURE_S <= now_s - message.stamp_s <= self._max_age_s
+        ):
+            self.dropped += 1
+            return False
+        self.newest, self._stamp_s = message, message.stamp_s
+        return True

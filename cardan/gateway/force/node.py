@@ -1,0 +1,198 @@
+"""The force node: a process of its own that makes forces of a session's robot states.
+
+So the paper of 2026 has it: one node drives the robot, another renders force. Fixtures are
+evaluated here on the robot's measured TCP, in each of its cycles, which is what the paper does and
+what makes stiff ones buzz: a session's own ``[[fixtures]]`` are evaluated at 1 kHz where the hand
+is. The node is not trusted with more: the session filters its forces, drops stale ones, and the
+device bounds what is left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import signal
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from types import FrameType
+
+from cardan.errors import AddressError, DriverError
+from cardan.gateway.config import ForceConfig, make_conditioner, make_source
+from cardan.gateway.force.fixtures import FixtureSet, fixture_force
+from cardan.gateway.force.link import (
+    MAX_PACKET_BYTES,
+    ForceMessage,
+    RefusalMessage,
+    StateMessage,
+    decode,
+    encode_force,
+)
+from cardan.gateway.force.sources import ForceSource, PointVelocity
+from cardan.realtime import ask_for_real_time
+from cardan.spatial import add, norm
+from cardan.types import ZERO3
+
+CONNECT_WITHIN_S = 10.0
+"""How long a session may take to offer its socket: both may be started at once."""
+
+RETRY_S = 0.1
+
+LOOK_S = 0.2
+"""How soon an idle node sees that it shall end."""
+
+SAY_S = 5.0
+"""How soon a new remark follows another."""
+
+REST_M_S = 0.005
+"""A TCP that is slower rests, for the tare."""
+
+
+class ForceNode:
+    """The node without its socket: a state in, a force out."""
+
+    def __init__(self, config: ForceConfig, source: ForceSource | None) -> None:
+        self._fixtures = FixtureSet(config.fixtures)
+        self._source = source
+        self._conditioner = make_conditioner(config.force, source)
+        self._max_age_s = config.force.max_age_s
+        self._velocity = PointVelocity()
+        self._sequence = 0
+        self._started = self._engaged = False
+
+    @property
+    def reason(self) -> str:
+        """Why no measured force is sent, in words; empty when it is, or there is to be none."""
+        if self._source is None:
+            return ""
+        return self._source.reason or self._conditioner.reason
+
+    def force(self, message: StateMessage) -> ForceMessage:
+        """The force that belongs to the robot's state."""
+        pose, force, stamp_s = message.pose, ZERO3, message.stamp_s
+        velocity = ZERO3
+        if pose is not None:
+            velocity = self._velocity.update(pose.position, stamp_s)
+            if message.ready and not self._started:
+                self._started = True
+                self._fixtures.place("start", pose.position)
+            if message.world is not None and not self._engaged:
+                self._fixtures.place("clutch-in", pose.position)
+            for fixture in self._fixtures.fixtures:
+                force = add(force, fixture_force(fixture, pose.position, velocity))
+        self._engaged = message.world is not None
+        if self._source is not None:
+            reading = self._source.read(message.robot_state(), pose)
+            at_rest = not self._engaged and norm(velocity) < REST_M_S
+            filtered = self._conditioner.filtered
+            if (
+                reading is not None
+                and self._conditioner.add(reading, at_rest, pose)
+                and stamp_s - filtered.stamp_s <= self._max_age_s
+            ):
+                force = add(force, filtered.value)
+                stamp_s = min(stamp_s, filtered.stamp_s)
+        self._sequence += 1
+        return ForceMessage(self._sequence, stamp_s, force)
+
+
+def run_force_node(config: ForceConfig, path: str, seconds: float | None = None) -> int:
+    """Serve the session that offers `path` until it ends, `seconds` are over, SIGINT or SIGTERM.
+
+    Prints READY and the path once it is connected; returns how many forces were sent. Raises
+    AddressError when no session offers the socket, DriverError when the sensor cannot be opened or
+    the session refuses this node.
+    """
+    end_s = float("inf") if seconds is None else time.monotonic() + seconds
+    with contextlib.ExitStack() as opened:
+        ended = opened.enter_context(_interruptible())
+        source = make_source(config.force)
+        if source is not None:
+            opened.enter_context(source)
+        session = opened.enter_context(_connect(path, ended, end_s))
+        # A socket with a timeout would wait even where a call is told not to.
+        session.setblocking(False)
+        ask_for_real_time()
+        print(f"READY {path}", flush=True)
+        return _serve(session, ForceNode(config, source), ended, end_s)
+
+
+def _serve(session: socket.socket, node: ForceNode, ended: threading.Event, end_s: float) -> int:
+    sent, said, say_s = 0, "", 0.0
+    while not ended.is_set() and (now_s := time.monotonic()) < end_s:
+        if not select.select([session], [], [], LOOK_S)[0]:
+            continue
+        try:
+            packet = _newest(session)
+        except OSError:
+            packet = b""
+        if not packet:
+            print("the session has ended", flush=True)
+            break
+        message = decode(packet)
+        if isinstance(message, RefusalMessage):
+            raise DriverError(f"the session refuses this node: {message.reason}")
+        if not isinstance(message, StateMessage):
+            continue
+        try:
+            session.send(encode_force(node.force(message)))
+            sent += 1
+        except BlockingIOError:
+            pass  # The session stands still; what it would find is too old by then.
+        except OSError:
+            continue  # It is gone, or refuses: the next packet says which.
+        if node.reason != said and now_s >= say_s:
+            said, say_s = node.reason, now_s + SAY_S
+            print(said or "the measured force is there", flush=True)
+    return sent
+
+
+def _newest(session: socket.socket) -> bytes:
+    """Of the packets that lie there the last; empty when the session has ended."""
+    packet = session.recv(MAX_PACKET_BYTES)
+    while packet:
+        try:
+            newer = session.recv(MAX_PACKET_BYTES)
+        except OSError:
+            return packet
+        if not newer:
+            # What was said last counts: it may be why.
+            return packet if isinstance(decode(packet), RefusalMessage) else b""
+        packet = newer
+    return packet
+
+
+def _connect(path: str, ended: threading.Event, end_s: float) -> socket.socket:
+    give_up_s = min(end_s, time.monotonic() + CONNECT_WITHIN_S)
+    while True:
+        session = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            session.connect(path)
+            return session
+        except OSError as error:
+            session.close()
+            if ended.wait(RETRY_S) or time.monotonic() >= give_up_s:
+                raise AddressError(
+                    f"no session offers {path}: {error.strerror or error}; start one with "
+                    f'[force] source = "remote" and socket = "{path}"'
+                ) from None
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set, meanwhile."""
+    ended = threading.Event()
+
+    def handler(_number: int, _frame: FrameType | None) -> None:
+        ended.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield ended  # Signals are the main thread's.
+        return
+    previous = {each: signal.signal(each, handler) for each in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield ended
+    finally:
+        for number, old in previous.items():
+            signal.signal(number, old)

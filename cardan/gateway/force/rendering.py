@@ -1,0 +1,251 @@
+"""What the haptic device is told in each cycle of the robot, and what it tells back.
+
+Fixtures go to the device as geometry, together with the map from the hand's place to the TCP's, so
+that its own loop evaluates them. A measured force goes with its rate and its stamp. The operator
+takes hold of both by clutching in: before the first time the device is not even enabled.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+
+from cardan.drivers.haptic import HapticDevice
+from cardan.errors import CommandError, DriverError
+from cardan.gateway.force.conditioning import Conditioner
+from cardan.gateway.force.figures import ContactFigures, FeltFigures
+from cardan.gateway.force.fixtures import FixtureSet, turned_back, world_point
+from cardan.gateway.force.service import RemoteSource
+from cardan.gateway.force.sources import ForceSource
+from cardan.gateway.snapshot import Snapshot
+from cardan.haptics import HapticCommand, MeasuredForce, OperatingState, WorldMap
+from cardan.histogram import LatencyHistogram
+from cardan.spatial import norm, scale
+from cardan.types import NEVER_S, DeviceState, Pose, RobotState
+
+LOOK_PERIOD_S = 0.01
+"""How often the device's own snapshot is looked at, for the figures."""
+
+FADE_IN_S = 0.5
+"""A measured force that comes while the hand is engaged (a sensor that is back, a force node that
+connects) grows within so long. Clutching in, the device's own ramp does that."""
+
+NO_MAP = WorldMap()
+
+
+class ForceRenderer:
+    """The force's share of a session. One for each run."""
+
+    def __init__(
+        self,
+        device: HapticDevice,
+        fixtures: FixtureSet,
+        source: ForceSource | None,
+        conditioner: Conditioner,
+        *,
+        rendering: bool = True,
+        max_age_s: float = 0.1,
+        stiffness_n_m: float = 0.0,
+        contact_target_n: float | None = None,
+        warnings: tuple[str, ...] = (),
+    ) -> None:
+        """Without `rendering` the device is never commanded: only its figures are kept."""
+        self.device = device
+        self.fixtures = fixtures
+        self.source = source
+        self.conditioner = conditioner
+        self.contact = ContactFigures()
+        self.felt = FeltFigures()
+        self._remote = source if isinstance(source, RemoteSource) else None
+        self._needs_tcp = source is not None and source.needs_tcp
+        self._rendering = rendering
+        self._max_age_s = max_age_s
+        self._stiffness_n_m = stiffness_n_m
+        self._contact_target_n = contact_target_n
+        self._warnings = warnings
+        self._tcp_of: Callable[[RobotState], Pose | None] = lambda state: state.pose
+        self._tcp_state: RobotState | None = None
+        self._tcp_pose: Pose | None = None
+        """The measured TCP, and the state that it is of: an arm's model takes its time."""
+        self._started = False
+        self._engaged = False
+        self._sequence = 0
+        self._read_s = NEVER_S
+        self._sound = False
+        """Whether the source's newest reading gave a force."""
+        self._stale = False
+        self._share = 1.0
+        """How much of the measured force is let through."""
+        self._look_s = NEVER_S
+        self._refusal = ""
+        """Why the device does not take what it is told, in words."""
+
+    def start(self, tcp: Callable[[RobotState], Pose | None]) -> None:
+        """The device is open, and nothing was commanded yet; `tcp` gives a state's measured TCP."""
+        self._tcp_of = tcp
+        self._sequence = self.device.haptics().command_sequence
+
+    def stop(self) -> None:
+        """Nothing is felt any more, by ramp. Never raises."""
+        if not self._rendering:
+            return
+        with contextlib.suppress(DriverError):
+            self.device.disable()
+
+    def cycle(
+        self,
+        state: RobotState,
+        hand: DeviceState,
+        world: WorldMap | None,
+        at_rest: bool,
+    ) -> None:
+        """Render what this cycle of the robot brings.
+
+        `world` is None while clutched out; `at_rest`: nothing is commanded to move.
+        """
+        if self._rendering:
+            self._render(state, hand, world, at_rest)
+        now_s = state.stamp_s
+        if now_s - self._look_s >= LOOK_PERIOD_S:
+            self._look_s = now_s
+            fixtures = self._engaged and bool(self.fixtures.fixtures)
+            self.felt.add(self.device.haptics(), fixtures, self._engaged)
+
+    def _tcp(self, state: RobotState) -> Pose | None:
+        if state is not self._tcp_state:
+            self._tcp_state, self._tcp_pose = state, self._tcp_of(state)
+        return self._tcp_pose
+
+    def _render(
+        self,
+        state: RobotState,
+        hand: DeviceState,
+        world: WorldMap | None,
+        at_rest: bool,
+    ) -> None:
+        pose = hand.pose
+        if not self._started and state.ready and (place := self._tcp(state)) is not None:
+            self._started = True
+            self.fixtures.place("start", place.position)
+        if pose is None:
+            world = None
+        measured = None
+        if self.source is not None:
+            known = self._tcp(state) if self._needs_tcp else None
+            if self._remote is not None:
+                self._remote.publish(state, known, world, state.stamp_s)
+            sound = self._take(self.source, state, known, at_rest and world is None)
+            if not self._engaged:
+                self._share = 1.0
+            elif sound:
+                self._share = min(1.0, self._share + state.period_s / FADE_IN_S)
+            if not sound:
+                self._share = 0.0
+            elif world is not None and pose is not None:
+                filtered, share = self.conditioner.filtered, self._share
+                measured = MeasuredForce(
+                    scale(turned_back(world.rotation, filtered.value), share),
+                    filtered.stamp_s,
+                    scale(turned_back(world.rotation, filtered.rate), share),
+                    pose.position,
+                    self._stiffness_n_m * share,
+                )
+        engaged = world is not None
+        if engaged is not self._engaged:
+            self._engaged = engaged
+            if world is not None and pose is not None:
+                self.fixtures.place("clutch-in", world_point(world, pose.position))
+                self._enable()
+        self._sequence += 1
+        try:
+            self.device.render(
+                HapticCommand(
+                    self._sequence,
+                    state.stamp_s,
+                    engaged,
+                    world if world is not None else NO_MAP,
+                    self.fixtures.fixtures,
+                    measured,
+                )
+            )
+        except DriverError as error:
+            self._refusal = f"the haptic device takes no command: {error}"
+
+    def _take(
+        self,
+        source: ForceSource,
+        state: RobotState,
+        known: Pose | None,
+        at_rest: bool,
+    ) -> bool:
+        """Take the source's newest reading; False while there is no force to be felt."""
+        conditioner, contact = self.conditioner, self.contact
+        reading = source.read(state, known)
+        if reading is None:
+            self._sound = self._stale = False
+            contact.lift()
+            return False
+        if reading.stamp_s > self._read_s:
+            self._read_s = reading.stamp_s
+            self._sound = conditioner.add(reading, at_rest, self._tcp(state))
+            if self._sound and not source.shaped:
+                place = self._tcp(state)
+                contact.add(
+                    conditioner.contact,
+                    reading.stamp_s,
+                    None if place is None else place.position,
+                )
+        self._stale = state.stamp_s - self._read_s > self._max_age_s
+        if self._stale:
+            contact.lift()
+        return self._sound and not self._stale
+
+    def _enable(self) -> None:
+        """The operator took hold: let force out, after a latched fault too."""
+        self._refusal = ""
+        if self.device.haptics().state not in (OperatingState.DISABLED, OperatingState.FAULT):
+            return
+        try:
+            self.device.enable()
+        except CommandError as error:
+            self._refusal = f"no force: {error}; clutch in again to try again"
+        except DriverError as error:
+            self._refusal = f"no force: {error}"
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What stands in the way of a force, or of a good one."""
+        words = [self._refusal] if self._refusal else []
+        if self.source is not None:
+            words += self.source.diagnosis()
+            if self.conditioner.reason and not self.source.reason:
+                words.append(f"no measured force: {self.conditioner.reason}")
+            if self._stale:
+                words.append(
+                    f"no measured force: the last one is older than {self._max_age_s * 1e3:g} ms"
+                )
+        return (*words, *self._warnings)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Put the figures into `snapshot`."""
+        felt, contact, s = self.felt, self.contact, snapshot
+        state = felt.newest
+        s.haptic_state, s.haptic_reason = state.state.value, state.reason
+        s.force_n, s.force_commanded_n = norm(state.force), norm(state.force_commanded)
+        s.force_peak_n = felt.peak_n
+        s.energy_j, s.energy_given_j = state.energy_j, state.delivered_j
+        s.passivity_damping_n_s_m = state.passivity_damping_n_s_m
+        s.force_age_s = state.force_age_s
+        s.fixture_age_p50_s = _percentile(felt.fixture_age, 50)
+        s.fixture_age_p99_s = _percentile(felt.fixture_age, 99)
+        s.measured_age_p50_s = _percentile(felt.measured_age, 50)
+        s.measured_age_p99_s = _percentile(felt.measured_age, 99)
+        if self.source is None or self.source.shaped:
+            return
+        s.contact_force_n, s.contact_s = contact.force_n, contact.time_s
+        s.contact_path_m, s.contact_force_mean_n = contact.path_m, contact.mean_n
+        s.contact_target_n = self._contact_target_n
+        s.contact_force_rms_error_n = contact.rms_error_n(self._contact_target_n)
+
+
+def _percentile(ages: LatencyHistogram, percent: float) -> float | None:
+    return ages.percentile(percent) if ages.count else None

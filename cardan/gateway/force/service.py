@@ -1,0 +1,213 @@
+"""The session's end of the way to a force node: a Unix socket, looked at once in each cycle."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import stat
+from types import TracebackType
+
+from cardan.errors import AddressError
+from cardan.gateway.force.lease import Lease
+from cardan.gateway.force.link import (
+    MAX_PACKET_BYTES,
+    ForceMessage,
+    RefusalMessage,
+    StateMessage,
+    decode,
+    encode_refusal,
+    encode_state,
+)
+from cardan.gateway.force.sources import ForceSource, Reading
+from cardan.haptics import WorldMap
+from cardan.types import NEVER_S, Frame, Pose, RobotLink, RobotState
+
+ACCEPT_PERIOD_S = 0.05
+"""How often somebody who knocks is looked for."""
+
+TAKEN_AT_MOST = 16
+"""Packets of a node taken in one cycle, whatever it sends."""
+
+SEND_BUFFER_BYTES = 4096
+"""Room for a few states: a node that sleeps finds new ones soon, and holds nobody up."""
+
+
+class RemoteSource(ForceSource):
+    """Forces of a node in another process; it is told the robot's state in every cycle."""
+
+    needs_tcp = True
+    rests_at_zero = True
+    shaped = True
+
+    def __init__(self, path: str, max_age_s: float) -> None:
+        self._path = path
+        self.lease = Lease(max_age_s)
+        self.unreadable = 0
+        """Packets that were no message."""
+        self._listener: socket.socket | None = None
+        self._identity = (0, 0)
+        self._node: socket.socket | None = None
+        self._number = self._nodes = 0
+        """The connected node's number, and how many there were."""
+        self._sequence = 0
+        self._accept_s = NEVER_S
+        self.reason = "no force node is connected"
+
+    def __enter__(self) -> RemoteSource:
+        """Offer the socket. Raises AddressError where that cannot be."""
+        path = self._path
+        _make_room(path)
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with contextlib.suppress(OSError):
+            # On Linux the node is made with the mode of its descriptor: nobody slips in.
+            os.fchmod(listener.fileno(), 0o600)
+        try:
+            listener.bind(path)
+            os.chmod(path, 0o600)
+            status = os.stat(path)
+            listener.listen(4)
+            listener.setblocking(False)
+        except OSError as error:
+            listener.close()
+            raise AddressError(
+                f"cannot offer {path} to a force node: {error.strerror or error}"
+            ) from None
+        self._listener, self._identity = listener, (status.st_dev, status.st_ino)
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Disconnect the node and remove the socket."""
+        self._drop()
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            listener.close()
+            with contextlib.suppress(OSError):
+                status = os.stat(self._path)
+                if (status.st_dev, status.st_ino) == self._identity:
+                    os.unlink(self._path)
+
+    def publish(
+        self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
+    ) -> None:
+        """Tell the node the robot's state, if it has room for it."""
+        if now_s - self._accept_s >= ACCEPT_PERIOD_S:
+            self._accept_s = now_s
+            self._accept(now_s)
+        node = self._node
+        if node is None or state.link is not RobotLink.LIVE:
+            return
+        self._sequence += 1
+        message = StateMessage(self._sequence, state.stamp_s, state.ready, tcp, state.wrench, world)
+        try:
+            node.send(encode_state(message))
+        except BlockingIOError:
+            pass  # It sleeps; what it finds when it wakes is a few states old, then new ones.
+        except OSError:
+            self._drop()
+
+    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
+        """The node's newest force, along the base's axes."""
+        self._receive(state.stamp_s)
+        newest = self.lease.newest
+        if newest is None:
+            self.reason = (
+                "no force node is connected" if self._node is None else "the force node is silent"
+            )
+            return None
+        self.reason = ""
+        return Reading(newest.stamp_s, newest.force, Frame.BASE)
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """Why there is no force, and what was dropped or refused."""
+        words = list(super().diagnosis())
+        lease = self.lease
+        if lease.refused:
+            words.append(f"{lease.refused} force nodes refused: another one was connected")
+        if lease.dropped:
+            words.append(f"{lease.dropped} forces of a node dropped: stale, or out of order")
+        if self.unreadable:
+            words.append(f"{self.unreadable} packets to the force socket were no message")
+        return tuple(words)
+
+    def _accept(self, now_s: float) -> None:
+        if self._listener is None:
+            return
+        try:
+            node, _ = self._listener.accept()
+        except OSError:
+            return
+        node.setblocking(False)
+        self._nodes += 1
+        why_not = self.lease.ask(self._nodes, now_s)
+        if why_not:
+            with contextlib.suppress(OSError):
+                node.send(encode_refusal(RefusalMessage(why_not)))
+            node.close()
+            return
+        if self._node is not None:
+            self._node.close()
+        self._number = self._nodes
+        with contextlib.suppress(OSError):
+            node.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        self._node = node
+
+    def _receive(self, now_s: float) -> None:
+        node = self._node
+        if node is None:
+            return
+        for _ in range(TAKEN_AT_MOST):
+            try:
+                packet = node.recv(MAX_PACKET_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                packet = b""
+            if not packet:
+                self._drop()
+                return
+            message = decode(packet)
+            if isinstance(message, ForceMessage):
+                self.lease.take(self._number, message, now_s)
+            else:
+                self.unreadable += 1
+
+    def _drop(self) -> None:
+        node, self._node = self._node, None
+        if node is not None:
+            node.close()
+            self.lease.leave(self._number)
+
+
+def _make_room(path: str) -> None:
+    """Remove a socket at `path` that nobody serves. Raises AddressError for anything else there."""
+    try:
+        mode = os.stat(path, follow_symlinks=False).st_mode
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise AddressError(f"cannot offer {path}: {error.strerror or error}") from None
+    if not stat.S_ISSOCK(mode):
+        raise AddressError(f"cannot offer {path}: there is something there that is no socket")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(path)
+        except OSError as error:
+            if error.errno != errno.ECONNREFUSED:
+                raise AddressError(
+                    f"cannot offer {path}: another program may do so "
+                    f"({error.strerror or error}); end it, or choose another path"
+                ) from None
+        else:
+            raise AddressError(
+                f"cannot offer {path}: another session does; end it, or choose another path"
+            )
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)

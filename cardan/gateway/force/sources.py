@@ -1,0 +1,225 @@
+"""Where a force comes from: the robot itself, a sensor at its flange, or a contact in thought.
+
+A source is asked once in every cycle and gives its newest reading, or says why there is none.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from types import TracebackType
+from typing import NamedTuple
+
+from cardan.drivers.base import OperatorDevice
+from cardan.errors import DriverError
+from cardan.gateway.force.fixtures import unit
+from cardan.gateway.force.tables import ContactTable
+from cardan.spatial import add, dot, is_finite, norm, scale, subtract
+from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3
+
+STICK_SPEED_M_S = 0.005
+"""Friction of a computed contact grows with speed below this, and is Coulomb's above it."""
+
+VELOCITY_CUTOFF_HZ = 20.0
+"""Of the filter on the velocity that is made of two places of the TCP."""
+
+LONGEST_STEP_S = 0.1
+"""Two places of the TCP that are farther apart in time say nothing of its velocity."""
+
+FASTEST_M_S = 10.0
+"""What moved faster is not the same robot any more."""
+
+
+class Reading(NamedTuple):
+    """One reading of a source."""
+
+    stamp_s: float
+    """Local monotonic time of the measurement."""
+    force: Vector3
+    """N, of the world on the tool."""
+    frame: Frame
+    """The axes that `force` is along."""
+
+
+class ForceSource(ABC):
+    """One origin of forces. `reason` says why there is no reading, in words."""
+
+    needs_tcp = False
+    """Whether `read` needs the measured TCP."""
+
+    rests_at_zero = False
+    """True: what it reads without contact is zero by itself, and no tare is taken."""
+
+    shaped = False
+    """True: forces are as the hand is to feel them, but for the axes."""
+
+    reason = ""
+
+    def __enter__(self) -> ForceSource:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Let go of what was opened. Never raises."""
+        return
+
+    @abstractmethod
+    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
+        """The newest reading in the cycle of `state`; None while there is none."""
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What stands in the way, in plain words."""
+        return (f"no measured force: {self.reason}",) if self.reason else ()
+
+
+class MeasuredSource(ForceSource):
+    """What the robot itself reports (EGM's measuredForce)."""
+
+    def __init__(self, *, felt: bool = False) -> None:
+        """`felt`: its numbers are what the tool feels; else what it exerts."""
+        self._sign = 1.0 if felt else -1.0
+
+    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
+        """The wrench of this cycle's state."""
+        wrench = state.wrench
+        if wrench is None:
+            self.reason = "the robot reports none" if state.link is RobotLink.LIVE else ""
+            return None
+        if not is_finite(wrench.force):
+            self.reason = "the robot reports a force that is no number"
+            return None
+        self.reason = ""
+        return Reading(state.stamp_s, scale(wrench.force, self._sign), wrench.frame)
+
+
+class SensorSource(ForceSource):
+    """A force-torque sensor with a driver of its own (JR3), along the tool's axes."""
+
+    def __init__(self, device: OperatorDevice, *, felt: bool = True, zero: bool = False) -> None:
+        """`felt`: its numbers are what the tool feels; `zero`: it takes zero when opened."""
+        self.device = device
+        self._sign = 1.0 if felt else -1.0
+        self._zero = zero
+
+    def __enter__(self) -> SensorSource:
+        """Open the sensor. Raises DriverError."""
+        self.device.open()
+        if self._zero:
+            try:
+                self.device.zero()  # type: ignore[attr-defined]  # make_source() saw it
+            except DriverError:
+                self.device.close()
+                raise
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the sensor."""
+        self.device.close()
+
+    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
+        """The sensor's newest wrench. It must be of the same clock as the robot's stamps."""
+        sensed = self.device.state()
+        wrench = sensed.wrench
+        if wrench is None:
+            self.reason = sensed.reason or "the sensor gives no wrench"
+            return None
+        if not is_finite(wrench.force):
+            self.reason = "the sensor gives a force that is no number"
+            return None
+        self.reason = ""
+        return Reading(sensed.stamp_s, scale(wrench.force, self._sign), wrench.frame)
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """Why there is no force, and what the sensor says."""
+        lines = (line for line in self.device.diagnosis() if line != self.reason)
+        return (*super().diagnosis(), *(f"force sensor: {line}" for line in lines))
+
+
+class PointVelocity:
+    """The velocity of a point, from its places."""
+
+    def __init__(self) -> None:
+        self._place: Vector3 | None = None
+        self._place_s = 0.0
+        self._velocity = ZERO3
+
+    def update(self, place: Vector3, now_s: float) -> Vector3:
+        """The filtered velocity, m/s, with the newest place."""
+        before, dt_s = self._place, now_s - self._place_s
+        if dt_s <= 0.0 and before is not None:
+            return self._velocity
+        self._place, self._place_s = place, now_s
+        if before is None or dt_s > LONGEST_STEP_S:
+            self._velocity = ZERO3
+            return ZERO3
+        raw = scale(subtract(place, before), 1.0 / dt_s)
+        if norm(raw) > FASTEST_M_S:
+            self._velocity = ZERO3
+            return ZERO3
+        share = 1.0 - math.exp(-2.0 * math.pi * VELOCITY_CUTOFF_HZ * dt_s)
+        self._velocity = add(self._velocity, scale(subtract(raw, self._velocity), share))
+        return self._velocity
+
+
+def contact_force(table: ContactTable, place: Vector3, velocity: Vector3) -> Vector3:
+    """What a body of `table` does to a TCP at `place` that moves at `velocity`: N, world axes.
+
+    Stiffness · depth, damped and never pulling, and friction against the sliding.
+    """
+    if table.shape == "plane":
+        assert table.point_m is not None
+        assert table.normal is not None
+        outward = unit(table.normal)
+        depth = dot(subtract(Vector3(*table.point_m), place), outward)
+    else:
+        assert table.centre_m is not None
+        assert table.radius_m is not None
+        away = subtract(place, Vector3(*table.centre_m))
+        distance = norm(away)
+        outward = scale(away, 1.0 / distance) if distance > 1e-9 else Vector3(0.0, 0.0, 1.0)
+        depth = table.radius_m - distance
+    if depth <= 0.0:
+        return ZERO3
+    towards = dot(velocity, outward)
+    pressed = table.stiffness_n_m * depth - table.damping_n_s_m * towards
+    if pressed <= 0.0:
+        return ZERO3
+    force = scale(outward, pressed)
+    if table.friction:
+        sliding = subtract(velocity, scale(outward, towards))
+        drag = table.friction * pressed / max(norm(sliding), STICK_SPEED_M_S)
+        force = subtract(force, scale(sliding, drag))
+    return force
+
+
+class ContactSource(ForceSource):
+    """Contacts computed from the measured TCP, for arms and simulators without a sensor."""
+
+    needs_tcp = True
+    rests_at_zero = True
+
+    def __init__(self, tables: Sequence[ContactTable]) -> None:
+        self._tables = tuple(tables)
+        self._velocity = PointVelocity()
+
+    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
+        """The sum of all contacts, base axes."""
+        if tcp is None:
+            self.reason = "the robot reports no pose" if state.link is RobotLink.LIVE else ""
+            return None
+        self.reason = ""
+        velocity = self._velocity.update(tcp.position, state.stamp_s)
+        force = ZERO3
+        for table in self._tables:
+            force = add(force, contact_force(table, tcp.position, velocity))
+        return Reading(state.stamp_s, force, Frame.BASE)

@@ -1,0 +1,57 @@
+"""What the TCP of the simulated arm can touch: a horizontal surface, as a pen meets a sheet.
+
+The arm is position-controlled and does not give way; what gives way is the pen in its holder and
+the sheet on its board, all in the surface's stiffness. Forces are in N, base axes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from cardan.sim_peers.egm_controller.kinematics import AXES, Frames
+from cardan.types import ZERO3, Vector3
+
+STICK_SPEED_M_S = 0.001
+"""Below this speed along the surface friction grows with speed; above it, it is Coulomb's."""
+
+
+class Surface(NamedTuple):
+    """A horizontal plane, solid below `height_m` of the base frame (the work object's)."""
+
+    height_m: float
+    stiffness_n_m: float = 500.0
+    """Of a pen in a spring-loaded holder; a rigid tool on a table has 10 kN/m and more."""
+    damping_n_s_m: float = 5.0
+    """Against motion into and out of the surface; it never pulls."""
+    friction: float = 0.2
+    """Coulomb's coefficient along the surface."""
+
+
+def touch(surface: Surface, position: Vector3, velocity: Vector3) -> Vector3:
+    """The force that the TCP exerts on `surface`; zero without contact, never upwards."""
+    depth_m = surface.height_m - position.z
+    if depth_m <= 0.0:
+        return ZERO3
+    pressed_n = surface.stiffness_n_m * depth_m - surface.damping_n_s_m * velocity.z
+    if pressed_n <= 0.0:
+        return ZERO3
+    slip_m_s = math.hypot(velocity.x, velocity.y)
+    drag = surface.friction * pressed_n / max(slip_m_s, STICK_SPEED_M_S)
+    return Vector3(drag * velocity.x, drag * velocity.y, -pressed_n)
+
+
+def tcp_velocity(frames: Frames, speeds_rad_s: Sequence[float]) -> Vector3:
+    """Velocity of the TCP in the base frame, m/s, when the joints turn at `speeds_rad_s`."""
+    tx, ty, tz = frames.pose.position
+    x = y = z = 0.0
+    for n in range(AXES):
+        ax, ay, az = frames.axes[n]
+        px, py, pz = frames.origins[n]
+        dx, dy, dz = tx - px, ty - py, tz - pz
+        speed = speeds_rad_s[n]
+        x += speed * (ay * dz - az * dy)
+        y += speed * (az * dx - ax * dz)
+        z += speed * (ax * dy - ay * dx)
+    return Vector3(x, y, z)

@@ -1,0 +1,202 @@
+"""An engine that follows a hand's pose, in virtual time, with a robot that may lag.
+
+Every command is checked: no step, no speed and no acceleration beyond the limits.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cardan.gateway.engine import TeleopEngine, Watchdogs
+from cardan.gateway.mapping import MappingOptions, Mode, TwistMapping
+from cardan.gateway.reference import Reference, ReferenceLimits
+from cardan.spatial import (
+    add,
+    from_euler_zyx,
+    from_rotation_vector,
+    limit_norm,
+    multiply,
+    norm,
+    normalized,
+    rotation_between,
+    scale,
+    subtract,
+)
+from cardan.types import (
+    ZERO3,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    Pose,
+    PoseCommand,
+    RobotLink,
+    RobotState,
+    Vector3,
+)
+
+DT_S = 0.004
+START = Pose(Vector3(0.5, 0.0, 0.4), from_euler_zyx(math.pi, 0.0, 0.3))
+HAND = Pose(Vector3(0.1, -0.2, 0.3), from_euler_zyx(0.1, 0.2, 0.3))
+DEFLECTIONS = (0.3, -0.2, 0.1, 0.0, 0.4, 1.0)
+"""What an Omni shows at rest."""
+HAND_SPEED_M_S, HAND_SPEED_RAD_S = 2.0, 8.0
+ROUNDING = 1e-6
+
+
+def displaced(x=0.0, y=0.0, z=0.0, rx=0.0, ry=0.0, rz=0.0, hand=HAND):
+    return Pose(
+        add(hand.position, Vector3(x, y, z)),
+        normalized(multiply(from_rotation_vector(Vector3(rx, ry, rz)), hand.orientation)),
+    )
+
+
+def close(a, b, tolerance=1e-6):
+    return all(abs(u - v) <= tolerance for u, v in zip(a, b, strict=True))
+
+
+class HandRig:
+    """A hand that goes where it is sent as fast as hands do, buttons, and a robot."""
+
+    def __init__(
+        self,
+        mode=Mode.POSITION,
+        limits=None,
+        start=START,
+        deflections=DEFLECTIONS,
+        filters=(),
+        **options,
+    ):
+        """All other options are those of the mapping."""
+        if not options.get("deadman"):
+            options.setdefault("clutch", "button_2")
+        self.limits = limits or ReferenceLimits()
+        self.engine = TeleopEngine(
+            TwistMapping(MappingOptions(mode=mode, **options)),
+            Reference(self.limits),
+            Watchdogs(),
+            filters,
+        )
+        self.start = start
+        self.now_s = 100.0
+        self.robot = RobotState(self.now_s, RobotLink.LIVE, 1, 0, DT_S, (0.0,) * 6, (), start, "")
+        self.device = DeviceState(self.now_s, DeviceLink.LIVE, deflections, frozenset(), HAND)
+        self.hand_goal = HAND
+        self.events = []
+        self.fresh = True
+        self.stuck = False
+        self.command = None
+        self.velocity = None
+        """Linear and angular, from the two newest commands."""
+
+    # -- what the operator does ----------------------------------------------------------------
+
+    def press(self, *names):
+        for name in names:
+            self.events.append(ButtonEvent(self.now_s, name, True))
+        self.device = self.device._replace(buttons=self.device.buttons | set(names))
+        return self
+
+    def release(self, *names):
+        for name in names:
+            self.events.append(ButtonEvent(self.now_s, name, False))
+        self.device = self.device._replace(buttons=self.device.buttons - set(names))
+        return self
+
+    def tap(self, *names):
+        return self.press(*names).run().release(*names).run()
+
+    def send_hand(self, pose):
+        self.hand_goal = pose
+        return self
+
+    def put_hand(self, pose):
+        self.hand_goal = pose
+        self.device = self.device._replace(pose=pose)
+        return self
+
+    # -- time ----------------------------------------------------------------------------------
+
+    def run(self, seconds=DT_S, dt_s=DT_S):
+        for _ in range(max(1, round(seconds / dt_s))):
+            self._tick(dt_s)
+        return self
+
+    def _tick(self, dt_s):
+        self.now_s += dt_s
+        self.robot = self.robot._replace(
+            stamp_s=self.now_s, sequence=self.robot.sequence + 1, period_s=dt_s
+        )
+        if self.fresh:
+            self._move_hand(dt_s)
+            self.device = self.device._replace(stamp_s=self.now_s)
+        before, followed = self.command, self.engine.following
+        rested = self.engine.at_rest
+        events, self.events = self.events, []
+        self.command = self.engine.tick(self.robot, self.device, events)
+        if not isinstance(self.command, PoseCommand):
+            self.command = self.velocity = None
+            return
+        if before is not None:
+            self._check(before.pose, dt_s)
+            takes_up = self.engine.following and not followed
+            if takes_up and rested and self.engine.mapping.options.mode is Mode.POSITION:
+                assert self.command == before
+        if not self.stuck:
+            self.robot = self.robot._replace(pose=self.command.pose)
+
+    def _move_hand(self, dt_s):
+        here = self.device.pose
+        if here is None or here == self.hand_goal:
+            return
+        way = subtract(self.hand_goal.position, here.position)
+        turn = rotation_between(here.orientation, self.hand_goal.orientation)
+        turn = limit_norm(turn, HAND_SPEED_RAD_S * dt_s)
+        pose = Pose(
+            add(here.position, limit_norm(way, HAND_SPEED_M_S * dt_s)),
+            normalized(multiply(from_rotation_vector(turn), here.orientation)),
+        )
+        if close(pose.position, self.hand_goal.position, 1e-12) and norm(turn) < 1e-12:
+            pose = self.hand_goal
+        self.device = self.device._replace(pose=pose)
+
+    def _check(self, before, dt_s):
+        pose, limits = self.command.pose, self.limits
+        linear = scale(subtract(pose.position, before.position), 1.0 / dt_s)
+        angular = scale(rotation_between(before.orientation, pose.orientation), 1.0 / dt_s)
+        assert norm(linear) <= limits.linear_speed_m_s + ROUNDING
+        assert norm(angular) <= limits.angular_speed_rad_s + ROUNDING
+        was_linear, was_angular = self.velocity or (ZERO3, ZERO3)
+        change = norm(subtract(linear, was_linear))
+        assert change <= limits.linear_acceleration_m_s2 * dt_s + ROUNDING
+        change = norm(subtract(angular, was_angular))
+        assert change <= limits.angular_acceleration_rad_s2 * dt_s + ROUNDING
+        self.velocity = linear, angular
+
+    # -- what came of it -----------------------------------------------------------------------
+
+    @property
+    def tcp(self):
+        return self.command.pose
+
+    @property
+    def moved(self):
+        return subtract(self.tcp.position, self.start.position)
+
+    @property
+    def turned(self):
+        return rotation_between(self.start.orientation, self.tcp.orientation)
+
+    @property
+    def message(self):
+        return self.engine.status().message
+
+    @property
+    def mapped_hand(self):
+        """Where the engine's map says that the TCP goes."""
+        world = self.engine.hand_map()
+        x = self.device.pose.position
+        rows = (world.linear[0:3], world.linear[3:6], world.linear[6:9])
+        return Vector3(
+            *(sum(a * b for a, b in zip(row, x, strict=True)) + o
+              for row, o in zip(rows, world.offset, strict=True))
+        )  # fmt: skip

@@ -1,0 +1,144 @@
+"""A whole session in virtual time: simulated Omni, the compiled tick, engine, simulated arm.
+
+Only the driver's thread is left out, which lives in the computer's time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.haptics.loop import Rig
+from cardan.drivers import registry
+from cardan.drivers.omni.tick import TickLimits
+from cardan.gateway.config import parse_config
+from cardan.gateway.session import make_session
+from cardan.sim_peers.omni.library import available
+from cardan.types import DeviceLink, DeviceState
+from tests.gateway.force_fakes import REST, FakeHaptic
+
+pytestmark = pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
+
+SECONDS = 5.4
+PRESSED_S, OUT_S = 0.4, 5.2
+LIMITS = TickLimits()
+BACK_M, STROKE_M = -0.032, 0.064
+"""Nearly all of the Omni's nominal workspace, at whose edge it pushes by itself."""
+SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
+SURFACE = {
+    "shape": "plane",
+    "point_m": [0.4, 0.0, 0.0],
+    "normal": [1.0, 0.0, 0.0],
+    "stiffness_n_m": 1000.0,
+}
+TABLE = {
+    "device": {"driver": "fake_haptic"},
+    "robot": {
+        "driver": "sim_arm",
+        "robot": "ur5",
+        "pacing": "virtual",
+        "period_s": 0.004,
+        "gravity_feedforward": True,
+        "start": [-0.251, -1.712, 1.782, -1.641, -1.571, -0.251],
+    },
+    "arm": {"model": "ur5", "collisions": False},
+    "mapping": {
+        "mode": "position",
+        "clutch": "button_2",
+        "orientation": "fixed",
+        "scale": [1.25, 1.25, 1.25, 1.0, 1.0, 1.0],
+        "device_rpy_deg": [0.0, 0.0, 180.0],
+    },
+}
+
+
+class VirtualOmni(FakeHaptic):
+    """The simulated Omni and its tick, in the time of the rig."""
+
+    rig: Rig
+
+    def state(self):
+        snapshot = self.rig.tick.snapshot()
+        return DeviceState(snapshot.stamp_s, DeviceLink.LIVE, REST, frozenset(), snapshot.pose)
+
+    def render(self, command):
+        self.rig.tick.command(command)
+
+    def haptics(self):
+        return self.rig.tick.snapshot()
+
+    def enable(self):
+        self.rig.tick.enable()
+
+    def disable(self):
+        self.rig.tick.disable()
+
+
+def run(monkeypatch, **tables):
+    """Clutch in, push the TCP 80 mm towards the robot within 1.2 s, stay, come back, clutch out."""
+    monkeypatch.setitem(registry.BUILT_IN, "fake_haptic", f"{__name__}:VirtualOmni")
+    s = make_session(parse_config({**TABLE, **tables}))
+    states = s.robot.cycles
+    places, presses = [], [PRESSED_S, OUT_S]
+    with Rig(LIMITS) as rig:
+        device = s.device
+        device.rig = rig
+        rig.sim.hand((BACK_M, 0.0, 0.0))
+
+        def cycles():
+            for state in states():
+                now_s = state.stamp_s
+                on_way = np.clip(min(now_s - 1.6, 4.8 - now_s) / 1.2, 0.0, 1.0)
+                rig.sim.hand((BACK_M + STROKE_M * on_way, 0.0, 0.0))
+                if now_s > rig.now_s:
+                    rig.run(now_s - rig.now_s, None)
+                device.now_s = now_s
+                if presses and now_s >= presses[0]:
+                    presses.pop(0)
+                    device.press("button_2")
+                if s.engine.reference.pose is not None:
+                    places.append(s.engine.reference.pose.position)
+                if now_s >= SECONDS:
+                    s.stop("enough")
+                yield state
+
+        s.robot.cycles = cycles
+        last = s.run()
+        return last, rig.trace, places
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"fixtures": [SPHERE]},
+        {"force": {"source": "contact", "contact": [SURFACE], "scale": 0.1}},
+    ],
+    ids=["sphere", "contact"],
+)
+def test_the_hand_feels_what_the_tcp_meets_and_gets_no_energy_of_it(monkeypatch, tables):
+    last, trace, places = run(monkeypatch, **tables)
+    assert last.trips == 0
+    assert last.path_m > 0.06
+    sent = np.linalg.norm(trace.sent_n, axis=1)
+    early, late = trace.times_s < PRESSED_S, trace.times_s > OUT_S + 0.02
+    assert sent[early].max() == 0.0  # Nothing before the operator takes hold.
+    assert sent[late].max() == 0.0  # And nothing 20 ms after letting go.
+    assert sent.max() > 1.0
+    assert sent.max() <= LIMITS.clamp_n + 1e-9
+    # it pushes the hand back, away from the robot
+    assert trace.sent_n[np.argmax(sent), 0] < -0.95 * sent.max()
+    assert np.abs(np.diff(trace.sent_n, axis=0)).max() < 0.5
+    # the TCP is held up on its way: in free space it would go 80 mm
+    nearest = min(place.x for place in places)
+    assert 0.36 < nearest < 0.395
+    # energy of the whole push and return, by the simulation itself
+    assert trace.given_j[-1] < 0.005
+    assert last.force_peak_n == pytest.approx(sent.max(), abs=0.1)
+    assert last.energy_given_j == pytest.approx(trace.believed_j[-1], abs=1e-6)
+
+
+def test_free_space_is_free(monkeypatch):
+    far = {**SPHERE, "centre_m": [-0.3, 0.0, 0.4]}
+    _, trace, places = run(monkeypatch, fixtures=[far])
+    assert np.linalg.norm(trace.sent_n, axis=1).max() < 0.15  # Of the damping alone.
+    assert min(place.x for place in places) == pytest.approx(0.36, abs=0.005)
