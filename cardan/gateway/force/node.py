@@ -11,12 +11,9 @@ from __future__ import annotations
 
 import contextlib
 import select
-import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
-from types import FrameType
 
 from cardan.errors import AddressError, DriverError
 from cardan.gateway.config import ForceConfig, make_conditioner, make_source
@@ -30,6 +27,7 @@ from cardan.gateway.force.link import (
     encode_force,
 )
 from cardan.gateway.force.sources import ForceSource, PointVelocity
+from cardan.gateway.serving import interruptible
 from cardan.realtime import ask_for_real_time
 from cardan.spatial import add, norm
 from cardan.types import ZERO3
@@ -106,7 +104,7 @@ def run_force_node(config: ForceConfig, path: str, seconds: float | None = None)
     """
     end_s = float("inf") if seconds is None else time.monotonic() + seconds
     with contextlib.ExitStack() as opened:
-        ended = opened.enter_context(_interruptible())
+        ended = opened.enter_context(interruptible())
         source = make_source(config.force)
         if source is not None:
             opened.enter_context(source)
@@ -177,22 +175,3 @@ def _connect(path: str, ended: threading.Event, end_s: float) -> socket.socket:
                     f"no session offers {path}: {error.strerror or error}; start one with "
                     f'[force] source = "remote" and socket = "{path}"'
                 ) from None
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, meanwhile."""
-    ended = threading.Event()
-
-    def handler(_number: int, _frame: FrameType | None) -> None:
-        ended.set()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield ended  # Signals are the main thread's.
-        return
-    previous = {each: signal.signal(each, handler) for each in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield ended
-    finally:
-        for number, old in previous.items():
-            signal.signal(number, old)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import socket
-import stat
 from types import TracebackType
 
 from cardan.errors import AddressError
@@ -21,6 +19,7 @@ from cardan.gateway.force.link import (
     encode_state,
 )
 from cardan.gateway.force.sources import ForceSource, Reading
+from cardan.gateway.serving import make_room
 from cardan.haptics import WorldMap
 from cardan.types import NEVER_S, Frame, Pose, RobotLink, RobotState
 
@@ -58,7 +57,7 @@ class RemoteSource(ForceSource):
     def __enter__(self) -> RemoteSource:
         """Offer the socket. Raises AddressError where that cannot be."""
         path = self._path
-        _make_room(path)
+        make_room(path, socket.SOCK_SEQPACKET, "another session")
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with contextlib.suppress(OSError):
             # On Linux the node is made with the mode of its descriptor: nobody slips in.
@@ -183,31 +182,3 @@ class RemoteSource(ForceSource):
         if node is not None:
             node.close()
             self.lease.leave(self._number)
-
-
-def _make_room(path: str) -> None:
-    """Remove a socket at `path` that nobody serves. Raises AddressError for anything else there."""
-    try:
-        mode = os.stat(path, follow_symlinks=False).st_mode
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise AddressError(f"cannot offer {path}: {error.strerror or error}") from None
-    if not stat.S_ISSOCK(mode):
-        raise AddressError(f"cannot offer {path}: there is something there that is no socket")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
-        probe.setblocking(False)
-        try:
-            probe.connect(path)
-        except OSError as error:
-            if error.errno != errno.ECONNREFUSED:
-                raise AddressError(
-                    f"cannot offer {path}: another program may do so "
-                    f"({error.strerror or error}); end it, or choose another path"
-                ) from None
-        else:
-            raise AddressError(
-                f"cannot offer {path}: another session does; end it, or choose another path"
-            )
-    with contextlib.suppress(FileNotFoundError):
-        os.unlink(path)

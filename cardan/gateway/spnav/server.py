@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import selectors
-import signal
 import socket
-import stat
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from types import FrameType
+from collections.abc import Callable, Sequence
 
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import AddressError, DriverError
+from cardan.gateway.serving import interruptible, make_room
 from cardan.gateway.spnav.core import MOTION_PERIOD_S, DeviceIdentity, SpnavServerCore
 from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.realtime import ask_for_real_time
@@ -71,7 +68,7 @@ class SpnavServer:
         if not hasattr(socket, "AF_UNIX"):
             raise AddressError("this system has no Unix sockets, and so no programs of spacenavd")
         path = self._options.socket
-        _make_room(path)
+        make_room(path, socket.SOCK_STREAM, "another program (spacenavd?)")
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         mode = _MODES[self._options.access]
         # On Linux the node is made with the mode of its descriptor: nobody slips in before chmod.
@@ -301,7 +298,7 @@ def serve_device(
     """
     options = options or SpnavServerOptions()
     with contextlib.ExitStack() as stack:
-        interrupted = stack.enter_context(_interruptible())
+        interrupted = stack.enter_context(interruptible())
         stack.enter_context(device)
         capabilities = device.capabilities
 
@@ -340,50 +337,3 @@ def _offer(
     if not core.present and state.link not in (DeviceLink.CLOSED, DeviceLink.LOST):
         core.name_buttons(buttons())
     core.offer(state, edges, now_s)
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, where signals can be taken (the main thread)."""
-    interrupted = threading.Event()
-
-    def stop(_signal: int, _frame: FrameType | None) -> None:
-        interrupted.set()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield interrupted
-        return
-    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield interrupted
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-def _make_room(path: str) -> None:
-    """Remove a socket at `path` that nobody serves. Raises AddressError for anything else there."""
-    try:
-        mode = os.stat(path, follow_symlinks=False).st_mode
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise AddressError(f"cannot serve at {path}: {error.strerror or error}") from None
-    if not stat.S_ISSOCK(mode):
-        raise AddressError(f"cannot serve at {path}: there is something there that is no socket")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-        probe.settimeout(1.0)
-        try:
-            probe.connect(path)
-        except OSError as error:
-            if error.errno != errno.ECONNREFUSED:
-                raise AddressError(f"cannot serve at {path}: {error.strerror or error}") from None
-        else:
-            raise AddressError(
-                f"cannot serve at {path}: another program does (spacenavd?); end it, or choose "
-                "another path"
-            )
-    try:
-        os.unlink(path)
-    except OSError as error:
-        raise AddressError(f"cannot remove {path}: {error.strerror or error}") from None
