@@ -195,11 +195,18 @@ class HapticState(NamedTuple):
     """N, hand frame: what the fixtures and the measured force ask for."""
     force: Vector3 = ZERO3
     """N, hand frame: what was sent, after every limit."""
+    rendering: bool = False
+    """Force is let out, in whole or while it ramps up; `reason` says why not."""
+    peak_n: float = 0.0
+    """Largest force sent since the tick began."""
     energy_j: float = 0.0
     """The passivity observer's: net energy taken in by the rendered environment; below 0 it has
     given more than it took."""
     delivered_j: float = 0.0
-    """All energy given to the hand less all taken from it since the tick began."""
+    """All energy given to the hand less all taken from it since the tick began, at most: where the
+    age of a measured place leaves it open, the worse is booked."""
+    given_peak_j: float = 0.0
+    """Most energy that the hand was given, net, within one engagement; booked likewise."""
     passivity_damping_n_s_m: float = 0.0
     """What the passivity controller damps with now."""
     squeeze: float = 1.0

@@ -664,10 +664,43 @@ def test_a_late_tick_asks_for_no_force_and_a_long_gap_pauses() -> None:
     assert rig.step(gap_s=0.006) == ZERO3
     assert rig.state.late_ticks == 2
     rig.run(0.1)
-    rig.step(gap_s=0.025)
+    assert rig.step(gap_s=0.025) == ZERO3
     assert rig.state.state is OperatingState.PAUSED
+    assert not rig.state.rendering
+
+
+def test_after_a_long_gap_the_force_is_back_within_a_tenth_of_a_second() -> None:
+    """A hand that leant on it has begun to fall: it would never find a small force again."""
+    rig = Rig()
+    rig.press()
+    rig.step(gap_s=0.025)
+    norms = [rig.run(0.01).z for _ in range(13)]
+    assert norms == sorted(norms)
+    assert norms[3] < 0.8
+    assert norms[-1] == pytest.approx(1.5, abs=0.02)
+    assert rig.state.state is OperatingState.ENABLED
+    assert rig.state.rendering
+    assert rig.state.given_peak_j <= rig.limits.energy_budget_j
+
+
+def test_a_long_gap_while_nothing_was_let_out_changes_nothing_of_that() -> None:
+    rig = Rig()
+    rig.press()
+    rig.tick.pause()
+    rig.run(0.02)
+    rig.step(gap_s=0.025)
+    rig.tick.resume()
     assert rig.run(0.5) == ZERO3
     assert "too large to engage" in rig.state.reason
+
+
+def test_the_largest_force_is_remembered() -> None:
+    rig = Rig()
+    rig.press()
+    rig.tick.disable()
+    rig.run(0.1)
+    assert rig.state.force == ZERO3
+    assert rig.state.peak_n == pytest.approx(1.5, abs=0.02)
 
 
 def test_a_clock_that_stands_still_or_goes_back_gives_no_step() -> None:

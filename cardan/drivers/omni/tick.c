@@ -64,6 +64,9 @@ enum { OUT, WAITING, RAMPING, IN };
 #define FREE_SPACE_N 0.02
 #define ALPHA_SPEED_M_S 0.005
 #define BISECTIONS 12
+/* After the loop stood still a hand that leant on the force has begun to fall: it is met soon, but
+ * not at once. */
+#define RESUME_RAMP_S 0.1
 
 struct Tick {
     /* shared */
@@ -108,6 +111,9 @@ struct Tick {
     int phase;
     int32_t small_ticks;
     double share;
+    double ramp_s; /* how long the share takes to 1 */
+    bool resumes;  /* the loop stood still while force was out */
+    double given_j; /* booked as given to the hand in this engagement */
     double energy_j;
     double mean_square;
     double gain;
@@ -880,7 +886,9 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
                 tick->moved[i] = s->position[i] - tick->position[i];
             double work = fmax(dot(tick->sent, tick->moved), dot(tick->before_sent, tick->moved));
             tick->energy_j -= work;
+            tick->given_j += work;
             now->delivered_j += work;
+            now->given_peak_j = fmax(now->given_peak_j, tick->given_j);
         } else {
             clear(tick->velocity);
         }
@@ -938,8 +946,8 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
             if (tick->gain < BUZZ_GAIN_FLOOR)
                 go(tick, &word, TICK_PAUSED, TICK_PAUSED_BUZZ);
         }
-        if (late && gap > l->pause_gap_s)
-            go(tick, &word, TICK_PAUSED, TICK_PAUSED_LATE);
+        if (late && gap > l->pause_gap_s && go(tick, &word, TICK_PAUSED, TICK_PAUSED_LATE))
+            tick->resumes = tick->phase >= RAMPING;
     }
     if ((word & 0xffu) == TICK_ENABLED && c && c->engaged && age > l->pause_s)
         go(tick, &word, TICK_PAUSED, TICK_PAUSED_SILENT);
@@ -970,14 +978,22 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     if (reason) {
         if (!hold_phase)
             tick->phase = OUT;
+        if (reason != TICK_PAUSED_LATE && !hold_phase)
+            tick->resumes = false;
     } else {
         if (tick->phase == OUT && norm(tick->sent) <= 0.0) {
             tick->phase = WAITING;
             tick->small_ticks = 0;
             if (tick->anew) {
                 tick->anew = false;
-                tick->energy_j = 0.0;
+                tick->energy_j = tick->given_j = 0.0;
                 forget_buzz(tick);
+            }
+            if (tick->resumes) {
+                tick->phase = RAMPING;
+                tick->share = 0.0;
+                tick->ramp_s = fmin(RESUME_RAMP_S, l->engage_ramp_s);
+                tick->resumes = false;
             }
         }
         if (tick->phase == OUT) {
@@ -986,11 +1002,13 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
             tick->share = 0.0;
             tick->small_ticks =
                 norm(force) < l->engage_below_n && !fast ? tick->small_ticks + 1 : 0;
-            if (tick->small_ticks >= l->engage_ticks)
+            if (tick->small_ticks >= l->engage_ticks) {
                 tick->phase = RAMPING;
+                tick->ramp_s = l->engage_ramp_s;
+            }
             reason = TICK_NOT_SMALL;
         } else if (tick->phase == RAMPING) {
-            tick->share += l->engage_ramp_s > 0.0 ? dt / l->engage_ramp_s : 1.0;
+            tick->share += tick->ramp_s > 0.0 ? dt / tick->ramp_s : 1.0;
             if (tick->share >= 1.0) {
                 tick->share = 1.0;
                 tick->phase = IN;
@@ -1067,6 +1085,8 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
 
     set(now->commanded, force);
     set(now->force, sent);
+    now->rendering = rendering;
+    now->peak_n = fmax(now->peak_n, norm(sent));
     set(now->torques_n_m, torques);
     now->energy_j = tick->energy_j;
     now->alpha_n_s_m = alpha;
@@ -1134,7 +1154,8 @@ static const size_t layout[] = {
     F(TickSnapshot, presses), F(TickSnapshot, late_ticks), F(TickSnapshot, stale_commands),
     F(TickSnapshot, faults), F(TickSnapshot, buzzes), F(TickSnapshot, errors),
     F(TickSnapshot, force_errors), F(TickSnapshot, error), F(TickSnapshot, internal_error),
-    F(TickSnapshot, realtime), F(TickSnapshot, finished),
+    F(TickSnapshot, realtime), F(TickSnapshot, finished), F(TickSnapshot, peak_n),
+    F(TickSnapshot, given_peak_j), F(TickSnapshot, rendering), F(TickSnapshot, reserved),
 };
 
 size_t tick_layout(const size_t **values)

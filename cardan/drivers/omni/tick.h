@@ -239,6 +239,10 @@ typedef struct {
     int32_t internal_error;
     int32_t realtime; /* 1: the thread has real-time scheduling; 0: it was refused; -1: not asked */
     int32_t finished; /* 1: the callback has said that it wants no more ticks */
+    double peak_n;       /* largest force sent since the tick was made */
+    double given_peak_j; /* most energy booked as given to the hand within one engagement */
+    int32_t rendering;   /* 1: force is let out, in whole or on its ramp */
+    int32_t reserved;
 } TickSnapshot;
 
 typedef struct Tick Tick;

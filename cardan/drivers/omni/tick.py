@@ -376,6 +376,10 @@ _Snapshot = _structure(
         ("internal_error", c_int32),
         ("realtime", c_int32),
         ("finished", c_int32),
+        ("peak_n", c_double),
+        ("given_peak_j", c_double),
+        ("rendering", c_int32),
+        ("reserved", c_int32),
     ],
 )
 _Functions = _structure("ServoFunctions", [(name, c_void_p) for name in FUNCTIONS])
@@ -385,7 +389,7 @@ _COMMAND = struct.Struct("=Qd4i9d3d9d3dd3d3dd3d3dd")
 _FIXTURE = struct.Struct("=2i3d3d9d4d")
 _SAMPLE = struct.Struct("=d3d3d9d3d3d9dd")
 _SAMPLE_REST = struct.Struct("=d6q6i")
-_SNAPSHOT = struct.Struct("=dQ2i3d3d9d3d3d3d3d3d5dQ5d6q4i2I7Ii2i")
+_SNAPSHOT = struct.Struct("=dQ2i3d3d9d3d3d3d3d3d5dQ5d6q4i2I7Ii2i2d2i")
 
 _STATES = (
     OperatingState.DISABLED,
@@ -698,6 +702,9 @@ class Tick:
             late_ticks=v[57],
             stale_commands=v[58],
             faults=v[59],
+            peak_n=v[67],
+            given_peak_j=v[68],
+            rendering=bool(v[69]),
             dropped_commands=dropped,
         )
 

@@ -1,0 +1,211 @@
+"""The closed loop in virtual time: where the plain loop feeds the hand, ours stays passive.
+
+Energy is the simulation's own; the bound is that of tick.h, with the allowance that
+`bench.haptics.stability` derives for a quantised position.
+"""
+
+from __future__ import annotations
+
+import functools
+import random
+
+import numpy as np
+import pytest
+
+from bench.haptics import theory
+from bench.haptics.loop import MISPLACED_M
+from bench.haptics.remote import Channel, Link, RemoteWall, Robot, Wall
+from bench.haptics.stability import (
+    HANDS,
+    HELD,
+    LIGHTLY,
+    OURS,
+    PLAIN,
+    PUSHES,
+    UNHELD,
+    allowance_j,
+    compare,
+    judge,
+    local,
+    promised_j,
+    remote,
+    summary,
+    table,
+)
+from bench.haptics.zwidth import FRICTIONLESS
+from cardan.types import ZERO3, Vector3
+
+UP = Vector3(0.0, 0.0, 1.0)
+
+
+@functools.cache
+def run(limits_are_ours, hand, stiffness_n_m, link):
+    limits = OURS if limits_are_ours else PLAIN
+    return judge(remote(limits, hand, stiffness_n_m, link), limits)
+
+
+@pytest.mark.parametrize("push", PUSHES, ids=lambda push: f"{push.name}, {push.hand.name}")
+def test_the_plain_loop_goes_unstable_and_ours_does_not(push):
+    assert run(False, push.hand, *push.calm).stable
+    assert run(True, push.hand, *push.calm).stable
+    plain, ours = run(False, push.hand, *push.pushed), run(True, push.hand, *push.pushed)
+    assert not plain.passive
+    assert not plain.settled
+    assert plain.given_j > 10.0 * ours.bound_j
+    assert ours.stable
+
+
+def test_the_tables():
+    calm, pushed = (compare(HELD, 400.0, Link(d)) for d in (0.01, 0.05))
+    lines = table([(PUSHES[1], calm, pushed)]).splitlines()
+    assert [line.count("|") for line in lines] == [8] * 4
+    assert "**" in lines[3]
+    assert "**" not in lines[2]
+    assert "2 points, plain unstable at 1; ours within its bound at 2" in summary(
+        "delay", [calm, pushed]
+    )
+
+
+def test_an_unstable_loop_keeps_feeding_the_hand():
+    trace = remote(PLAIN, LIGHTLY, 100.0, Link(0.05))
+    thirds = np.interp((1.0, 2.0, 3.0), trace.times_s, trace.given_j)
+    assert thirds[1] - thirds[0] > 0.1
+    assert thirds[2] - thirds[1] > 0.1
+
+
+@pytest.mark.parametrize("stiffness", [50.0, 400.0, 2000.0])
+@pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.05, 0.1])
+@pytest.mark.parametrize("hand", HANDS, ids=lambda hand: hand.name)
+def test_ours_keeps_its_bound_everywhere(hand, delay_s, stiffness):
+    found = run(True, hand, stiffness, Link(delay_s))
+    assert found.margin_j >= 0.0
+    if hand is not UNHELD:
+        assert found.settled
+
+
+def test_ours_keeps_its_bound_whatever_the_channel_does():
+    chance = random.Random(6)
+    for _ in range(25):
+        link = Link(
+            chance.choice((0.0, chance.uniform(0.0, 0.1))),
+            chance.uniform(0.0, 0.1),
+            chance.uniform(0.0, 0.6),
+            chance.choice((0.004, 0.008, 0.012, 0.02)),
+        )
+        hand, stiffness = chance.choice(HANDS), 10.0 ** chance.uniform(1.0, 4.0)
+        assert run(True, hand, stiffness, link).margin_j >= 0.0, (hand.name, stiffness, link)
+
+
+def test_a_wall_in_the_tick_itself():
+    plain = judge(local(PLAIN, UNHELD, 5000.0), PLAIN)
+    ours = judge(local(OURS, UNHELD, 5000.0), OURS)
+    assert not plain.passive
+    assert not plain.settled
+    assert ours.stable
+
+
+def test_the_tick_books_no_less_than_the_truth():
+    for limits, hand, link in ((OURS, LIGHTLY, Link(0.05)), (PLAIN, UNHELD, Link())):
+        trace = remote(limits, hand, 400.0, link)
+        # It hears of a motion in the next tick.
+        books = (trace.believed_j + allowance_j(trace))[1:]
+        assert np.all(trace.given_j[:-1] <= books)
+        assert promised_j(trace, limits)[-1] >= limits.energy_budget_j
+
+
+def test_a_position_that_comes_a_tick_late_is_no_loophole():
+    """Without friction nothing forgives it: a stiff wall under a weight swings for ever if the
+    work is booked with the wrong tick's force."""
+    trace = local(OURS, FRICTIONLESS, 400.0, seconds=5.0)
+    assert trace.given_j.max() <= OURS.energy_budget_j + 0.002
+    assert judge(trace, OURS).passive
+
+
+def test_a_soft_wall_is_rendered_and_not_spared_away():
+    trace = remote(OURS, HELD, 100.0, Link(0.005))
+    depth_m = -trace.position_m[-1, 2]
+    assert depth_m > 0.002
+    assert trace.sent_n[-1, 2] == pytest.approx(100.0 * depth_m, rel=0.05)
+
+
+# -- theory ----------------------------------------------------------------------------------------
+
+
+def test_the_rules_of_thumb():
+    assert theory.passive_stiffness(0.1, 0.0, 1e-3) == pytest.approx(200.0)
+    assert theory.passive_stiffness(0.1, 0.2, 1e-3) == 0.0
+    assert theory.stable_stiffness_rule(5.0, 1e-3, 1e-3) == pytest.approx(3333.3, rel=1e-3)
+    assert theory.stable_stiffness_rule(5.0, 4e-3, 50e-3) == pytest.approx(96.2, rel=1e-3)
+    assert theory.passive_by_friction(0.26, 5e-5) == pytest.approx(10400.0)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 5, 12])
+def test_the_exact_limit_is_that_of_a_simulated_loop(samples):
+    held, period_s = theory.Held(0.25, 5.0, 200.0), 0.004
+    limit = theory.stable_stiffness(held, period_s, samples)
+
+    def amplitude_after_4_s(stiffness):
+        x, v, old = 1e-3, 0.0, [1e-3] * (samples + 1)
+        steps, peak = 40, 0.0
+        for tick in range(1000):
+            old = [x, *old[:-1]]
+            for _ in range(steps):
+                dt_s = period_s / steps
+                v += dt_s * (-5.0 * v - 200.0 * x - stiffness * old[samples]) / held.mass_kg
+                x += dt_s * v
+            if tick >= 900:
+                peak = max(peak, abs(x))
+        return peak
+
+    assert amplitude_after_4_s(0.9 * limit) < 1e-3
+    assert amplitude_after_4_s(1.1 * limit) > 1e-3
+
+
+def test_encoders_misplace_the_tip_by_about_their_quantum():
+    assert 5.0e-5 < MISPLACED_M < 6.0e-5
+
+
+# -- the channel and the robot ---------------------------------------------------------------------
+
+
+def test_a_channel_is_late_and_keeps_the_order_of_arrival():
+    channel = Channel(Link(0.01), 1)
+    channel.send("a", 0.0)
+    channel.send("b", 0.004)
+    assert channel.receive(0.009) == []
+    assert channel.receive(0.010) == ["a"]
+    assert channel.receive(1.0) == ["b"]
+
+
+def test_jitter_reorders_and_loss_loses():
+    channel = Channel(Link(0.0, jitter_s=0.05, loss=0.25), 3)
+    for number in range(1000):
+        channel.send(number, 0.004 * number)
+    arrived = channel.receive(100.0)
+    assert 700 < len(arrived) < 800
+    assert arrived != sorted(arrived)
+
+
+def test_the_robot_follows_behind_its_lag_and_its_limit():
+    robot = Robot(Wall(ZERO3, UP, 1000.0), 0.01, 0.5, Vector3(0.0, 0.0, 0.1))
+    robot.step(ZERO3, 0.01)
+    assert robot.position.z == pytest.approx(0.095)
+    for _ in range(100):
+        force = robot.step(Vector3(0.0, 0.0, -0.002), 0.01)
+    assert robot.position.z == pytest.approx(-0.002)
+    assert force == pytest.approx((0.0, 0.0, 2.0))
+
+
+def test_an_overtaken_force_is_dropped_and_the_stamp_is_that_of_arrival():
+    link = Link(0.02, jitter_s=0.03)
+    far = RemoteWall(Wall(ZERO3, UP, 100.0), link, link, start=Vector3(0.0, 0.0, 0.01))
+    stamps, forces = [], []
+    for count in range(200):
+        now_s = 0.004 * count
+        measured = far.cycle(Vector3(0.0, 0.0, -1e-4 * count), now_s)
+        if measured is not None:
+            assert measured.stamp_s <= now_s
+            stamps.append(measured.stamp_s)
+            forces.append(measured.force.z)
+    assert stamps == sorted(stamps)
+    assert forces == sorted(forces)
