@@ -711,6 +711,32 @@ def test_a_clock_that_stands_still_or_goes_back_gives_no_step() -> None:
     assert rig.step(gap_s=-0.5, silent=True) == before
 
 
+def test_under_a_clock_that_stands_the_force_goes() -> None:
+    rig = Rig()
+    assert rig.press().z > 1.4
+    for _ in range(19):
+        rig.step(gap_s=0.0)
+    assert [rig.step(gap_s=0.0).z for _ in range(6)][-1] == 0.0
+    assert rig.state.stale_commands == 1
+
+
+def test_a_new_engagement_does_not_resume_the_old_one() -> None:
+    rig = Rig()
+    rig.press()
+    rig.step(gap_s=0.025)
+    rig.tick.disable()
+    rig.tick.enable()
+    assert rig.run(0.5) == ZERO3
+    assert "too large to engage" in rig.state.reason
+
+
+def test_a_measured_force_of_a_time_to_come_is_not_felt() -> None:
+    rig = Rig()
+    rig.engage()
+    rig.send(measured=MeasuredForce(Vector3(0.0, 0.0, 1.0), rig.now_s + 100.0))
+    assert rig.run(0.1) == ZERO3
+
+
 def test_maxima_are_since_the_snapshot_before() -> None:
     rig = Rig()
     rig.run(0.01)

@@ -61,7 +61,10 @@ enum { OUT, WAITING, RAMPING, IN };
 #define DERATING_BAND 0.2
 #define LONGEST_STEP_S 0.02
 #define LONGEST_RELEASE_S 0.05 /* most_work() counts its ticks one by one */
-#define FREE_SPACE_N 0.02
+#define CALIBRATION_JUMP_M 0.002 /* no hand moves so far in a tick, short of the velocity gate */
+#define STILL_TICKS 20 /* so many ticks without time are a clock that stands */
+#define FREE_SPACE_N 0.1 /* commanded; no hand feels less through the device's own friction */
+#define SURPLUS_J 0.05 /* what a spring of 40 N/m holds at 2 N: it may give that back */
 #define ALPHA_SPEED_M_S 0.005
 #define BISECTIONS 12
 /* After the loop stood still a hand that leant on the force has begun to fall: it is met soon, but
@@ -108,6 +111,7 @@ struct Tick {
     int32_t direction_kinds[TICK_FIXTURES];
     double measured_stamp_s;
     double measured_extra[3];
+    int32_t still_ticks; /* in a row, in which no time went by */
     int phase;
     int32_t small_ticks;
     double share;
@@ -690,8 +694,8 @@ static void render_measured(Tick *tick, const TickCommand *c, double now_s, doub
         add(tick->measured_extra, -c->measured_stiffness_n_m, tick->position);
         add(tick->measured_extra, c->measured_stiffness_n_m, c->measured_position);
     }
-    if (tick->now.force_age_s > l->measured_hold_s)
-        return;
+    if (tick->now.force_age_s > l->measured_hold_s || tick->now.force_age_s < -l->hold_s)
+        return; /* too old, or of a time to come */
     double felt[3];
     set(felt, c->measured_force);
     add(felt, 1.0, tick->measured_extra);
@@ -873,23 +877,26 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
         tick->generation = word >> 16;
         tick->engagement = engagement;
         tick->anew = true;
+        tick->resumes = false;
         tick->phase = OUT;
     }
 
     /* Work of the force sent last, and motion. A position that jumps because the calibration
      * changed is no motion. */
+    double energy_before = tick->energy_j;
     clear(tick->moved);
     if (sound) {
-        bool jump = !s->calibrated != !now->calibrated;
+        for (int i = 0; i < 3; i++)
+            tick->moved[i] = s->position[i] - tick->position[i];
+        bool jump = !s->calibrated != !now->calibrated && norm(tick->moved) > CALIBRATION_JUMP_M;
         if (tick->located && !jump) {
-            for (int i = 0; i < 3; i++)
-                tick->moved[i] = s->position[i] - tick->position[i];
             double work = fmax(dot(tick->sent, tick->moved), dot(tick->before_sent, tick->moved));
             tick->energy_j -= work;
             tick->given_j += work;
             now->delivered_j += work;
             now->given_peak_j = fmax(now->given_peak_j, tick->given_j);
         } else {
+            clear(tick->moved);
             clear(tick->velocity);
         }
         set(tick->position, s->position);
@@ -914,7 +921,8 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     double age = c ? fmax(now_s - c->stamp_s, now_s - tick->command_seen_s) : INFINITY;
     if (c && c->stamp_s > now_s + l->hold_s)
         age = INFINITY; /* of a time to come: not to be believed */
-    bool alive = age <= l->hold_s;
+    tick->still_ticks = dt > 0.0 ? 0 : tick->still_ticks + 1;
+    bool alive = age <= l->hold_s && tick->still_ticks < STILL_TICKS;
     if (!alive && tick->was_alive)
         now->stale_commands++;
     tick->was_alive = alive;
@@ -986,7 +994,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
             tick->small_ticks = 0;
             if (tick->anew) {
                 tick->anew = false;
-                tick->energy_j = tick->given_j = 0.0;
+                tick->energy_j = tick->given_j = energy_before = 0.0;
                 forget_buzz(tick);
             }
             if (tick->resumes) {
@@ -1052,6 +1060,8 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
 
     /* What is sent. */
     double rise = l->slew_rise_n_s * fmin(dt, l->overrun_gap_s), fall = l->slew_fall_n_s * dt;
+    if (tick->still_ticks >= STILL_TICKS)
+        fall = l->slew_fall_n_s * TICK_PERIOD_S;
     double sent[3];
     slew(sent, tick->sent, target, rise, fall);
     if (rendering) {
@@ -1067,9 +1077,17 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
         fault(tick, &word, TICK_FAULT_NOT_FINITE);
     }
 
-    /* A surplus is not kept for later while nothing is asked for. */
-    if (tick->energy_j > 0.0 && norm(force) < FREE_SPACE_N && norm(sent) < FREE_SPACE_N)
-        tick->energy_j -= tick->energy_j * fmin(1.0, dt / l->leak_s);
+    /* A surplus would let a later contact give as much: what damping alone took in is none, it
+     * fades while nothing is asked for, and it has an end. But never so that the force that is out
+     * could overdraw what is left. */
+    if (tick->energy_j > 0.0) {
+        double kept = fmin(tick->energy_j, SURPLUS_J);
+        if (norm(force) < FREE_SPACE_N)
+            kept = fmin(kept, fmax(0.0, energy_before)) * fmax(0.0, 1.0 - dt / l->leak_s);
+        double needed = most_work(sent, tick->sent, tick->moved, l->slew_fall_n_s * tick->period_s,
+                                  l->prediction_error_m) - l->energy_budget_j;
+        tick->energy_j = fmax(kept, fmin(tick->energy_j, needed));
+    }
 
     double torques[3] = {0.0, 0.0, 0.0};
     if (torque_mode && sound)

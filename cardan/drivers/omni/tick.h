@@ -20,7 +20,8 @@
  * measurement is of this instant, and sum F_(k-2) . d_k if it is a tick old, as a library's is that
  * latches what the packet before brought. Which of the two is not known, so the worse is booked:
  *     W -= max(F_(k-1) . d_k, F_(k-2) . d_k);
- * a surplus leaks away while no force is asked for. The tank is E = W + energy_budget_j. A force F
+ * W is kept below 50 mJ, and while no force is asked for (below 0.1 N) it does not grow above zero
+ * and leaks away, but by neither so far that E < R(F). The tank is E = W + energy_budget_j. A force F
  * is only sent if no more than E could be booked for it, and for the force before it, while it falls
  * to zero at the slew limit from the very next tick on, should the hand accelerate along F as hard
  * as believed: with G the force before, a_j = max(0, |F| - j s), s = slew_fall_n_s * period,
