@@ -376,7 +376,7 @@ def sim_omni(
         bool, typer.Option("--cold", help="It needs the inkwell before it knows where it is.")
     ] = False,
     log: Annotated[
-        str, typer.Option(metavar="FILE", help="Write true values there at the end (CSV).")
+        str, typer.Option(metavar="FILE", help="Write true values there as they come (CSV).")
     ] = "",
     seconds: Seconds = None,
     script: Script = None,
@@ -414,4 +414,7 @@ def sim_omni(
         faults=omni.parse_omni_faults(fault or ()),
         log=log,
     )
-    raise typer.Exit(omni.run_program(program, settings, seconds))
+    code = omni.run_program(program, settings, seconds)
+    if missing := omni.missing_log(settings):
+        typer.echo(f"warning: --log: {missing}", err=True)
+    raise typer.Exit(code)

@@ -183,6 +183,8 @@ class TeleopEngine:
         """How far the reference may still go to meet its robot."""
         self._ticked_s = NEVER_S
         self._stop_reason = ""
+        self._objection = ""
+        """Why somebody else wants the operator's hand off the robot, from the next tick on."""
 
     @property
     def phase(self) -> Phase:
@@ -232,11 +234,17 @@ class TeleopEngine:
         self._stop_reason = self._message = reason
         self._let_run_out = False
 
+    def trip(self, reason: str) -> None:
+        """Take the operator's hand off the robot in the next tick, as the watchdogs do; without
+        effect where nobody drives it by then."""
+        self._objection = self._objection or reason
+
     def tick(
         self, robot: RobotState, device: DeviceState, events: Sequence[ButtonEvent] = ()
     ) -> RobotCommand:
         """Decide the command for the control instant that `robot` reports."""
         stalled_s, self._ticked_s = robot.stamp_s - self._ticked_s, robot.stamp_s
+        objection, self._objection = self._objection, ""
         self._disturbed = self._recapture = False
         measured = self._measured(robot) if robot.ready else None
         if measured is None:
@@ -258,7 +266,7 @@ class TeleopEngine:
         if events and self._position is not None and self._let_go(events):
             self._position.release()  # Although it may be held again by now.
         self.reference.observe(measured)
-        self._supervise(robot, device)
+        self._supervise(robot, device, objection)
         self._arm(robot, device)
         if events:
             self._take_presses(robot, device, events)
@@ -501,7 +509,7 @@ class TeleopEngine:
         self._trip_reason = reason
         self._trips += 1
 
-    def _supervise(self, robot: RobotState, device: DeviceState) -> None:
+    def _supervise(self, robot: RobotState, device: DeviceState, objection: str) -> None:
         """Take the operator's hand off the robot when anything is wrong."""
         error_m, error_rad = self.reference.ahead_m, self.reference.ahead_rad
         limits = self.watchdogs
@@ -534,6 +542,8 @@ class TeleopEngine:
             self._trip(robot.alarm)
         elif device.link is not DeviceLink.LIVE:
             self._trip(device.reason or f"the device is {device.link.value}")
+        elif objection:
+            self._trip(objection)
         elif self._position is None and not is_finite(device.axes):
             self._trip("the device gives values that are not numbers")
         elif age_s < -limits.device_age_s:

@@ -52,6 +52,9 @@ from cardan.types import (
 SNAPSHOT_PERIOD_S = 0.1
 """A person reads no faster; at 250 Hz one tick in 25 pays for it, after its answer has left."""
 
+STOPPED_ON_REQUEST = "stopped on request"
+"""How a session ends whose supervisor asked it to, for a Ctrl-C above all."""
+
 BRAKE_TIMEOUT_S = 5.0
 """Longest a stopping session waits for its robot to come to rest before it lets go."""
 
@@ -184,14 +187,17 @@ class Session:
             # Everything below is bookkeeping: the answer has left.
             if force is not None:
                 at_rest = engine.at_rest and not engine.following
-                force.cycle(state, hand, engine.hand_map(), at_rest)
+                objection = force.cycle(state, hand, engine.hand_map(), at_rest)
+                if objection:
+                    engine.trip(objection)
             if spnav is not None:
                 spnav.offer(hand, events)
             if hand_feedback.useful and hand_feedback.due(now_s):
                 self._give(hand_feedback.update(engine.status(), state, now_s))
             if self._stop_reason or now_s >= end_s:
                 if give_up_s == math.inf:
-                    engine.request_stop(self._stop_reason or "the session's time is over")
+                    snapshot.ending = self._stop_reason or "the session's time is over"
+                    engine.request_stop(snapshot.ending)
                     give_up_s = now_s + BRAKE_TIMEOUT_S
                 if engine.at_rest or not state.ready or now_s >= give_up_s:
                     break
@@ -282,7 +288,8 @@ class Session:
         if self._spnav is not None:
             s.diagnosis += self._spnav.diagnosis()
         if self._force is not None:
-            s.diagnosis += self._force.diagnosis()
+            said = set(s.diagnosis)
+            s.diagnosis += [line for line in self._force.diagnosis() if line not in said]
             self._force.show(s)
         self._tell(s)
 
@@ -337,7 +344,7 @@ def main(arguments: list[str] | None = None) -> int:
         session = make_session(parse_config(table), channel)
 
         def stop(_number: int, _frame: FrameType | None) -> None:
-            session.stop("stopped on request")
+            session.stop(STOPPED_ON_REQUEST)
 
         # A terminal's Ctrl-C reaches the supervisor, which asks with SIGTERM.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

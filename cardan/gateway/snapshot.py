@@ -22,6 +22,8 @@ class Snapshot:
     elapsed_s: float = 0.0
     finished: bool = False
     """True for the last snapshot of a session."""
+    ending: str = ""
+    """Why the session ends, once it was asked to or its time is over."""
     phase: str = ""
     message: str = ""
     trips: int = 0
@@ -77,7 +79,13 @@ class Snapshot:
     force_commanded_n: float = 0.0
     """What fixtures and measured force ask for."""
     force_peak_n: float = 0.0
-    """The strongest that was felt, of those looked at every 10 ms."""
+    """The strongest that was sent, in any tick."""
+    force_losses: int = 0
+    """How often the hand was taken off the robot because the force was lost, or did not come."""
+    force_out_s: float = 0.0
+    """How long, in all, the hand was followed without the force that it had had before."""
+    force_lost_reason: str = ""
+    """Why, the last time."""
     force_age_s: float | None = None
     """Of the measured force that is rendered; None: none is."""
     fixture_age_p50_s: float | None = None
@@ -89,7 +97,9 @@ class Snapshot:
     energy_j: float = 0.0
     """The passivity observer's: below 0, what is rendered has given more than it took."""
     energy_given_j: float = 0.0
-    """Net, from the device to the hand."""
+    """Net, from the device to the hand, at most."""
+    energy_given_peak_j: float = 0.0
+    """The most of that within one engagement, which passivity bounds."""
     passivity_damping_n_s_m: float = 0.0
     """What the passivity controller damps with now."""
     contact_force_n: float | None = None

@@ -148,7 +148,11 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
         return []
     rows = [
         ("force felt, peak", f"{s.force_peak_n:.2f} N"),
-        ("energy given to the hand, net", f"{s.energy_given_j * 1e3:+.1f} mJ"),
+        ("energy given to the hand, net", f"at most {s.energy_given_j * 1e3:+.1f} mJ"),
+        (
+            "energy given in one engagement",
+            f"at most {s.energy_given_peak_j * 1e3:+.1f} mJ",
+        ),
     ]
     for name, p50, p99 in (
         ("fixture", s.fixture_age_p50_s, s.fixture_age_p99_s),
@@ -158,6 +162,13 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
             rows.append(
                 (f"age of {name} force, p50 / p99", f"{_milliseconds(p50)} / {_milliseconds(p99)}")
             )
+    if s.force_losses or s.force_out_s:
+        rows.append(
+            (
+                "hand taken off for want of force",
+                f"{s.force_losses} times; force out for {s.force_out_s:.2f} s",
+            )
+        )
     if s.contact_force_n is not None:
         about = "its mean" if s.contact_target_n is None else f"{s.contact_target_n:g} N"
         rows += [

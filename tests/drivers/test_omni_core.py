@@ -7,8 +7,8 @@ import pytest
 from cardan import spatial
 from cardan.drivers.omni.core import BUTTONS, OmniCore
 from cardan.drivers.omni.options import OmniOptions
-from cardan.haptics import Calibration, HapticState, OperatingState
-from cardan.types import NEVER_S, DeviceLink, Pose, Quaternion, Vector3
+from cardan.haptics import Calibration, HapticCommand, HapticState, OperatingState
+from cardan.types import NEVER_S, ZERO3, DeviceLink, Pose, Quaternion, Vector3
 from tests.drivers.omni_rig import LOOK_S, TOUCH, Rig
 
 NEUTRAL = (0.0,) * 6
@@ -328,12 +328,77 @@ def test_metrics_are_numbers_with_units_in_their_names():
 
 def test_gaps_are_kept_for_whoever_takes_the_snapshot():
     rig = Rig().live()
-    rig.core.taken()
+    rig.core.taken(rig.now_s)
     snapshot = rig.tick.snapshot()
     for gap_s in (0.001, 0.016, 0.002):
         rig.core.on_snapshot(snapshot._replace(gap_s=gap_s, tick_cost_s=0.1 * gap_s), rig.now_s)
-    taken = rig.core.taken()
+    taken = rig.core.taken(rig.now_s)
     assert (taken.gap_s, taken.tick_cost_s) == pytest.approx((0.016, 0.0016))
     rig.core.on_snapshot(snapshot._replace(gap_s=0.001), rig.now_s)
-    assert rig.core.taken().gap_s == 0.001
+    assert rig.core.taken(rig.now_s).gap_s == 0.001
     assert rig.core.metrics(rig.now_s)["longest_gap_s"] == 0.016
+
+
+# -- what is told of the force -------------------------------------------------------------------
+
+
+def rendering(rig):
+    """Let force out, and have a constant one rendered."""
+    rig.tick.enable()
+    for k in range(130):
+        rig.tick.command(HapticCommand(k + 1, rig.now_s, True, force=Vector3(0.1, 0.0, 0.0)))
+        rig.run(0.01)
+    rig.look()
+    told = rig.core.told(rig.now_s)
+    assert told.rendering
+    assert told.force.x == pytest.approx(0.1, abs=1e-3)
+    return rig
+
+
+def test_a_snapshot_that_is_too_old_tells_no_force():
+    rig = rendering(Rig().live())
+    rig.ticking = False
+    rig.run(0.019)
+    assert rig.core.told(rig.now_s).force.x > 0.05
+    rig.run(0.003)
+    told = rig.core.told(rig.now_s)
+    assert (told.force, told.force_commanded, told.rendering) == (ZERO3, ZERO3, False)
+    assert "20 ms" in told.reason
+    assert rig.core.taken(rig.now_s).force == ZERO3
+    assert rig.core.metrics(rig.now_s)["force_n"] == 0.0
+
+
+def test_a_fault_keeps_its_reason_when_nothing_ticks_any_more():
+    rig = rendering(Rig().live())
+    rig.position = (math.nan, 0.0, 0.0)
+    rig.run(0.02)
+    rig.ticking = False
+    rig.run(0.1)
+    told = rig.core.told(rig.now_s)
+    assert told.state is OperatingState.FAULT
+    assert told.reason == "fault: a number was not finite"
+
+
+def test_a_loop_that_is_too_slow_is_told_as_no_force():
+    rig = rendering(Rig().live())
+    rig.every = 3
+    rig.run(0.2)
+    rig.tick.command(HapticCommand(1000, rig.now_s, True, force=Vector3(0.1, 0.0, 0.0)))
+    rig.run(0.3)
+    told = rig.core.told(rig.now_s)
+    assert told.state is not OperatingState.FAULT
+    assert not told.rendering
+    assert "Hz, and force needs 1000" in told.reason
+
+
+def test_no_rate_is_told_of_a_loop_that_stands_still():
+    rig = Rig().live()
+    assert rig.tick.snapshot().rate_hz == pytest.approx(1000.0, rel=0.02)
+    rig.core.on_lost("unplugged", rig.now_s)
+    rig.now_s += 1.0
+    rig.core.on_opened(TOUCH, rig.now_s)
+    rig.ticking = False
+    rig.run(1.0)
+    obstacle = rig.core.force_obstacle(rig.now_s)
+    assert "Hz" not in obstacle
+    assert "no tick" in obstacle

@@ -50,6 +50,8 @@ class FakeHaptic(HapticDevice):
         self.commands: list[HapticCommand] = []
         self.calls = []
         self.obstacle = ""
+        self.lets_out = True
+        """Whether an engaged command is rendered while it is enabled."""
 
     def open(self):
         self.calls.append("open")
@@ -73,6 +75,11 @@ class FakeHaptic(HapticDevice):
 
     def render(self, command):
         self.commands.append(command)
+        enabled = self.told.state is OperatingState.ENABLED
+        self.told = self.told._replace(
+            command_sequence=command.sequence,
+            rendering=enabled and command.engaged and self.lets_out,
+        )
 
     def haptics(self):
         return self.told

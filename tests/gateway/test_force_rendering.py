@@ -126,7 +126,7 @@ def test_a_measured_force_is_turned_into_the_hands_axes_and_scaled():
     quarter = matrix_of(from_euler_zyx(0.0, 0.0, math.pi / 2))
     world = WorldMap(quarter, rotation=quarter)
     rig = Rig(source=MeasuredSource(felt=True), stiffness_n_m=30.0)
-    measured = rig.cycle(world=world, force=(0.0, 10.0, 5.0)).measured
+    measured = rig.cycle(count=130, world=world, force=(0.0, 10.0, 5.0)).measured
     assert measured.force == pytest.approx((1.0, 0.0, 0.5))
     assert measured.rate_n_s == (0.0, 0.0, 0.0)
     assert (measured.stamp_s, measured.position) == (rig.now_s, HAND.position)
@@ -149,7 +149,7 @@ def test_a_robot_that_stops_reporting_gives_no_old_force():
 def test_a_force_that_comes_back_grows_slowly():
     rig = Rig(source=MeasuredSource(felt=True), stiffness_n_m=100.0)
     pushed = {"force": (0.0, 0.0, 10.0)}
-    assert rig.cycle(**pushed).measured.force.z == pytest.approx(1.0)
+    assert rig.cycle(count=130, **pushed).measured.force.z == pytest.approx(1.0)
     assert rig.cycle(count=30).measured is None
     rig.cycle(count=62, **pushed)
     half = rig.device.commands[-1].measured
@@ -205,10 +205,12 @@ def test_the_summary_has_what_was_felt_and_what_was_touched():
     rig.device.told = HapticState(
         state=OperatingState.ENABLED,
         force=Vector3(0.0, 0.0, 0.6),
+        peak_n=0.7,
         gap_s=0.001,
         tick_cost_s=2e-6,
         force_age_s=0.003,
         delivered_j=-0.002,
+        given_peak_j=0.003,
         energy_j=0.001,
     )
     rig.cycle(count=50, force=(0.0, 0.0, 0.0))
@@ -217,14 +219,14 @@ def test_the_summary_has_what_was_felt_and_what_was_touched():
     s = Snapshot()
     rig.renderer.show(s)
     assert s.haptic_state == "enabled"
-    assert s.force_peak_n == pytest.approx(0.6)
+    assert s.force_peak_n == pytest.approx(0.7)
     assert s.contact_path_m == pytest.approx(0.1, rel=0.02)
     assert s.contact_s == pytest.approx(2.0, rel=0.02)
     assert s.contact_force_mean_n == pytest.approx(6.0, rel=0.01)
     assert s.contact_force_rms_error_n == pytest.approx(1.0, rel=0.1)
     assert s.fixture_age_p99_s == pytest.approx(0.001, rel=0.03)
     assert s.measured_age_p50_s == pytest.approx(0.003, rel=0.03)
-    assert (s.energy_given_j, s.energy_j) == (-0.002, 0.001)
+    assert (s.energy_given_j, s.energy_given_peak_j, s.energy_j) == (-0.002, 0.003, 0.001)
     assert Snapshot.from_bytes(s.to_bytes()) == s
 
 
@@ -247,7 +249,7 @@ def test_noise_is_no_contact_and_draws_nothing():
 
 def test_ages_count_only_while_engaged():
     figures = FeltFigures()
-    state = HapticState(gap_s=0.001, force=Vector3(3.0, 4.0, 0.0))
+    state = HapticState(gap_s=0.001, peak_n=5.0)
     figures.add(state, False, False)
     assert (figures.peak_n, figures.fixture_age.count) == (5.0, 0)
     figures.add(state, True, True)

@@ -220,7 +220,11 @@ def test_what_may_not_be_stable_is_said_at_the_start():
 def test_the_view_shows_the_force(capsys):
     s = session(force={"source": "measured"})
     s.device.told = HapticState(
-        state=OperatingState.ENABLED, force=Vector3(0.0, 0.0, 1.25), force_age_s=0.004, gap_s=0.001
+        state=OperatingState.ENABLED,
+        force=Vector3(0.0, 0.0, 1.25),
+        peak_n=1.5,
+        force_age_s=0.004,
+        gap_s=0.001,
     )
     last = s.run()
     console = Console(width=160)
@@ -228,7 +232,7 @@ def test_the_view_shows_the_force(capsys):
     console.print(summary(last))
     print(plain(last))
     shown = capsys.readouterr().out
-    for words in ("1.25 N, 1.25 N", "4.0 ms old", "force felt, peak", "age of measured force"):
+    for words in ("1.25 N, 1.50 N", "4.0 ms old", "force felt, peak", "age of measured force"):
         assert words in shown
     assert "force 1.25 N" in shown.splitlines()[-1]
 

@@ -32,6 +32,9 @@ LOWEST_FORCE_RATE_HZ = 900.0
 RATE_KNOWN_AFTER = 80
 """So many ticks after the opening the rate, which is smoothed, is believed."""
 
+TOLD_FOR_S = 0.02
+"""A snapshot of the tick that is older does not say what force there is."""
+
 POSE_AFTER_S = 0.1
 """A pose that is asked for by name is at most so old."""
 
@@ -47,6 +50,7 @@ WARM = 0.8
 """Temperature, of 1, from which on the diagnosis tells of it."""
 
 UNSEEN_REASON = "opened, no tick yet"
+SILENT_REASON = f"no tick of the force loop for {TOLD_FOR_S * 1e3:g} ms: what it does is not known"
 INKWELL_REASON = "the stylus is in the inkwell: take it out"
 BUTTONS_REASON = "let go of the buttons once"
 NO_POSITION_REASON = "the device gives no position"
@@ -174,11 +178,32 @@ class OmniCore:
         due, self._update_due = self._update_due, False
         return due
 
-    def taken(self) -> HapticState:
-        """The newest snapshot; the next one's longest gap and cost count from here."""
-        snapshot = self.snapshot
-        self.snapshot = snapshot._replace(gap_s=0.0, tick_cost_s=0.0)
+    def taken(self, now_s: float) -> HapticState:
+        """The newest snapshot as of `now_s`; the next one's longest gap and cost count from here."""
+        snapshot = self.told(now_s)
+        self.snapshot = self.snapshot._replace(gap_s=0.0, tick_cost_s=0.0)
         return snapshot
+
+    def told(self, now_s: float) -> HapticState:
+        """The newest snapshot as of `now_s`: no force in it, and the reason in words, where it is too
+        old to tell, or the device must not give force."""
+        snapshot = self.snapshot
+        reason = ""
+        if not self._ticks(now_s):
+            reason = self.state(now_s).reason or SILENT_REASON
+        elif snapshot.state is OperatingState.ENABLED:
+            reason = self.force_obstacle(now_s)
+        if not reason:
+            return snapshot
+        if snapshot.state is OperatingState.FAULT:
+            reason = snapshot.reason or reason
+        return snapshot._replace(
+            force=ZERO3, force_commanded=ZERO3, rendering=False, reason=reason
+        )
+
+    def _ticks(self, now_s: float) -> bool:
+        """Whether the newest snapshot is of now."""
+        return now_s - self.snapshot.stamp_s <= TOLD_FOR_S
 
     def forget_tick(self) -> None:
         """The tick is gone, and its counters with it."""
@@ -200,6 +225,10 @@ class OmniCore:
         """Why the device must not give force now, in words; empty when it may."""
         if not self._open:
             return self._reason
+        if not self._heard:
+            return "no tick of the force loop since the device was opened"
+        if not self._fast and not self._ticks(now_s):
+            return SILENT_REASON
         if not self._fast and self.snapshot.ticks - self._first_tick >= RATE_KNOWN_AFTER:
             return (
                 f"the library's loop runs at {self.snapshot.rate_hz:.0f} Hz, and force needs 1000: "
@@ -248,7 +277,7 @@ class OmniCore:
 
     def metrics(self, now_s: float) -> dict[str, float]:
         """The force loop's rate, gaps and cost, the force, its age, the energy, and counts."""
-        snapshot = self.snapshot
+        snapshot = self.told(now_s)
         return {
             "tick_age_s": now_s - self._stamp_s,
             "rate_hz": snapshot.rate_hz,

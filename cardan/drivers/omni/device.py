@@ -174,14 +174,10 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             return self._core.state(self._look())
 
     def haptics(self) -> HapticState:
-        """The newest snapshot of the tick."""
+        """The newest snapshot of the tick; without a force, and with the reason in words, where
+        that is too old to tell, or the device must not give force."""
         with self._lock:
-            now_s = self._look()
-            link_reason = self._core.state(now_s).reason
-            snapshot = self._core.taken()
-        if snapshot.reason or self._handle is not None:
-            return snapshot
-        return snapshot._replace(reason=link_reason)
+            return self._core.taken(self._look())
 
     # -- what it renders -----------------------------------------------------------------------
 

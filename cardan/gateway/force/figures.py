@@ -77,10 +77,13 @@ class ContactFigures:
 
 
 class FeltFigures:
-    """What the device gave to the hand: the strongest force, and how old forces were."""
+    """What the device gave to the hand: the strongest force, the most energy, and how old forces were."""
 
     def __init__(self) -> None:
         self.peak_n = 0.0
+        """In any tick."""
+        self.given_peak_j = 0.0
+        """Most energy that the hand was given, net, within one engagement: at most."""
         self.fixture_age = LatencyHistogram()
         """Age of the place that fixtures are evaluated at: the longest tick of each look."""
         self.measured_age = LatencyHistogram()
@@ -89,7 +92,8 @@ class FeltFigures:
     def add(self, state: HapticState, fixtures: bool, measured: bool) -> None:
         """Take the device's newest snapshot; whether it renders fixtures, and a measured force."""
         self.newest = state
-        self.peak_n = max(self.peak_n, norm(state.force))
+        self.peak_n = max(self.peak_n, state.peak_n)
+        self.given_peak_j = max(self.given_peak_j, state.given_peak_j)
         if fixtures and state.gap_s > 0.0:
             self.fixture_age.add(state.gap_s + state.tick_cost_s)
         if measured and math.isfinite(state.force_age_s):

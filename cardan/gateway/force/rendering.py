@@ -2,7 +2,8 @@
 
 Fixtures go to the device as geometry, together with the map from the hand's place to the TCP's, so
 that its own loop evaluates them. A measured force goes with its rate and its stamp. The operator
-takes hold of both by clutching in: before the first time the device is not even enabled.
+takes hold of both by clutching in: before the first time the device is not even enabled. Should the force
+vanish that the hand leans on, the hand is taken off the robot (`guard`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from cardan.errors import CommandError, DriverError
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.figures import ContactFigures, FeltFigures
 from cardan.gateway.force.fixtures import FixtureSet, turned_back, world_point
+from cardan.gateway.force.guard import ForceGuard
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import ForceSource
 from cardan.gateway.snapshot import Snapshot
@@ -24,11 +26,13 @@ from cardan.spatial import norm, scale
 from cardan.types import NEVER_S, DeviceState, Pose, RobotState
 
 LOOK_PERIOD_S = 0.01
-"""How often the device's own snapshot is looked at, for the figures."""
+"""How often the device's own snapshot is looked at while the hand is not followed, for the figures;
+while it is, in every cycle."""
 
 FADE_IN_S = 0.5
-"""A measured force that comes while the hand is engaged (a sensor that is back, a force node that
-connects) grows within so long. Clutching in, the device's own ramp does that."""
+"""A measured force grows within so long once the device lets force out, and so does one that comes
+while the hand is engaged (a sensor that is back, a force node that connects). Before that it is zero:
+a device begins with a small force only, and a tool that presses already would never be felt."""
 
 NO_MAP = WorldMap()
 
@@ -56,6 +60,7 @@ class ForceRenderer:
         self.conditioner = conditioner
         self.contact = ContactFigures()
         self.felt = FeltFigures()
+        self.guard = ForceGuard(max_age_s)
         self._remote = source if isinstance(source, RemoteSource) else None
         self._needs_tcp = source is not None and source.needs_tcp
         self._rendering = rendering
@@ -74,7 +79,7 @@ class ForceRenderer:
         self._sound = False
         """Whether the source's newest reading gave a force."""
         self._stale = False
-        self._share = 1.0
+        self._share = 0.0
         """How much of the measured force is let through."""
         self._look_s = NEVER_S
         self._refusal = ""
@@ -98,18 +103,27 @@ class ForceRenderer:
         hand: DeviceState,
         world: WorldMap | None,
         at_rest: bool,
-    ) -> None:
+    ) -> str:
         """Render what this cycle of the robot brings.
 
-        `world` is None while clutched out; `at_rest`: nothing is commanded to move.
+        `world` is None while clutched out; `at_rest`: nothing is commanded to move. Returns why the
+        hand must be taken off the robot, in words; empty while it need not.
         """
         if self._rendering:
             self._render(state, hand, world, at_rest)
         now_s = state.stamp_s
-        if now_s - self._look_s >= LOOK_PERIOD_S:
-            self._look_s = now_s
-            fixtures = self._engaged and bool(self.fixtures.fixtures)
-            self.felt.add(self.device.haptics(), fixtures, self._engaged)
+        if not self._engaged and now_s - self._look_s < LOOK_PERIOD_S:
+            return ""
+        self._look_s = now_s
+        told = self.device.haptics()
+        fixtures = self._engaged and bool(self.fixtures.fixtures)
+        self.felt.add(told, fixtures, self._engaged)
+        if not self._engaged:
+            return ""
+        source = "" if self.source is None else self.source.reason or self.conditioner.reason
+        return self.guard.objection(
+            told, now_s, fixtures=fixtures, refusal=self._refusal, source=source
+        )
 
     def _tcp(self, state: RobotState) -> Pose | None:
         if state is not self._tcp_state:
@@ -135,13 +149,11 @@ class ForceRenderer:
             if self._remote is not None:
                 self._remote.publish(state, known, world, state.stamp_s)
             sound = self._take(self.source, state, known, at_rest and world is None)
-            if not self._engaged:
-                self._share = 1.0
-            elif sound:
+            if sound and self.guard.rendered:
                 self._share = min(1.0, self._share + state.period_s / FADE_IN_S)
-            if not sound:
+            else:
                 self._share = 0.0
-            elif world is not None and pose is not None:
+            if sound and world is not None and pose is not None:
                 filtered, share = self.conditioner.filtered, self._share
                 measured = MeasuredForce(
                     scale(turned_back(world.rotation, filtered.value), share),
@@ -156,6 +168,11 @@ class ForceRenderer:
             if world is not None and pose is not None:
                 self.fixtures.place("clutch-in", world_point(world, pose.position))
                 self._enable()
+                self.guard.engage(self._sequence + 1, state.stamp_s)
+            else:
+                self.guard.release()
+        if measured is not None:
+            self.guard.give(measured.stamp_s)
         self._sequence += 1
         try:
             self.device.render(
@@ -215,6 +232,8 @@ class ForceRenderer:
     def diagnosis(self) -> tuple[str, ...]:
         """What stands in the way of a force, or of a good one."""
         words = [self._refusal] if self._refusal else []
+        if self._engaged and (reason := self.felt.newest.reason):
+            words.append(f"force: {reason}" if self.felt.newest.rendering else f"no force: {reason}")
         if self.source is not None:
             words += self.source.diagnosis()
             if self.conditioner.reason and not self.source.reason:
@@ -232,7 +251,10 @@ class ForceRenderer:
         s.haptic_state, s.haptic_reason = state.state.value, state.reason
         s.force_n, s.force_commanded_n = norm(state.force), norm(state.force_commanded)
         s.force_peak_n = felt.peak_n
+        s.force_losses, s.force_out_s = self.guard.losses, self.guard.out_s
+        s.force_lost_reason = self.guard.lost_reason
         s.energy_j, s.energy_given_j = state.energy_j, state.delivered_j
+        s.energy_given_peak_j = felt.given_peak_j
         s.passivity_damping_n_s_m = state.passivity_damping_n_s_m
         s.force_age_s = state.force_age_s
         s.fixture_age_p50_s = _percentile(felt.fixture_age, 50)

@@ -13,9 +13,10 @@ from cardan.sim_peers.omni.library import (
     available,
     library_path,
 )
-from cardan.sim_peers.omni.program import environment, run_program
+from cardan.sim_peers.omni.program import environment, missing_log, run_program
 from cardan.sim_peers.omni.settings import (
     FAULTS,
+    GIMBAL_NOISE_LSB,
     INKWELL_M,
     MODELS,
     HandMotion,
@@ -27,6 +28,7 @@ from cardan.sim_peers.omni.settings import (
 
 __all__ = [
     "FAULTS",
+    "GIMBAL_NOISE_LSB",
     "INKWELL_M",
     "LIBRARY_NAMES",
     "LIBRARY_VARIABLE",
@@ -45,6 +47,7 @@ __all__ = [
     "environment",
     "library_path",
     "load_motion",
+    "missing_log",
     "parse_omni_faults",
     "run_program",
 ]

@@ -10,7 +10,7 @@
 
 /* The limits as they are at first: what a program may ask is not known of the real library. */
 #define VELOCITY_LIMIT_M_S 2.0
-#define IMPULSE_LIMIT_N_MS 3.3
+#define IMPULSE_LIMIT_N_MS 0.7 /* a fifth of the full force in a tick */
 #define RAMPING_N_S 10.0
 #define NOMINAL_STIFFNESS_N_MM 0.5
 #define NOMINAL_DAMPING_N_S_MM 0.005
@@ -96,13 +96,19 @@ int device_take_environment(void) {
         return 0;
     }
     Settings settings;
-    if (settings_parse_file(&settings, path)) {
+    int log_file;
+    int bad = settings_parse_file(&settings, path);
+    if (!bad && log_open(&settings, &log_file)) {
+        free(settings.waypoints);
+        bad = -1;
+    }
+    if (bad) {
         fprintf(stderr, "libHD (simulated): CARDAN_OMNI: %s\n", simProblem());
         return -1;
     }
     int licensed = omni.device.licensed;
     Scheduler scheduler = omni.scheduler; /* what was scheduled before stays */
-    omni_power_on(&settings);
+    omni_power_on(&settings, log_file);
     memcpy(omni.scheduler.entries, scheduler.entries, sizeof scheduler.entries);
     omni.scheduler.last_handle = scheduler.last_handle;
     omni.device.licensed = licensed;
@@ -180,9 +186,9 @@ HD_API void hdDisableDevice(HHD handle) {
         omni.device.current = 0;
         omni.device.gone = 0;
         arm_silence();
-        log_write();
     }
     omni_leave();
+    log_flush();
 }
 
 HD_API void hdMakeCurrentDevice(HHD handle) {
@@ -750,7 +756,8 @@ HD_API void hdUpdateCalibration(HDenum style) {
         push_error(HD_INVALID_ENUM, 0);
     } else if (have_device()) {
         if (answers()) {
-            if (style == HD_CALIBRATION_INKWELL && arm->locked) {
+            /* The encoders are read by the scheduler: without it there is nothing to set. */
+            if (style == HD_CALIBRATION_INKWELL && arm->locked && omni.scheduler.started) {
                 arm_calibrate();
             } else {
                 push_error(HD_INVALID_OPERATION, 0);

@@ -258,7 +258,10 @@ void arm_command(const double force_n[3], const double torque_n_m[3], int torque
         step[i] = force[i] - arm->previous_n[i];
     }
     memcpy(arm->previous_n, force, sizeof force);
-    double period_ms = 1e3 * fmax(omni.scheduler.period_s, 1e-4);
+    /* Between the frames' ends, not of the scheduler: a callback may come late in its tick. */
+    double now_s = scheduler_now();
+    double period_ms = 1e3 * fmax(now_s - arm->previous_s, 1.0 / omni.scheduler.rate_hz);
+    arm->previous_s = now_s;
     if (size > OMNI_MAX_FORCE_N * (1.0 + 1e-9) && enabled[CAP_SOFTWARE_FORCE_LIMIT]) {
         trip(HD_EXCEEDED_MAX_FORCE);
     }
@@ -289,6 +292,7 @@ void arm_command(const double force_n[3], const double torque_n_m[3], int torque
 void arm_silence(void) {
     memset(omni.arm.commanded_n, 0, sizeof omni.arm.commanded_n);
     memset(omni.arm.previous_n, 0, sizeof omni.arm.previous_n);
+    omni.arm.previous_s = scheduler_now();
     silence_motors();
     set_amplifier();
 }
@@ -425,7 +429,11 @@ void arm_advance(double dt_s) {
     for (int i = 0; i < steps; i++) {
         arm->command_age_s += dt;
         if (arm->command_age_s > UNFED_S) {
+            int fed = norm(arm->delivered_n) > 0.0;
             arm_silence();
+            if (fed) {
+                log_row(omni.scheduler.tick_s - (steps - i) * dt);
+            }
         }
         sub_step(dt);
     }
@@ -455,8 +463,16 @@ static void read_buttons(Sample *sample) {
         arm->bounce_until_s = bounce_ms > 0.0 ? omni.elapsed_s + 1e-3 * bounce_ms : 0.0;
     }
     sample->buttons = level;
-    if (omni.elapsed_s < arm->bounce_until_s && omni_random() < 0.5) {
+    if (omni.elapsed_s < arm->bounce_until_s && omni_random(&omni.random) < 0.5) {
         sample->buttons ^= arm->button_shown;
+    }
+}
+
+/* Potentiometers: what the converter reads has moved by the next tick. */
+static void disturb_gimbal(void) {
+    for (int i = 0; i < 3; i++) {
+        omni.arm.gimbal_noise[i] =
+            omni.settings.gimbal_noise_lsb * (omni_random(&omni.noise) - 0.5);
     }
 }
 
@@ -478,7 +494,7 @@ static void read_sensors(Sample *sample) {
             sample->encoders[i] = arm->stuck_count;
         }
         sample->joints_rad[i] = (double)(sample->encoders[i] + arm->correction[i]) * COUNT_RAD;
-        long count = lround(arm->gimbal_rad[i] / GIMBAL_COUNT_RAD) + 2048;
+        long count = lround(arm->gimbal_rad[i] / GIMBAL_COUNT_RAD + arm->gimbal_noise[i]) + 2048;
         count = count < 0 ? 0 : count > 4095 ? 4095 : count;
         sample->encoders[3 + i] = count;
         gimbal[i] = arm_gimbal_of(count);
@@ -509,6 +525,7 @@ static void smooth(const double now[3], double last[3], double stage[2][3], doub
 void arm_sample_now(void) {
     Arm *arm = &omni.arm;
     Sample *sample = &arm->fresh;
+    disturb_gimbal();
     read_sensors(sample);
     sample->buttons = omni.hand.buttons;
     memcpy(arm->last_position_m, sample->position_m, sizeof arm->last_position_m);
@@ -521,6 +538,7 @@ void arm_tick(double dt_s) {
     Device *device = &omni.device;
     arm->ready = arm->fresh;
     Sample *sample = &arm->fresh;
+    disturb_gimbal();
     read_sensors(sample);
     read_buttons(sample);
     smooth(sample->position_m, arm->last_position_m, arm->velocity_stage, dt_s, 0,
@@ -528,7 +546,8 @@ void arm_tick(double dt_s) {
     smooth(sample->gimbal_rad, arm->last_gimbal_rad, arm->gimbal_stage, dt_s, 1,
            sample->gimbal_rad_s);
     warm_motors(dt_s);
-    if (device->initiated && omni.scheduler.started && arm_connected()) {
+    /* In the inkwell there is no force to switch off, and calibration makes the position jump. */
+    if (device->initiated && omni.scheduler.started && arm_connected() && !arm->locked) {
         int too_fast = norm(sample->velocity_m_s) > device->velocity_limit_m_s;
         if (too_fast && device->enabled[CAP_SOFTWARE_VELOCITY_LIMIT]) {
             if (!arm->too_fast) {
@@ -553,24 +572,20 @@ void arm_lose_calibration(void) {
     Arm *arm = &omni.arm;
     arm->calibrated = 0;
     for (int i = 0; i < 3; i++) {
-        arm->correction[i] += lround(0.2 * (omni_random() - 0.5) / COUNT_RAD);
+        arm->correction[i] += lround(0.2 * (omni_random(&omni.random) - 0.5) / COUNT_RAD);
     }
 }
 
 void arm_calibrate(void) {
     Arm *arm = &omni.arm;
-    Sample before, after;
+    Sample before;
     double inkwell[3];
     read_sensors(&before);
     arm_inverse(INKWELL_M, inkwell);
     for (int i = 0; i < 3; i++) {
         arm->correction[i] = lround(inkwell[i] / COUNT_RAD) - before.encoders[i];
     }
-    arm->calibrated = 1;
-    read_sensors(&after);
-    for (int i = 0; i < 3; i++) { /* the position jumps, the encoders do not: nor the velocity */
-        arm->last_position_m[i] += after.position_m[i] - before.position_m[i];
-    }
+    arm->calibrated = 1; /* the position jumps, and for a while so does the filtered velocity */
 }
 
 /* Switched on where it is: an arm that is not calibrated takes that for the inkwell. */

@@ -70,6 +70,7 @@ typedef struct {
     double thermal_s;
     double gimbal_scale[3];
     double gimbal_offset_rad[3];
+    double gimbal_noise_lsb;  /* peak to peak; negative: as the model has it */
     Waypoint *waypoints;
     size_t waypoint_count;
     double loop_s;
@@ -83,7 +84,6 @@ typedef struct {
 
 /* The newest complaint, for simProblem. */
 void settings_problem(const char *format, ...) __attribute__((format(printf, 1, 2)));
-void settings_defaults(Settings *settings);
 /* 0, or -1 and a problem; then `settings` owns nothing. */
 int settings_parse(Settings *settings, const char *text);
 int settings_parse_file(Settings *settings, const char *path);
@@ -144,6 +144,7 @@ typedef struct {
     double delivered_n[3];
     double command_age_s;
     double previous_n[3];     /* of the frame before, for the impulse limit */
+    double previous_s;        /* when, by scheduler_now */
     int amplifier;
     double off_until_s;       /* after an EXCEEDED error, on the clock elapsed_s */
     double ramp_n;            /* what the ramp lets through now */
@@ -168,6 +169,7 @@ typedef struct {
     double velocity_stage[2][3];
     double last_gimbal_rad[3];
     double gimbal_stage[2][3];
+    double gimbal_noise[3];   /* of this tick's readings, LSB */
     Sample fresh;             /* taken in this tick */
     Sample ready;             /* one tick old: what the next frame reads */
 } Arm;
@@ -234,9 +236,19 @@ void scheduler_stop(void);
 
 /* --- log ------------------------------------------------------------------------------------- */
 
-void log_tick(void);
-void log_write(void);
-void log_forget(void);
+/* A row with what is true now, at this time of the library's clock. Never waits for a disk. */
+void log_row(double time_s);
+/* Opens a file for rows: 0, or -1 and a problem; *file is -1 for settings without a log. */
+int log_open(const Settings *settings, int *file);
+/* Rows go there from now on; what was written to before is complete. */
+void log_take(int file);
+/* Writes what rows there are. Not in a tick of a thread. */
+void log_flush(void);
+/* In virtual time: writes when there is something to write. */
+void log_keep_up(void);
+/* A thread that writes, while the scheduler's has its ticks. */
+void log_start(void);
+void log_stop(void);
 
 /* --- api.c ----------------------------------------------------------------------------------- */
 
@@ -297,6 +309,7 @@ typedef struct {
     int configured;           /* by simConfigure, or by the environment */
     double elapsed_s;         /* of the world: the script's clock */
     uint64_t random;
+    uint64_t noise;           /* of the gimbal: a series of its own */
     double fault[FAULT_COUNT];
     int planned_done[PLANNED_FAULTS];
     Hand hand;
@@ -311,9 +324,9 @@ extern pthread_mutex_t omni_lock;
 
 void omni_enter(void);
 void omni_leave(void);
-/* As just powered on, with these settings, which it takes over. */
-void omni_power_on(const Settings *settings);
-double omni_random(void);     /* 0 <= r < 1 */
+/* As just powered on, with these settings, which it takes over, and their log. */
+void omni_power_on(const Settings *settings, int log_file);
+double omni_random(uint64_t *series); /* 0 <= r < 1 */
 /* A fault begins, changes or (0) ends. */
 void omni_set_fault(Fault fault, double value);
 /* Faults whose time has come. */

@@ -47,15 +47,100 @@ def environment(settings: OmniSettings) -> Iterator[Mapping[str, str]]:
         }
 
 
+def prepare_log(settings: OmniSettings) -> None:
+    """Empty the log, so that what is in it afterwards is of this run.
+
+    Raises ConfigurationError when it cannot be written.
+    """
+    if settings.log:
+        try:
+            Path(settings.log).open("wb").close()
+        except OSError as error:
+            raise ConfigurationError(
+                "log", f"{settings.log!r} cannot be written: {error.strerror}"
+            ) from None
+
+
+def missing_log(settings: OmniSettings) -> str:
+    """Why a program that has run left no rows in the log, in words; empty when it did."""
+    if not settings.log or not (path := Path(settings.log)).is_file():
+        return ""
+    with path.open("rb") as file:
+        if not file.readline():
+            return f"{path} is empty: the program has not initialised the simulated device"
+        if not file.readline():
+            return f"{path} has no rows: the program has not started the device's scheduler"
+    return ""
+
+
 def run_program(words: Sequence[str], settings: OmniSettings, seconds: float | None = None) -> int:
     """Run a program and its arguments with the simulated device; its exit code.
 
-    Signals go on to it. After `seconds` it is told to end, which counts as 0. A program that a
+    Signals go on to it, and when this process dies without a word, SIGTERM does. After `seconds` it is told to end, which counts as 0. A program that a
     signal ended gives 128 and the signal's number, as in a shell. Main thread only. Raises
-    ConfigurationError when it cannot be run, DeviceNotFoundError without the library.
+    ConfigurationError when it cannot be run or its log cannot be written, DeviceNotFoundError
+    without the library.
     """
-    with environment(settings) as variables, _Runner(seconds) as runner:
-        return runner.run(words, variables)
+    with environment(settings) as variables:
+        prepare_log(settings)
+        folder = str(Path(variables[SETTINGS_VARIABLE]).parent)
+        with _guard(folder) as guarded, _Runner(seconds) as runner:
+            return runner.run(words, variables, guarded)
+
+
+_GUARD = """
+read -r pid || pid=
+[ "$pid" = 0 ] && exit 0
+if [ -n "$pid" ]; then
+    read -r over && exit 0
+    kill -TERM "$pid"
+    for _ in 1 2 3 4 5; do
+        sleep 1
+        kill -0 "$pid" 2>/dev/null || pid=
+        [ -n "$pid" ] || break
+    done
+    [ -n "$pid" ] && kill -KILL "$pid"
+fi
+rm -rf -- "$1"
+"""
+"""For sh. It is told the program's number, then that all is over; the end of its input without
+that is the end of this process, whatever ended it."""
+
+
+@contextlib.contextmanager
+def _guard(folder: str) -> Iterator[Callable[[int], None]]:
+    """A process that ends the program and removes the folder if this one is killed.
+
+    Yields what is to be called with the program's number.
+    """
+    reading, writing = os.pipe()
+    try:
+        guard = os.posix_spawn(
+            "/bin/sh",
+            ["sh", "-c", _GUARD, "cardan-omni-guard", folder],
+            {"PATH": os.environ.get("PATH", os.defpath)},
+            file_actions=(
+                (os.POSIX_SPAWN_DUP2, reading, 0),
+                (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0),
+                (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0),
+            ),
+            # A signal to this process's group, such as Ctrl-C, is not for it.
+            setpgroup=0,
+        )
+    finally:
+        os.close(reading)
+    told: list[int] = []
+
+    def tell(pid: int) -> None:
+        told.append(pid)
+        os.write(writing, b"%d\n" % pid)
+
+    try:
+        yield tell
+    finally:
+        os.write(writing, b"over\n" if told else b"0\n")
+        os.close(writing)
+        os.waitpid(guard, 0)
 
 
 class _Runner:
@@ -81,7 +166,9 @@ class _Runner:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
-    def run(self, words: Sequence[str], variables: Mapping[str, str]) -> int:
+    def run(
+        self, words: Sequence[str], variables: Mapping[str, str], started: Callable[[int], None]
+    ) -> int:
         # No signal may come between the program's start and knowing its number.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, _PASSED_ON)
         try:
@@ -93,6 +180,7 @@ class _Runner:
                 # Python ignores these two, and what is ignored at a program's start stays so.
                 setsigdef=(signal.SIGPIPE, signal.SIGXFSZ),
             )
+            started(self._pid)
         except OSError as error:
             raise ConfigurationError("", f"{words[0]!r} cannot be run: {error.strerror}") from None
         finally:

@@ -12,6 +12,8 @@
 #define REALTIME_PRIORITY 80
 #define RATE_OVER_S 0.2   /* what HD_UPDATE_RATE is a mean of */
 #define LONGEST_GAP_S 0.1 /* of the world, after a suspended process */
+#define BUS_HZ 8000
+#define LEAST_RATE_HZ 10  /* slower, and the world's longest gap is no longer one */
 
 Omni omni;
 pthread_mutex_t omni_lock;
@@ -25,19 +27,20 @@ static __thread int in_servo;
 void omni_enter(void) { pthread_mutex_lock(&omni_lock); }
 void omni_leave(void) { pthread_mutex_unlock(&omni_lock); }
 
-double omni_random(void) {
-    uint64_t z = (omni.random += 0x9E3779B97F4A7C15u);
+double omni_random(uint64_t *series) {
+    uint64_t z = (*series += 0x9E3779B97F4A7C15u);
     z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
     z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
     return (double)((z ^ (z >> 31)) >> 11) * 0x1p-53;
 }
 
-void omni_power_on(const Settings *settings) {
+void omni_power_on(const Settings *settings, int log_file) {
     free(omni.settings.waypoints);
-    log_forget();
+    log_take(log_file);
     memset(&omni, 0, sizeof omni);
     omni.settings = *settings;
     omni.random = settings->seed;
+    omni.noise = ~settings->seed;
     omni.scheduler.rate_hz = settings->rate_hz;
     omni.scheduler.mean_rate_hz = settings->rate_hz;
     omni.scheduler.period_s = 1.0 / settings->rate_hz;
@@ -69,8 +72,8 @@ __attribute__((constructor)) static void power_on_at_load(void) {
     pthread_mutexattr_destroy(&attributes);
     pthread_cond_init(&changed, NULL);
     Settings settings;
-    settings_defaults(&settings);
-    omni_power_on(&settings);
+    (void)settings_parse(&settings, NULL);
+    omni_power_on(&settings, -1);
 }
 
 /* --- time ------------------------------------------------------------------------------------ */
@@ -111,7 +114,7 @@ static double next_tick(void) {
     double due = scheduler->grid_s;
     double jitter_us = omni.fault[FAULT_JITTER];
     if (jitter_us > 0.0) {
-        due += 1e-6 * jitter_us * omni_random();
+        due += 1e-6 * jitter_us * omni_random(&omni.random);
     }
     if (scheduler->ticks % 100 == 99) {
         due += 1e-3 * omni.fault[FAULT_LATE_TICK];
@@ -187,6 +190,7 @@ static void tick(double now) {
     omni_enter();
     world_moves(now);
     if (omni.fault[FAULT_DEAD_SCHEDULER] != 0.0) {
+        log_row(now);
         omni_leave();
         return;
     }
@@ -225,7 +229,7 @@ static void tick(double now) {
     }
     omni_enter();
     device_end_of_tick();
-    log_tick();
+    log_row(now);
     omni_leave();
 }
 
@@ -280,6 +284,7 @@ HD_API void hdStartScheduler(void) {
             push_error(HD_TIMER_ERROR, refused);
         } else {
             take_priority();
+            log_start();
         }
     }
     omni_leave();
@@ -297,6 +302,7 @@ void scheduler_stop(void) {
     omni_leave();
     if (threaded) {
         pthread_join(thread, NULL);
+        log_stop();
     } else {
         pthread_mutex_lock(&turn); /* a tick on its way ends first */
     }
@@ -305,6 +311,7 @@ void scheduler_stop(void) {
     scheduler->stopping = 0;
     omni.device.frame.used = 0;
     arm_silence();
+    log_row(scheduler_now());
     pthread_cond_broadcast(&changed);
     omni_leave();
     if (!threaded) {
@@ -320,14 +327,21 @@ HD_API void hdStopScheduler(void) {
         return;
     }
     scheduler_stop();
-    omni_enter();
-    log_write();
-    omni_leave();
+    log_flush();
+}
+
+/* Every so many of the FireWire bus's 8000 cycles in a second, rounded: 500, 1000, 1600, 1333... */
+static int is_rate(HDulong rate_hz) {
+    if (rate_hz < LEAST_RATE_HZ || rate_hz > BUS_HZ) {
+        return 0;
+    }
+    double cycles = round((double)BUS_HZ / (double)rate_hz);
+    return floor((double)BUS_HZ / cycles + 0.5) == (double)rate_hz;
 }
 
 HD_API void hdSetSchedulerRate(HDulong rate_hz) {
     omni_enter();
-    if (rate_hz == 500 || rate_hz == 1000 || rate_hz == 1600 || rate_hz == 2000) {
+    if (is_rate(rate_hz)) {
         omni.scheduler.rate_hz = (int)rate_hz;
     } else {
         push_error(HD_INVALID_VALUE, 0);
@@ -493,6 +507,7 @@ int simStep(int ticks) {
         uint64_t before = scheduler->ticks;
         omni_leave();
         tick(now);
+        log_keep_up();
         omni_enter();
         done += scheduler->ticks != before;
         omni_leave();

@@ -1,17 +1,23 @@
 /* The settings' text, faults by name, and the log of the ground truth. */
 #include <errno.h>
+#include <fcntl.h>
 #include <locale.h>
 #include <math.h>
+#include <signal.h>
+#include <stdatomic.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "omni.h"
 
 #define WORDS 24
+#define FIREWIRE_NOISE_LSB 5.0
 
 static char problem[512];
 
@@ -295,6 +301,9 @@ static int read_line(const Line *line, Settings *settings) {
     if (strcmp(key, "droop") == 0) {
         return read_one(line, "droop N", "N", 0, 5, &settings->droop_n);
     }
+    if (strcmp(key, "gimbal_noise") == 0) {
+        return read_one(line, "gimbal_noise LSB", "LSB", 0, 200, &settings->gimbal_noise_lsb);
+    }
     if (strcmp(key, "thermal") == 0) {
         return read_one(line, "thermal TAU_S", "TAU_S", 0.01, 1e5, &settings->thermal_s);
     }
@@ -356,23 +365,30 @@ static int read_line(const Line *line, Settings *settings) {
     return -1;
 }
 
-void settings_defaults(Settings *settings) {
+static void settings_defaults(Settings *settings) {
     *settings = (Settings){
         .rate_hz = 1000,
         .calibrated = 1,
         .mass_kg = 0.045,
         .friction_n = 0.26,
         .viscous_n_s_m = 0.1,
-        .droop_n = 0.2,
+        .droop_n = 0.3,
         .hand_mass_kg = 0.2,
         .hand_damping_n_s_m = 5.0,
         .hand_stiffness_n_m = 200.0,
         .gripped = 1,
         .thermal_s = 80.0,
         .gimbal_scale = {1.0, 1.0, 1.0},
+        .gimbal_noise_lsb = -1.0,
         .model = "PHANTOM Omni",
         .serial = "60907300123",
     };
+}
+
+static void choose_noise(Settings *settings) {
+    if (settings->gimbal_noise_lsb < 0.0) {
+        settings->gimbal_noise_lsb = strcmp(settings->model, "Touch") ? FIREWIRE_NOISE_LSB : 0.0;
+    }
 }
 
 static void drop(Settings *settings) {
@@ -431,6 +447,7 @@ int settings_parse(Settings *settings, const char *text) {
         drop(settings);
         return -1;
     }
+    choose_noise(settings);
     return 0;
 }
 
@@ -476,13 +493,17 @@ int simConfigure(const char *text) {
         return -1;
     }
     Settings settings;
+    int log_file;
     if (settings_parse(&settings, text)) {
         return -1;
     }
+    if (log_open(&settings, &log_file)) {
+        drop(&settings);
+        return -1;
+    }
     scheduler_stop();
-    log_write();
     omni_enter();
-    omni_power_on(&settings);
+    omni_power_on(&settings, log_file);
     omni.configured = 1;
     problem[0] = 0;
     omni_leave();
@@ -509,7 +530,9 @@ int simFault(const char *name, double value) {
 /* --- the log --------------------------------------------------------------------------------- */
 
 #define LOG_COLUMNS 31
-#define LOG_ROWS 3600000 /* an hour at 1 kHz */
+#define LOG_ROWS 16384 /* that wait to be written: 16 s at 1 kHz; a power of two */
+#define LOG_EVERY_S 0.05
+#define LOG_LINE 1024  /* no line is longer */
 
 static const char LOG_HEADER[] =
     "time_s,tick,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,target_x_m,target_y_m,target_z_m,"
@@ -517,33 +540,41 @@ static const char LOG_HEADER[] =
     "delivered_x_n,delivered_y_n,delivered_z_n,delivered_j,hand_j,lost_j,kinetic_j,"
     "temperature,buttons,docked,gripped,amplifier,calibrated,period_s\n";
 
+/* Ticks put rows at `put`, with omni_lock; whoever has `writing` takes them at `taken`. The two
+ * never wait for each other. `writing` may be taken with omni_lock, never the other way round. */
 static struct {
     double (*rows)[LOG_COLUMNS];
-    size_t count, room;
+    atomic_size_t put, taken, lost;
+    int file;
+    int broken;          /* it takes no more */
     pid_t process;
-} journal;
+    double written_s;    /* virtual time of the newest writing */
+    int threaded, stopping;
+    pthread_t thread;
+    pthread_mutex_t writing;
+    pthread_cond_t stop;
+} journal = {
+    .file = -1,
+    .writing = PTHREAD_MUTEX_INITIALIZER,
+    .stop = PTHREAD_COND_INITIALIZER,
+};
 
 static void truth_of(SimTruth *truth);
 
-void log_tick(void) {
-    if (!omni.settings.log[0] || journal.count == LOG_ROWS) {
+void log_row(double time_s) {
+    if (journal.file < 0) {
         return;
     }
-    if (journal.count == journal.room) {
-        size_t room = journal.room ? 2 * journal.room : 1 << 16;
-        void *more = realloc(journal.rows, room * sizeof *journal.rows);
-        if (!more) {
-            return;
-        }
-        journal.rows = more;
-        journal.room = room;
-        journal.process = getpid();
+    size_t put = atomic_load_explicit(&journal.put, memory_order_relaxed);
+    if (put - atomic_load_explicit(&journal.taken, memory_order_acquire) == LOG_ROWS) {
+        atomic_fetch_add_explicit(&journal.lost, 1, memory_order_relaxed);
+        return;
     }
     SimTruth truth;
     truth_of(&truth);
-    double *row = journal.rows[journal.count++];
+    double *row = journal.rows[put % LOG_ROWS];
     double hottest = fmax(truth.temperature[0], fmax(truth.temperature[1], truth.temperature[2]));
-    *row++ = truth.time_s;
+    *row++ = time_s;
     *row++ = (double)truth.ticks;
     const double *const vectors[] = {truth.position_m,   truth.velocity_m_s, truth.hand_target_m,
                                      truth.hand_force_n, truth.commanded_n,  truth.delivered_n};
@@ -555,47 +586,174 @@ void log_tick(void) {
                            hottest, truth.buttons, truth.docked, truth.gripped, truth.amplifier,
                            truth.calibrated, omni.scheduler.period_s};
     memcpy(row, rest, sizeof rest);
+    atomic_store_explicit(&journal.put, put + 1, memory_order_release);
 }
 
-void log_write(void) {
-    if (!omni.settings.log[0] || !journal.count || journal.process != getpid()) {
-        return;
+/* With `writing`. A file that takes no more is left as it is. */
+static void write_out(const char *text, size_t size) {
+    while (size && !journal.broken) {
+        ssize_t written = write(journal.file, text, size);
+        if (written >= 0) {
+            text += written;
+            size -= (size_t)written;
+        } else if (errno != EINTR) {
+            fprintf(stderr, "libHD (simulated): the log: %s; it ends here\n", strerror(errno));
+            journal.broken = 1;
+        }
     }
-    FILE *file = fopen(omni.settings.log, "w");
-    if (!file) {
-        fprintf(stderr, "libHD (simulated): %s: %s\n", omni.settings.log, strerror(errno));
+}
+
+/* With `writing`. */
+static void write_rows(void) {
+    static char text[64 * LOG_LINE];
+    size_t size = 0;
+    if (journal.file < 0 || journal.process != getpid()) {
         return;
     }
     locale_t before = uselocale(plain_locale());
-    fputs(LOG_HEADER, file);
-    for (size_t i = 0; i < journal.count; i++) {
-        for (int j = 0; j < LOG_COLUMNS; j++) {
-            fprintf(file, j ? ",%.9g" : "%.9f", journal.rows[i][j]);
+    size_t taken = atomic_load_explicit(&journal.taken, memory_order_relaxed);
+    size_t put = atomic_load_explicit(&journal.put, memory_order_acquire);
+    for (; taken != put; taken++) {
+        const double *row = journal.rows[taken % LOG_ROWS];
+        for (int i = 0; i < LOG_COLUMNS; i++) {
+            size += (size_t)sprintf(text + size, i ? ",%.9g" : "%.9f", row[i]);
         }
-        fputc('\n', file);
+        text[size++] = '\n';
+        atomic_store_explicit(&journal.taken, taken + 1, memory_order_release);
+        if (size > sizeof text - LOG_LINE) {
+            write_out(text, size);
+            size = 0;
+        }
     }
+    write_out(text, size);
     uselocale(before);
-    fclose(file);
+    size_t lost = atomic_exchange(&journal.lost, 0);
+    if (lost) {
+        fprintf(stderr, "libHD (simulated): the log: %zu rows were lost, the disk is slow\n", lost);
+    }
 }
 
-void log_forget(void) {
-    free(journal.rows);
-    memset(&journal, 0, sizeof journal);
+void log_flush(void) {
+    pthread_mutex_lock(&journal.writing);
+    write_rows();
+    pthread_mutex_unlock(&journal.writing);
 }
 
-/* A program may end without hdStopScheduler. The scheduler's thread may run still, or may have
- * been stopped for ever with the lock in its hand. */
+void log_keep_up(void) {
+    omni_enter();
+    double now_s = omni.scheduler.tick_s;
+    omni_leave();
+    pthread_mutex_lock(&journal.writing);
+    if (now_s - journal.written_s >= LOG_EVERY_S) {
+        journal.written_s = now_s;
+        write_rows();
+    }
+    pthread_mutex_unlock(&journal.writing);
+}
+
+int log_open(const Settings *settings, int *file) {
+    struct stat here, there;
+    *file = -1;
+    if (!settings->log[0]) {
+        return 0;
+    }
+    /* Without waiting for somebody at the other end of a pipe. */
+    int opened = open(settings->log, O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0666);
+    if (opened < 0 || fstat(opened, &there)) {
+        settings_problem("log: %.300s: %s", settings->log, strerror(errno));
+        if (opened >= 0) {
+            close(opened);
+        }
+        return -1;
+    }
+    (void)fcntl(opened, F_SETFL, fcntl(opened, F_GETFL) & ~O_NONBLOCK);
+    int ours = journal.file >= 0 && !fstat(journal.file, &here) && here.st_ino == there.st_ino &&
+               here.st_dev == there.st_dev;
+    if (S_ISREG(there.st_mode) && !ours && flock(opened, LOCK_EX | LOCK_NB)) {
+        settings_problem("log: %.300s: another program writes its log there", settings->log);
+        close(opened);
+        return -1;
+    }
+    *file = opened;
+    return 0;
+}
+
+void log_take(int file) {
+    pthread_mutex_lock(&journal.writing);
+    write_rows();
+    if (journal.file >= 0) {
+        close(journal.file);
+    }
+    journal.file = -1;
+    if (file >= 0 && !journal.rows) {
+        journal.rows = calloc(LOG_ROWS, sizeof *journal.rows);
+    }
+    if (file >= 0 && !journal.rows) {
+        fputs("libHD (simulated): the log: no memory\n", stderr);
+        close(file);
+    } else if (file >= 0) {
+        (void)flock(file, LOCK_EX | LOCK_NB);
+        (void)ftruncate(file, 0); /* what has no length needs none */
+        journal.file = file;
+        journal.broken = 0;
+        journal.process = getpid();
+        write_out(LOG_HEADER, sizeof LOG_HEADER - 1);
+    }
+    journal.written_s = 0.0;
+    atomic_store(&journal.taken, atomic_load(&journal.put));
+    pthread_mutex_unlock(&journal.writing);
+}
+
+static void *keep_writing(void *unused) {
+    pthread_mutex_lock(&journal.writing);
+    while (!journal.stopping) {
+        struct timespec until;
+        clock_gettime(CLOCK_REALTIME, &until);
+        until.tv_nsec += (long)(LOG_EVERY_S * 1e9);
+        until.tv_sec += until.tv_nsec / 1000000000;
+        until.tv_nsec %= 1000000000;
+        pthread_cond_timedwait(&journal.stop, &journal.writing, &until);
+        write_rows();
+    }
+    pthread_mutex_unlock(&journal.writing);
+    return unused;
+}
+
+void log_start(void) {
+    sigset_t all, before;
+    if (journal.file < 0 || journal.threaded) {
+        return;
+    }
+    journal.stopping = 0;
+    sigfillset(&all); /* the program's signals are for its own threads */
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    journal.threaded = !pthread_create(&journal.thread, NULL, keep_writing, NULL);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+}
+
+void log_stop(void) {
+    if (!journal.threaded) {
+        return;
+    }
+    pthread_mutex_lock(&journal.writing);
+    journal.stopping = 1;
+    pthread_cond_broadcast(&journal.stop);
+    pthread_mutex_unlock(&journal.writing);
+    pthread_join(journal.thread, NULL);
+    journal.threaded = 0;
+}
+
+/* A program may end without hdStopScheduler, and its threads may run still. */
 __attribute__((destructor)) static void write_log_at_exit(void) {
     struct timespec until;
-    if (!journal.count || journal.process != getpid()) {
+    if (journal.file < 0 || journal.process != getpid()) {
         return;
     }
     clock_gettime(CLOCK_REALTIME, &until);
     until.tv_sec += 1;
-    if (pthread_mutex_timedlock(&omni_lock, &until) == 0) {
-        log_write();
-        omni.settings.log[0] = 0;
-        pthread_mutex_unlock(&omni_lock);
+    if (pthread_mutex_timedlock(&journal.writing, &until) == 0) {
+        write_rows();
+        pthread_mutex_unlock(&journal.writing);
     }
 }
 

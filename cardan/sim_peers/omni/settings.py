@@ -16,12 +16,13 @@ line. SI units, rad, axes of HDAPI (x right, y up, z to the operator)::
     droop N                         down, while nobody grips
     thermal S                       time constant of the motors
     gimbal S1 S2 S3 O1 O2 O3        scales of the gimbal angles and their offsets, rad
+    gimbal_noise LSB                of the gimbal's potentiometers, peak to peak; 1 LSB: 0.0735°
     hand KG N_S_M N_M               the gripping hand: mass, damping, stiffness
     grip 0|1                        without waypoints
     waypoint T X Y Z RX RY RZ GRIP BUTTONS DOCKED PX PY PZ KX KY KZ
     loop T                          the waypoints start again
     fault NAME VALUE [FROM_S]
-    log PATH                        true values as CSV, a line a tick, written at the end
+    log PATH                        true values as CSV, a line a tick, every 50 ms
 
 A waypoint is the hand at T s after the scheduler was first started: where it holds the gimbal's
 centre (m) and the stylus (rad, about the fixed axes x, y, z in turn), three flags (BUTTONS are
@@ -44,6 +45,9 @@ from cardan.types import ZERO3, Vector3
 
 MODELS = {"omni": "PHANTOM Omni", "touch": "Touch"}
 """What HD_DEVICE_MODEL_TYPE says, by the name of the option."""
+
+GIMBAL_NOISE_LSB = {"omni": 5.0, "touch": 0.0}
+"""Peak to peak, by model: the FireWire units are noisy."""
 
 INKWELL_M = Vector3(0.0, -0.0655107, -0.0881142)
 """Where the docked stylus holds the gimbal's centre, device frame."""
@@ -177,11 +181,13 @@ class OmniSettings:
     mass_kg: float = 0.045
     friction_n: float = 0.26
     viscous_n_s_m: float = 0.1
-    droop_n: float = 0.2
-    """What pulls an unheld stylus down."""
+    droop_n: float = 0.3
+    """What pulls an unheld stylus down; more than the friction: it falls."""
     thermal_s: float = 80.0
     gimbal_scale: Vector3 = UNSCALED
     gimbal_offset_rad: Vector3 = ZERO3
+    gimbal_noise_lsb: float | None = None
+    """Peak to peak, of 0.0735° each, uniform; None: that of the model."""
     hand_mass_kg: float = 0.2
     hand_damping_n_s_m: float = 5.0
     hand_stiffness_n_m: float = 200.0
@@ -190,14 +196,14 @@ class OmniSettings:
     motion: HandMotion = STILL
     faults: tuple[OmniFault, ...] = ()
     log: str = ""
-    """Where the truth of each tick is written to at the end; empty: nowhere."""
+    """Where the truth of each tick is written to, at most 50 ms later; empty: nowhere."""
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise ScriptError(f"there is no model {self.model!r}; there are: {', '.join(MODELS)}")
         for name, lowest, highest in _RANGES:
             value = getattr(self, name)
-            if not lowest <= value <= highest:
+            if value is not None and not lowest <= value <= highest:
                 raise ScriptError(f"{name} is {value:g}, must be {lowest:g} to {highest:g}")
         for name, longest in (("serial", 63), ("device", 63), ("log", 4000)):
             value = getattr(self, name)
@@ -208,6 +214,11 @@ class OmniSettings:
         times_s = [waypoint.time_s for waypoint in self.motion.waypoints]
         if any(b <= a for a, b in itertools.pairwise(times_s)):
             raise ScriptError("waypoints must be in the order of time")
+
+    @property
+    def _gimbal_noise_lsb(self) -> float:
+        noise = self.gimbal_noise_lsb
+        return GIMBAL_NOISE_LSB[self.model] if noise is None else noise
 
     @property
     def text(self) -> str:
@@ -224,6 +235,7 @@ class OmniSettings:
             f"droop {_number(self.droop_n)}",
             f"thermal {_number(self.thermal_s)}",
             f"gimbal {_numbers(self.gimbal_scale)} {_numbers(self.gimbal_offset_rad)}",
+            f"gimbal_noise {_number(self._gimbal_noise_lsb)}",
             f"hand {_number(self.hand_mass_kg)} {_number(self.hand_damping_n_s_m)} "
             f"{_number(self.hand_stiffness_n_m)}",
             f"grip {self.gripped:d}",
@@ -251,6 +263,7 @@ _RANGES = (
     ("viscous_n_s_m", 0.0, 50.0),
     ("droop_n", 0.0, 5.0),
     ("thermal_s", 0.1, 1e4),
+    ("gimbal_noise_lsb", 0.0, 200.0),
     ("hand_mass_kg", 0.0, 10.0),
     ("hand_damping_n_s_m", 0.0, 100.0),
     ("hand_stiffness_n_m", 0.0, 5000.0),

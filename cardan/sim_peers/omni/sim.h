@@ -32,7 +32,7 @@ typedef struct {
 
 /* Forget everything, take these settings (text, a "key values..." line each; see settings.py) and
  * be as just powered on. NULL or "": the defaults. Returns 0, or -1: simProblem() says what is
- * wrong, and nothing has changed. Must be called while no device is initialised. Without a call
+ * wrong, which may be that the log cannot be written, and nothing has changed. Must be called while no device is initialised. Without a call
  * the first hdInitDevice takes the settings from the file that CARDAN_OMNI names, if any. */
 SIM_API int simConfigure(const char *settings);
 SIM_API const char *simProblem(void);
