@@ -9,8 +9,8 @@ import pytest
 
 from cardan.arm_model import load_arm
 from cardan.drivers.motoros import Motoros
+from cardan.gateway.assembly import load_config, make_arm
 from cardan.gateway.cartesian.controller import CartesianController, Outcome
-from cardan.gateway.config import load_config, make_arm
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.mapping import TwistMapping

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cardan.drivers.omni import OmniOptions
-from cardan.gateway.config import load_config
+from cardan.gateway.assembly import load_config
 from cardan.gateway.demo import free_tcp_ports, free_udp_port, simulated_peer
 from cardan.gateway.session import EXIT_OK
 from cardan.gateway.supervisor import supervise
@@ -24,6 +24,7 @@ RUN_S = 4.5
 FELT_S = {
     "omni-force-node-simulated.toml": 6.0,
     "omni-gofa-simulated.toml": 9.0,
+    "omni-jr3-simulated.toml": 7.0,
     "omni-sphere-simulated.toml": 6.0,
     "omni-ur5-simulated.toml": 6.0,
 }
@@ -73,17 +74,22 @@ def ports_of_its_own(text):
     return text
 
 
+def on_socketcand(text):
+    """`text` of a JR3 without multicast, which is not to be had everywhere, as the example says."""
+    port = free_tcp_ports(1)
+    text = text.replace('interface = "udp_multicast"', f'interface = "socketcand"\nport = {port}')
+    text = text.replace('channel = "239.74.163.2"\n', 'host = "127.0.0.1"\n')
+    return text.replace(
+        "--script wiggle\n", f"--script wiggle --serve-socketcand --port {port} --boot 0\n", 1
+    )
+
+
 @pytest.mark.parametrize("name", DEVICES)
 def test_the_example_runs(name, tmp_path, monkeypatch):
     text = (EXAMPLES / name).read_text(encoding="utf-8")
     text = ports_of_its_own(text)
-    if name.startswith("jr3"):  # Multicast is not to be had everywhere, as the example says.
-        port = free_tcp_ports(1)
-        text = text.replace(
-            'interface = "udp_multicast"', f'interface = "socketcand"\nport = {port}'
-        )
-        text = text.replace('channel = "239.74.163.2"\n', 'host = "127.0.0.1"\n')
-        text = text.replace("--script wiggle\n", f"--serve-socketcand --port {port} --boot 0\n", 1)
+    if name.startswith("jr3"):
+        text = on_socketcand(text)
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text(text, encoding="utf-8")
     (tmp_path / "strokes").write_text(STROKES, encoding="utf-8")
@@ -106,7 +112,7 @@ def test_the_example_runs(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", FELT_S)
 def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
-    text = ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
+    text = on_socketcand(ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8")))
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text(text, encoding="utf-8")
     (tmp_path / "examples").symlink_to(EXAMPLES)
@@ -118,6 +124,8 @@ def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
             words = shlex.split(command)
             if words[0] == "force":
                 peers.enter_context(waiting(words))
+            elif words[1] == "jr3":
+                peers.enter_context(simulated_peer(*words[1:], "--seconds", "40"))
             else:
                 to = re.search(r"listen_port = (\d+)", text)[1]
                 peers.enter_context(

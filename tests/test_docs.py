@@ -14,6 +14,7 @@ import pytest
 import typer.main
 
 from cardan import cli
+from cardan.drivers import registry
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.gamepad import GamepadOptions
 from cardan.drivers.jr3_can import Jr3Options
@@ -23,7 +24,7 @@ from cardan.drivers.omni import OmniOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavOptions
 from cardan.drivers.wiimote import WiimoteOptions
-from cardan.gateway import config
+from cardan.gateway import assembly, config
 from cardan.gateway.force.tables import FixtureTable, ForceTable
 from cardan.protocols import connexion, egm
 from cardan.protocols import simple_message as sm
@@ -335,14 +336,14 @@ def test_snippets_are_programs_and_settings(page):
         table = tomllib.loads(block)
         if "robot" in table:
             options = {key: value for key, value in table["robot"].items() if key != "driver"}
-            config.driver_options(config.registry.load(table["robot"]["driver"]), options, "robot")
+            assembly.driver_options(registry.load(table["robot"]["driver"]), options, "robot")
 
 
 @pytest.mark.parametrize(
     "example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda p: p.name
 )
 def test_examples_are_fine(example):
-    config.load_config(example)
+    assembly.load_config(example)
 
 
 def anchors(page: Path) -> set[str]:

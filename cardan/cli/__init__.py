@@ -106,7 +106,7 @@ def demo(
 @app.command(epilog=EPILOG)
 def run(file: ConfigFile, seconds: Seconds = None) -> None:
     """Join the device and the robot of a configuration file until Ctrl-C."""
-    from cardan.gateway.config import load_config
+    from cardan.gateway.assembly import load_config
     from cardan.gateway.supervisor import supervise
     from cardan.gateway.view import SessionView, summary
 
@@ -139,7 +139,7 @@ def _lack(last: Snapshot) -> str:
 @app.command()
 def check(file: ConfigFile) -> None:
     """Check a configuration file without opening anything, and say what it would do."""
-    from cardan.gateway.config import load_config, make_filters
+    from cardan.gateway.assembly import load_config, make_filters
     from cardan.gateway.mapping import Mode
 
     config = load_config(file)
@@ -241,7 +241,8 @@ def spnav(
     """Serve an operator device to stock programs that use libspnav, as spacenavd does: version 0
     and 1 of its protocol. Prints READY and the socket's path once it serves."""
     from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
-    from cardan.gateway.config import SpnavTable, load_served, make_device
+    from cardan.gateway.assembly import load_served, make_device
+    from cardan.gateway.config import SpnavTable
     from cardan.gateway.spnav import serve_device
 
     if file is None:
@@ -271,7 +272,7 @@ def force(
 ) -> None:
     """Be the force node of a session in another process: read its robot's states, and send it the
     forces that the [force] and [[fixtures]] of FILE make of them. Prints READY once it does."""
-    from cardan.gateway.config import load_force
+    from cardan.gateway.assembly import load_force
     from cardan.gateway.force.node import run_force_node
 
     sent = run_force_node(load_force(file), connect, seconds)

@@ -185,6 +185,7 @@ class TeleopEngine:
         self._stop_reason = ""
         self._objection = ""
         """Why somebody else wants the operator's hand off the robot, from the next tick on."""
+        self._suspended = False
 
     @property
     def phase(self) -> Phase:
@@ -203,7 +204,8 @@ class TeleopEngine:
 
     def hand_map(self) -> WorldMap | None:
         """Where the TCP is told to go for any place of the hand, as things stand after the last
-        tick; None while no hand's pose is followed, or through axes that mirror."""
+        tick, within the workspace; None while no hand's pose is followed, or through axes that
+        mirror."""
         if self._position is None or not self._following:
             return None
         return self._position.world_map()
@@ -239,12 +241,18 @@ class TeleopEngine:
         effect where nobody drives it by then."""
         self._objection = self._objection or reason
 
+    def suspend(self) -> None:
+        """In the next tick the operator asks for no motion, whatever the hand does; after it, the
+        hand is followed as before."""
+        self._suspended = True
+
     def tick(
         self, robot: RobotState, device: DeviceState, events: Sequence[ButtonEvent] = ()
     ) -> RobotCommand:
         """Decide the command for the control instant that `robot` reports."""
         stalled_s, self._ticked_s = robot.stamp_s - self._ticked_s, robot.stamp_s
         objection, self._objection = self._objection, ""
+        suspended, self._suspended = self._suspended, False
         self._disturbed = self._recapture = False
         measured = self._measured(robot) if robot.ready else None
         if measured is None:
@@ -283,13 +291,15 @@ class TeleopEngine:
             wanted = self.mapping.twist(device.axes)
         if self._position is not None and not self._following:
             self._position.release()
+        if suspended:
+            wanted = ZERO_TWIST
         if self.filters:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot if self.arm is None else robot._replace(pose=measured)
             wanted = self._filter(wanted, seen)
         self._target = wanted
         rates: dict[str, float] = {}
-        if self.mapping.drives_joints and self._following:
+        if self.mapping.drives_joints and self._following and not suspended:
             rates = self.mapping.joint_rates(device.axes)
         self._joints_asked = any(rates.values())
         asked = self._joints_asked or wanted.linear != ZERO3 or wanted.angular != ZERO3

@@ -134,6 +134,19 @@ def mirrors(options: MappingOptions) -> bool:
     return _turning_sources(options) is None
 
 
+LEAST_FOLLOWED = 0.001
+"""Of the hand's way: what follows by less does not follow."""
+
+
+def unfollowed(options: MappingOptions) -> tuple[str, ...]:
+    """Which of x, y, z of the TCP no place of the hand moves, along the mapping's axes."""
+    return tuple(
+        axis
+        for axis, (index, gain) in zip(AXES, _sources(options)[:3], strict=False)
+        if index > 2 or abs(gain) < LEAST_FOLLOWED
+    )
+
+
 class HandMapping(ABC):
     """Follows one hand from one press of the clutch to its release."""
 
@@ -200,11 +213,17 @@ class HandMapping(ABC):
     def world_map(self) -> WorldMap | None:
         """Where the TCP is told to go for any place of the hand, as things stand.
 
-        None while released, and for axes that mirror.
+        Along an axis of the workspace beyond whose end the hand is, that is the end, wherever the
+        hand moves on to. None while released, and for axes that mirror.
         """
         if self._hand is None or self._turning_sources is None:
             return None
-        return WorldMap(self._linear_map, self._map_offset(), self._rotation_map)
+        world = WorldMap(self._linear_map, self._map_offset(), self._rotation_map)
+        place = add(self._mapped(self._hand.position), world.offset)
+        for axis, bounds in enumerate(self.limits.workspace_m):
+            if bounds is not None and not bounds[0] <= place[axis] <= bounds[1]:
+                world = _held(world, axis, min(max(place[axis], bounds[0]), bounds[1]))
+        return world
 
     @abstractmethod
     def _map_offset(self) -> Vector3:
@@ -251,6 +270,15 @@ class HandMapping(ABC):
         a, b, c, d, e, f, g, h, i = self._linear_map
         x, y, z = way
         return Vector3(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
+
+
+def _held(world: WorldMap, axis: int, at_m: float) -> WorldMap:
+    """`world` with all that it leads to at `at_m` along the base's `axis`."""
+    linear, offset = list(world.linear), list(world.offset)
+    linear[3 * axis : 3 * axis + 3] = ZERO3
+    offset[axis] = at_m
+    a, b, c, d, e, f, g, h, i = linear
+    return WorldMap((a, b, c, d, e, f, g, h, i), Vector3(*offset), world.rotation)
 
 
 class PositionMapping(HandMapping):

@@ -21,16 +21,15 @@ from typing import Any
 
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import CardanError, ConfigurationError, DriverError
-from cardan.gateway.config import (
-    SessionConfig,
+from cardan.gateway.assembly import (
     check_mode,
     make_arm,
     make_device,
     make_filters,
     make_force,
     make_robot,
-    parse_config,
 )
+from cardan.gateway.config import SessionConfig, parse_config
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.feedback import HandFeedback
 from cardan.gateway.force.rendering import ForceRenderer
@@ -190,6 +189,8 @@ class Session:
                 objection = force.cycle(state, hand, engine.hand_map(), at_rest)
                 if objection:
                     engine.trip(objection)
+                elif force.guard.in_doubt:
+                    engine.suspend()
             if spnav is not None:
                 spnav.offer(hand, events)
             if hand_feedback.useful and hand_feedback.due(now_s):

@@ -151,7 +151,7 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
         ("energy given to the hand, net", f"at most {s.energy_given_j * 1e3:+.1f} mJ"),
         (
             "energy given in one engagement",
-            f"at most {s.energy_given_peak_j * 1e3:+.1f} mJ",
+            f"at most {s.energy_given_peak_j * 1e3:.2f} mJ",
         ),
     ]
     for name, p50, p99 in (
@@ -162,7 +162,7 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
             rows.append(
                 (f"age of {name} force, p50 / p99", f"{_milliseconds(p50)} / {_milliseconds(p99)}")
             )
-    if s.force_losses or s.force_out_s:
+    if s.force_losses or s.force_out_s >= 0.01:
         rows.append(
             (
                 "hand taken off for want of force",

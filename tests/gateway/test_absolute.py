@@ -95,6 +95,7 @@ def test_a_hand_outside_the_workspace_is_met_at_its_edge():
     expected = (0.5, rig.mapped_hand.y, 0.6)
     assert close(rig.tcp.position, expected, 1e-4)
     assert rig.tcp.position.x <= 0.5 + 1e-9
+    assert close(rig.mapped_hand, rig.tcp.position, 1e-4)
     rig.send_hand(displaced(x=-0.08)).run(8.0)
     assert rig.message == ""
     assert close(rig.tcp.position, rig.mapped_hand)

@@ -8,7 +8,8 @@ import pytest
 
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.errors import ConfigurationError
-from cardan.gateway.config import make_arm, make_robot, parse_config
+from cardan.gateway.assembly import make_arm, make_robot
+from cardan.gateway.config import parse_config
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
@@ -178,9 +179,8 @@ class OnlyTakes(SimArm):
         return super().capabilities._replace(commands=self.kinds)
 
 
-def test_an_arm_that_takes_velocities_does_not_sink(monkeypatch):
+def test_an_arm_that_takes_velocities_does_not_sink():
     """The paper's sag: velocity commands cannot hold an arm; the virtual reference point can."""
-    monkeypatch.setattr("cardan.gateway.config.make_robot", lambda config: None)
     run = Run(robot={"drive": "dynamic"})
     run.robot.close()
     run.robot = OnlyTakes(SimArmOptions(robot="ur5", pacing="virtual", drive="dynamic"))

@@ -8,14 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.config import (
-    check_mode,
-    load_config,
-    make_device,
-    make_filters,
-    make_robot,
-    parse_config,
-)
+from cardan.gateway.assembly import check_mode, load_config, make_device, make_filters, make_robot
+from cardan.gateway.config import parse_config
 from cardan.gateway.mapping import GripperAction, Orientation
 from cardan.types import Frame
 

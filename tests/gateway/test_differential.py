@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cardan.gateway.config import make_arm, make_robot, parse_config
+from cardan.gateway.assembly import make_arm, make_robot
+from cardan.gateway.config import parse_config
 from cardan.gateway.engine import Phase, TeleopEngine
 from cardan.gateway.filters import TwistFilter
 from cardan.gateway.mapping import AXES, MappingOptions, Mode, Orientation, TwistMapping
-from cardan.gateway.position import mirrors
+from cardan.gateway.position import mirrors, unfollowed
 from cardan.gateway.reference import Reference, ReferenceLimits
 from cardan.spatial import (
     add,
@@ -290,6 +291,51 @@ def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
     assert rig.engine.status().trips == 0
 
 
+def test_somebody_else_may_take_the_hand_off_the_robot():
+    rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
+    rig.engine.trip("the force is lost")
+    rig.press("button_2").run()  # In the same tick it is no deliberate act.
+    assert not rig.engine.following
+    assert rig.engine.phase is Phase.BRAKING
+    assert rig.message.startswith("stopped before: the force is lost; ")
+    rig.run(1.0)
+    assert rig.engine.at_rest
+    rig.release("button_2").run().tap("button_2").run(0.5)
+    assert rig.engine.following
+    assert rig.engine.status().trips == 1
+
+
+def test_with_a_clutch_that_is_held_a_trip_takes_it_pressed_anew():
+    rig = HandRig(deadman=("button_2",)).run().press("button_2").run()
+    assert rig.engine.following
+    rig.send_hand(displaced(x=0.1)).run(0.2).engine.trip("the force is lost")
+    rig.run(1.0)
+    assert not rig.engine.following
+    rig.release("button_2").run().press("button_2").run()
+    assert rig.engine.following
+
+
+def test_a_trip_of_nobody_is_nothing():
+    rig = HandRig().run()
+    rig.engine.trip("the force is lost")
+    rig.run().tap("button_2").run(0.1)
+    assert rig.engine.following
+    assert rig.engine.status().trips == 0
+
+
+def test_a_hand_that_is_suspended_is_waited_for_and_then_followed_without_a_step():
+    rig = engaged().send_hand(displaced(x=0.1)).run(0.15)
+    before = rig.moved
+    for _ in range(50):
+        rig.engine.suspend()
+        rig.run()
+    assert rig.engine.at_rest
+    assert rig.engine.following
+    assert rig.moved.x - before.x < 0.03
+    rig.run(2.0)
+    assert close(rig.moved, (0.1, 0.0, 0.0))
+
+
 def test_a_press_in_the_tick_that_trips_does_not_arm():
     rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
     rig.put_hand(displaced(x=0.6)).press("button_2").run()
@@ -502,6 +548,35 @@ def test_the_map_moves_with_a_slip():
     rig = engaged(slip_m=0.1).send_hand(displaced(y=0.4)).run(5.0)
     assert close(rig.mapped_hand, rig.tcp.position)
     assert rig.moved.y < 0.2
+
+
+def test_the_map_ends_where_the_workspace_ends():
+    """A wall beyond its edge is nothing that the TCP could meet."""
+    limits = ReferenceLimits(workspace_m=((0.45, 0.55), None, None))
+    rig = HandRig(limits=limits, recapture="button_1", slip_m=0.15).run().tap("button_2")
+    rig.send_hand(displaced(x=0.03, y=0.03)).run(2.0)
+    assert close(rig.mapped_hand, rig.tcp.position)
+    rig.send_hand(displaced(x=0.12, y=0.05)).run(2.0)
+    assert close(rig.tcp.position, (0.55, 0.05, 0.4), 1e-4)
+    assert close(rig.mapped_hand, (0.55, 0.05, 0.4), 1e-4)
+    rig.put_hand(displaced(x=0.2, y=0.06))  # Until the next tick: it follows along the edge alone.
+    assert close(rig.mapped_hand, (0.55, 0.06, 0.4), 1e-4)
+    rig.put_hand(displaced(x=0.12, y=0.05)).send_hand(displaced(x=0.02)).run(2.0)
+    assert close(rig.mapped_hand, rig.tcp.position)
+    assert close(rig.tcp.position, (0.52, 0.0, 0.4), 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "still"),
+    [
+        ({}, ()),
+        ({"scale": (0.1, -2.0, 1.0, 0.0, 0.0, 0.0)}, ()),
+        ({"scale": (1.0, 1.0, 0.0, 1.0, 1.0, 1.0)}, ("z",)),
+        ({"axes": ("fixed", "y", "rx", "rx", "ry", "rz")}, ("x", "z")),
+    ],
+)
+def test_directions_that_no_place_of_the_hand_moves(options, still):
+    assert unfollowed(MappingOptions(**options)) == still
 
 
 @pytest.mark.parametrize(

@@ -74,8 +74,11 @@ class VirtualOmni(FakeHaptic):
         self.rig.tick.disable()
 
 
-def run(monkeypatch, **tables):
-    """Clutch in, push the TCP 80 mm towards the robot within 1.2 s, stay, come back, clutch out."""
+def run(monkeypatch, each=lambda now_s, rig: None, until_s=SECONDS, **tables):
+    """Clutch in, push the TCP 80 mm towards the robot within 1.2 s, stay, come back, clutch out.
+
+    `each` is called in each cycle.
+    """
     monkeypatch.setitem(registry.BUILT_IN, "fake_haptic", f"{__name__}:VirtualOmni")
     s = make_session(parse_config({**TABLE, **tables}))
     states = s.robot.cycles
@@ -93,12 +96,13 @@ def run(monkeypatch, **tables):
                 if now_s > rig.now_s:
                     rig.run(now_s - rig.now_s, None)
                 device.now_s = now_s
+                each(now_s, rig)
                 if presses and now_s >= presses[0]:
                     presses.pop(0)
                     device.press("button_2")
                 if s.engine.reference.pose is not None:
                     places.append(s.engine.reference.pose.position)
-                if now_s >= SECONDS:
+                if now_s >= until_s:
                     s.stop("enough")
                 yield state
 
@@ -142,3 +146,60 @@ def test_free_space_is_free(monkeypatch):
     _, trace, places = run(monkeypatch, fixtures=[far])
     assert np.linalg.norm(trace.sent_n, axis=1).max() < 0.15  # Of the damping alone.
     assert min(place.x for place in places) == pytest.approx(0.36, abs=0.005)
+
+
+CONTACT = {"force": {"source": "contact", "contact": [SURFACE], "scale": 0.1}}
+
+
+def test_clutching_in_while_the_tool_presses_brings_the_force_in_by_a_ramp(monkeypatch):
+    pressed = {**SURFACE, "point_m": [0.455, 0.0, 0.0]}  # 15 mm deep from the start: 1.5 N
+    last, trace, _ = run(
+        monkeypatch,
+        until_s=1.5,
+        force={"source": "contact", "contact": [pressed], "scale": 0.1},
+    )
+    sent = np.linalg.norm(trace.sent_n, axis=1)
+    begun = trace.times_s[np.argmax(sent > 0.0)]
+    assert PRESSED_S < begun < PRESSED_S + 0.1
+    assert np.abs(np.diff(trace.sent_n, axis=0)).max() < 0.1
+    assert sent[trace.times_s > 1.45].min() > 0.8
+    assert (last.trips, last.force_losses) == (0, 0)
+
+
+def test_clutching_in_deep_in_a_fixture_ends_with_words(monkeypatch):
+    deep = {**SPHERE, "centre_m": [0.39, 0.0, 0.4]}
+    last, trace, places = run(monkeypatch, until_s=1.55, fixtures=[deep])
+    assert np.linalg.norm(trace.sent_n, axis=1).max() == 0.0
+    assert "move out of the fixture, then clutch in" in last.force_lost_reason
+    assert (last.trips, last.force_losses) == (1, 1)
+    assert places[-1] == places[-2]
+
+
+@pytest.mark.parametrize(
+    ("fault", "value", "words"),
+    [
+        ("warm-motors", 0.86, "spare the motors"),
+        ("warm-motors", 0.95, "spare the motors"),
+        ("warm-motors", 1.0, ""),
+        ("slow-ticks", 200.0, "slow"),
+        ("slow-ticks", 20.0, ""),
+        ("overrun", 3.0, "slow"),
+    ],
+)
+def test_the_arm_does_not_follow_a_hand_that_falls_in(monkeypatch, fault, value, words):
+    """The hand pushes towards 80 mm beyond the TCP, and is held up by the contact."""
+    at = {}
+
+    def each(now_s, rig):
+        if now_s >= 3.0 and "n" not in at:
+            at["n"] = len(rig.trace.times_s)
+            rig.sim.fault(fault, value)
+
+    last, trace, places = run(monkeypatch, each, until_s=3.7, **CONTACT)
+    sent = np.linalg.norm(trace.sent_n, axis=1)
+    assert sent[at["n"] - 1] > 0.8
+    assert last.trips == 1
+    assert words in last.force_lost_reason
+    before, after = places[round(2.9 / 0.004)].x, min(place.x for place in places)
+    assert before - after < 0.003  # It would be 15 mm by the end of the hand's way.
+    assert places[-1] == places[-40]

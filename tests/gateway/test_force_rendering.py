@@ -5,18 +5,19 @@ import math
 
 import pytest
 
+from cardan.errors import CommandError
 from cardan.gateway.force.conditioning import Conditioner, Conditioning
 from cardan.gateway.force.figures import ContactFigures, FeltFigures
 from cardan.gateway.force.fixtures import FixtureSet, matrix_of
 from cardan.gateway.force.rendering import ForceRenderer
-from cardan.gateway.force.sources import MeasuredSource
+from cardan.gateway.force.sources import MeasuredSource, SensorSource
 from cardan.gateway.force.stability import fixture_warning, loop_warning, stable_stiffness_n_m
 from cardan.gateway.force.tables import FixtureTable
 from cardan.gateway.snapshot import Snapshot
 from cardan.haptics import HapticState, OperatingState, Plane, WorldMap
 from cardan.spatial import from_euler_zyx
 from cardan.types import IDENTITY, DeviceLink, DeviceState, Pose, RobotLink, Vector3
-from tests.gateway.force_fakes import PERIOD_S, REST, FakeHaptic, robot_state
+from tests.gateway.force_fakes import PERIOD_S, REST, FakeHaptic, FakeSensor, robot_state
 
 SPHERE = FixtureTable(shape="sphere", centre_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
 HAND = Pose(Vector3(0.0, 0.0, 0.05), IDENTITY)
@@ -83,13 +84,74 @@ def test_a_device_that_cannot_be_enabled_says_why():
     rig = Rig([SPHERE])
     rig.device.obstacle = "the device is not calibrated"
     rig.cycle()
-    assert rig.renderer.diagnosis() == (
-        "no force: the device is not calibrated; clutch in again to try again",
-    )
-    rig.cycle(world=None)
+    assert rig.renderer.diagnosis() == ("no force: the device is not calibrated",)
+    rig.cycle(count=100)
+    asked = len(rig.device.calls)
+    assert asked <= 1 + 100 * PERIOD_S / 0.05 + 1, "not in every cycle"
     rig.device.obstacle = ""
+    rig.cycle(count=20)
+    assert rig.renderer.diagnosis() == ()
+    assert rig.device.told.state is OperatingState.ENABLED
+
+
+def test_a_fault_of_after_the_clutch_in_needs_another_one():
+    rig = Rig([SPHERE])
+    rig.device.obstacle = "not ready yet"
+    rig.cycle()
+    rig.device.obstacle = ""
+    rig.device.told = rig.device.told._replace(state=OperatingState.FAULT, faults=1)
+    rig.cycle(count=100)
+    assert rig.device.told.state is OperatingState.FAULT
+    rig.cycle(world=None)
+    rig.cycle()
+    assert rig.device.told.state is OperatingState.ENABLED
+
+
+def test_a_command_that_was_not_taken_is_told_until_one_is(monkeypatch):
+    rig = Rig([SPHERE])
+    rig.cycle()
+    take = rig.device.render
+
+    def refuse(command):
+        raise CommandError("the map is no map")
+
+    monkeypatch.setattr(rig.device, "render", refuse)
+    rig.cycle()
+    assert rig.renderer.diagnosis() == ("the haptic device takes no command: the map is no map",)
+    monkeypatch.setattr(rig.device, "render", take)
     rig.cycle()
     assert rig.renderer.diagnosis() == ()
+
+
+def test_a_map_that_leaps_is_rendered_without_the_leap():
+    rig = Rig([SPHERE])
+    rig.cycle(count=10)
+    leapt = SHIFTED._replace(offset=Vector3(0.48, 0.0, 0.3))
+    assert rig.cycle(world=leapt).world.offset == pytest.approx(SHIFTED.offset)
+    assert rig.cycle(world=leapt, count=25).world.offset.x == pytest.approx(0.499)
+    rig.cycle(world=None)
+    assert rig.cycle(world=leapt).world is leapt
+
+
+def test_one_stamp_of_the_future_does_not_keep_a_force_for_ever():
+    sensor = FakeSensor()
+    rig = Rig(source=SensorSource(sensor))
+    for k in range(200):
+        sensor.measure(rig.now_s + (50.0 if k == 150 else 0.0), 0.0, 0.0, 10.0)
+        rig.cycle()
+        assert k < 130 or rig.device.commands[-1].measured.force.z == pytest.approx(1.0)
+    assert rig.renderer.diagnosis()[0] == "readings of a force refused: 1"
+    for _ in range(100):
+        sensor.measure(rig.now_s, 0.0, 0.0, 0.0)
+        rig.cycle()
+    assert rig.device.commands[-1].measured.force.z == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_rate_of_a_force_is_bounded_by_the_force():
+    rig = Rig(source=MeasuredSource(felt=True), conditioning=Conditioning(scale=1.0, tare=False))
+    rig.cycle(count=200, force=(0.0, 0.0, 1.0))
+    measured = rig.cycle(force=(0.0, 0.0, -3.0)).measured
+    assert abs(measured.rate_n_s.z) * 0.008 <= abs(measured.force.z) + 1e-9
 
 
 def test_a_hand_without_a_pose_is_not_engaged():
@@ -134,6 +196,23 @@ def test_a_measured_force_is_turned_into_the_hands_axes_and_scaled():
     for k in range(300):
         measured = rig.cycle(world=world, force=(0.0, 10.0 + k * PERIOD_S, 5.0)).measured
     assert measured.rate_n_s == pytest.approx((0.1, 0.0, 0.0), abs=1e-6)
+
+
+def test_a_measured_force_is_zero_until_force_is_let_out_and_then_fades_in():
+    """Clutching in while the tool presses: a device begins with a small force alone."""
+    rig = Rig(source=MeasuredSource(felt=True), stiffness_n_m=100.0)
+    pressed = {"force": (0.0, 0.0, 20.0)}
+    rig.device.lets_out = False
+    for measured in (rig.cycle(**pressed).measured for _ in range(50)):
+        assert measured.force == (0.0, 0.0, 0.0)
+        assert (measured.rate_n_s, measured.stiffness_n_m) == ((0.0, 0.0, 0.0), 0.0)
+    rig.device.lets_out = True
+    forces = [rig.cycle(**pressed).measured.force.z for _ in range(150)]
+    assert max(b - a for a, b in itertools.pairwise(forces)) < 0.017
+    assert forces[62] == pytest.approx(1.0, abs=0.05)
+    assert forces[-1] == pytest.approx(2.0)
+    rig.cycle(world=None)
+    assert rig.cycle(**pressed).measured.force == (0.0, 0.0, 0.0)
 
 
 def test_a_robot_that_stops_reporting_gives_no_old_force():

@@ -11,9 +11,11 @@ from rich.console import Console
 from cardan.drivers import registry
 from cardan.drivers.base import RobotDriver
 from cardan.errors import ConfigurationError
-from cardan.gateway.config import ForceConfig, make_device, make_force, make_robot, parse_config
+from cardan.gateway.assembly import make_device, make_force, make_robot
+from cardan.gateway.config import ForceConfig, parse_config
 from cardan.gateway.force.node import run_force_node
 from cardan.gateway.session import make_session
+from cardan.gateway.snapshot import Snapshot
 from cardan.gateway.view import plain, render, summary
 from cardan.haptics import HapticState, OperatingState
 from cardan.types import (
@@ -145,19 +147,142 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     def sense(k, now_s, place):
         sensor = s._force.source.device
         if k < 300:
-            sensor.measure(now_s, 0.0, 0.0, 0.0 if k < 200 else 10.0)
+            sensor.measure(now_s, 0.0, 0.0, 0.0 if k < 160 else 10.0)
         else:
             sensor.sensed = sensor.sensed._replace(wrench=None, reason="unplugged")
         return {}
 
-    s = session(400, sense, force=force)
+    s = session(500, sense, force=force)
     last = s.run()
     commands = s.device.commands
-    assert commands[299].measured.force == pytest.approx((0.0, 0.0, 0.99))
+    assert commands[299].measured.force == pytest.approx((0.0, 0.0, 0.78), abs=0.01)
     assert commands[300].measured is None
     assert commands[300].engaged
     assert "no measured force: unplugged" in last.diagnosis
+    # 0.1 s later than a reading could still be felt, the hand is taken off
+    out = next(k for k in range(300, 500) if not commands[k].engaged)
+    assert (out - 300) * PERIOD_S == pytest.approx(0.2, abs=2 * PERIOD_S)
+    assert (last.trips, last.force_losses) == (1, 1)
+    assert "stopped before: the measured force is lost" in last.message
+    assert "unplugged" in last.message
+    assert "press 'button_2' to move" in last.message
     assert s._force.source.device.calls == ["open", "close"]
+
+
+@pytest.mark.parametrize(
+    ("told", "within_s", "words"),
+    [
+        ({"state": OperatingState.FAULT, "reason": "fault: it flew"}, 0.0, "fault: it flew"),
+        ({"state": OperatingState.DISABLED, "reason": "not enabled"}, 0.0, "not enabled"),
+        ({"state": OperatingState.PAUSED, "reason": "it buzzed"}, 0.15, "it buzzed"),
+        ({"squeeze": 0.15}, 0.0, "limited to 15%"),
+        (
+            {"squeeze": 0.3, "force": Vector3(0.5, 0, 0), "force_commanded": Vector3(0.9, 0, 0)},
+            0.15,
+            "limited to 30%",
+        ),
+    ],
+)
+def test_a_force_that_vanishes_takes_the_hand_off_the_robot(told, within_s, words):
+    def vanish(k, now_s, place):
+        if k == 300:
+            s.device.told = s.device.told._replace(**told)
+        if k == 450:
+            s.device.told = HapticState(
+                state=OperatingState.ENABLED, command_sequence=s.device.told.command_sequence
+            )
+        if k == 500:
+            s.device.press("button_2")
+        return {}
+
+    s = session(600, vanish, fixtures=[SPHERE])
+    last = s.run()
+    engaged = [c.engaged for c in s.device.commands]
+    assert all(engaged[200:300])
+    out = engaged.index(False, 300)
+    assert (out - 300) * PERIOD_S == pytest.approx(within_s, abs=3 * PERIOD_S)
+    assert not any(engaged[out:500])  # Not by itself, although the force would be back.
+    assert all(engaged[500:])
+    assert (last.trips, last.force_losses) == (1, 1)
+    assert words in last.force_lost_reason
+
+
+def test_the_robot_brakes_when_the_force_is_lost_and_says_so():
+    places, messages = [], []
+
+    def fault(k, now_s, place):
+        if k == 300:
+            s.device.told = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
+        places.append(place.x)
+        messages.append(s.engine.status().message)
+        return {}
+
+    s = session(500, fault, fixtures=[SPHERE])
+    s.run()
+    speed_m_s = (places[299] - places[300]) / PERIOD_S
+    assert speed_m_s == pytest.approx(0.05, rel=0.1)
+    assert places[330] == places[499]  # The hand goes on by 50 mm/s all the time.
+    assert places[300] - places[499] < 0.005
+    assert messages[-1] == (
+        "stopped before: the force is lost: fault: it flew; press 'button_2' to move"
+    )
+
+
+def test_without_a_force_to_lose_nothing_is_lost():
+    def fault(k, now_s, place):
+        s.device.told = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
+        return {}
+
+    s = session(400, fault)
+    last = s.run()
+    assert last.trips == 0
+    assert s.robot.place.x < 0.47
+
+
+def test_a_clutch_in_deep_in_a_fixture_ends_within_a_second():
+    waited = []
+
+    def gate(k, now_s, place):
+        s.device.lets_out = k >= 500
+        if k == 500:
+            waited.append(place.x)
+        s.device.told = s.device.told._replace(
+            reason="too large to engage with", force_commanded=Vector3(-5.0, 0.0, 0.0)
+        )
+        if k == 600:
+            s.device.press("button_2")
+        return {}
+
+    s = session(1000, gate, fixtures=[SPHERE])
+    last = s.run()
+    engaged = [c.engaged for c in s.device.commands]
+    out = engaged.index(False, 200)
+    assert (out - 200) * PERIOD_S == pytest.approx(1.0, abs=3 * PERIOD_S)
+    assert "move out of the fixture, then clutch in" in last.force_lost_reason
+    assert waited == [START.x]  # The robot went no deeper meanwhile.
+    assert all(engaged[600:])
+    assert (last.trips, last.force_losses) == (1, 1)
+
+
+def test_a_force_that_cannot_be_enabled_lets_nobody_drive():
+    s = session(500, fixtures=[SPHERE])
+    s.device.obstacle = "the device is not calibrated"
+    last = s.run()
+    engaged_s = sum(c.engaged for c in s.device.commands) * PERIOD_S
+    assert engaged_s == pytest.approx(1.0, abs=3 * PERIOD_S)
+    assert "there is no force: the device is not calibrated" in last.message
+    assert s.robot.place == START
+
+
+def test_the_reason_of_a_reduced_force_is_told_while_the_hand_is_followed():
+    def limit(k, now_s, place):
+        s.device.told = s.device.told._replace(reason="limited to spare the motors")
+        return {}
+
+    s = session(300, limit, fixtures=[SPHERE])
+    assert "force: limited to spare the motors" in s.run().diagnosis
+    s = session(150, limit, fixtures=[SPHERE])
+    assert s.run().diagnosis == []
 
 
 def test_a_computed_contact_is_felt():
@@ -192,6 +317,23 @@ def test_axes_that_mirror_are_refused():
     config = parse_config({**TABLE, "mapping": mapping, "fixtures": [SPHERE]})
     with pytest.raises(ConfigurationError, match=r"mapping\.axes: .* no rotation"):
         make_force(config, make_device(config), make_robot(config))
+    make_force(parse_config({**TABLE, "mapping": mapping}), make_device(config), make_robot(config))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"scale": [1, 1, 0, 1, 1, 1]}, r"mapping\.scale: the TCP's z does not follow"),
+        ({"axes": ["fixed", "y", "fixed", "rx", "ry", "rz"]}, r"mapping\.axes: the TCP's x and z"),
+    ],
+)
+def test_axes_that_do_not_follow_are_refused(options, words):
+    """No motion of the hand would end a push along them."""
+    mapping = {**TABLE["mapping"], **options}
+    for force in ({"fixtures": [SPHERE]}, {"force": {"source": "measured"}}):
+        config = parse_config({**TABLE, "mapping": mapping, **force})
+        with pytest.raises(ConfigurationError, match=words):
+            make_force(config, make_device(config), make_robot(config))
     make_force(parse_config({**TABLE, "mapping": mapping}), make_device(config), make_robot(config))
 
 
@@ -235,6 +377,22 @@ def test_the_view_shows_the_force(capsys):
     for words in ("1.25 N, 1.50 N", "4.0 ms old", "force felt, peak", "age of measured force"):
         assert words in shown
     assert "force 1.25 N" in shown.splitlines()[-1]
+
+
+def test_the_summary_shows_a_force_that_was_lost(capsys):
+    last = Snapshot(
+        haptic_state="enabled",
+        energy_given_j=-0.002,
+        energy_given_peak_j=0.0031,
+        force_losses=2,
+        force_out_s=0.3,
+    )
+    Console(width=160).print(summary(last))
+    shown = capsys.readouterr().out
+    for words in ("at most -2.0 mJ", "at most 3.10 mJ", "2 times; force out for 0.30 s"):
+        assert words in shown
+    Console(width=160).print(summary(Snapshot(haptic_state="enabled")))
+    assert "want of force" not in capsys.readouterr().out
 
 
 def test_a_force_node_of_another_process_is_felt(tmp_path):

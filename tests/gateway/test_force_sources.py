@@ -14,9 +14,10 @@ from cardan.gateway.force.sources import (
     Reading,
     SensorSource,
     contact_force,
+    make_contact,
 )
 from cardan.gateway.force.tables import ContactTable
-from cardan.spatial import from_euler_zyx
+from cardan.spatial import from_euler_zyx, norm
 from cardan.types import IDENTITY, Frame, Pose, RobotLink, Vector3
 from tests.gateway.force_fakes import PERIOD_S, FakeSensor, robot_state
 
@@ -58,6 +59,52 @@ def test_a_sensor_is_opened_zeroed_and_closed_with_its_source():
     assert sensor.calls == ["open", "zero", "close"]
 
 
+@pytest.mark.parametrize(
+    ("stamp_s", "force", "words"),
+    [
+        (60.0, (0.0, 0.0, 50.0), "the sensor gives a time that is 49.9 s to come"),
+        (10.1, (0.0, 0.0, 1e30), "the sensor gives 1e+30 N; more than 1000 N are not believed"),
+        (10.1, (800.0, 800.0, 0.0), "more than 1000 N"),
+        (10.1, (math.inf, 0.0, 0.0), "no number"),
+    ],
+)
+def test_a_reading_that_cannot_be_true_is_none_and_the_one_before_stands(stamp_s, force, words):
+    sensor = FakeSensor()
+    source = SensorSource(sensor)
+    sensor.measure(stamp_s, *force)
+    assert source.read(robot_state(10.1), None) is None
+    sensor.measure(10.1, 1.0, 2.0, 3.0)
+    good = source.read(robot_state(10.1), None)
+    assert good.force == (1.0, 2.0, 3.0)
+    assert source.reason == ""
+    sensor.measure(stamp_s + 0.001, *force)
+    for k in range(3):
+        assert source.read(robot_state(10.101 + k * PERIOD_S), None) is good
+    assert words in source.reason or "s to come" in source.reason
+    assert "readings of a force refused: 2" in source.diagnosis()
+    sensor.measure(10.2, 1.0, 0.0, 0.0)
+    assert source.read(robot_state(10.2), None).force == (1.0, 0.0, 0.0)
+    sensor.measure(stamp_s + 0.2, *force)
+    sensor.sensed = sensor.sensed._replace(wrench=None, reason="unplugged")
+    assert source.read(robot_state(10.2), None) is None
+    assert source.reason == "unplugged"
+
+
+def test_a_stamp_a_little_ahead_is_of_a_clock_that_runs_with_this_one():
+    sensor = FakeSensor()
+    sensor.measure(10.09, 1.0, 0.0, 0.0)
+    assert SensorSource(sensor).read(robot_state(10.0), None).stamp_s == 10.09
+
+
+def test_a_robot_that_reports_a_huge_force_is_not_believed():
+    source = MeasuredSource(felt=True)
+    assert source.read(robot_state(1.0, force=(0.0, 0.0, 1e300)), None) is None
+    assert source.diagnosis() == (
+        "no measured force: the robot gives 1e+300 N; more than 1000 N are not believed",
+        "readings of a force refused: 1",
+    )
+
+
 def test_a_sensor_that_takes_no_zero_is_closed_again(monkeypatch):
     sensor = FakeSensor()
 
@@ -71,18 +118,19 @@ def test_a_sensor_that_takes_no_zero_is_closed_again(monkeypatch):
 
 
 def test_a_computed_contact_pushes_damps_and_rubs():
+    top = make_contact(TABLE_TOP)
     above, below = Vector3(0.5, 0.0, 0.41), Vector3(0.5, 0.0, 0.39)
     still = Vector3(0.0, 0.0, 0.0)
-    assert contact_force(TABLE_TOP, above, still) == (0.0, 0.0, 0.0)
-    assert contact_force(TABLE_TOP, below, still) == pytest.approx((0.0, 0.0, 10.0))
-    assert contact_force(TABLE_TOP, below, Vector3(0.0, 0.0, -0.2)).z == pytest.approx(11.0)
-    assert contact_force(TABLE_TOP, below, Vector3(0.0, 0.0, 5.0)) == (0.0, 0.0, 0.0)
-    sliding = contact_force(TABLE_TOP, below, Vector3(0.1, 0.0, 0.0))
+    assert contact_force(top, above, still) == (0.0, 0.0, 0.0)
+    assert contact_force(top, below, still) == pytest.approx((0.0, 0.0, 10.0))
+    assert contact_force(top, below, Vector3(0.0, 0.0, -0.2)).z == pytest.approx(11.0)
+    assert contact_force(top, below, Vector3(0.0, 0.0, 5.0)) == (0.0, 0.0, 0.0)
+    sliding = contact_force(top, below, Vector3(0.1, 0.0, 0.0))
     assert sliding == pytest.approx((-2.0, 0.0, 10.0))
-    creeping = contact_force(TABLE_TOP, below, Vector3(0.0025, 0.0, 0.0))
+    creeping = contact_force(top, below, Vector3(0.0025, 0.0, 0.0))
     assert creeping == pytest.approx((-1.0, 0.0, 10.0))
     ball = ContactTable(shape="sphere", centre_m=(0.5, 0.0, 0.3), radius_m=0.1, stiffness_n_m=100.0)
-    assert contact_force(ball, below, still) == pytest.approx((0.0, 0.0, 1.0))
+    assert contact_force(make_contact(ball), below, still) == pytest.approx((0.0, 0.0, 1.0))
 
 
 def test_a_contact_source_takes_its_velocity_from_the_tcp():
@@ -151,6 +199,15 @@ def test_the_papers_dead_band_is_per_axis():
 def test_a_dead_band_has_no_step(value, band, little):
     assert abs(without_band(value + little, band) - without_band(value, band)) <= abs(little) + 1e-9
     assert abs(without_band(value, band)) <= abs(value)
+
+
+@given(st.lists(st.tuples(*[st.floats(-1000.0, 1000.0)] * 3), min_size=1, max_size=20))
+def test_going_on_with_the_rate_at_most_doubles_the_force(forces):
+    conditioner = Conditioner(NO_TARE)
+    for k, force in enumerate(forces):
+        conditioner.add(Reading(1.0 + k * PERIOD_S, Vector3(*force), Frame.BASE), False, HERE)
+        felt = norm(conditioner.filtered.value)
+        assert norm(conditioner.rate) * 0.008 <= felt * (1.0 + 1e-9)
 
 
 def test_the_filter_has_its_cutoff_and_tells_the_rate():

@@ -5,7 +5,8 @@ import json
 import pytest
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.config import ForceConfig, load_force, make_source, parse_config
+from cardan.gateway.assembly import load_force, make_source
+from cardan.gateway.config import ForceConfig, parse_config
 from cardan.gateway.force.sources import ContactSource, MeasuredSource, SensorSource
 from tests.gateway.force_fakes import FakeSensor
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Iterator
 from ctypes import (
     c_char_p,
@@ -32,6 +33,8 @@ DONE, CONTINUE = 0, 1
 CHECK_STATUS, INFINITE = 0, 1
 INVALID_HANDLE = 0xFFFFFFFF
 DEFAULT_PRIORITY = 32767
+IMPULSE_N = 0.6
+"""A step between two ticks that the device takes for none."""
 
 
 class ErrorInfo(ctypes.Structure):
@@ -208,9 +211,17 @@ class LibHD:
         return self.schedule(run, 65535)
 
     def push_with(self, *force_n: float) -> int:
-        """Schedule a constant force."""
-        values = Double3(*force_n)
-        return self.servo(lambda: self.hdSetDoublev(0x2700, values))
+        """Schedule a constant force, which is there after some ticks: see IMPULSE_N."""
+        values = Double3()
+
+        def approach() -> None:
+            away_n = math.dist(values, force_n)
+            part = min(1.0, IMPULSE_N / away_n) if away_n else 1.0
+            for i, wanted in enumerate(force_n):
+                values[i] = wanted if part == 1.0 else values[i] + part * (wanted - values[i])
+            self.hdSetDoublev(0x2700, values)
+
+        return self.servo(approach)
 
     def truth(self) -> Truth:
         truth = Truth()

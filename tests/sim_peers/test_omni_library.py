@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import math
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ import time
 from collections.abc import Iterator
 from ctypes import c_double, c_float, c_int, c_long, c_ubyte
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -397,11 +399,11 @@ def test_joint_torque_overrides_force_and_the_converter_overrides_both(hd: LibHD
 def test_the_converter_alone_drives_the_motors(hd: LibHD) -> None:
     hd.init()
     hd.hdDisable(int(Capability.FORCE_RAMPING))
-    hd.servo(lambda: hd.set(int(State.CURRENT_MOTOR_DAC_VALUES), -8000, 0, 0, type_=c_long))
+    hd.servo(lambda: hd.set(int(State.CURRENT_MOTOR_DAC_VALUES), -6000, 0, 0, type_=c_long))
     hd.hdStartScheduler()
     hd.simStep(3)
     assert hd.truth().delivered_n[0] > 0.3
-    assert hd.get(int(State.LAST_MOTOR_DAC_VALUES), 3, c_long) == [-8000, 0, 0]
+    assert hd.get(int(State.LAST_MOTOR_DAC_VALUES), 3, c_long) == [-6000, 0, 0]
     assert hd.get(int(State.LAST_FORCE))[0] == pytest.approx(hd.truth().delivered_n[0], abs=0.01)
     assert hd.errors() == []
 
@@ -511,16 +513,20 @@ def test_a_full_scheduler_says_so(hd: LibHD) -> None:
 
 def test_only_the_rates_of_the_device_are_rates(hd: LibHD) -> None:
     hd.init()
-    hd.hdSetSchedulerRate(700)
-    assert hd.errors() == [Error.INVALID_VALUE]
+    for rate_hz in (0, 9, 700, 999, 1001, 1332, 3000, 8001, 2**63):
+        hd.hdSetSchedulerRate(rate_hz)
+        assert hd.errors() == [Error.INVALID_VALUE]
     hd.hdStartScheduler()
-    for rate_hz in (500, 1000, 1600, 2000):
+    for rate_hz in (400, 500, 727, 889, 1000, 1143, 1333, 1600, 2000, 2667, 4000, 8000):
         hd.hdSetSchedulerRate(rate_hz)
         start_s = hd.simNow()
         assert hd.simStep(rate_hz) == rate_hz
         assert hd.simNow() - start_s == pytest.approx(1.0, rel=1e-6)
         assert hd.get1(int(Info.UPDATE_RATE), c_int) == pytest.approx(rate_hz, rel=0.02)
         assert hd.get1(int(Info.INSTANTANEOUS_UPDATE_RATE), c_int) == rate_hz
+    assert hd.errors() == []
+    for cycles in range(1, 400):
+        hd.hdSetSchedulerRate(math.floor(8000 / cycles + 0.5))
     assert hd.errors() == []
 
 
@@ -609,12 +615,27 @@ def test_a_cold_start_needs_the_inkwell_then_an_update_and_the_position_jumps(hd
     hd.simStep(3)
     after = hd.get(position)
     assert hd.get(encoders, 6, c_long)[:3] == counts
+    # The filter takes the jump for a movement, until it is over.
+    assert max(map(abs, hd.get(int(State.CURRENT_VELOCITY)))) > 1000.0
+    hd.simStep(100)
     assert max(map(abs, hd.get(int(State.CURRENT_VELOCITY)))) < 1.0
     assert after == pytest.approx([0.0, -65.5107, -88.1142], abs=0.1)
     assert max(abs(a - b) for a, b in zip(after, before, strict=True)) > 20.0
     assert hd.errors() == []
     assert hd.hdWaitForCompletion(servo, CHECK_STATUS) == 1
     assert handle == 0
+
+
+def test_without_the_scheduler_there_is_no_calibration(hd: LibHD) -> None:
+    hd.init("powered cold", "waypoint 0 0 0 0 0 0 0 1 0 1 0 0 0 200 200 200")
+    assert hd.hdCheckCalibration() == Calibration.NEEDS_UPDATE
+    hd.hdUpdateCalibration(INKWELL)
+    assert hd.errors() == [Error.INVALID_OPERATION]
+    assert hd.hdCheckCalibration() == Calibration.NEEDS_UPDATE
+    hd.hdStartScheduler()
+    hd.hdUpdateCalibration(INKWELL)
+    assert hd.errors() == []
+    assert hd.hdCheckCalibration() == Calibration.OK
 
 
 def test_docked_no_force_goes_out_and_leaving_ramps(hd: LibHD) -> None:
@@ -710,6 +731,50 @@ def test_a_jump_of_the_force_is_an_error(hd: LibHD) -> None:
     assert list(hd.truth().delivered_n) == [0.0, 0.0, 0.0]
 
 
+def after_steps(hd: LibHD, *forces_n: float) -> list[int]:
+    """Errors of these forces, one in each tick."""
+    hd.init()
+    left = list(forces_n)
+    hd.servo(lambda: hd.set(FORCE, 0.0, 0.0, left.pop(0) if left else forces_n[-1]))
+    hd.hdStartScheduler()
+    hd.simStep(len(forces_n))
+    return hd.errors()
+
+
+def test_the_whole_force_in_one_tick_is_too_much_and_a_steady_release_is_not(hd: LibHD) -> None:
+    assert after_steps(hd, 0.0, 3.2) == [Error.EXCEEDED_MAX_FORCE_IMPULSE]
+    hd.close()
+    assert after_steps(hd, *(2.0 - 0.4 * min(abs(i - 5), 5) for i in range(11))) == []
+    hd.close()
+    assert after_steps(hd, *(0.66 * min(i, 10 - i) for i in range(11))) == []
+
+
+def test_a_pause_between_two_forces_is_no_time_to_rise_in(hd: LibHD) -> None:
+    hd.init()
+    ticks: list[int] = []
+
+    def every_tenth() -> None:
+        ticks.append(0)
+        if len(ticks) % 10 == 0:
+            hd.hdBeginFrame(hd.handle)
+            hd.set(FORCE, 0.0, 0.0, 3.2)
+            hd.hdEndFrame(hd.handle)
+
+    hd.schedule(every_tenth)
+    hd.hdStartScheduler()
+    hd.simStep(10)
+    assert hd.errors() == [Error.EXCEEDED_MAX_FORCE_IMPULSE]
+
+
+def test_a_late_tick_may_change_the_force_by_so_much_more(hd: LibHD) -> None:
+    hd.init("fault late-tick 4")
+    forces = [1.5 if i >= 99 else min(0.5 * i, 3.0) for i in range(120)]
+    hd.servo(lambda: hd.set(FORCE, 0.0, forces.pop(0), 0.0))
+    hd.hdStartScheduler()
+    hd.simStep(110)
+    assert hd.errors() == []
+
+
 def test_speed_switches_off_while_it_lasts(hd: LibHD) -> None:
     hd.init("grip 0", "droop 0")
     hd.push_with(0.0, 0.0, 0.1)
@@ -728,7 +793,7 @@ def test_speed_switches_off_while_it_lasts(hd: LibHD) -> None:
 
 def test_not_a_number_is_no_force(hd: LibHD) -> None:
     hd.init()
-    force = [0.0, 1.0, 0.0]
+    force = [0.0, 0.5, 0.0]
     hd.servo(lambda: hd.set(FORCE, *force))
     hd.hdStartScheduler()
     hd.simStep(200)
@@ -1031,6 +1096,123 @@ def test_a_program_takes_its_settings_from_the_environment(tmp_path: Path) -> No
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=20)
     assert done.returncode == 3
     assert "line 1: mass" in done.stderr
+
+
+KILLED_PROGRAM = """
+import ctypes, sys, time
+hd = ctypes.CDLL(sys.argv[1])
+hd.hdInitDevice(None)
+hd.hdStartScheduler()
+time.sleep(0.6)
+print(ctypes.CDLL(None).getpid(), flush=True)
+time.sleep(30)
+"""
+
+
+def rows_of(log: Path) -> list[dict[str, float]]:
+    head, *lines = log.read_text().splitlines()
+    names = head.split(",")
+    return [dict(zip(names, map(float, line.split(",")), strict=True)) for line in lines]
+
+
+def test_the_log_of_a_killed_program_lacks_only_its_last_moments(tmp_path: Path) -> None:
+    settings, log = tmp_path / "settings", tmp_path / "truth.csv"
+    settings.write_text(f"log {log}\n")
+    with subprocess.Popen(
+        [sys.executable, "-c", KILLED_PROGRAM, str(library_path())],
+        env=dict(os.environ, CARDAN_OMNI=str(settings)),
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        before_s = time.monotonic()
+        process.kill()
+    rows = rows_of(log)  # whole lines, all of them
+    assert len(rows) > 100
+    assert rows[-1]["time_s"] > before_s - 0.3  # 50 ms, and what the machine of the tests takes
+
+
+def test_in_virtual_time_the_log_comes_as_the_ticks_do(hd: LibHD, tmp_path: Path) -> None:
+    log = tmp_path / "truth.csv"
+    hd.init(f"log {log}")
+    assert rows_of(log) == []
+    hd.hdStartScheduler()
+    hd.simStep(175)
+    assert len(rows_of(log)) >= 125
+    hd.hdStopScheduler()
+    rows = rows_of(log)
+    assert [row["tick"] for row in rows] == [*range(1, 176), 175]  # and the stop
+    hd.hdDisableDevice(hd.handle)
+    hd.init(f"log {log}")  # anew
+    assert rows_of(log) == []
+
+
+def test_a_log_that_cannot_be_written_is_a_problem_at_once(hd: LibHD, tmp_path: Path) -> None:
+    hd.configure("serial before")
+    assert hd.simConfigure(f"log {tmp_path}/nowhere/truth.csv".encode()) == -1
+    assert b"nowhere/truth.csv: No such file" in hd.simProblem()
+    hd.handle = hd.hdInitDevice(None)
+    assert hd.hdGetString(int(Info.DEVICE_SERIAL_NUMBER)) == b"before"
+
+
+def test_two_programs_do_not_write_one_log(hd: LibHD, tmp_path: Path) -> None:
+    settings, log = tmp_path / "settings", tmp_path / "truth.csv"
+    settings.write_text(f"clock virtual\nlog {log}\n")
+    command = [sys.executable, "-c", ENVIRONMENT_PROGRAM, str(library_path())]
+    environment = dict(os.environ, CARDAN_OMNI=str(settings))
+    hd.configure(f"log {log}")
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=20)
+    assert done.returncode == 3
+    assert "another program writes its log there" in done.stderr
+    hd.configure(f"log {log}")  # one's own is no other's
+    hd.close()
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=20)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_disk_that_is_full_ends_the_log_and_nothing_else(hd: LibHD, capfd: Any) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("there is no /dev/full")
+    hd.init("log /dev/full")
+    hd.hdStartScheduler()
+    assert hd.simStep(300) == 300
+    hd.close()
+    assert capfd.readouterr().err.count("No space left") == 1
+
+
+def test_the_log_goes_on_while_ticks_do_not(hd: LibHD, tmp_path: Path) -> None:
+    log = tmp_path / "truth.csv"
+    running(hd, f"log {log}")
+    hd.simFault(b"dead-scheduler", 1)
+    hd.simStep(80)
+    hd.simFault(b"dead-scheduler", 0)
+    hd.simStep(20)
+    hd.hdStopScheduler()
+    rows = rows_of(log)
+    times = [row["time_s"] for row in rows]
+    assert all(0.0 <= b - a < 0.0015 for a, b in itertools.pairwise(times))
+    dead = [row for row in rows if row["tick"] == 100]
+    assert len(dead) >= 80
+    forces = [row["delivered_y_n"] for row in dead]
+    fed = [force > 0.1 for force in forces]
+    assert 24 <= sum(fed) <= 27  # the watchdog of the amplifier
+    assert fed == sorted(fed, reverse=True)
+
+
+def test_the_log_has_the_moment_at_which_the_watchdog_drops_the_force(
+    hd: LibHD, tmp_path: Path
+) -> None:
+    log = tmp_path / "truth.csv"
+    running(hd, f"log {log}", "fault slow-ticks 20 0.05")
+    hd.hdStopScheduler()
+    rows = [row for row in rows_of(log) if row["time_s"] > 0.06]
+    drops = [row["time_s"] % 0.05 for row in rows if row["delivered_y_n"] == 0.0]
+    forces = {row["delivered_y_n"] > 0.1 for row in rows}
+    assert len(drops) > 20
+    assert forces == {True, False}
+    late = [b["time_s"] - a["time_s"] for a, b in itertools.pairwise(rows) if a["delivered_y_n"]]
+    assert late[:20] == pytest.approx([0.025] * 20, abs=1e-3)
 
 
 def test_the_undocumented_functions_do_no_harm(hd: LibHD) -> None:

@@ -104,7 +104,7 @@ def test_the_position_is_that_of_whole_encoder_counts(
     x: float, y: float, z: float, turn: tuple[float, float, float]
 ) -> None:
     for hd in program():
-        resting(hd, waypoint(0, (x, y, z), turn_rad=turn))
+        resting(hd, waypoint(0, (x, y, z), turn_rad=turn), "gimbal_noise 0")
         counts = hd.get(int(State.CURRENT_ENCODER_VALUES), 6, c_long)
         joints = np.array(hd.get(JOINTS))
         assert joints == pytest.approx(np.array(counts[:3]) * COUNT_RAD, abs=1e-12)
@@ -164,6 +164,46 @@ def test_the_gimbal_has_its_own_scale_and_offset(hd: LibHD) -> None:
     assert hd.get(int(State.CURRENT_TRANSFORM), 16) == rotation
 
 
+def still_gimbal(hd: LibHD, *lines: str) -> tuple[Floats, Floats, Floats]:
+    """Gimbal counts, transforms and angular velocities of a stylus that does not move."""
+    hd.init(waypoint(0, turn_rad=(0.3, 0.2, 0.1)), *lines)
+    rows: list[list[float]] = []
+
+    def look() -> None:
+        counts = hd.get(int(State.CURRENT_ENCODER_VALUES), 6, c_long)[3:]
+        transform = hd.get(int(State.CURRENT_TRANSFORM), 16)
+        rows.append([*counts, *transform, *hd.get(int(State.CURRENT_ANGULAR_VELOCITY))])
+
+    hd.servo(look)
+    hd.hdStartScheduler()
+    hd.simStep(500)
+    hd.close()
+    table = np.array(rows)
+    return table[:, :3], table[:, 3:19], table[:, 19:]
+
+
+def test_the_gimbal_of_a_firewire_unit_is_noisy_and_its_seed_repeats_it(hd: LibHD) -> None:
+    counts, transforms, rates = still_gimbal(hd)
+    spread = np.ptp(counts, axis=0)
+    assert ((spread >= 4) & (spread <= 6)).all()
+    assert np.abs(counts.mean(axis=0) - np.median(counts, axis=0)).max() < 0.6  # about the truth
+    assert np.ptp(transforms[:, :12], axis=0).max() > 0.005
+    assert np.ptp(transforms[:, 12:15], axis=0).max() == 0.0
+    assert (rates[100:].std(axis=0) > 0.02).all()
+    assert (np.abs(rates[100:]) < 3.0).all()
+    again = still_gimbal(hd)
+    assert (again[0] == counts).all()
+    assert (again[2] == rates).all()
+    assert (still_gimbal(hd, "seed 1")[0] != counts).any()
+
+
+@pytest.mark.parametrize("line", ['model "Touch"', "gimbal_noise 0"])
+def test_a_gimbal_without_noise_stands_still(hd: LibHD, line: str) -> None:
+    counts, _, rates = still_gimbal(hd, line)
+    assert np.ptp(counts, axis=0).max() == 0.0
+    assert np.abs(rates).max() == 0.0
+
+
 def test_the_sensors_are_a_tick_late_and_the_velocity_is_smooth(hd: LibHD) -> None:
     hd.init(waypoint(0), waypoint(1, (0.1, 0, 0)), waypoint(2, (0.1, 0, 0)), "friction 0")
     rows = []
@@ -197,6 +237,17 @@ def test_a_held_stylus_stays(hd: LibHD) -> None:
     hd.hdStartScheduler()
     hd.simStep(500)
     assert list(hd.truth().position_m) == pytest.approx([0.0] * 3, abs=1e-9)
+
+
+def test_a_stylus_that_is_let_go_falls_as_a_real_one(hd: LibHD) -> None:
+    hd.init("grip 0")
+    hd.hdStartScheduler()
+    heights = []
+    for _ in range(4):
+        hd.simStep(100)
+        heights.append(hd.truth().position_m[1])
+    assert heights[-1] < -0.03  # 0.04 N on 45 g, more and more
+    assert np.diff(heights)[-1] < 1.5 * np.diff(heights)[0] < 0.0
 
 
 def test_friction_holds_a_small_push_and_lets_a_larger_one_go(hd: LibHD) -> None:
@@ -287,7 +338,7 @@ def test_the_motors_hold_whole_converter_steps_from_tick_to_tick(
         hd.hdDisable(0x4002)
         hd.push_with(*force)
         hd.hdStartScheduler()
-        hd.simStep(2)
+        hd.simStep(8)
         delivered = np.array(hd.truth().delivered_n)
         steps = delivered / STEP_N
         assert steps == pytest.approx(np.round(steps), abs=1e-6)

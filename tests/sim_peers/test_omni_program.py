@@ -157,6 +157,75 @@ def test_signals_go_on_to_the_program(number):
 
 
 @compiled
+def test_a_killed_command_leaves_neither_the_program_nor_a_folder():
+    with subprocess.Popen(
+        [*COMMAND, "--", sys.executable, "-c", WAITS],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stdout is not None
+        folder = Path(process.stdout.readline().strip()).parent
+        assert folder.is_dir()
+        process.kill()
+        # The end of what it says is the end of the program, which has been told.
+        assert process.stdout.read() == "told 15\n"
+    until_s = time.monotonic() + 10.0
+    while folder.exists():
+        assert time.monotonic() < until_s
+        time.sleep(0.02)
+
+
+@compiled
+def test_an_ended_guard_does_no_harm(monkeypatch):
+    monkeypatch.setattr(omni.program, "_GUARD", "exit 0")
+    assert omni.run_program(["sh", "-c", "sleep 0.2; exit 4"], OmniSettings()) == 4
+
+
+@compiled
+def test_a_log_that_cannot_be_written_is_told_before_the_program_runs(tmp_path):
+    log = tmp_path / "nowhere" / "truth.csv"
+    told = cardan("--log", log, "--", "sh", "-c", "echo it ran", code=2)
+    assert "truth.csv' cannot be written: No such file" in " ".join(told.split())
+    assert "it ran" not in told
+
+
+USES = """
+import ctypes, os, sys
+hd = ctypes.CDLL(os.environ["CARDAN_LIBHD"])
+if sys.argv[1] > "0":
+    hd.hdInitDevice(None)
+if sys.argv[1] > "1":
+    hd.hdStartScheduler()
+    import time
+    time.sleep(0.2)
+if sys.argv[1] > "2":
+    os.kill(os.getpid(), 9)
+"""
+
+
+@compiled
+@pytest.mark.parametrize(
+    ("does", "code", "words"),
+    [
+        (0, 0, "is empty: the program has not initialised"),
+        (1, 0, "has no rows: the program has not started"),
+        (2, 0, ""),
+        (3, 137, ""),
+    ],
+)
+def test_no_rows_in_the_log_are_worth_a_word(tmp_path, does, code, words):
+    log = tmp_path / "truth.csv"
+    log.write_text("of another run\n1\n2\n")
+    told = cardan("--log", log, "--", sys.executable, "-c", USES, does, code=code)
+    assert ("warning: --log" in told) is bool(words)
+    assert words in told
+    assert "another run" not in log.read_text()
+    assert bool(words) is (len(log.read_text().splitlines()) < 20)
+
+
+@compiled
 def test_after_its_seconds_the_program_is_told_to_end():
     waits = "import time; print('up', flush=True); time.sleep(40)"
     assert cardan("--seconds", 1, "--", sys.executable, "-c", waits) == "up\n"

@@ -27,8 +27,9 @@ def lines(settings, word):
 def test_the_text_of_the_defaults():
     assert OmniSettings().text == (
         "clock real\nseed 0\nrate 1000\npowered calibrated\n"
-        'model "PHANTOM Omni"\nmass 0.045\nfriction 0.26\nviscous 0.1\ndroop 0.2\n'
-        "thermal 80\ngimbal 1 1 1 0 0 0\nhand 0.2 5 200\ngrip 1\nserial 60907300123\n"
+        'model "PHANTOM Omni"\nmass 0.045\nfriction 0.26\nviscous 0.1\ndroop 0.3\n'
+        "thermal 80\ngimbal 1 1 1 0 0 0\ngimbal_noise 5\nhand 0.2 5 200\ngrip 1\n"
+        "serial 60907300123\n"
     )
 
 
@@ -56,6 +57,14 @@ def test_the_text_of_everything(tmp_path):
     assert lines(settings, "grip") == ["grip 0"]
     assert lines(settings, "fault") == ["fault slow-ticks 250 2.5", "fault unplug 1 0"]
     assert lines(settings, "log") == [f"log {tmp_path / 'truth.csv'}"]
+
+
+def test_the_noise_of_the_gimbal_is_that_of_the_model_unless_it_is_said():
+    assert lines(OmniSettings(model="touch"), "gimbal_noise") == ["gimbal_noise 0"]
+    told = OmniSettings(model="touch", gimbal_noise_lsb=2.5)
+    assert lines(told, "gimbal_noise") == ["gimbal_noise 2.5"]
+    with pytest.raises(ScriptError, match="gimbal_noise_lsb is -1"):
+        OmniSettings(gimbal_noise_lsb=-1.0)
 
 
 def test_a_log_is_written_where_the_settings_were_made(tmp_path, monkeypatch):

@@ -154,6 +154,19 @@ def test_letting_go_and_the_push_of_the_hand():
         assert truth.hand_force_n == (0.0, 0.0, 0.0)
 
 
+def test_the_stylus_that_a_script_lets_go_falls():
+    with Program(motion=load_motion("let-go")) as program:
+        program.omni.step(4700)
+        assert not program.omni.truth().gripped
+        assert program.omni.truth().position_m.z > -0.01
+        program.omni.step(700)
+        truth = program.omni.truth()
+        assert truth.position_m.z < -0.1  # to the stop
+        assert truth.hand_force_n == (0.0, 0.0, 0.0)
+        program.omni.step(4000)
+        assert program.omni.truth().position_m == pytest.approx((0.0, 0.0, 0.0), abs=0.002)
+
+
 def test_buttons_and_inkwell():
     with Program() as program:
         program.omni.hand(buttons=2)

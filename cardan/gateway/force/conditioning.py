@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from cardan.gateway.force.sources import Reading
-from cardan.spatial import rotate
+from cardan.spatial import limit_norm, norm, rotate
 from cardan.types import NEVER_S, ZERO3, Frame, Pose, Vector3
 
 TARE_S = 0.5
@@ -25,6 +25,9 @@ TARE_REASON = f"its zero is being taken: leave the robot at rest, clutched out, 
 
 FORGET_AFTER_S = 0.1
 """A filter that heard nothing for so long begins anew."""
+
+EXTRAPOLATED_S = 0.008
+"""So long a device goes on with the rate of a force, at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +134,13 @@ class Conditioner:
         self._shaped = shaped
         self.reason = ""
         """Why a reading was not taken, in words."""
+
+    @property
+    def rate(self) -> Vector3:
+        """N/s in the hand, world axes: so much that a device that goes on with it for as long as it
+        may at most doubles the force, or ends it."""
+        filtered = self.filtered
+        return limit_norm(filtered.rate, norm(filtered.value) / EXTRAPOLATED_S)
 
     def add(self, reading: Reading, at_rest: bool, tcp: Pose | None) -> bool:
         """Take a reading; False when it gives no force (`reason` says why)."""

@@ -77,7 +77,7 @@ class ContactFigures:
 
 
 class FeltFigures:
-    """What the device gave to the hand: the strongest force, the most energy, and how old forces were."""
+    """What the device gave to the hand: force and energy at most, and how old forces were."""
 
     def __init__(self) -> None:
         self.peak_n = 0.0

@@ -16,7 +16,8 @@ import threading
 import time
 
 from cardan.errors import AddressError, DriverError
-from cardan.gateway.config import ForceConfig, make_conditioner, make_source
+from cardan.gateway.assembly import make_conditioner, make_source
+from cardan.gateway.config import ForceConfig
 from cardan.gateway.force.fixtures import FixtureSet, fixture_force
 from cardan.gateway.force.link import (
     MAX_PACKET_BYTES,

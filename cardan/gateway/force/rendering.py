@@ -2,8 +2,8 @@
 
 Fixtures go to the device as geometry, together with the map from the hand's place to the TCP's, so
 that its own loop evaluates them. A measured force goes with its rate and its stamp. The operator
-takes hold of both by clutching in: before the first time the device is not even enabled. Should the force
-vanish that the hand leans on, the hand is taken off the robot (`guard`).
+takes hold of both by clutching in: before the first time the device is not even enabled. Should the
+force vanish that the hand leans on, the hand is taken off the robot (`guard`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from cardan.errors import CommandError, DriverError
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.figures import ContactFigures, FeltFigures
 from cardan.gateway.force.fixtures import FixtureSet, turned_back, world_point
+from cardan.gateway.force.glide import MapGlide
 from cardan.gateway.force.guard import ForceGuard
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import ForceSource
@@ -29,10 +30,13 @@ LOOK_PERIOD_S = 0.01
 """How often the device's own snapshot is looked at while the hand is not followed, for the figures;
 while it is, in every cycle."""
 
+ENABLE_PERIOD_S = 0.05
+"""How often a device that was not ready at the clutch-in is asked to let force out."""
+
 FADE_IN_S = 0.5
 """A measured force grows within so long once the device lets force out, and so does one that comes
-while the hand is engaged (a sensor that is back, a force node that connects). Before that it is zero:
-a device begins with a small force only, and a tool that presses already would never be felt."""
+while the hand is engaged (a sensor that is back, a force node that connects). Before that it is
+zero: a device begins with a small force only, and a tool that presses already would not be felt."""
 
 NO_MAP = WorldMap()
 
@@ -83,7 +87,15 @@ class ForceRenderer:
         """How much of the measured force is let through."""
         self._look_s = NEVER_S
         self._refusal = ""
-        """Why the device does not take what it is told, in words."""
+        """Why the device lets no force out, in words."""
+        self._refused = False
+        """Whether it is to be asked again: what stands in the way may pass."""
+        self._tried_s = NEVER_S
+        self._faults = 0
+        """How many the device had told of when it was asked."""
+        self._rejection = ""
+        """Why it did not take the last command, in words."""
+        self._glide = MapGlide()
 
     def start(self, tcp: Callable[[RobotState], Pose | None]) -> None:
         """The device is open, and nothing was commanded yet; `tcp` gives a state's measured TCP."""
@@ -122,7 +134,7 @@ class ForceRenderer:
             return ""
         source = "" if self.source is None else self.source.reason or self.conditioner.reason
         return self.guard.objection(
-            told, now_s, fixtures=fixtures, refusal=self._refusal, source=source
+            told, now_s, fixtures=fixtures, refusal=self._refusal or self._rejection, source=source
         )
 
     def _tcp(self, state: RobotState) -> Pose | None:
@@ -141,8 +153,11 @@ class ForceRenderer:
         if not self._started and state.ready and (place := self._tcp(state)) is not None:
             self._started = True
             self.fixtures.place("start", place.position)
-        if pose is None:
+        if pose is None or world is None:
             world = None
+            self._glide.release()
+        else:
+            world = self._glide.follow(world, pose.position, state.stamp_s)
         measured = None
         if self.source is not None:
             known = self._tcp(state) if self._needs_tcp else None
@@ -158,7 +173,7 @@ class ForceRenderer:
                 measured = MeasuredForce(
                     scale(turned_back(world.rotation, filtered.value), share),
                     filtered.stamp_s,
-                    scale(turned_back(world.rotation, filtered.rate), share),
+                    scale(turned_back(world.rotation, self.conditioner.rate), share),
                     pose.position,
                     self._stiffness_n_m * share,
                 )
@@ -167,10 +182,13 @@ class ForceRenderer:
             self._engaged = engaged
             if world is not None and pose is not None:
                 self.fixtures.place("clutch-in", world_point(world, pose.position))
-                self._enable()
+                self._enable(state.stamp_s)
                 self.guard.engage(self._sequence + 1, state.stamp_s)
             else:
+                self._refused = False
                 self.guard.release()
+        elif engaged:
+            self._enable_again(state.stamp_s)
         if measured is not None:
             self.guard.give(measured.stamp_s)
         self._sequence += 1
@@ -186,7 +204,9 @@ class ForceRenderer:
                 )
             )
         except DriverError as error:
-            self._refusal = f"the haptic device takes no command: {error}"
+            self._rejection = f"the haptic device takes no command: {error}"
+        else:
+            self._rejection = ""
 
     def _take(
         self,
@@ -217,23 +237,35 @@ class ForceRenderer:
             contact.lift()
         return self._sound and not self._stale
 
-    def _enable(self) -> None:
+    def _enable(self, now_s: float) -> None:
         """The operator took hold: let force out, after a latched fault too."""
-        self._refusal = ""
-        if self.device.haptics().state not in (OperatingState.DISABLED, OperatingState.FAULT):
+        self._refusal, self._refused = "", False
+        told = self.device.haptics()
+        if told.state not in (OperatingState.DISABLED, OperatingState.FAULT):
             return
+        self._faults, self._tried_s = told.faults, now_s
         try:
             self.device.enable()
         except CommandError as error:
-            self._refusal = f"no force: {error}; clutch in again to try again"
+            self._refusal, self._refused = f"no force: {error}", True
         except DriverError as error:
             self._refusal = f"no force: {error}"
 
+    def _enable_again(self, now_s: float) -> None:
+        """What refused the clutch-in may have passed. A fault of after it needs another one."""
+        if self._refused and now_s - self._tried_s >= ENABLE_PERIOD_S:
+            if self.device.haptics().faults == self._faults:
+                self._enable(now_s)
+            else:
+                self._refused = False
+
     def diagnosis(self) -> tuple[str, ...]:
         """What stands in the way of a force, or of a good one."""
-        words = [self._refusal] if self._refusal else []
-        if self._engaged and (reason := self.felt.newest.reason):
-            words.append(f"force: {reason}" if self.felt.newest.rendering else f"no force: {reason}")
+        words = [each for each in (self._refusal, self._rejection) if each]
+        if self.guard.heard and (reason := self.felt.newest.reason):
+            words.append(
+                f"force: {reason}" if self.felt.newest.rendering else f"no force: {reason}"
+            )
         if self.source is not None:
             words += self.source.diagnosis()
             if self.conditioner.reason and not self.source.reason:

@@ -30,6 +30,14 @@ LONGEST_STEP_S = 0.1
 FASTEST_M_S = 10.0
 """What moved faster is not the same robot any more."""
 
+LARGEST_READING_N = 1000.0
+"""No tool that a hand guides presses harder: what says more is broken, and is not cut to size but
+refused. Through the filter it would be felt long after."""
+
+FUTURE_S = 0.1
+"""A stamp farther in the future is of another clock. Believed, it would make every reading that
+comes after it an old one."""
+
 
 class Reading(NamedTuple):
     """One reading of a source."""
@@ -77,24 +85,74 @@ class ForceSource(ABC):
         return (f"no measured force: {self.reason}",) if self.reason else ()
 
 
+class Sieve:
+    """Lets through of an instrument's readings those that can be true.
+
+    One that cannot counts as none: the last one that could stands until it is too old.
+    """
+
+    def __init__(self, instrument: str) -> None:
+        self.refused = 0
+        self.reason = ""
+        """Why the newest one was refused; empty when it was not."""
+        self._instrument = instrument
+        self._last: Reading | None = None
+        self._refused_s = math.nan
+
+    def forget(self) -> None:
+        """There is no reading at all."""
+        self._last, self.reason = None, ""
+
+    def take(self, reading: Reading, now_s: float) -> Reading | None:
+        """`reading`, or in its place the last one; None where there is none. It is `now_s`."""
+        force_n = math.hypot(*reading.force)
+        if force_n <= LARGEST_READING_N and reading.stamp_s <= now_s + FUTURE_S:
+            self.reason, self._last = "", reading
+            return reading
+        if reading.stamp_s != self._refused_s:
+            self._refused_s = reading.stamp_s
+            self.refused += 1
+        if not is_finite(reading.force):
+            self.reason = f"{self._instrument} gives a force that is no number"
+        elif not force_n <= LARGEST_READING_N:
+            self.reason = (
+                f"{self._instrument} gives {force_n:.3g} N; more than {LARGEST_READING_N:g} N "
+                "are not believed"
+            )
+        else:
+            self.reason = (
+                f"{self._instrument} gives a time that is {reading.stamp_s - now_s:.3g} s to come"
+            )
+        return self._last
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What was refused, in words."""
+        return (f"readings of a force refused: {self.refused}",) if self.refused else ()
+
+
 class MeasuredSource(ForceSource):
     """What the robot itself reports (EGM's measuredForce)."""
 
     def __init__(self, *, felt: bool = False) -> None:
         """`felt`: its numbers are what the tool feels; else what it exerts."""
         self._sign = 1.0 if felt else -1.0
+        self._sieve = Sieve("the robot")
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
         """The wrench of this cycle's state."""
         wrench = state.wrench
         if wrench is None:
+            self._sieve.forget()
             self.reason = "the robot reports none" if state.link is RobotLink.LIVE else ""
             return None
-        if not is_finite(wrench.force):
-            self.reason = "the robot reports a force that is no number"
-            return None
-        self.reason = ""
-        return Reading(state.stamp_s, scale(wrench.force, self._sign), wrench.frame)
+        new = Reading(state.stamp_s, scale(wrench.force, self._sign), wrench.frame)
+        reading = self._sieve.take(new, state.stamp_s)
+        self.reason = self._sieve.reason
+        return reading
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """Why there is no force, and what was refused."""
+        return (*super().diagnosis(), *self._sieve.diagnosis())
 
 
 class SensorSource(ForceSource):
@@ -105,6 +163,7 @@ class SensorSource(ForceSource):
         self.device = device
         self._sign = 1.0 if felt else -1.0
         self._zero = zero
+        self._sieve = Sieve("the sensor")
 
     def __enter__(self) -> SensorSource:
         """Open the sensor. Raises DriverError."""
@@ -131,18 +190,19 @@ class SensorSource(ForceSource):
         sensed = self.device.state()
         wrench = sensed.wrench
         if wrench is None:
+            self._sieve.forget()
             self.reason = sensed.reason or "the sensor gives no wrench"
             return None
-        if not is_finite(wrench.force):
-            self.reason = "the sensor gives a force that is no number"
-            return None
-        self.reason = ""
-        return Reading(sensed.stamp_s, scale(wrench.force, self._sign), wrench.frame)
+        new = Reading(sensed.stamp_s, scale(wrench.force, self._sign), wrench.frame)
+        reading = self._sieve.take(new, state.stamp_s)
+        self.reason = self._sieve.reason
+        return reading
 
     def diagnosis(self) -> tuple[str, ...]:
         """Why there is no force, and what the sensor says."""
         lines = (line for line in self.device.diagnosis() if line != self.reason)
-        return (*super().diagnosis(), *(f"force sensor: {line}" for line in lines))
+        said = (f"force sensor: {line}" for line in lines)
+        return (*super().diagnosis(), *self._sieve.diagnosis(), *said)
 
 
 class PointVelocity:
@@ -171,33 +231,56 @@ class PointVelocity:
         return self._velocity
 
 
-def contact_force(table: ContactTable, place: Vector3, velocity: Vector3) -> Vector3:
-    """What a body of `table` does to a TCP at `place` that moves at `velocity`: N, world axes.
+class Contact(NamedTuple):
+    """A body of a ContactTable, its geometry at hand."""
 
-    Stiffness · depth, damped and never pulling, and friction against the sliding.
-    """
+    place: Vector3
+    """A point on the plane, or the sphere's centre."""
+    normal: Vector3 | None
+    """Of the plane, unit length; None: a sphere."""
+    radius_m: float
+    stiffness_n_m: float
+    damping_n_s_m: float
+    friction: float
+
+
+def make_contact(table: ContactTable) -> Contact:
+    """The body of `table`."""
+    material = table.stiffness_n_m, table.damping_n_s_m, table.friction
     if table.shape == "plane":
         assert table.point_m is not None
         assert table.normal is not None
-        outward = unit(table.normal)
-        depth = dot(subtract(Vector3(*table.point_m), place), outward)
+        return Contact(Vector3(*table.point_m), unit(table.normal), 0.0, *material)
+    assert table.centre_m is not None
+    assert table.radius_m is not None
+    return Contact(Vector3(*table.centre_m), None, table.radius_m, *material)
+
+
+def contact_force(contact: Contact, place: Vector3, velocity: Vector3) -> Vector3:
+    """What `contact` does to a TCP at `place` that moves at `velocity`: N, world axes.
+
+    Stiffness · depth, damped and never pulling, and friction against the sliding.
+    """
+    away = subtract(place, contact.place)
+    if contact.normal is not None:
+        outward = contact.normal
+        depth = -dot(away, outward)
+        if depth <= 0.0:
+            return ZERO3
     else:
-        assert table.centre_m is not None
-        assert table.radius_m is not None
-        away = subtract(place, Vector3(*table.centre_m))
         distance = norm(away)
+        depth = contact.radius_m - distance
+        if depth <= 0.0:
+            return ZERO3
         outward = scale(away, 1.0 / distance) if distance > 1e-9 else Vector3(0.0, 0.0, 1.0)
-        depth = table.radius_m - distance
-    if depth <= 0.0:
-        return ZERO3
     towards = dot(velocity, outward)
-    pressed = table.stiffness_n_m * depth - table.damping_n_s_m * towards
+    pressed = contact.stiffness_n_m * depth - contact.damping_n_s_m * towards
     if pressed <= 0.0:
         return ZERO3
     force = scale(outward, pressed)
-    if table.friction:
+    if contact.friction:
         sliding = subtract(velocity, scale(outward, towards))
-        drag = table.friction * pressed / max(norm(sliding), STICK_SPEED_M_S)
+        drag = contact.friction * pressed / max(norm(sliding), STICK_SPEED_M_S)
         force = subtract(force, scale(sliding, drag))
     return force
 
@@ -209,7 +292,7 @@ class ContactSource(ForceSource):
     rests_at_zero = True
 
     def __init__(self, tables: Sequence[ContactTable]) -> None:
-        self._tables = tuple(tables)
+        self._contacts = tuple(map(make_contact, tables))
         self._velocity = PointVelocity()
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
@@ -220,6 +303,6 @@ class ContactSource(ForceSource):
         self.reason = ""
         velocity = self._velocity.update(tcp.position, state.stamp_s)
         force = ZERO3
-        for table in self._tables:
-            force = add(force, contact_force(table, tcp.position, velocity))
+        for contact in self._contacts:
+            force = add(force, contact_force(contact, tcp.position, velocity))
         return Reading(state.stamp_s, force, Frame.BASE)

@@ -76,10 +76,10 @@ def missing_log(settings: OmniSettings) -> str:
 def run_program(words: Sequence[str], settings: OmniSettings, seconds: float | None = None) -> int:
     """Run a program and its arguments with the simulated device; its exit code.
 
-    Signals go on to it, and when this process dies without a word, SIGTERM does. After `seconds` it is told to end, which counts as 0. A program that a
-    signal ended gives 128 and the signal's number, as in a shell. Main thread only. Raises
-    ConfigurationError when it cannot be run or its log cannot be written, DeviceNotFoundError
-    without the library.
+    Signals go on to it; when this process is killed, it gets SIGTERM, and SIGKILL 5 s later. After
+    `seconds` it is told to end, which counts as 0. A program that a signal ended gives 128 and the
+    signal's number, as in a shell. Main thread only. Raises ConfigurationError when it cannot be
+    run or its log cannot be written, DeviceNotFoundError without the library.
     """
     with environment(settings) as variables:
         prepare_log(settings)
@@ -131,14 +131,18 @@ def _guard(folder: str) -> Iterator[Callable[[int], None]]:
         os.close(reading)
     told: list[int] = []
 
+    def say(word: str) -> None:
+        with contextlib.suppress(BrokenPipeError):  # Somebody has ended the guard.
+            os.write(writing, f"{word}\n".encode())
+
     def tell(pid: int) -> None:
         told.append(pid)
-        os.write(writing, b"%d\n" % pid)
+        say(str(pid))
 
     try:
         yield tell
     finally:
-        os.write(writing, b"over\n" if told else b"0\n")
+        say("over" if told else "0")
         os.close(writing)
         os.waitpid(guard, 0)
 

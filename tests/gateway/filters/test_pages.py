@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.gateway.config import load_config, make_filters
+from cardan.gateway.assembly import load_config, make_filters
 from cardan.gateway.filters import TwistFilter, registry
 from cardan.gateway.filters.readings import decode_proximity
 from tests.test_docs import blocks, rows, section, text, written

@@ -1,0 +1,154 @@
+"""Whether the force that the hand leans on is still there; if not, the robot stops following.
+
+A hand that presses on a force falls forward when the force vanishes, and a robot that goes on
+following presses on what it touches with all that the hand has. So the session stops following, and
+going on takes a new clutch-in. A hand falls 10 mm in the twentieth of a second, so the robot waits
+even before it is known whether the force comes back. Control logic only: time is an argument.
+"""
+
+from __future__ import annotations
+
+from cardan.haptics import HapticState, OperatingState
+from cardan.spatial import norm
+from cardan.types import NEVER_S
+
+FORCE_LOST_S = 0.15
+"""So long a force may be gone that was there: a busy computer holds up a loop for less."""
+
+IN_DOUBT_S = 0.01
+"""After so long without it the robot waits for the force, or for the end of it."""
+
+SHARE_FORGIVEN = 0.25
+"""Of the time with force, so much makes up for time without: a force that flickers is lost, too."""
+
+BEGINS_WITHIN_S = 1.0
+"""A force that has not begun so long after the clutch-in will not."""
+
+SOURCE_LOST_S = 0.1
+"""How long after the age at which a measured force is not felt any more the hand is taken off."""
+
+SQUEEZE_LEAST = 0.2
+"""Share of the device's largest force, below which what spares the motors leaves nothing to lean
+on."""
+
+SQUEEZED, LET_OUT = 0.4, 0.8
+"""Where it leaves less than the first of the largest force, and of what is asked for less than the
+second is sent, the hand is falling in. Without warm motors it never leaves less than 0.44."""
+
+IN_A_FIXTURE_N = 0.1
+
+
+class ForceGuard:
+    """Watches the force of one engagement after the other, from clutch-in to clutch-out."""
+
+    def __init__(self, max_age_s: float) -> None:
+        """`max_age_s`: a measured force that is older is not felt."""
+        self._source_lost_s = max_age_s + SOURCE_LOST_S
+        self.rendered = False
+        """Whether force was let out in this engagement."""
+        self.in_doubt = False
+        """Whether the robot is to wait: force has not begun, or is gone for the moment."""
+        self.heard = False
+        """Whether the device's newest snapshot is of this engagement."""
+        self.losses = 0
+        """How often the hand was taken off."""
+        self.out_s = 0.0
+        """How long, in all, a hand was followed without the force that it had had before."""
+        self.lost_reason = ""
+        """Why force was gone the last time, in words."""
+        self._engaged = False
+        self._sequence = 0
+        self._begun_s = self._seen_s = NEVER_S
+        self._missing_s = self._squeezed_s = 0.0
+        self._given_s = NEVER_S
+        self._objection = ""
+
+    def engage(self, sequence: int, now_s: float) -> None:
+        """The hand is taken up; the command `sequence` is the first that says so."""
+        self.release()
+        self._engaged, self._sequence = True, sequence
+        self._begun_s = self._seen_s = now_s
+
+    def release(self) -> None:
+        """The hand is followed no more."""
+        self._engaged = self.rendered = self.heard = self.in_doubt = False
+        self._missing_s = self._squeezed_s = 0.0
+        self._given_s = NEVER_S
+        self._objection = ""
+
+    def give(self, stamp_s: float) -> None:
+        """A measured force of `stamp_s` goes to the device."""
+        self._given_s = stamp_s
+
+    def objection(
+        self, state: HapticState, now_s: float, *, fixtures: bool, refusal: str, source: str
+    ) -> str:
+        """Why the hand must be taken off the robot, in words; empty while it need not.
+
+        `state` is the device's newest snapshot; `refusal` says why it does not take what it is
+        told, `source` why there is no measured force.
+        """
+        if not self._engaged:
+            return ""
+        dt_s, self._seen_s = now_s - self._seen_s, now_s
+        # Before that the snapshot is of what was before the clutch-in.
+        self.heard = state.command_sequence >= self._sequence
+        if state.rendering and self.heard:
+            self.rendered = True
+            self._missing_s = max(0.0, self._missing_s - SHARE_FORGIVEN * dt_s)
+        elif self.rendered:
+            self._missing_s += dt_s
+            self.out_s += dt_s
+            self.lost_reason = state.reason or "the device gives none"
+        self._squeezed_s = self._squeezed_s + dt_s if _squeezes(state) else 0.0
+        missing = not self.rendered or (not state.rendering and self._missing_s > IN_DOUBT_S)
+        self.in_doubt = missing or self._squeezed_s > IN_DOUBT_S
+        if not self._objection:
+            self._objection = self._why(state, now_s, fixtures, refusal, source)
+            if self._objection:
+                self.losses += 1
+                self.lost_reason = self._objection
+        return self._objection
+
+    def _why(
+        self,
+        state: HapticState,
+        now_s: float,
+        fixtures: bool,
+        refusal: str,
+        source: str,
+    ) -> str:
+        why = refusal.removeprefix("no force: ") or state.reason or "the device gives none"
+        off = state.state in (OperatingState.DISABLED, OperatingState.FAULT)
+        if self.rendered and (off or self._missing_s > FORCE_LOST_S):
+            return f"the force is lost: {why}"
+        if not self.rendered:
+            if now_s - self._begun_s <= BEGINS_WITHIN_S:
+                return ""  # What stands in the way may pass, and the robot waits.
+            if off:
+                return f"there is no force: {why}"
+            asked_n = norm(state.force_commanded)
+            if fixtures and asked_n > IN_A_FIXTURE_N and state.state is OperatingState.ENABLED:
+                return (
+                    f"the force cannot begin, since a fixture would push with {asked_n:.1f} N at "
+                    "once: move out of the fixture, then clutch in"
+                )
+            return f"the force has not begun: {why}"
+        if state.rendering and (state.squeeze < SQUEEZE_LEAST or self._squeezed_s > FORCE_LOST_S):
+            return (
+                f"the force is limited to {state.squeeze:.0%} of the largest to spare the motors: "
+                "let them cool down"
+            )
+        if self._given_s > NEVER_S and now_s - self._given_s > self._source_lost_s:
+            return f"the measured force is lost: none for {now_s - self._given_s:.2f} s" + (
+                f", {source}" if source else ""
+            )
+        return ""
+
+
+def _squeezes(state: HapticState) -> bool:
+    return (
+        state.rendering
+        and state.squeeze < SQUEEZED
+        and norm(state.force) < LET_OUT * norm(state.force_commanded)
+    )
