@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h)
 
 .PHONY: help demo test test-kernel device-table lint types check bench bench-motoros bench-thesis \
-	test-pythons clean bench-haptics
+	bench-haptics test-pythons clean
 
 help:
 	@echo "make demo    run the main job against simulated peers ($(DEMO_SECONDS) s)"
@@ -21,7 +21,7 @@ help:
 	@echo "make bench   benchmarks, printed as ratios"
 	@echo "make bench-motoros  the latency study of the 2021 paper, with plots for docs/"
 	@echo "make bench-thesis  the measurements of the 2020 thesis, with plots for docs/"
-	@echo "make bench-haptics  stability and timing of the force feedback, with plots for docs/"
+	@echo "make bench-haptics  stability and timing of the force feedback, with tables and plots for docs/"
 	@echo "make clean   remove the environment and caches"
 
 $(VENV)/.cardan: pyproject.toml hatch_build.py tools/environment tools/native $(C_SOURCES)
@@ -67,7 +67,7 @@ bench-thesis: $(VENV)/.cardan-dev
 	$(BIN)/python -m bench thesis --plots docs/images/thesis
 
 bench-haptics: $(VENV)/.cardan-dev
-	$(BIN)/python -m bench haptics --plots docs/images/haptics
+	$(BIN)/python -m bench haptics --pages --plots docs/images/haptics
 
 # The oldest and the newest Python the package promises, where the machine has them.
 test-pythons:

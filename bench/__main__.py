@@ -40,7 +40,7 @@ def main() -> None:
     if "--plots" in words:
         first = words.index("--plots")
         del words[first : first + 2]
-    names = [word for word in words if not word.isdecimal()]
+    names = [word for word in words if not word.isdecimal() and not word.startswith("--")]
     for name in names or BENCHMARKS:
         if name not in BENCHMARKS:
             sys.exit(f"there is no benchmark {name!r}; there are: {', '.join(BENCHMARKS)}")

@@ -1,48 +1,65 @@
 """Force feedback: stability, Z-width, faults as the hand feels them, and timing.
 
-    python -m bench haptics [--plots DIR]
+    python -m bench haptics [--pages] [--plots DIR]
 
-The first three run in virtual time: the simulated Omni, its libHD and the compiled tick, with a
+All but the timing runs in virtual time: the simulated Omni, its libHD and the compiled tick, with a
 robot at a wall behind a channel that is late, uneven and lossy. The timing is real. Everything is
-printed as the tables of docs/stability.md and docs/measurements.md; `--plots` also draws the
-pictures, and nothing else is written.
+printed as docs/stability.md and docs/measurements.md have it between their markers, in their order;
+`--pages` also writes it there, and `--plots` draws the pictures.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
-from bench.haptics import faults, stability, timing, zwidth
+from bench.haptics import earlier, faults, pages, stability, timing, zwidth
 from bench.haptics.stability import HELD, LIGHTLY, PUSHES, compare
+
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def main() -> None:
-    """Print the tables, and draw where it is asked for."""
+    """Print the tables, and draw and write where it is asked for."""
     directory = _directory(sys.argv[1:])
+    began_s = time.monotonic()
     pushed = [
         (push, compare(push.hand, *push.calm), compare(push.hand, *push.pushed)) for push in PUSHES
     ]
-    print(f"\n### Plain and ours\n\n{stability.table(pushed)}\n")
+    stable: dict[str, str] = {}
+    _show(stable, "plain and ours", stability.table(pushed))
     grids = [stability.grid(hand) for hand in (HELD, LIGHTLY)]
     channel, sampling = stability.channel_grid(), stability.sampling_grid()
-    for points in grids:
-        print(f"- {stability.summary('stiffness and delay', points)}")
-    print(f"- {stability.summary('jitter and loss', channel)}")
-    print(f"- {stability.summary('stiffness and sampling', sampling)}")
+    lines = [stability.summary("stiffness and delay", points) for points in grids]
+    lines.append(stability.summary("jitter and loss", channel))
+    lines.append(stability.summary("stiffness and sampling", sampling))
+    _show(stable, "grids", "\n".join(f"- {line}" for line in lines))
+    _show(stable, "earlier", earlier.table(earlier.measure()))
     widths = zwidth.measure()
-    print(f"\n### Z-width, N/m\n\n{zwidth.table(widths)}")
+    _show(stable, "zwidth", zwidth.table(widths))
     felt = [faults.feel(fault) for fault in faults.FAULTS]
-    print(f"\n### What the hand feels\n\n{faults.table(felt)}")
-    print(f"\n### Timing\n\n{timing.measure()}")
+    _show(stable, "faults", faults.table(felt))
+    timed: dict[str, str] = {}
+    _show(timed, "timing", timing.measure())
+    if "--pages" in sys.argv[1:]:
+        pages.rewrite(DOCS / "stability.md", stable)
+        pages.rewrite(DOCS / "measurements.md", timed)
+        print("docs/stability.md and docs/measurements.md have these numbers")
     if directory is not None:
         try:
             from bench.haptics import plots
         except ImportError as error:
-            print(f"\nno plots: {error}; pip install 'cardan[bench]'")
-            return
-        plots.draw(directory, grids, channel, sampling, widths, felt)
-        print(f"\nplots are in {directory}")
+            print(f"no plots: {error}; pip install 'cardan[bench]'")
+        else:
+            plots.draw(directory, grids, channel, sampling, widths, felt)
+            print(f"plots are in {directory}")
+    print(f"took {time.monotonic() - began_s:.0f} s")
+
+
+def _show(parts: dict[str, str], name: str, body: str) -> None:
+    parts[name] = body
+    print(pages.marked(name, body), end="\n\n", flush=True)
 
 
 def _directory(words: list[str]) -> Path | None:

@@ -26,8 +26,6 @@ from cardan.types import ZERO3, Vector3
 Array = npt.NDArray[np.float64]
 
 TICK_S = 0.001
-DAC_QUANTUM_N = 3.3 / 2047
-"""Step of the motors' force, by axis."""
 JOINT_QUANTUM_RAD = 2.0 * np.pi / 15000
 
 
@@ -61,6 +59,8 @@ class Trace(NamedTuple):
     """Work of the motors on the stylus so far, by the simulation."""
     believed_j: Array
     """The same by the tick's own books."""
+    surplus_j: Array
+    """What the tick has on its books, for it to give back; below 0: given."""
     damping_n_s_m: Array
     """Of the passivity controller."""
     states: list[tuple[OperatingState, str]]
@@ -141,6 +141,7 @@ class Rig:
                     *(state.pose.position if state.pose is not None else ZERO3),
                     now.delivered_j,
                     state.delivered_j,
+                    state.energy_j,
                     state.passivity_damping_n_s_m,
                 )
             )
@@ -160,5 +161,6 @@ class Rig:
             rows[:, 16],
             rows[:, 17],
             rows[:, 18],
+            rows[:, 19],
             self._states,
         )

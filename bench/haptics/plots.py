@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.haptics import theory
 from bench.haptics.faults import FAULT_S, LIMITS, Felt
-from bench.haptics.loop import TICK_S, Trace
+from bench.haptics.loop import TICK_S, Array, Trace
 from bench.haptics.remote import Link
 from bench.haptics.stability import (
     CHANNEL_DELAY_S,
@@ -29,9 +29,8 @@ from bench.haptics.stability import (
     Compared,
     Hand,
     Verdict,
-    allowance_j,
+    hidden_j,
     link_words,
-    promised_j,
     remote,
 )
 from bench.haptics.zwidth import VISCOUS_N_S_M, Width
@@ -190,6 +189,12 @@ def _rule(hand: Hand, delay_s: float) -> float:
     return theory.stable_stiffness_rule(_held(hand).damping_n_s_m, Link().period_s, late_s)
 
 
+def _bound_mj(trace: Trace) -> Array:
+    """Of a run of ours."""
+    bound: Array = 1e3 * (OURS.energy_budget_j + np.maximum(0.0, hidden_j(trace)))
+    return bound
+
+
 def _pair() -> Any:
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(10.0, 3.2), layout="constrained")
     for limits, colour, name in ((PLAIN, PLAIN_COLOUR, "plain"), (OURS, OURS_COLOUR, "ours")):
@@ -200,7 +205,7 @@ def _pair() -> Any:
         middle.plot(times_s, trace.sent_n[every, 2], colour, lw=1, label=name)
         right.plot(times_s, 1e3 * trace.given_j[every], colour, lw=1.2, label=name)
         if limits is OURS:
-            bound = 1e3 * (promised_j(trace, limits) + allowance_j(trace))[every]
+            bound = _bound_mj(trace)[every]
             right.plot(times_s, bound, "0.3", ls="--", lw=1, label="the bound of ours")
     left.set(xlabel="time, s", ylabel="mm", title="height of the stylus over the wall")
     middle.set(xlabel="time, s", ylabel="N", title="force")
@@ -218,12 +223,11 @@ def _energy() -> Any:
         stiffness, link = push.pushed
         for limits, axes in ((PLAIN, left), (OURS, right)):
             trace: Trace = remote(limits, push.hand, stiffness, link)
-            given_mj, bound = 1e3 * trace.given_j[::10], promised_j(trace, limits)
+            given_mj = 1e3 * trace.given_j[::10]
             label = f"{push.name}: {push.hand.name}, {stiffness:.0f} N/m, {link_words(link)}"
             axes.plot(trace.times_s[::10], given_mj, colour, lw=1, label=label)
             if limits is OURS:
-                most = 1e3 * (bound + allowance_j(trace))[::10]
-                axes.plot(trace.times_s[::10], most, colour, ls=":", lw=1)
+                axes.plot(trace.times_s[::10], _bound_mj(trace)[::10], colour, ls=":", lw=1)
     left.set(xlabel="time, s", ylabel="mJ", title="plain: energy given to the hand")
     left.set_yscale("symlog", linthresh=10.0)
     right.set(xlabel="time, s", ylabel="mJ", title="ours; dotted: its bound", ylim=(-3.0, 10.0))

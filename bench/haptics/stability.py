@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.haptics.loop import DAC_QUANTUM_N, MISPLACED_M, TICK_S, Array, Rig, Trace
+from bench.haptics.loop import TICK_S, Array, Rig, Trace
 from bench.haptics.remote import Link, RemoteWall, Wall
-from cardan.drivers.omni.tick import TickLimits
+from cardan.drivers.omni.tick import TickLimits, UncheckedLimits
 from cardan.haptics import HapticCommand, Plane
 from cardan.sim_peers.omni.settings import HandMotion, OmniSettings, Waypoint
 from cardan.types import ZERO3, Vector3
 
 OURS = TickLimits(engage_ramp_s=0.1)
-PLAIN = TickLimits(
+PLAIN = UncheckedLimits(
     engage_ramp_s=0.1,
     passivity=False,
     damping_n_s_m=0.0,
@@ -35,6 +35,10 @@ DURATION_S = 3.0
 RESTLESS_M_S = 0.02
 """RMS speed in the last half second above which a loop has not settled: the hand is at rest then,
 and one encoder quantum back and forth at 100 Hz is 0.014 m/s."""
+
+
+DROOP_N = 0.2
+"""Of an unheld stylus: the friction holds it where nothing else does."""
 
 
 class Hand(NamedTuple):
@@ -68,6 +72,7 @@ class Hand(NamedTuple):
             hand_stiffness_n_m=self.stiffness_n_m,
             gripped=self.gripped,
             friction_n=self.friction_n,
+            droop_n=DROOP_N,
         )
 
 
@@ -78,14 +83,18 @@ HANDS = (HELD, LIGHTLY, UNHELD)
 
 
 class Verdict(NamedTuple):
-    """What became of one run."""
+    """What became of one run. Energies are the simulation's own."""
 
     given_j: float
-    """Most net energy that the motors had given to the hand at any time, by the simulation."""
+    """Most net energy that the motors had given to the hand at any time."""
     bound_j: float
-    """What tick.h allows for that run, and the allowance beside it, at that time."""
+    """What it may be at that time: the budget, and what the sensors hid by then."""
     margin_j: float
     """Least of bound less energy over all times; below 0: violated."""
+    hidden_j: float
+    """Most that the sensors hid from the books at any time."""
+    harder_j: float
+    """What tick.h allows beside the budget for true accelerations above 100 m/s² in the run."""
     restless_m_s: float
     """RMS speed in the last half second."""
     peak_n: float
@@ -106,45 +115,48 @@ class Verdict(NamedTuple):
         return self.passive and self.settled
 
 
-def promised_j(trace: Trace, limits: TickLimits) -> Array:
-    """The bound of tick.h at each tick: the budget, and what harder accelerations add."""
+def harder_j(trace: Trace, limits: TickLimits) -> Array:
+    """The sum in the bound of tick.h at each tick, from the true motion."""
     most = math.ceil(limits.clamp_n / (limits.slew_fall_n_s * TICK_S))
     price_n = limits.clamp_n * (most + 3) / 2.0
-    moved = np.diff(trace.measured_m, axis=0, prepend=trace.measured_m[:1])
+    moved = np.diff(trace.position_m, axis=0, prepend=trace.position_m[:1])
     change = np.linalg.norm(np.diff(moved, axis=0, prepend=moved[:1]), axis=1)
-    over = np.maximum(0.0, change - limits.prediction_error_m)
-    bound: Array = limits.energy_budget_j + price_n * np.cumsum(over)
-    return bound
+    found: Array = price_n * np.cumsum(np.maximum(0.0, change - limits.prediction_error_m))
+    return found
 
 
-def allowance_j(trace: Trace) -> Array:
-    """How much more than its books say the tick may have given at each tick, for what its sensors
-    and motors are.
+def hidden_j(trace: Trace) -> Array:
+    """How much more than its books say the tick gave until each tick, for what its sensors and
+    motors are; exact, and of either sign.
 
-    The tick is told y_k = x_(k-1) + q_k: a tick old, quantised. It books the larger of
-    F_(k-1) . (y_k - y_(k-1)) and F_(k-2) . (y_k - y_(k-1)), and the second is the true work but
-    for the sum of F_(k-2) . (q_k - q_(k-1)). Summed by parts, that is at most
-    |F_n| |q_n| + sum |F_k - F_(k-1)| |q_k|, with |q_k| <= MISPLACED_M. The motors' converter
-    rounds each axis by at most half its quantum, which works along the way.
+    The tick is told y(k) = x(k-1) + q(k): a tick old, and quantised. It books at least
+    F(k-2) . (y(k) - y(k-1)). That is the true work but for F(k-2) . (q(k) - q(k-1)), and but for
+    what the motors' converter rounds. Row k - 1 is what tick k can know of.
     """
-    speed = np.linalg.norm(trace.velocity_m_s, axis=1)
-    changes = np.linalg.norm(np.diff(trace.sent_n, axis=0, prepend=0.0 * trace.sent_n[:1]), axis=1)
-    size = np.linalg.norm(trace.sent_n, axis=1)
-    rounding = 0.5 * math.sqrt(3.0) * DAC_QUANTUM_N * np.cumsum(speed * TICK_S)
-    found: Array = (size + np.cumsum(changes)) * MISPLACED_M + rounding
+    x, y, sent = trace.position_m, trace.measured_m, trace.sent_n
+    q = y[1:] - x[:-1]
+    moved = np.diff(x, axis=0)
+    quantised = np.einsum("ij,ij->i", sent[:-2], np.diff(q, axis=0))
+    rounded = np.einsum("ij,ij->i", (trace.felt_n - sent)[:-1], moved)
+    found: Array = np.zeros(len(x))
+    found[1:-1] = -np.cumsum(quantised) + np.cumsum(rounded[:-1])
+    found[-1] = found[-2]
     return found
 
 
 def judge(trace: Trace, limits: TickLimits) -> Verdict:
-    """The verdict on a run that the hand ended at rest."""
-    bound = promised_j(trace, limits) + allowance_j(trace)
+    """The verdict on a run of one engagement that the hand ended at rest."""
+    hidden = hidden_j(trace)
+    bound = limits.energy_budget_j + np.maximum(0.0, hidden)
     last = trace.times_s > trace.times_s[-1] - 0.5
     speed = np.linalg.norm(trace.velocity_m_s[last], axis=1)
     worst = int(np.argmax(trace.given_j))
     return Verdict(
         float(trace.given_j[worst]),
         float(bound[worst]),
-        float((bound - trace.given_j).min()),
+        float((bound - trace.given_j)[:-1].min()),
+        float(hidden.max()),
+        float(harder_j(trace, limits)[-1]),
         float(np.sqrt((speed**2).mean())),
         float(np.linalg.norm(trace.sent_n, axis=1).max()),
     )
@@ -228,7 +240,7 @@ PUSHES = (
     Push("delay", LIGHTLY, (100.0, Link(0.01)), (100.0, Link(0.1))),
     Push("jitter", LIGHTLY, (200.0, Link(0.005)), (200.0, Link(0.005, jitter_s=0.05))),
     Push("loss", LIGHTLY, (140.0, Link(0.01)), (140.0, Link(0.01, loss=0.7))),
-    Push("sampling", HELD, (2000.0, Link()), (2000.0, Link(period_s=0.02))),
+    Push("sampling", HELD, (2000.0, Link()), (2000.0, Link(period_s=0.018))),
 )
 
 
@@ -264,7 +276,8 @@ LOSSES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Each way."""
 CHANNEL_STIFFNESS_N_M = 140.0
 CHANNEL_DELAY_S = 0.01
-PERIODS_S = (0.004, 0.008, 0.012, 0.016, 0.02)
+PERIODS_S = (0.004, 0.008, 0.012, 0.015, 0.018)
+"""Below `hold_s`: a source that is silent for so long counts as dead."""
 SAMPLED_STIFFNESSES = (500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0)
 
 
@@ -325,8 +338,11 @@ def summary(what: str, points: list[Compared]) -> str:
     rest = sum(one.ours.settled for one in points)
     least = min(one.ours.margin_j for one in points)
     most = max(one.ours.given_j for one in points)
+    hidden = max(one.ours.hidden_j for one in points)
+    harder = max(one.ours.harder_j for one in points)
     return (
         f"{what}, {points[0].hand.name}: {len(points)} points, plain unstable at {len(unstable)}; "
         f"ours within its bound at {kept}, at rest at {rest}; most energy {1e3 * most:.1f} mJ, "
-        f"least margin {1e3 * least:.2f} mJ"
+        f"least margin {1e3 * least:.2f} mJ, most hidden {1e3 * hidden:.2f} mJ, "
+        f"sum for harder accelerations {1e3 * harder:.1f} mJ"
     )

@@ -446,8 +446,17 @@ def verdicts(
     return "\n".join(lines)
 
 
+def load_words() -> str:
+    """How busy the machine has been: what is called idle is so only if nothing else ran."""
+    return (
+        f"Load in the minute before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors, "
+        "of which this benchmark made at most 1."
+    )
+
+
 def measure() -> str:
     """All of it, as Markdown."""
+    load = load_words()
     with tempfile.TemporaryDirectory() as directory:
         probe = compile_probe(Path(directory))
         found = evenness(probe)
@@ -471,6 +480,7 @@ def measure() -> str:
         f"{1e6 * session_s[0]:.0f} / {1e6 * session_s[1]:.0f} / – |"
     )
     parts = (
+        load,
         evenness_table(found),
         "\n".join(words),
         "\n".join(age),

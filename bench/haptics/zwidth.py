@@ -13,15 +13,14 @@ import numpy as np
 
 from bench.haptics import theory
 from bench.haptics.loop import TICK_S
-from bench.haptics.stability import OURS, PLAIN, UNHELD, Hand, judge, local
+from bench.haptics.stability import DROOP_N, OURS, PLAIN, UNHELD, Hand, judge, local
 from cardan.drivers.omni.tick import TickLimits
-from cardan.sim_peers.omni.settings import OmniSettings
 
 VISCOUS_N_S_M = 0.1
 """Of the simulated device."""
 LATE_S = TICK_S
 """How old a position is when the tick gets it."""
-WEIGHT_N = OmniSettings().droop_n - UNHELD.push_n
+WEIGHT_N = DROOP_N - UNHELD.push_n
 """The stylus's own and what is hung on it."""
 HOLDS_WITHIN_M = 0.001
 SECONDS = 5.0
@@ -70,33 +69,42 @@ class Width(NamedTuple):
     plain_frictionless: float
     ours_frictionless: float
     plain: float
+    """With the device's friction; so the next."""
     ours: float
+    plain_given_j: float
+    """Most energy that the stiffest plain wall gave, with friction."""
+
+
+def _width(damping_n_s_m: float) -> Width:
+    plain = stiffest(PLAIN, UNHELD, damping_n_s_m)
+    there = local(PLAIN, UNHELD, plain, damping_n_s_m, SECONDS)
+    return Width(
+        damping_n_s_m,
+        theory.passive_stiffness(VISCOUS_N_S_M, damping_n_s_m, TICK_S),
+        theory.stable_stiffness_rule(VISCOUS_N_S_M, TICK_S, LATE_S, damping_n_s_m),
+        stiffest(PLAIN, FRICTIONLESS, damping_n_s_m),
+        stiffest(OURS, FRICTIONLESS, damping_n_s_m),
+        plain,
+        stiffest(OURS, UNHELD, damping_n_s_m),
+        judge(there, PLAIN).given_j,
+    )
 
 
 def measure(dampings: tuple[float, ...] = DAMPINGS_N_S_M) -> list[Width]:
     """All of them."""
-    return [
-        Width(
-            damping,
-            theory.passive_stiffness(VISCOUS_N_S_M, damping, TICK_S),
-            theory.stable_stiffness_rule(VISCOUS_N_S_M, TICK_S, LATE_S, damping),
-            stiffest(PLAIN, FRICTIONLESS, damping),
-            stiffest(OURS, FRICTIONLESS, damping),
-            stiffest(PLAIN, UNHELD, damping),
-            stiffest(OURS, UNHELD, damping),
-        )
-        for damping in dampings
-    ]
+    return [_width(damping) for damping in dampings]
 
 
 def table(found: list[Width]) -> str:
     """Markdown."""
     lines = [
         "| damping of the wall | passive by theory | stable by rule | plain, no friction "
-        "| ours, no friction | plain | ours |",
-        "|---|---|---|---|---|---|---|",
+        "| ours, no friction | plain | ours | energy that this plain wall gave |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for one in found:
-        cells = " | ".join(f"{value:.0f}" for value in one[1:])
-        lines.append(f"| {one.damping_n_s_m:g} N·s/m | {cells} |")
+        cells = " | ".join(f"{value:.0f}" for value in one[1:-1])
+        lines.append(
+            f"| {one.damping_n_s_m:g} N·s/m | {cells} | {1e3 * one.plain_given_j:.1f} mJ |"
+        )
     return "\n".join(lines)

@@ -57,6 +57,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def __init__(self, options: Any, core: C) -> None:
         super().__init__(options)
         self._core = core
+        self._opening = threading.RLock()
+        """Held while it is opened or closed: one thread at a time. The reader never takes it."""
         self._lock = threading.Lock()
         """Guards the core, for some µs at a time."""
         self._stop = threading.Event()
@@ -88,6 +90,10 @@ class ReadDevice(OperatorDevice, Generic[C]):
 
         Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
         """
+        with self._opening:
+            self._begin()
+
+    def _begin(self) -> None:
         if self._thread is not None:
             return
         if self._ending is not None:
@@ -117,16 +123,21 @@ class ReadDevice(OperatorDevice, Generic[C]):
         self._thread.start()
 
     def close(self) -> None:
-        """Stop reading and release the device."""
-        if self._thread is None:
+        """Stop reading and release the device. Never raises; from any thread."""
+        if threading.current_thread() is self._thread:
+            self._stop.set()  # It ends once it comes back to its loop: nobody can wait for itself.
             return
-        self._stop.set()
-        self._thread.join(JOIN_TIMEOUT_S)
-        if self._thread.is_alive():
-            self._ending = self._thread
-        self._thread = None
-        with self._lock:
-            self._core.on_closed(time.monotonic())
+        with self._opening:
+            thread = self._thread
+            if thread is None:
+                return
+            self._stop.set()
+            thread.join(JOIN_TIMEOUT_S)
+            if thread.is_alive():
+                self._ending = thread
+            self._thread = None
+            with self._lock:
+                self._core.on_closed(time.monotonic())
 
     def state(self) -> DeviceState:
         """The newest state."""

@@ -111,7 +111,7 @@ PEN_DOWN_DEG = "0,20,30,0,40,0"
 def _drawing(port: int) -> dict[str, Any]:
     """As examples/omni-gofa-simulated.toml."""
     return {
-        "device": {"driver": "omni"},
+        "device": {"driver": "omni", "stale_after_s": 0.1},
         "robot": {"driver": "abb_egm", "listen_port": port},
         "mapping": {
             "mode": "position",

@@ -150,7 +150,7 @@ def test_every_click_is_there_however_seldom_anybody_looks():
     look, rig.look = rig.look, lambda: None
     rig.click(2, 5)
     rig.buttons = 2
-    rig.run(0.01)
+    rig.run(0.03)
     rig.look = look
     rig.run(0.02)
     assert edges(rig) == [("button_2", True), ("button_2", False)] * 5 + [("button_2", True)]
@@ -186,6 +186,28 @@ def test_a_button_held_through_trouble_is_up_until_it_was_let_go():
     rig.buttons = 1
     rig.run(0.03)
     assert edges(rig) == [("button_1", True)]
+
+
+@pytest.mark.parametrize("gap_s", [0.05, 0.15, 0.5])
+def test_a_gap_that_nobody_saw_is_a_loss_all_the_same(gap_s):
+    """The whole process was stopped: nobody looked while nothing ticked."""
+    rig = Rig().live()
+    rig.buttons = 1
+    rig.run(0.05)
+    assert rig.state.buttons == {"button_1"}
+    rig.core.events()
+    rig.now_s += gap_s
+    rig.run(0.01)
+    assert rig.state.link is DeviceLink.STALE
+    assert (rig.state.pose, rig.state.buttons) == (None, frozenset())
+    assert "no tick of the force loop" in rig.state.reason
+    rig.run(0.2)
+    assert rig.state.link is DeviceLink.NEEDS_NEUTRAL
+    rig.buttons = 0
+    rig.run(0.05)
+    assert rig.state.link is DeviceLink.LIVE
+    assert edges(rig) == [("button_1", False)]
+    assert rig.core.metrics(rig.now_s)["silences"] == 1
 
 
 def test_a_counter_that_jumps_is_no_thousand_clicks():
@@ -271,6 +293,13 @@ def test_a_loop_that_gets_slow_ends_the_force_and_a_stall_does_not():
     assert "runs at 33" in rig.core.force_obstacle(rig.now_s)
 
 
+def test_how_slow_a_loop_may_be_is_an_option():
+    rig = Rig(OmniOptions(lowest_rate_hz=800.0)).live()
+    rig.core.on_snapshot(rig.tick.snapshot()._replace(rate_hz=850.0), rig.now_s)
+    rig.core.on_snapshot(rig.tick.snapshot()._replace(rate_hz=850.0), rig.now_s + 0.4)
+    assert rig.core.force_obstacle(rig.now_s) == ""
+
+
 def test_a_device_without_motors_gives_no_force():
     rig = Rig(identity=TOUCH._replace(output_dof=0)).live()
     assert "gives 0 forces" in rig.core.force_obstacle(rig.now_s)
@@ -307,6 +336,15 @@ def test_a_fault_is_told_with_its_reason_and_what_to_do():
     rig.position = (0.0, 0.0, 0.0)
     rig.run(0.1)
     assert "no force until it is enabled again; fault: a number was not finite" in told(rig)
+
+
+def test_errors_of_the_library_are_told():
+    rig = Rig().live()
+    rig.core.errors, rig.core.bad_readings = 7, 3
+    assert "3 times the device could not be read" in told(rig)
+    assert "7 errors of the library" in told(rig)
+    metrics = rig.core.metrics(rig.now_s)
+    assert (metrics["library_errors"], metrics["bad_readings"]) == (7, 3)
 
 
 def test_metrics_are_numbers_with_units_in_their_names():
@@ -381,13 +419,16 @@ def test_a_fault_keeps_its_reason_when_nothing_ticks_any_more():
 
 def test_a_loop_that_is_too_slow_is_told_as_no_force():
     rig = rendering(Rig().live())
-    rig.every = 3
-    rig.run(0.2)
-    rig.tick.command(HapticCommand(1000, rig.now_s, True, force=Vector3(0.1, 0.0, 0.0)))
-    rig.run(0.3)
+    snapshot = rig.tick.snapshot()
+    for _ in range(40):
+        rig.now_s += LOOK_S
+        rig.core.on_snapshot(
+            snapshot._replace(stamp_s=rig.now_s, rate_hz=500.0, calibration=Calibration.OK),
+            rig.now_s,
+        )
     told = rig.core.told(rig.now_s)
-    assert told.state is not OperatingState.FAULT
-    assert not told.rendering
+    assert told.state is OperatingState.ENABLED
+    assert (told.force, told.rendering) == (ZERO3, False)
     assert "Hz, and force needs 1000" in told.reason
 
 

@@ -1,10 +1,12 @@
 """The driver against the simulated libHD, in real time and for short: open, feel, lose, close."""
 
+import itertools
 import math
 import os
 import re
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -178,7 +180,7 @@ def test_a_device_that_comes_later_is_picked_up(bench):
 
 
 def test_the_device_is_never_pushed_beyond_what_it_bears(bench):
-    omni = bench.live(clamp_n=3.3, slew_fall_n_s=700.0, continuous_n=2.0)
+    omni = bench.live(clamp_n=3.3, slew_fall_n_s=700.0, continuous_n=1.5)
     limits = omni._tick.limits
     assert limits.clamp_n <= omni.identity.max_force_n
     assert limits.continuous_n == pytest.approx(omni.identity.continuous_force_n)
@@ -456,13 +458,12 @@ def test_a_device_that_goes_is_lost_and_comes_back_without_force(bench, fault, w
         bench.sim.hand(ZERO3)
     until(lambda: omni.state().link is DeviceLink.LIVE)
     repeat()
-    if fault != "dead-scheduler":
-        assert omni.haptics().state is OperatingState.FAULT
-        assert "device is lost" in omni.haptics().reason
-        for _ in range(10):
-            assert not repeat()
-            time.sleep(0.005)
-        omni.enable()
+    assert omni.haptics().state is OperatingState.FAULT
+    assert "device is lost" in omni.haptics().reason
+    for _ in range(40):
+        assert not repeat()
+        time.sleep(0.005)
+    omni.enable(wait_s=1.0)
     until(lambda: omni.haptics().state is OperatingState.ENABLED)
 
 
@@ -473,6 +474,104 @@ def test_a_callback_that_goes_is_lost_and_scheduled_anew(bench):
         raw.hdUnschedule(omni._scheduled)  # No goodbye to the tick.
     until(lambda: "without a word" in omni.state().reason)
     until(lambda: omni.state().link is DeviceLink.LIVE)
+    assert omni.haptics().state is OperatingState.FAULT
+
+
+def test_a_slow_loop_lets_the_force_go_before_the_motors_are_off(bench):
+    """And after it nothing comes back behind the tick's back."""
+    sim = bench.sim
+    omni, repeat = bench.rendering((0.19, 0.0, 0.0), energy_budget_j=0.2)
+    seen = []
+
+    def delivered():
+        repeat()
+        truth = sim.truth()
+        seen.append((truth.ticks, spatial.norm(truth.delivered_n), spatial.norm(truth.commanded_n)))
+        return seen[-1][1]
+
+    until(lambda: delivered() > 0.15)
+    sim.fault("slow-ticks", 700)
+    until(lambda: delivered() == 0.0 and "Hz, and force" in omni.haptics().reason)
+    for _ in range(250):  # The motors are off by now.
+        delivered()
+        assert seen[-1][2] == 0.0, "the tick knows of it"
+        time.sleep(0.002)
+    assert not omni._force_allowed
+    assert not omni.haptics().rendering
+    assert omni.haptics().force == ZERO3
+    sim.fault("slow-ticks", 0)
+    seen.clear()
+    until(lambda: delivered() > 0.15)
+    for before, after in itertools.pairwise(seen):
+        assert after[1] - before[1] <= 0.05 * (after[0] - before[0]) + 1e-6
+
+
+@pytest.mark.parametrize("round_", range(5))
+def test_two_threads_may_close_at_once_and_open_meanwhile(bench, round_):
+    omni = bench.live()
+    failures = []
+
+    def call(function):
+        try:
+            function()
+        except Exception as error:
+            failures.append(error)
+
+    threads = [
+        threading.Thread(target=call, args=(each,)) for each in (omni.close, omni.close, omni.open)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
+    assert failures == []
+    omni.close()
+    omni.open()
+    until(lambda: omni.state().link is DeviceLink.LIVE)
+    omni.enable(wait_s=1.0)
+
+
+def test_enable_never_waits_unless_told_to(bench):
+    omni = bench.device()
+    omni.open()
+    began_s = time.monotonic()
+    with pytest.raises(CommandError, match="not ready yet"):
+        omni.enable()
+    assert time.monotonic() - began_s < 0.1
+    omni.enable(wait_s=2.0)
+    assert omni.haptics().state is OperatingState.ENABLED
+
+
+@pytest.mark.parametrize(
+    "bad", [(1, 2), None, ("a", 1, 2), (10**400, 0, 0), (math.nan, 0, 0), (1, 2, 3, 4), "abc"]
+)
+@pytest.mark.parametrize("mode", ["cartesian", "joint"])
+def test_feedback_that_is_none_is_refused(bench, bad, mode):
+    omni = bench.device(force_mode=mode)
+    omni.open()
+    with pytest.raises(CommandError, match="feedback"):
+        omni.set_feedback(bad)
+
+
+def test_a_command_of_another_clock_is_refused_and_blocks_nothing(bench):
+    omni, repeat = bench.rendering()
+    with pytest.raises(CommandError, match="time to come"):
+        omni.render(HapticCommand(2**40, time.time() + 1e6, True))
+    for _ in range(20):
+        assert repeat()
+        time.sleep(0.005)
+    assert omni.haptics().dropped_commands == 0
+
+
+def test_a_wrench_along_a_stylus_that_nobody_sees_is_none(bench):
+    omni, _ = bench.rendering()
+    bench.sim.fault("dead-scheduler")
+    time.sleep(0.15)
+    sequence = omni._sequence
+    omni.feedback(DeviceFeedback(wrench=Wrench(Vector3(0.1, 0, 0), ZERO3, Frame.TOOL)))
+    assert omni._sequence == sequence
+    bench.sim.fault("dead-scheduler", 0)
 
 
 def test_a_force_lasts_one_frame_whatever_becomes_of_the_program(bench):

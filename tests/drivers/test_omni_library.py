@@ -5,6 +5,7 @@ import ctypes.util
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -177,6 +178,16 @@ def test_a_text_is_no_library(tmp_path):
     path.write_text("version https://git-lfs.github.com/spec/v1\n" * 40, encoding="utf-8")
     with pytest.raises(DeviceAccessError, match="no library for this machine"):
         library.load(str(path))
+
+
+def test_a_file_that_was_cut_off_is_not_mapped(fake_path, tmp_path):
+    """The loader would map what is not there, and the process die of SIGBUS."""
+    whole = Path(fake_path).read_bytes()
+    for size in (30, 64, 500, len(whole) // 2):
+        cut = tmp_path / f"cut-{size}.so"
+        cut.write_bytes(whole[:size])
+        with pytest.raises(DeviceAccessError, match=r"not whole|no library"):
+            library.load(str(cut))
 
 
 def test_another_library_is_no_libhd():

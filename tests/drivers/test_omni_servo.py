@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
+import functools
 import os
+import shutil
+import subprocess
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cardan.drivers.omni.tick import FUNCTIONS, Servo, Tick, TickLimits, kinematics
+from cardan.drivers.omni.tick import FUNCTIONS, Servo, Tick, UncheckedLimits, kinematics
 from cardan.errors import DriverError
 from cardan.haptics import Calibration, HapticCommand, HapticState, OperatingState, Plane
 from cardan.protocols.hdapi import Error, Info, State
@@ -19,8 +25,29 @@ from cardan.types import ZERO3, Vector3
 
 DONE, CONTINUE = 0, 1
 OK, NEEDS_UPDATE = 0x5000, 0x5001
-HANDLE = 7
+HANDLE, OTHER = 7, 8
 HAND_FROM_DEVICE = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+GET_ERROR = """
+typedef struct { unsigned code; int internal; unsigned device; } Info;
+static void (*source)(Info *);
+void set_source(void (*given)(Info *)) { source = given; }
+Info get_error(void) { Info info = {0, 0, 0}; source(&info); return info; }
+"""
+
+
+@functools.cache
+def error_library() -> str:
+    """hdGetError gives back a structure, which no callback of ctypes can."""
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    (folder / "error.c").write_text(GET_ERROR)
+    made = str(folder / "error.so")
+    subprocess.run(
+        ["cc", "-shared", "-fPIC", "-o", made, str(folder / "error.c")], check=True, timeout=60
+    )
+    return made
 
 
 class Library:
@@ -40,8 +67,11 @@ class Library:
         self.docked = False
         self.calibration = OK
         self.encoders = [1, 2, 3, 4, 5, 6]
-        self.errors: list[tuple[int, int]] = []
-        self.errors_at_end: list[tuple[int, int]] = []
+        self.errors: list[tuple[int, ...]] = []
+        """Code, the library's own number, and the device where it is not HANDLE."""
+        self.errors_at_begin: list[tuple[int, ...]] = []
+        self.errors_at_end: list[tuple[int, ...]] = []
+        self.failing: set[int] = set()
         self.calls: list[str] = []
         self.sent: list[tuple[int, list[float]]] = []
         self.asked: list[int] = []
@@ -55,14 +85,17 @@ class Library:
             "hdGetLongv": (None, uint, ctypes.POINTER(ctypes.c_long)),
             "hdSetDoublev": (None, uint, doubles),
             "hdCheckCalibration": (uint,),
-            # A structure of 12 bytes comes back in two registers; these are the first eight.
-            "hdGetError": (ctypes.c_uint64,),
         }
         self.kept: list[Any] = []
         self.functions = {
             name: self.address(ctypes.CFUNCTYPE(*kind), getattr(self, name))
             for name, kind in kinds.items()
         }
+        side = ctypes.CDLL(error_library())
+        take = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_uint))(self.hdGetError)
+        self.kept.append(take)
+        side.set_source(take)
+        self.functions["hdGetError"] = ctypes.cast(side.get_error, ctypes.c_void_p).value or 0
         self.clock = self.address(ctypes.CFUNCTYPE(ctypes.c_double), lambda: self.now_s)
 
     def address(self, kind: Any, function: Callable[..., Any]) -> int:
@@ -71,11 +104,13 @@ class Library:
         return ctypes.cast(callback, ctypes.c_void_p).value or 0
 
     def hdBeginFrame(self, device: int) -> None:  # noqa: N802
-        assert device == HANDLE
+        assert device in (HANDLE, OTHER)
         self.calls.append("begin")
+        self.errors += self.errors_at_begin
+        self.errors_at_begin = []
 
     def hdEndFrame(self, device: int) -> None:  # noqa: N802
-        assert device == HANDLE
+        assert device in (HANDLE, OTHER)
         self.calls.append("end")
         self.errors += self.errors_at_end
         self.errors_at_end = []
@@ -90,6 +125,9 @@ class Library:
 
     def hdGetDoublev(self, name: int, values: Any) -> None:  # noqa: N802
         self.asked.append(name)
+        if name in self.failing:
+            self.errors.append((Error.INVALID_OPERATION, 0))
+            return
         if name not in self.values:
             self.errors.append((Error.INVALID_ENUM, 0))
             return
@@ -108,18 +146,17 @@ class Library:
     def hdCheckCalibration(self) -> int:  # noqa: N802
         return self.calibration
 
-    def hdGetError(self) -> int:  # noqa: N802
-        if not self.errors:
-            return 0
-        code, internal = self.errors.pop()
-        return code | (internal & 0xFFFFFFFF) << 32
+    def hdGetError(self, answer: Any) -> None:  # noqa: N802
+        code, internal, *device = self.errors.pop() if self.errors else (0, 0)
+        answer[0], answer[1] = code, internal & 0xFFFFFFFF
+        answer[2] = device[0] if device else HANDLE
 
 
 class Bench:
     def __init__(self, **options: Any) -> None:
         self.library = Library()
         wide = {"workspace_lower_m": (-1.0,) * 3, "workspace_upper_m": (1.0,) * 3}
-        self.tick = Tick(TickLimits(engage_ramp_s=0.0, damping_n_s_m=0.0, **wide))
+        self.tick = Tick(UncheckedLimits(engage_ramp_s=0.0, damping_n_s_m=0.0, **wide))
         self.servo = Servo(
             self.tick,
             self.library.functions,
@@ -212,7 +249,7 @@ def test_the_conversion_is_a_proper_rotation_both_ways(bench: Bench) -> None:
     library.values[State.CURRENT_POSITION] = [0.0, 0.0, 0.0]
     library.values[State.CURRENT_VELOCITY] = [0.0, 0.0, 0.0]
     bench.step(500)
-    bench.tick.set_limits(TickLimits(engage_ramp_s=0.0, damping_n_s_m=0.0))
+    bench.tick.set_limits(UncheckedLimits(engage_ramp_s=0.0, damping_n_s_m=0.0))
     bench.engage()
     back = []
     for axis in range(3):
@@ -307,6 +344,102 @@ def test_a_lost_device_is_a_fault_and_the_end(bench: Bench, code: int, at_end: b
         assert bench.force == ZERO3
         assert state.stamp_s == before.stamp_s, "nothing read through a broken link is fresh"
     assert bench.library.calls[-1] == "end"
+
+
+@pytest.mark.parametrize("code", [Error.COMM_ERROR, Error.DEVICE_FAULT, Error.EXCEEDED_MAX_FORCE])
+def test_another_devices_errors_are_not_this_ones(bench: Bench, code: int) -> None:
+    bench.engage(force=Vector3(1.0, 0.0, 0.0))
+    bench.library.errors_at_begin.append((code, -1, OTHER))
+    bench.library.errors_at_end.append((code, -1, OTHER))
+    assert bench.step(10) == CONTINUE
+    assert bench.state.state is OperatingState.ENABLED
+    assert size(bench.force) == pytest.approx(1.0)
+    assert bench.tick.details().errors == 0
+
+
+def test_an_error_of_no_device_is_everybodys(bench: Bench) -> None:
+    bench.engage(force=Vector3(1.0, 0.0, 0.0))
+    bench.library.errors_at_end.append((Error.COMM_ERROR, -1, 0xFFFFFFFF))
+    assert bench.step() == DONE
+    assert bench.state.state is OperatingState.FAULT
+
+
+def test_who_finds_another_devices_error_passes_it_on(bench: Bench) -> None:
+    """The library has one stack, and whoever looks takes all of it."""
+    tick = Tick()
+    other = Servo(tick, bench.library.functions, OTHER, clock=bench.library.clock, realtime=False)
+    call = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(other.callback)
+    assert call(other.user) == CONTINUE
+    bench.engage(force=Vector3(1.0, 0.0, 0.0))
+    bench.library.errors_at_end.append((Error.COMM_ERROR, -28, OTHER))
+    assert bench.step(2) == CONTINUE
+    assert call(other.user) == DONE
+    assert tick.snapshot().state is OperatingState.FAULT
+    assert tick.details().internal_error == -28
+    assert bench.state.state is OperatingState.ENABLED
+    other.close()
+    tick.close()
+
+
+@pytest.mark.parametrize(
+    "name", [State.CURRENT_POSITION, State.CURRENT_TRANSFORM, State.CURRENT_JOINT_ANGLES]
+)
+def test_a_reading_that_fails_is_not_taken_for_one(bench: Bench, name: int) -> None:
+    bench.library.values[State.CURRENT_POSITION] = [10.0, 20.0, 30.0]
+    bench.engage(force=Vector3(1.0, 0.0, 0.0))
+    before = bench.state
+    bench.library.failing.add(name)
+    assert bench.step(6) == CONTINUE
+    state = bench.state
+    assert (state.pose, state.stamp_s) == (before.pose, before.stamp_s)
+    assert state.joints_rad == before.joints_rad
+    assert state.state is OperatingState.ENABLED
+    assert bench.force == ZERO3
+    assert bench.tick.details().errors == bench.tick.details().bad_readings == 6
+    bench.library.failing.clear()
+    bench.step(200)
+    assert size(bench.force) == pytest.approx(1.0)
+    bench.library.failing.add(name)
+    bench.step(120)
+    assert "readings fail" in bench.state.reason
+
+
+def test_a_transform_that_is_no_rotation_is_no_reading(bench: Bench) -> None:
+    bench.step(3)
+    before = bench.state
+    bench.library.values[State.CURRENT_TRANSFORM] = [0.0] * 16
+    bench.library.values[State.CURRENT_POSITION] = [10.0, 20.0, 30.0]
+    bench.step(3)
+    assert (bench.state.pose, bench.state.stamp_s) == (before.pose, before.stamp_s)
+    assert bench.tick.details().bad_readings == 3
+
+
+def test_errors_of_before_the_frame_are_no_failed_reading(bench: Bench) -> None:
+    """Of another thread, which has asked for what there is not."""
+    bench.engage(force=Vector3(1.0, 0.0, 0.0))
+    bench.library.errors_at_begin.append((Error.INVALID_ENUM, 0))
+    bench.step()
+    assert size(bench.force) == pytest.approx(1.0)
+    assert bench.state.state is OperatingState.ENABLED
+    assert (bench.tick.details().errors, bench.tick.details().bad_readings) == (1, 0)
+
+
+def test_a_loop_that_begins_anew_has_sent_nothing_yet(bench: Bench) -> None:
+    """What the tick sent before a loss is gone, and the hand is elsewhere."""
+    bench.engage(force=Vector3(1.0, 0.0, 0.0))
+    bench.servo.close()
+    bench.tick.lose()
+    given = bench.state.delivered_j
+    bench.library.now_s += 3.0
+    bench.library.values[State.CURRENT_POSITION] = [0.0, 0.0, 80.0]
+    bench.servo = Servo(
+        bench.tick, bench.library.functions, HANDLE, clock=bench.library.clock, realtime=False
+    )
+    bench.step()
+    state = bench.state
+    assert (state.delivered_j, state.late_ticks) == (given, 0)
+    assert state.velocity == ZERO3
+    assert state.force == ZERO3
 
 
 def test_force_errors_release_wait_and_come_back(bench: Bench) -> None:

@@ -20,6 +20,7 @@ from cardan.drivers.omni.tick import (
     StylusSample,
     Tick,
     TickLimits,
+    UncheckedLimits,
     available,
     kinematics,
     library_path,
@@ -57,7 +58,7 @@ class Rig:
     """A tick, its clock, and a command source that never falls silent unless told to."""
 
     def __init__(self, **limits: Any) -> None:
-        self.tick = Tick(TickLimits(**{**ROOM, **limits}))
+        self.tick = Tick(UncheckedLimits(**{**ROOM, **limits}))
         self.limits = self.tick.limits
         self.now_s = 100.0
         self.sequence = 0
@@ -553,8 +554,37 @@ def test_a_command_with_an_old_stamp_is_as_dead_as_none() -> None:
 def test_a_stamp_of_a_time_to_come_is_not_believed() -> None:
     rig = Rig()
     rig.press()
-    rig.tick.command(rig.command._replace(sequence=rig.sequence + 1, stamp_s=rig.now_s + 3600.0))
+    rig.tick.command(rig.command._replace(sequence=rig.sequence + 1, stamp_s=rig.now_s + 0.9))
     assert rig.zero_after(silent=True) <= 0.005 + 1e-9
+    rig.step()
+    assert rig.state.dropped_commands == 0, "nor does it stand in the way of others"
+    assert rig.state.command_age_s == 0.0
+
+
+@pytest.mark.parametrize("ahead_s", [1.1, 3600.0, 1.7e9, 1e300])
+def test_a_stamp_of_another_clock_is_refused_and_changes_nothing(ahead_s: float) -> None:
+    rig = Rig()
+    rig.press()
+    bad = rig.command._replace(sequence=2**60, stamp_s=rig.now_s + ahead_s)
+    with pytest.raises(CommandError, match=r"time to come.*monotonic"):
+        rig.tick.command(bad)
+    for _ in range(100):
+        assert rig.step().z == pytest.approx(1.5, abs=0.02)
+    assert rig.state.dropped_commands == 0
+
+
+def test_a_stamp_is_judged_by_the_callers_clock_where_it_has_one() -> None:
+    tick = Tick()
+    with pytest.raises(CommandError, match="time to come"):
+        tick.command(HapticCommand(1, 10.1), now_s=10.0)
+    assert tick.command(HapticCommand(1, 10.01), now_s=10.0)
+
+
+def test_a_stamp_of_another_clock_before_the_first_tick_does_not_block_later_ones() -> None:
+    rig = Rig()
+    rig.tick.command(rig.command._replace(sequence=2**60, stamp_s=1.7e9))
+    rig.press()
+    assert rig.state.dropped_commands <= 1
 
 
 def test_a_stamp_ahead_of_the_clock_makes_no_command_live_longer() -> None:
@@ -659,7 +689,9 @@ def test_buzzing_halves_the_force_then_pauses() -> None:
 def test_a_late_tick_asks_for_no_force_and_a_long_gap_pauses() -> None:
     rig = Rig()
     rig.press()
-    assert rig.step(gap_s=0.0021).z == pytest.approx(1.5 - 0.84, abs=0.02)
+    assert rig.step(gap_s=0.0021).z == pytest.approx(1.5 - 0.4, abs=0.02)
+    assert rig.state.reason == "the tick was late"
+    assert rig.run(0.009).z == pytest.approx(1.5, abs=0.02), "no hole of 40 ms"
     assert rig.run(0.1).z == pytest.approx(1.5, abs=0.02)
     assert rig.step(gap_s=0.006) == ZERO3
     assert rig.state.late_ticks == 2
@@ -667,6 +699,181 @@ def test_a_late_tick_asks_for_no_force_and_a_long_gap_pauses() -> None:
     assert rig.step(gap_s=0.025) == ZERO3
     assert rig.state.state is OperatingState.PAUSED
     assert not rig.state.rendering
+
+
+@pytest.mark.parametrize("what", ["silence", "late tick", "unsound"])
+def test_after_an_interruption_the_force_comes_back_by_the_ramp(what: str) -> None:
+    rig = Rig()
+    rig.press()
+    if what == "silence":
+        for _ in range(40):
+            rig.step(silent=True)
+    elif what == "late tick":
+        rig.step(gap_s=0.006)
+    else:
+        for _ in range(6):
+            rig.step(unsound=True)
+        rig.sample = rig.sample._replace(unsound=False)
+    assert rig.forces[-1] == ZERO3
+    assert rig.state.state is OperatingState.ENABLED
+    start = len(rig.forces)
+    rig.run(0.12)
+    back = [round(force.z, 9) for force in rig.forces[start:]]
+    assert back[29] < 0.3 * 1.5 + 0.1, "at the slew limit it would be all there"
+    assert back[-1] == pytest.approx(1.5, abs=0.02)
+    assert back == sorted(back)
+
+
+def test_a_source_that_stutters_is_paused_and_begins_small_once_it_is_steady() -> None:
+    """One command each 71 ms would be a sawtooth of 14 Hz for ever."""
+    rig = Rig()
+    rig.press()
+    before = rig.state.energy_j
+    for _ in range(6):
+        rig.step()
+        for _ in range(70):
+            rig.step(silent=True)
+    state = rig.state
+    assert state.state is OperatingState.PAUSED
+    assert "too irregular" in state.reason
+    assert all(force == ZERO3 for force in rig.forces[-2 * 71 :])
+    rig.run(0.4)
+    assert rig.state.state is OperatingState.PAUSED, "not calm for long enough"
+    rig.run(0.2)
+    assert rig.state.state is OperatingState.ENABLED
+    assert rig.run(0.5) == ZERO3
+    assert "too large to engage" in rig.state.reason
+    rig.glide(ABOVE, 0.1)
+    rig.run(1.1)
+    assert rig.glide(BELOW, 0.2).z > 1.0
+    assert before > 0.0
+
+
+def test_late_ticks_again_and_again_are_paused_too() -> None:
+    rig = Rig()
+    rig.press()
+    for k in range(400):
+        rig.step(gap_s=0.006 if k % 100 == 99 else PERIOD_S)
+    assert "too irregular" in rig.state.reason
+
+
+def test_a_few_interruptions_far_from_each_other_are_none() -> None:
+    rig = Rig()
+    rig.press()
+    for _ in range(8):
+        rig.run(0.4)
+        rig.step(gap_s=0.006)
+    assert rig.state.state is OperatingState.ENABLED
+
+
+def test_interruptions_are_of_the_same_engagement() -> None:
+    rig = Rig(passivity=False)
+    rig.press()
+    before = rig.state.given_peak_j, rig.state.energy_j
+    for _ in range(6):
+        rig.step()
+        for _ in range(70):
+            rig.step(silent=True)
+    rig.run(0.6)
+    assert rig.state.energy_j == pytest.approx(before[1], abs=1e-4)
+    assert rig.state.given_peak_j == before[0]
+
+
+@pytest.mark.parametrize("rate_hz", [500, 700, 880])
+def test_a_slow_loop_gives_no_force_and_engages_anew(rate_hz: int) -> None:
+    rig = Rig()
+    rig.press()
+    for _ in range(rate_hz // 2):
+        rig.step(gap_s=1.0 / rate_hz)
+        assert distance(rig.forces[-1], rig.forces[-2]) <= 0.4 / rate_hz * 1000 + 1e-9
+    state = rig.state
+    assert state.force == ZERO3
+    assert not state.rendering
+    assert state.reason in ("the force loop is too slow for force", "the tick was late")
+    assert rig.run(0.5) == ZERO3
+    assert "too large to engage" in rig.state.reason
+    rig.glide(ABOVE, 0.1)
+    rig.run(1.1)
+    assert rig.glide(BELOW, 0.2).z > 1.0
+
+
+def test_around_the_lowest_rate_the_force_does_not_flutter() -> None:
+    rig = Rig()
+    rig.press()
+    changes, before = 0, True
+    for k in range(3000):
+        rig.step(gap_s=1.0 / (895.0 if k // 100 % 2 else 910.0))
+        rendering = rig.state.rendering
+        changes += rendering is not before
+        before = rendering
+    assert changes <= 1
+
+
+def test_one_stall_is_no_slow_loop() -> None:
+    rig = Rig()
+    rig.press()
+    rig.step(gap_s=0.019)
+    rig.run(0.02)
+    rig.step(gap_s=0.015)
+    reasons = set()
+    for _ in range(200):
+        rig.step()
+        reasons.add(rig.state.reason)
+    assert "the force loop is too slow for force" not in reasons
+    assert rig.forces[-1].z == pytest.approx(1.5, abs=0.02)
+
+
+def test_while_the_motors_are_off_nothing_is_asked_of_them() -> None:
+    rig = Rig()
+    rig.press()
+    rig.tick.allow(False)
+    assert rig.zero_after() <= 0.005 + 1e-9
+    assert rig.state.reason == "the motors are not on"
+    assert not rig.state.rendering
+    rig.tick.allow(True)
+    assert rig.run(0.3) == ZERO3, "it engages anew"
+
+
+def test_what_was_lost_is_a_fault_until_enabled() -> None:
+    rig = Rig()
+    rig.press()
+    rig.tick.lose()
+    state = rig.state
+    assert (state.state, state.faults) == (OperatingState.FAULT, 1)
+    assert "lost" in state.reason
+    rig.tick.lose()
+    assert rig.state.faults == 1
+    assert rig.zero_after() <= 0.005 + 1e-9
+    rig.glide(ABOVE, 0.1)
+    rig.run(1.2)
+    assert rig.glide(BELOW, 0.2) == ZERO3
+    # What nothing steps has no clock: commands go on, by their own order.
+    rig.tick.lose()
+    assert rig.tick.command(rig.command._replace(sequence=10**6, stamp_s=rig.now_s + 3600.0))
+
+
+def test_readings_that_fail_are_no_readings() -> None:
+    rig = Rig()
+    rig.press()
+    good = rig.state
+    before = rig.now_s
+    for k in range(120):
+        rig.step(unsound=True, position=Vector3(0.3, 0.3, 0.3), buttons=3, calibrated=False)
+        state = rig.state
+        assert state.stamp_s == pytest.approx(before)
+        assert (state.pose, state.presses) == (good.pose, good.presses)
+        assert state.calibration is Calibration.OK
+        assert (state.state is OperatingState.FAULT) is (k >= 100)
+        if k >= 6:
+            assert state.force == ZERO3
+    assert "readings fail" in rig.state.reason
+    assert rig.tick.details().bad_readings == 120
+
+
+def test_before_the_first_sound_reading_there_is_none() -> None:
+    rig = Rig()
+    rig.step(unsound=True, position=Vector3(0.3, 0.3, 0.3))
+    assert (rig.state.pose, rig.state.stamp_s) == (None, -math.inf)
 
 
 def test_after_a_long_gap_the_force_is_back_within_a_tenth_of_a_second() -> None:
@@ -709,6 +916,17 @@ def test_a_clock_that_stands_still_or_goes_back_gives_no_step() -> None:
     rig.send(force=Vector3(0.0, 5.0, 0.0))
     assert rig.step(gap_s=0.0) == before
     assert rig.step(gap_s=-0.5, silent=True) == before
+
+
+def test_after_a_late_tick_the_librarys_velocity_is_no_flight() -> None:
+    rig = Rig()
+    rig.press()
+    rig.step(gap_s=0.03, velocity=Vector3(0.0, 0.0, 1.6))
+    rig.run(0.02, velocity=Vector3(0.0, 0.0, 1.2))
+    assert rig.state.state is not OperatingState.FAULT
+    rig.run(0.2)
+    rig.step(velocity=Vector3(0.0, 0.0, 1.2))
+    assert rig.state.state is OperatingState.FAULT
 
 
 def test_under_a_clock_that_stands_the_force_goes() -> None:
@@ -855,12 +1073,57 @@ def test_bad_commands_are_refused_and_change_nothing(change: dict[str, Any], wor
         ({"workspace_lower_m": (0.0, 0.0)}, "three lengths"),
         ({"workspace_lower_m": (0.0, 0.0, 0.3)}, "workspace_upper_m"),
         ({"engage_ticks": 0}, "1 to 10000"),
+        ({"clamp_n": True}, "a number"),
+        ({"clamp_n": 10**400}, "a number"),
+        ({"passivity": "no"}, "true or false"),
+        ({"passivity": 1}, "true or false"),
+        ({"engage_ticks": 2.5}, "a whole number"),
+        ({"engage_ticks": True}, "a whole number"),
+        ({"workspace_upper_m": ("a", 0, 0)}, "three lengths"),
+        ({"workspace_upper_m": None}, "three lengths"),
+        ({"workspace_upper_m": (50.0, 50.0, 50.0)}, "-1 to 1 m"),
+        ({"hold_s": 0.5, "pause_s": 0.9}, "dead program"),
+        ({"velocity_gate_m_s": 1e9}, "0.2 to 2"),
+        ({"energy_budget_j": 1e9}, "0 to 0.2"),
         ({"buzz_changes": 50}, "2 to 32"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(change: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         TickLimits(**change)
+
+
+@pytest.mark.parametrize("name", tick_module.RANGES)
+@pytest.mark.parametrize("end", [0, 1])
+def test_both_languages_refuse_what_a_device_may_not_be_driven_with(name: str, end: int) -> None:
+    edge, reason = tick_module.RANGES[name][end], tick_module.RANGES[name][2]
+    beyond = edge * (1.001 if end else 0.999) - (1e-9 if edge == 0.0 else 0.0)
+    with pytest.raises(ValueError, match=name):
+        TickLimits(**{name: beyond})
+    assert reason
+    wide: dict[str, Any] = {"slew_fall_n_s": 3300.0, "release_s": 0.05, "pause_s": 0.9}
+    wide |= {"pause_gap_s": 0.09, "overrun_gap_s": 0.0012, "hold_s": 0.001}
+    for value, taken in ((edge, True), (beyond, False)):
+        limits = tick_module._c_limits(TickLimits(**wide))
+        setattr(limits, name, value)
+        if name == "pause_s":
+            limits.hold_s = min(limits.hold_s, value)
+        elif name == "slew_fall_n_s" and not end:
+            continue  # Too slow for any release, whatever the range.
+        elif name == "release_s" and not end:
+            limits.clamp_n = 2.0
+        pointer = tick_module._library().tick_create(ctypes.byref(limits))
+        assert bool(pointer) is taken, (name, value)
+        if pointer:
+            tick_module._library().tick_destroy(pointer)
+
+
+def test_experiments_may_go_beyond_and_say_so() -> None:
+    limits = UncheckedLimits(engage_ramp_s=0.0, velocity_gate_m_s=100.0)
+    Tick(limits).close()
+    assert isinstance(dataclasses.replace(limits, passivity=False), UncheckedLimits)
+    with pytest.raises(ValueError, match="a number"):
+        UncheckedLimits(clamp_n=NAN)
 
 
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(TickLimits)])
@@ -878,6 +1141,8 @@ def test_every_limit_arrives(name: str) -> None:
             change = value  # its only effect is what slew_fall_n_s must be
     else:
         change = 0.9 * value
+    if name == "temperature_limit":
+        change = 0.8
     a, b = (
         tick_module._c_limits(limits) for limits in (TickLimits(), TickLimits(**{name: change}))
     )
@@ -974,13 +1239,35 @@ def test_the_account_is_closed_only_once_the_force_is_gone() -> None:
     assert before == ZERO3
 
 
-def test_buttons_are_debounced_and_their_presses_counted() -> None:
+@pytest.mark.parametrize("bounce_ms", [0, 1, 3, 5, 10, 20])
+def test_a_bouncing_button_is_pressed_once_and_at_once(bounce_ms: int) -> None:
     rig = Rig()
-    for buttons in (0, 1, 0, 1, 1, 1, 0, 1, 1, 0, 0, 2, 2, 3, 3, 0, 0):
-        rig.step(buttons=buttons)
-    state = rig.state
-    assert state.presses == (2, 1)
-    assert state.buttons == 0
+    rig.run(0.05)
+    for press in range(1, 5):
+        rig.step(buttons=2)
+        assert rig.state.presses == (0, press), "the first edge counts"
+        for k in range(bounce_ms):
+            rig.step(buttons=2 * (k % 2))
+        rig.run(0.06, buttons=2)
+        assert rig.state.buttons == 2
+        rig.step(buttons=0)
+        assert rig.state.buttons == 0
+        for k in range(bounce_ms):
+            rig.step(buttons=2 * ((k + 1) % 2))
+        rig.run(0.06, buttons=0)
+        assert (rig.state.presses, rig.state.buttons) == ((0, press), 0)
+
+
+def test_buttons_do_not_hold_each_other_up_and_time_counts_not_ticks() -> None:
+    rig = Rig()
+    rig.run(0.05)
+    rig.step(buttons=1)
+    rig.step(buttons=3)
+    assert rig.state.presses == (1, 1)
+    rig.step(buttons=0, gap_s=0.024)
+    assert rig.state.buttons == 2, "25 ms from its own edge"
+    rig.step(buttons=0, gap_s=0.002)
+    assert rig.state.buttons == 0
 
 
 def test_a_snapshot_tells_what_the_device_told() -> None:

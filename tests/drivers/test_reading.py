@@ -175,3 +175,47 @@ def test_a_reader_that_hangs_is_not_joined_by_a_second_one(monkeypatch):
     monkeypatch.setattr(reading, "JOIN_TIMEOUT_S", PATIENCE_S)
     with device:
         assert device.state().link is DeviceLink.NEEDS_NEUTRAL
+
+
+def test_it_may_be_closed_and_opened_by_many_threads_at_once():
+    device = Device()
+    failures = []
+
+    def call(function):
+        for _ in range(30):
+            try:
+                function()
+            except Exception as error:
+                failures.append(error)
+
+    threads = [
+        threading.Thread(target=call, args=(each,))
+        for each in (device.open, device.close, device.open, device.close)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
+    assert failures == []
+    device.close()
+    device.close()
+    assert device.state().link is DeviceLink.CLOSED
+    device.open()
+    assert device.connected.wait(PATIENCE_S)
+    device.close()
+
+
+def test_a_reader_that_closes_itself_ends(monkeypatch):
+    device = Device()
+
+    def serve(stop):
+        device.close()
+        stop.wait(PATIENCE_S)
+
+    monkeypatch.setattr(device, "_serve", serve)
+    device.open()
+    thread = device._thread
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+    device.close()

@@ -4,6 +4,7 @@ goes to zero by ramp and in time where force is forbidden."""
 from __future__ import annotations
 
 import functools
+import itertools
 
 import numpy as np
 import pytest
@@ -57,7 +58,7 @@ def test_a_dead_source_is_a_ramp_of_5_ms(name):
         ("thrown along the wall", OperatingState.FAULT, "flew"),
         ("calibration lost", OperatingState.ENABLED, "not calibrated"),
         ("docked", OperatingState.ENABLED, "inkwell"),
-        ("ticks at 200 Hz", OperatingState.ENABLED, "late"),
+        ("ticks at 200 Hz", OperatingState.ENABLED, "too slow"),
         ("warm motors", OperatingState.ENABLED, "too large to engage"),
         ("over-force", OperatingState.ENABLED, "too large to engage"),
     ],
@@ -70,11 +71,15 @@ def test_no_force_afterwards_and_why(name, state, reason):
     assert not one.trace.sent_n[-1].any()
 
 
-def test_ticks_that_come_5_ms_late_cost_the_force_for_one_tick_and_it_comes_back_by_ramp():
+def test_after_a_tick_that_comes_5_ms_late_the_force_comes_back_by_ramp_but_not_for_ever():
     one = felt("ticks 5 ms late")
     assert one.after.late_ticks == 10
-    assert one.again
-    assert one.after.state is OperatingState.ENABLED
+    reasons = [reason for reason, _ in itertools.groupby(reason for _, reason in one.trace.states)]
+    first = reasons.index("the tick was late")
+    assert reasons[first + 1] == "engaging"
+    assert one.after.state is OperatingState.PAUSED
+    assert "too irregular" in one.after.reason
+    assert not one.trace.sent_n[-1].any()
 
 
 def test_ticks_that_come_30_ms_late_pause_it():

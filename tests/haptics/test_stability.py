@@ -1,19 +1,21 @@
 """The closed loop in virtual time: where the plain loop feeds the hand, ours stays passive.
 
-Energy is the simulation's own; the bound is that of tick.h, with the allowance that
-`bench.haptics.stability` derives for a quantised position.
+Energy is the simulation's own. The bound is the budget of tick.h and what the encoders and the
+motors' converter hid from the books, which `bench.haptics.stability` adds up from the truth; the
+sum for hard accelerations is not in it.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import random
 
 import numpy as np
 import pytest
 
 from bench.haptics import theory
-from bench.haptics.loop import MISPLACED_M
+from bench.haptics.loop import MISPLACED_M, Rig
 from bench.haptics.remote import Channel, Link, RemoteWall, Robot, Wall
 from bench.haptics.stability import (
     HANDS,
@@ -23,19 +25,21 @@ from bench.haptics.stability import (
     PLAIN,
     PUSHES,
     UNHELD,
-    allowance_j,
     compare,
+    hidden_j,
     judge,
     local,
-    promised_j,
     remote,
     summary,
     table,
 )
 from bench.haptics.zwidth import FRICTIONLESS
+from cardan.haptics import HapticCommand, Plane
 from cardan.types import ZERO3, Vector3
 
 UP = Vector3(0.0, 0.0, 1.0)
+MOST_J = OURS.energy_budget_j + 0.0005
+"""Whatever the sensors hid."""
 
 
 @functools.cache
@@ -53,6 +57,7 @@ def test_the_plain_loop_goes_unstable_and_ours_does_not(push):
     assert not plain.settled
     assert plain.given_j > 10.0 * ours.bound_j
     assert ours.stable
+    assert ours.harder_j == 0.0
 
 
 def test_the_tables():
@@ -78,22 +83,25 @@ def test_an_unstable_loop_keeps_feeding_the_hand():
 @pytest.mark.parametrize("hand", HANDS, ids=lambda hand: hand.name)
 def test_ours_keeps_its_bound_everywhere(hand, delay_s, stiffness):
     found = run(True, hand, stiffness, Link(delay_s))
-    assert found.margin_j >= 0.0
+    assert found.passive
+    assert found.given_j <= MOST_J
     if hand is not UNHELD:
         assert found.settled
 
 
 def test_ours_keeps_its_bound_whatever_the_channel_does():
     chance = random.Random(6)
-    for _ in range(25):
+    for _ in range(20):
         link = Link(
             chance.choice((0.0, chance.uniform(0.0, 0.1))),
             chance.uniform(0.0, 0.1),
             chance.uniform(0.0, 0.6),
-            chance.choice((0.004, 0.008, 0.012, 0.02)),
+            chance.choice((0.004, 0.008, 0.012, 0.018)),
         )
         hand, stiffness = chance.choice(HANDS), 10.0 ** chance.uniform(1.0, 4.0)
-        assert run(True, hand, stiffness, link).margin_j >= 0.0, (hand.name, stiffness, link)
+        found = run(True, hand, stiffness, link)
+        assert found.passive, (hand.name, stiffness, link)
+        assert found.given_j <= MOST_J
 
 
 def test_a_wall_in_the_tick_itself():
@@ -104,21 +112,59 @@ def test_a_wall_in_the_tick_itself():
     assert ours.stable
 
 
-def test_the_tick_books_no_less_than_the_truth():
-    for limits, hand, link in ((OURS, LIGHTLY, Link(0.05)), (PLAIN, UNHELD, Link())):
-        trace = remote(limits, hand, 400.0, link)
-        # It hears of a motion in the next tick.
-        books = (trace.believed_j + allowance_j(trace))[1:]
-        assert np.all(trace.given_j[:-1] <= books)
-        assert promised_j(trace, limits)[-1] >= limits.energy_budget_j
+@pytest.mark.parametrize(
+    ("limits", "hand", "link"), [(OURS, LIGHTLY, Link(0.05)), (PLAIN, UNHELD, Link())]
+)
+def test_the_tick_books_no_less_than_the_truth(limits, hand, link):
+    trace = remote(limits, hand, 400.0, link)
+    told = trace.given_j - hidden_j(trace)
+    # It hears of a motion in the next tick.
+    assert np.all(told[:-1] <= trace.believed_j[1:] + 1e-9)
+
+
+def test_a_position_is_a_tick_old_and_no_further_off_than_its_quantum():
+    trace = remote(OURS, LIGHTLY, 400.0, Link(0.05))
+    off_m = np.linalg.norm(trace.measured_m[1:] - trace.position_m[:-1], axis=1)
+    assert off_m[1:].max() <= MISPLACED_M
+
+
+def test_what_the_sensors_hide_stays_small_in_half_a_minute_of_swinging():
+    """It adds up force by force, and may do so without end; rounding is no friend of anyone."""
+    trace = local(OURS, FRICTIONLESS, 2000.0, seconds=30.0)
+    assert np.ptp(hidden_j(trace)) > 1e-4
+    assert hidden_j(trace).max() < 5e-4
+    assert judge(trace, OURS).passive
 
 
 def test_a_position_that_comes_a_tick_late_is_no_loophole():
     """Without friction nothing forgives it: a stiff wall under a weight swings for ever if the
     work is booked with the wrong tick's force."""
     trace = local(OURS, FRICTIONLESS, 400.0, seconds=5.0)
-    assert trace.given_j.max() <= OURS.energy_budget_j + 0.002
+    assert trace.given_j.max() <= MOST_J
     assert judge(trace, OURS).passive
+
+
+@pytest.mark.parametrize(
+    ("fault", "value"), [("jitter", 500.0), ("late-tick", 1.5), ("slow-ticks", 900.0)]
+)
+@pytest.mark.parametrize("hand", [LIGHTLY._replace(friction_n=0.0), FRICTIONLESS])
+def test_uneven_ticks_are_no_loophole(hand, fault, value):
+    """Beyond what tick.h promises, which is of a steady period."""
+    wall = Plane(ZERO3, UP, 1500.0)
+    with Rig(OURS, hand.settings) as rig:
+        rig.tick.enable()
+        rig.sim.fault(fault, value)
+        numbers = itertools.count(1)
+
+        def each(now_s):
+            rig.tick.command(HapticCommand(next(numbers), now_s, True, fixtures=(wall,)))
+
+        rig.run(0.3, each)
+        rig.sim.push(Vector3(0.0, 0.0, hand.push_n))
+        rig.run(3.0, each)
+        trace = rig.trace
+    assert np.linalg.norm(trace.sent_n, axis=1).max() > 0.5
+    assert trace.given_j.max() <= MOST_J
 
 
 def test_a_soft_wall_is_rendered_and_not_spared_away():

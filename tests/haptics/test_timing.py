@@ -37,6 +37,10 @@ def test_the_age_ends_with_the_first_frame_whose_force_follows():
     assert math.isnan(timing._first_change(ticks, 4.5e-3))
 
 
+def test_how_busy_the_machine_was_is_said():
+    assert re.match(r"Load in the minute before: \d+\.\d on \d+ processors", timing.load_words())
+
+
 def test_the_tables():
     found = [
         timing.Evenness(what, load, fifo, True, np.full(10, 5e-5), np.full(10, 3e-6), 1000.0)
@@ -51,8 +55,9 @@ def test_the_tables():
     words = timing.verdicts(found, np.full(10, 1e-6), ages, ages, 7e-3)
     assert words.count(": met") == 5
     assert words.count("**missed**") == 1
-    width = zwidth.Width(0.5, 0.0, 400.0, 302.0, 427.0, 2309.0, 733.0)
+    width = zwidth.Width(0.5, 0.0, 400.0, 302.0, 427.0, 2309.0, 733.0, 0.012)
     assert zwidth.table([width]).splitlines()[2].startswith("| 0.5 N·s/m | 0 | 400 | 302 |")
+    assert zwidth.table([width]).endswith("| 2309 | 733 | 12.0 mJ |")
 
 
 def test_the_page_has_every_fault_and_everything_that_is_pushed():

@@ -26,9 +26,6 @@ from cardan.types import NEVER_S, ZERO3, ButtonEvent, DeviceLink, DeviceState, P
 BUTTONS = ("button_1", "button_2")
 """button_1 is the front one (dark), button_2 the rear one (white)."""
 
-LOWEST_FORCE_RATE_HZ = 900.0
-"""Below this rate of the library's loop there is no force: a wall would buzz."""
-
 RATE_KNOWN_AFTER = 80
 """So many ticks after the opening the rate, which is smoothed, is believed."""
 
@@ -45,6 +42,9 @@ SETTLES = (Calibration.OK, Calibration.UNKNOWN)
 
 SLOW_S = 0.3
 """A rate below is no passing stall when it lasts so long."""
+
+GAP_TOLD_S = 0.05
+"""A gap between two ticks that nobody saw is told for so long, so that everybody sees it."""
 
 WARM = 0.8
 """Temperature, of 1, from which on the diagnosis tells of it."""
@@ -118,6 +118,11 @@ class OmniCore:
         """Whether the loop is fast enough for force."""
         self._slow_since_s: float | None = None
         self._update_due = False
+        self._gap_seen_s = NEVER_S
+        self.errors = 0
+        """Of the library, as the tick has counted them."""
+        self.bad_readings = 0
+        """Ticks in which the device could not be read."""
         self._longest_gap_s = 0.0
         self._longest_cost_s = 0.0
         self._opened_s = 0.0
@@ -131,6 +136,7 @@ class OmniCore:
         self._heard = False
         self._fast, self._slow_since_s = False, None
         self._update_due = False
+        self._gap_seen_s = NEVER_S
         self._stamp_s = NEVER_S
         self._open, self._opened_s = True, now_s
         self._distrust(DeviceLink.NEEDS_NEUTRAL, UNSEEN_REASON, now_s)
@@ -159,6 +165,9 @@ class OmniCore:
             return
         if not self._heard:
             self._first_tick = snapshot.ticks
+        elif snapshot.gap_s > self._options.stale_after_s and snapshot.ticks != last.ticks:
+            # Nobody looked meanwhile, or could have: it was a loss all the same.
+            self._gap_seen_s = now_s
         self._heard = True
         self._stamp_s = snapshot.stamp_s
         self._judge_rate(snapshot, now_s)
@@ -179,14 +188,14 @@ class OmniCore:
         return due
 
     def taken(self, now_s: float) -> HapticState:
-        """The newest snapshot as of `now_s`; the next one's longest gap and cost count from here."""
+        """The newest snapshot as of `now_s`; the next one's longest gap and cost count from now."""
         snapshot = self.told(now_s)
         self.snapshot = self.snapshot._replace(gap_s=0.0, tick_cost_s=0.0)
         return snapshot
 
     def told(self, now_s: float) -> HapticState:
-        """The newest snapshot as of `now_s`: no force in it, and the reason in words, where it is too
-        old to tell, or the device must not give force."""
+        """The newest snapshot as of `now_s`: no force in it, and the reason in words, where it is
+        too old to tell, or the device must not give force."""
         snapshot = self.snapshot
         reason = ""
         if not self._ticks(now_s):
@@ -197,9 +206,7 @@ class OmniCore:
             return snapshot
         if snapshot.state is OperatingState.FAULT:
             reason = snapshot.reason or reason
-        return snapshot._replace(
-            force=ZERO3, force_commanded=ZERO3, rendering=False, reason=reason
-        )
+        return snapshot._replace(force=ZERO3, force_commanded=ZERO3, rendering=False, reason=reason)
 
     def _ticks(self, now_s: float) -> bool:
         """Whether the newest snapshot is of now."""
@@ -298,6 +305,8 @@ class OmniCore:
             "dropped_commands": snapshot.dropped_commands,
             "stale_commands": snapshot.stale_commands,
             "faults": snapshot.faults,
+            "library_errors": self.errors,
+            "bad_readings": self.bad_readings,
             "calibrations_lost": self.calibration.changes,
             "lost_edges": self._buttons.lost_edges,
         }
@@ -335,6 +344,10 @@ class OmniCore:
                 f"{self._silences} times no tick came for more than "
                 f"{self._options.stale_after_s * 1e3:g} ms"
             )
+        if self.bad_readings:
+            words.append(f"{self.bad_readings} times the device could not be read")
+        if self.errors:
+            words.append(f"{self.errors} errors of the library")
         words += [
             f"{count} {text}"
             for key, text in _COUNTERS.items()
@@ -362,7 +375,7 @@ class OmniCore:
             self._distrust(link, reason, now_s)
 
     def _judge_rate(self, snapshot: HapticState, now_s: float) -> None:
-        if snapshot.rate_hz >= LOWEST_FORCE_RATE_HZ:
+        if snapshot.rate_hz >= self._options.lowest_rate_hz:
             self._slow_since_s = None
             self._fast = self._fast or snapshot.ticks - self._first_tick >= RATE_KNOWN_AFTER
         elif self._slow_since_s is None:
@@ -381,6 +394,12 @@ class OmniCore:
                 DeviceLink.STALE,
                 f"no tick of the force loop for {options.stale_after_s * 1e3:g} ms: is the machine "
                 "busy, or the device gone?",
+            )
+        if now_s - self._gap_seen_s < GAP_TOLD_S:
+            return (
+                DeviceLink.STALE,
+                f"no tick of the force loop for more than {options.stale_after_s * 1e3:g} ms a "
+                "moment ago",
             )
         if reason := self.calibration.reason(now_s):
             return DeviceLink.NEEDS_NEUTRAL, reason

@@ -19,7 +19,7 @@ from cardan.drivers.access import UDEV_HINT
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.omni import library
-from cardan.drivers.omni.core import BUTTONS, SETTLING_S, Identity, OmniCore
+from cardan.drivers.omni.core import BUTTONS, Identity, OmniCore
 from cardan.drivers.omni.library import LibHD, error_words
 from cardan.drivers.omni.options import OmniOptions
 from cardan.drivers.omni.tick import WORKSPACE_LOWER_M, WORKSPACE_UPPER_M, Servo, Tick, TickLimits
@@ -93,6 +93,10 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         self._servo: Servo | None = None
         self._has_light = False
         self._force_allowed = False
+        """The motors are on."""
+        self._barred_s = math.inf
+        """Since when the tick was told that they will not be."""
+        self._ticks_seen = 0
         self._sequence = 0
         self._joint_torques = options.force_mode == "joint"
         self._transformation = IDENTITY_POSE
@@ -135,36 +139,36 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         Raises DeviceNotFoundError or DeviceAccessError in words, unless `wait_for_device` is set;
         NativeMissingError when Cardan's own compiled part is not there.
         """
-        if self._opened:
-            return
-        if self._tick is None:
-            self._tick = Tick(self.options.limits())
-        try:
-            super().open()
-        except BaseException:
-            self._forget_tick()
-            raise
-        atexit.register(self._at_exit)
+        with self._opening:
+            if self._opened:
+                return
+            if self._tick is None:
+                self._tick = Tick(self.options.limits())
+            try:
+                super().open()
+            except BaseException:
+                self._forget_tick()
+                raise
+            atexit.register(self._at_exit)
         deadline_s = time.monotonic() + self.options.calibration_wait_s
         while (now_s := time.monotonic()) < deadline_s:
             with self._lock:
-                if self._core.calibration.usable(now_s):
+                if not self._opened or self._core.calibration.usable(now_s):
                     return
             time.sleep(WATCH_PERIOD_S)
 
     def close(self) -> None:
-        """No force, by ramp; then end the loop and let go of the device."""
-        if not self._opened:
-            return
-        tick = self._tick
-        assert tick is not None
-        with contextlib.suppress(Exception):
-            with self._commands:
-                tick.disable()
-            self._await_no_force()
-        super().close()
-        atexit.unregister(self._at_exit)
-        self._forget_tick()
+        """No force, by ramp; then end the loop and let go of the device. Never raises."""
+        with self._opening:
+            if not self._opened:
+                return
+            with contextlib.suppress(Exception):
+                with self._commands:
+                    self._opened_tick().disable()
+                self._await_no_force()
+            super().close()
+            atexit.unregister(self._at_exit)
+            self._forget_tick()
 
     # -- what it measures ----------------------------------------------------------------------
 
@@ -184,15 +188,16 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def render(self, command: HapticCommand) -> None:
         """Render `command` from the next tick on."""
         with self._commands:
-            self._opened_tick().command(command)
+            self._opened_tick().command(command, time.monotonic())
             self._sequence = max(self._sequence, command.sequence)
 
-    def enable(self) -> None:
+    def enable(self, wait_s: float = 0.0) -> None:
         """Let force out; after a latched fault this tries again.
 
-        Right after the opening or the inkwell it waits, for half a second at most, until it can be.
+        Raises CommandError at once while it cannot be. Right after the opening or the inkwell that
+        passes by itself ("not ready yet"): `wait_s` has it wait for that, s at most.
         """
-        deadline_s = time.monotonic() + SETTLING_S
+        deadline_s = time.monotonic() + wait_s
         while True:
             with self._commands:
                 tick = self._opened_tick()
@@ -204,7 +209,8 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
                     tick.enable()
                     return
             if not settling or now_s >= deadline_s:
-                raise CommandError(f"the force cannot be enabled: {obstacle}")
+                yet = "not ready yet, " if settling else ""
+                raise CommandError(f"the force cannot be enabled: {yet}{obstacle}")
             time.sleep(WATCH_PERIOD_S)
 
     def disable(self) -> None:
@@ -232,9 +238,9 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         force = feedback.wrench.force
         if feedback.wrench.frame is Frame.TOOL:
             with self._lock:
-                pose = self._core.snapshot.pose
+                pose, _ = self._core.measured(self._look())
             if pose is None:
-                return
+                return  # Nobody knows where the stylus points.
             force = spatial.rotate(pose.orientation, force)
         with self._commands:
             if self._tick is not None:
@@ -276,7 +282,8 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         self._set_mode(joint_torques=True)
 
     def get_max_feedback(self) -> Vector3:
-        """The largest feedback: N in Cartesian mode (of the norm), N·m in joint torque mode."""
+        """The largest feedback: N in Cartesian mode, of the norm; N·m in joint torque mode, of each
+        joint. Torques are limited as a force, too: theirs at the gimbal is within the same norm."""
         limits = self._limits()
         most = limits.torque_limit_n_m if self._joint_torques else limits.clamp_n
         return Vector3(most, most, most)
@@ -285,15 +292,22 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         """Force in N along the transformation's axes, or joint torques in N·m.
 
         It starts with less than `engage_below_n`, as every force does, and ends `hold_s` after the
-        last call. Raises CommandError for what is not finite, NotOpenError.
+        last call. Raises CommandError for what is not three finite numbers, NotOpenError.
         """
+        try:
+            x, y, z = map(float, feedback)
+        except (TypeError, ValueError, OverflowError):
+            raise CommandError(f"the feedback {feedback!r:.60} is not three numbers") from None
+        asked = Vector3(x, y, z)
+        if not spatial.is_finite(asked):
+            raise CommandError(f"the feedback {asked} is not finite")
         with self._commands:
             self._opened_tick()
             if self._joint_torques:
-                self._send(torques=Vector3(*feedback))
+                self._send(torques=asked)
             else:
                 back = spatial.conjugate(self._transformation.orientation)
-                self._send(force=spatial.rotate(back, Vector3(*feedback)))
+                self._send(force=spatial.rotate(back, asked))
 
     def stop_feedback(self) -> None:
         """No feedback, by ramp."""
@@ -331,14 +345,10 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     ) -> None:
         """Command that and nothing else; `_commands` is held and the tick is there."""
         self._sequence += 1
+        now_s = time.monotonic()
         self._opened_tick().command(
-            HapticCommand(
-                self._sequence,
-                time.monotonic(),
-                engaged,
-                force=force,
-                joint_torques_n_m=torques,
-            )
+            HapticCommand(self._sequence, now_s, engaged, force=force, joint_torques_n_m=torques),
+            now_s,
         )
 
     def _set_mode(self, *, joint_torques: bool) -> None:
@@ -373,12 +383,14 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     # -- inside: the device --------------------------------------------------------------------
 
     def _connect(self) -> None:
-        options, tick = self.options, self._tick
-        assert tick is not None
+        options = self.options
+        with self._commands:
+            tick = self._opened_tick()
         hd = library.load(options.library)
         handle = hd.init_device(options.device)
         self._hd, self._handle = hd, handle
-        self._force_allowed = False
+        self._force_allowed, self._barred_s = False, math.inf
+        tick.allow(False)
         hd.enable(handle, Capability.FORCE_OUTPUT, False)
         identity = _identity(hd, handle)
         self._has_light = options.status_light and _light_works(hd, handle)
@@ -396,16 +408,14 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     def _watch(self) -> None:
         """Look after the device once. Raises DeviceAccessError when it is gone."""
-        hd, handle, scheduled = self._hd, self._handle, self._scheduled
-        assert hd is not None
-        assert handle is not None
-        assert scheduled is not None
-        tick = self._tick
-        assert tick is not None
+        hd, handle, scheduled, tick = self._hd, self._handle, self._scheduled, self._tick
+        if hd is None or handle is None or scheduled is None or tick is None:
+            raise DeviceAccessError("the device was let go")
         with self._lock:
             now_s = self._look()
             snapshot = self._core.snapshot
-        details = tick.details()
+            details = tick.details()
+            self._core.errors, self._core.bad_readings = details.errors, details.bad_readings
         if not hd.scheduled(scheduled):
             with self._lock:
                 self._look()  # Its last words may have come since.
@@ -414,20 +424,48 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
                 raise DeviceAccessError(error_words(details.error, details.internal_error))
             raise DeviceAccessError("the library ended the force loop without a word")
         if now_s - snapshot.stamp_s > DEAD_AFTER_S and self._core.open_for_s(now_s) > DEAD_AFTER_S:
+            if snapshot.ticks != self._ticks_seen:
+                words = f"the device could not be read for {DEAD_AFTER_S:g} s"
+                if details.error:
+                    words += f": {error_words(details.error, details.internal_error)}"
+                raise DeviceAccessError(words)
             raise DeviceAccessError(
                 f"the library's loop has stood still for {DEAD_AFTER_S:g} s without a word"
             )
+        self._ticks_seen = snapshot.ticks
         with self._lock:
             update = self._core.take_update()
             allowed = not self._core.force_obstacle(now_s)
             style = self._core.calibration.style
             if details.realtime is False:
                 self._core.hint = NO_PRIORITY
-        if allowed is not self._force_allowed:
-            hd.enable(handle, Capability.FORCE_OUTPUT, allowed)
-            self._force_allowed = allowed
+        self._switch(hd, handle, tick, snapshot, allowed)
         if update:
             hd.update_calibration(handle, style)
+
+    def _switch(
+        self, hd: LibHD, handle: int, tick: Tick, snapshot: HapticState, allowed: bool
+    ) -> None:
+        """The motors on or off, while the tick sends no force only."""
+        if allowed:
+            if not self._force_allowed:
+                hd.enable(handle, Capability.FORCE_OUTPUT, True)
+            self._force_allowed, self._barred_s = True, math.inf
+            tick.allow(True)
+        elif self._force_allowed:
+            tick.allow(False)
+            self._barred_s = min(self._barred_s, time.monotonic())
+            # A tick of after that has seen it; the one under way then may not have.
+            if snapshot.stamp_s > self._barred_s + WATCH_PERIOD_S / 2 and snapshot.force == ZERO3:
+                hd.enable(handle, Capability.FORCE_OUTPUT, False)
+                self._force_allowed, self._barred_s = False, math.inf
+
+    def _lose(self, reason: str) -> None:
+        if self._scheduled is not None:
+            # Whatever ended it: what comes back has no force until somebody enables it.
+            with contextlib.suppress(DriverError), self._commands:
+                self._opened_tick().lose()
+        super()._lose(reason)
 
     def _release(self) -> None:
         hd, handle, scheduled, servo = self._hd, self._handle, self._scheduled, self._servo

@@ -16,14 +16,28 @@
 /* What a device may not have: asked for once, and not again if that gave an error. */
 enum { HAS_VELOCITY = 1, HAS_GIMBAL = 2, HAS_ENCODERS = 4, HAS_TEMPERATURE = 8, HAS_INKWELL = 16 };
 
+/* The library has one stack of errors for all devices, and whoever empties it finds the others'
+ * too: each gets its own by this letter box. The boxes are static, since a servo may be freed while
+ * another one's tick looks for it. */
+#define BOXES 16
+
+typedef struct {
+    _Atomic uint64_t owner; /* handle + 1; 0: free */
+    _Atomic uint64_t error; /* code << 32 | internal; 0: none. One that ends the loop stays */
+} Box;
+
+static Box boxes[BOXES];
+
 struct Servo {
     Tick *tick;
+    Box *box; /* NULL: there were too many */
     ServoFunctions hd;
     HHD device;
     double (*clock)(void);
     bool realtime;
     _Atomic int stop;
     bool started;
+    bool probed; /* what there is was asked for */
     unsigned has;
     uint64_t ticks;
     TickSample sample;
@@ -133,11 +147,20 @@ Servo *servo_create(Tick *tick, const ServoFunctions *functions, HHD device, int
     servo->realtime = realtime != 0;
     servo->sample.by_torque = joint_torque != 0;
     servo->sample.rotation[0] = servo->sample.rotation[4] = servo->sample.rotation[8] = 1.0;
+    for (int i = 0; i < BOXES && !servo->box; i++) {
+        uint64_t nobody = 0;
+        if (atomic_compare_exchange_strong(&boxes[i].owner, &nobody, (uint64_t)device + 1)) {
+            servo->box = boxes + i;
+            atomic_store(&servo->box->error, 0);
+        }
+    }
     return servo;
 }
 
 void servo_destroy(Servo *servo)
 {
+    if (servo->box)
+        atomic_store(&servo->box->owner, 0);
     free(servo);
 }
 
@@ -151,18 +174,59 @@ static bool ends_the_loop(HDerror code)
     return code == HD_DEVICE_FAULT || code == HD_COMM_ERROR || code == HD_TIMER_ERROR;
 }
 
-/* Empties the library's stack of errors; true if one of them ends the loop. */
-static bool take_errors(Servo *servo, double now_s)
+static bool is_force_error(HDerror code)
+{
+    return (code & 0xff00u) == 0x0200u;
+}
+
+/* An error of another device: to whom it may concern. */
+static void forward(const HDErrorInfo *error)
+{
+    uint64_t packed = (uint64_t)error->errorCode << 32 | (uint32_t)error->internalErrorCode;
+    for (int i = 0; i < BOXES; i++) {
+        if (atomic_load(&boxes[i].owner) != (uint64_t)error->hHD + 1)
+            continue;
+        uint64_t before = atomic_load(&boxes[i].error);
+        while (!ends_the_loop((HDerror)(before >> 32)) &&
+               !atomic_compare_exchange_weak(&boxes[i].error, &before, packed))
+            ;
+    }
+}
+
+/* True if it ends the loop. */
+static bool take(Servo *servo, HDerror code, int internal, double now_s)
+{
+    if (ends_the_loop(code)) {
+        tick_fatal(servo->tick, code, internal);
+        return true;
+    }
+    tick_error(servo->tick, code, internal, now_s);
+    return false;
+}
+
+/* What the others have found of this device's; true if it ends the loop. */
+static bool take_letter(Servo *servo, double now_s)
+{
+    uint64_t letter = servo->box ? atomic_exchange(&servo->box->error, 0) : 0;
+    return letter && take(servo, (HDerror)(letter >> 32), (int32_t)(uint32_t)letter, now_s);
+}
+
+/* Empties the library's stack of errors; true if one of them ends the loop. `failed`, where it is
+ * not NULL, becomes true if one says that a reading failed. */
+static bool take_errors(Servo *servo, double now_s, bool *failed)
 {
     for (int i = 0; i < ERRORS_AT_ONCE; i++) {
         HDErrorInfo error = servo->hd.get_error();
         if (error.errorCode == HD_SUCCESS)
             return false;
-        if (ends_the_loop(error.errorCode)) {
-            tick_fatal(servo->tick, error.errorCode, error.internalErrorCode);
-            return true;
+        if (error.hHD != servo->device && error.hHD != HD_INVALID_HANDLE) {
+            forward(&error);
+            continue;
         }
-        tick_error(servo->tick, error.errorCode, error.internalErrorCode, now_s);
+        if (take(servo, error.errorCode, error.internalErrorCode, now_s))
+            return true;
+        if (failed && !is_force_error(error.errorCode))
+            *failed = true;
     }
     return false;
 }
@@ -188,6 +252,12 @@ static bool probed(Servo *servo, unsigned what)
     HDErrorInfo error = servo->hd.get_error();
     if (error.errorCode == HD_SUCCESS)
         servo->has |= what;
+    if (error.errorCode != HD_SUCCESS && error.hHD != servo->device &&
+        error.hHD != HD_INVALID_HANDLE) {
+        forward(&error);
+        servo->has |= what;
+        return false;
+    }
     if (!ends_the_loop(error.errorCode))
         return false;
     tick_fatal(servo->tick, error.errorCode, error.internalErrorCode);
@@ -199,27 +269,41 @@ static bool read_device(Servo *servo, bool first)
 {
     const ServoFunctions *hd = &servo->hd;
     TickSample *s = &servo->sample;
-    double values[16] = {0.0};
+    double transform[16] = {0.0}, position[3] = {0.0}, joints[16] = {0.0}, values[16];
     HDint buttons = 0;
 
+    /* What is on the stack now is of another thread, or of the tick before. */
+    if (take_letter(servo, s->now_s) || take_errors(servo, s->now_s, NULL))
+        return false;
     hd->get_integerv(HD_CURRENT_BUTTONS, &buttons);
-    s->buttons = buttons;
-    hd->get_doublev(HD_CURRENT_TRANSFORM, values);
-    rotation_to_hand(s->rotation, values);
-    hd->get_doublev(HD_CURRENT_POSITION, values);
-    to_hand(s->position, values, 1e-3);
-    hd->get_doublev(HD_CURRENT_JOINT_ANGLES, s->joints_rad);
-    omni_kinematics(s->joints_rad, NULL, s->jacobian);
+    hd->get_doublev(HD_CURRENT_TRANSFORM, transform);
+    hd->get_doublev(HD_CURRENT_POSITION, position);
+    hd->get_doublev(HD_CURRENT_JOINT_ANGLES, joints);
     /* In every tick: the position jumps with it. */
-    s->calibration = (int32_t)hd->check_calibration();
-    s->calibrated = s->calibration == HD_CALIBRATION_OK;
+    HDenum calibration = hd->check_calibration();
     /* Before the step, as what came with a broken link must not go out as a fresh reading; and
      * before asking for what there may not be, as the answer is the newest error. */
-    if (take_errors(servo, s->now_s))
+    bool failed = false;
+    if (take_errors(servo, s->now_s, &failed))
         return false;
+    /* No number at all is not the library's way to say so: the tick judges those. */
+    bool numbers = true;
+    for (int i = 0; i < 12; i++)
+        numbers = numbers && isfinite(transform[i + i / 3]);
+    if (!numbers)
+        s->rotation[0] = NAN;
+    s->unsound = failed || (!rotation_to_hand(s->rotation, transform) && numbers);
+    if (s->unsound)
+        return true; /* nothing of it counts, and the rest is not asked for */
+    s->buttons = buttons;
+    to_hand(s->position, position, 1e-3);
+    memcpy(s->joints_rad, joints, sizeof s->joints_rad);
+    omni_kinematics(s->joints_rad, NULL, s->jacobian);
+    s->calibration = (int32_t)calibration;
+    s->calibrated = calibration == HD_CALIBRATION_OK;
 
     if (first || servo->has & HAS_INKWELL) {
-        HDboolean docked = 0;
+        HDboolean docked = s->inkwell != 0;
         hd->get_booleanv(HD_CURRENT_INKWELL_SWITCH, &docked);
         s->inkwell = docked != 0;
         if (first && probed(servo, HAS_INKWELL))
@@ -274,10 +358,11 @@ HDCallbackCode servo_callback(void *user)
     Servo *servo = user;
     const ServoFunctions *hd = &servo->hd;
     double began_s = monotonic();
-    bool first = !servo->started;
+    bool first = !servo->probed;
 
-    if (first) {
+    if (!servo->started) {
         servo->started = true;
+        tick_begin(servo->tick);
         tick_set_finished(servo->tick, 0);
         if (servo->realtime)
             ask_for_realtime(servo);
@@ -289,6 +374,7 @@ HDCallbackCode servo_callback(void *user)
     if (!read_device(servo, first))
         return finish(servo, true);
     servo->ticks++;
+    servo->probed = servo->probed || !servo->sample.unsound;
 
     TickOutput output;
     tick_step(servo->tick, &servo->sample, &output);
@@ -302,7 +388,7 @@ HDCallbackCode servo_callback(void *user)
         hd->set_doublev(HD_CURRENT_FORCE, values);
     }
     hd->end_frame(servo->device);
-    if (take_errors(servo, servo->sample.now_s))
+    if (take_errors(servo, servo->sample.now_s, NULL))
         return finish(servo, false);
     servo->sample.cost_s = monotonic() - began_s;
     return HD_CALLBACK_CONTINUE;

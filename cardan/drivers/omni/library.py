@@ -11,6 +11,7 @@ import ctypes
 import locale
 import os
 import re
+import struct
 import threading
 from collections.abc import Iterator, Mapping
 from ctypes import c_char_p, c_double, c_float, c_int, c_long, c_ubyte, c_uint, c_ulong, c_ushort
@@ -29,6 +30,9 @@ NAMES = ("libHD.so.3.4", "libHD.so.3.0", "libHD.so")
 
 RATE_HZ = 1000
 """What the loop is asked to run at."""
+
+PT_LOAD = 1
+"""Kind of a segment of an ELF file that is mapped into memory."""
 
 MOST_ERRORS = 64
 """So many errors are taken from the library's stack at once, at most."""
@@ -383,6 +387,8 @@ def presence(library: str = "") -> tuple[str, str]:
 
 
 def _load_named(named: str, by: str) -> tuple[str, ctypes.CDLL]:
+    if "/" in named and _is_cut_off(Path(named)):
+        raise DeviceAccessError(f"{named} is not whole: copy or install it again")
     try:
         return named, ctypes.CDLL(named, mode=ctypes.RTLD_GLOBAL)
     except OSError as error:
@@ -391,6 +397,25 @@ def _load_named(named: str, by: str) -> tuple[str, ctypes.CDLL]:
                 f"{by} names {named}, which the system's loader does not find: give its path"
             ) from None
         raise DeviceAccessError(_load_failure(named, str(error))) from None
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Whether a file ends before its segments do: the loader would map what is not there, and the
+    process would die of it."""
+    with contextlib.suppress(OSError, struct.error), path.open("rb") as file:
+        size, head = path.stat().st_size, file.read(64)
+        if head[:4] != b"\x7fELF" or head[4:6] != b"\x02\x01":
+            return False  # The loader says what it thinks of those.
+        (at,) = struct.unpack_from("<Q", head, 32)
+        entry, count = struct.unpack_from("<2H", head, 54)
+        file.seek(at)
+        table = file.read(entry * count)
+        for i in range(count):
+            kind, _, start, _, _, length = struct.unpack_from("<2I4Q", table, i * entry)
+            if kind == PT_LOAD and start + length > size:
+                return True
+        return False
+    return True
 
 
 def _load_any() -> tuple[str, ctypes.CDLL]:

@@ -65,9 +65,17 @@ class OmniOptions(ShapingOptions, TickLimits):
         def check(key: str, good: Callable[[float], bool], allowed: str) -> None:
             value = getattr(self, key)
             values = value if isinstance(value, tuple) else (value,)
-            if not all(math.isfinite(each) and good(each) for each in values):
+            if not all(
+                isinstance(each, (int, float))
+                and not isinstance(each, bool)
+                and math.isfinite(each)
+                and good(each)
+                for each in values
+            ):
                 raise ValueError(f"{key} is {value!r}; allowed: {allowed}")
 
+        if "\0" in self.device:
+            raise ValueError(f"device is {self.device!r}; allowed: a name, or nothing")
         check_choice("force_mode", self.force_mode, FORCE_MODES)
         check("calibration_wait_s", lambda t: 0.0 <= t <= 600.0, "0 to 600 s")
         check("stale_after_s", lambda t: 0.005 <= t <= 0.1, "0.005 to 0.1 s")

@@ -61,6 +61,9 @@ enum { OUT, WAITING, RAMPING, IN };
 #define DERATING_BAND 0.2
 #define LONGEST_STEP_S 0.02
 #define LONGEST_RELEASE_S 0.05 /* most_work() counts its ticks one by one */
+/* A library divides the way of a late tick by its nominal period, and smooths that for as long: it
+ * is no flight. Our own velocity knows the time. */
+#define LIBRARY_SPEED_SETTLES_S 0.05
 #define CALIBRATION_JUMP_M 0.002 /* no hand moves so far in a tick, short of the velocity gate */
 #define STILL_TICKS 20 /* so many ticks without time are a clock that stands */
 #define FREE_SPACE_N 0.1 /* commanded; no hand feels less through the device's own friction */
@@ -70,11 +73,33 @@ enum { OUT, WAITING, RAMPING, IN };
 /* After the loop stood still a hand that leant on the force has begun to fall: it is met soon, but
  * not at once. */
 #define RESUME_RAMP_S 0.1
+/* A tick that is late by less costs one regular step down; after one that is later the force is
+ * let go, and comes back by the ramp. */
+#define LATE_GRACE_S 0.005
+/* So many interruptions within so long are no accidents: a force that comes and goes is worse than
+ * none. After so long without any the force may engage again. */
+#define INTERRUPTIONS 4
+#define INTERRUPTIONS_WINDOW_S 1.0
+#define CALM_S 0.5
+/* Contacts of a switch bounce for some ms (its makers say 5 to 10, old ones 20), and no finger
+ * presses twice so soon: the first edge counts at once, and then nothing for so long. */
+#define BUTTON_LOCKOUT_S 0.025
+/* A rate is low when it is for so long (a stall or two is none), and not low any more when it is
+ * above the lowest by so much. */
+#define SLOW_AFTER_S 0.05
+#define RATE_RETURN 1.03
+/* Readings that fail for so long are no accident either. */
+#define UNSOUND_FAULT_S 0.1
+/* A stamp may be ahead of the newest tick by so much: a loop that is dead is given up sooner. */
+#define AHEAD_S 1.0
 
 struct Tick {
     /* shared */
     _Atomic uint32_t word; /* state | reason << 8 | generation << 16 */
     _Atomic uint32_t dropped;
+    _Atomic uint32_t losses;
+    _Atomic int barred;     /* the motors are off */
+    _Atomic double clock_s; /* of the newest tick; NaN: nothing ticks */
     Exchange command_exchange;
     TickCommand commands[3];
     uint32_t engagements[3]; /* how often commands had begun to be engaged, with each */
@@ -88,6 +113,7 @@ struct Tick {
     uint64_t given_sequence;
     double given_stamp_s;
     double given_pause_s;
+    double given_hold_s;
     uint32_t given_engagements;
     bool given_engaged;
 
@@ -111,12 +137,21 @@ struct Tick {
     int32_t direction_kinds[TICK_FIXTURES];
     double measured_stamp_s;
     double measured_extra[3];
+    double distrust_until_s; /* the library's velocity */
     int32_t still_ticks; /* in a row, in which no time went by */
     int phase;
     int32_t small_ticks;
     double share;
     double ramp_s; /* how long the share takes to 1 */
     bool resumes;  /* the loop stood still while force was out */
+    bool broken;   /* force was interrupted, and is to come back by the ramp */
+    double interruptions[INTERRUPTIONS];
+    unsigned interruption_at;
+    double irregular_s; /* the newest of them, or what would be one */
+    bool slow;
+    double slow_since_s;    /* TICK_NEVER: the rate is not low */
+    double unsound_since_s; /* TICK_NEVER: the sample before was sound */
+    double located_s;
     double given_j; /* booked as given to the hand in this engagement */
     double energy_j;
     double mean_square;
@@ -124,8 +159,8 @@ struct Tick {
     int signs[3];
     double turns[3][BUZZ_RING];
     unsigned turn_at[3];
-    int32_t raw_buttons;
     int32_t buttons;
+    double button_s[TICK_BUTTONS]; /* when its level changed last */
     double force_errors[FORCE_ERRORS];
     unsigned force_error_at;
     double quiet_until_s;
@@ -362,8 +397,64 @@ static void first_direction(double last[3], const TickFixture *f)
 /* ---------------------------------------------------------------------------------------------
  * Commands and limits: the other thread's side */
 
+#define R(field, low, high) {offsetof(TickLimits, field), low, high}
+
+/* What a device may be driven with: tick.py has the reasons. */
+static const struct {
+    size_t at;
+    double low, high;
+} ranges[] = {
+    R(clamp_n, 0.01, 3.3),
+    R(slew_rise_n_s, 1.0, 400.0),
+    R(slew_fall_n_s, 1.0, 3300.0),
+    R(release_s, 0.001, 0.05),
+    R(engage_ramp_s, 0.01, 10.0),
+    R(engage_below_n, 0.001, 0.5),
+    R(hold_s, 0.001, 0.2),
+    R(pause_s, 0.001, 1.0),
+    R(measured_hold_s, 0.001, 0.2),
+    R(velocity_gate_m_s, 0.2, 2.0),
+    R(damping_n_s_m, 0.0, 3.0),
+    R(velocity_cutoff_hz, 5.0, 100.0),
+    R(continuous_n, 0.01, 1.5),
+    R(continuous_window_s, 1.0, 30.0),
+    R(squeeze_s, 0.05, 10.0),
+    R(temperature_limit, 0.05, 1.0),
+    R(alpha_max_n_s_m, 0.0, 10.0),
+    R(energy_budget_j, 0.0, 0.2),
+    R(prediction_error_m, 1e-5, 1e-3),
+    R(leak_s, 0.01, 60.0),
+    R(edge_stiffness_n_m, 0.0, 500.0),
+    R(extrapolate_s, 0.0, 0.05),
+    R(overrun_gap_s, 0.0012, 0.02),
+    R(pause_gap_s, 0.002, 0.1),
+    R(buzz_window_s, 0.02, 1.0),
+    R(buzz_speed_m_s, 0.001, 0.2),
+    R(force_error_wait_s, 0.1, 10.0),
+    R(torque_limit_n_m, 0.01, 0.5),
+    R(lowest_rate_hz, 800.0, 960.0),
+};
+
+#undef R
+
+static bool limits_are_in_range(const TickLimits *l)
+{
+    for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
+        double value;
+        memcpy(&value, (const char *)l + ranges[i].at, sizeof value);
+        if (value < ranges[i].low || value > ranges[i].high)
+            return false;
+    }
+    for (int i = 0; i < 3; i++)
+        if (l->workspace_lower_m[i] < -1.0 || l->workspace_upper_m[i] > 1.0)
+            return false;
+    return l->engage_ticks <= 10000;
+}
+
 static bool limits_are_sound(const TickLimits *l)
 {
+    if (!l->unchecked && !limits_are_in_range(l))
+        return false;
     if (!finite_all(&l->clamp_n, offsetof(TickLimits, engage_ticks) / sizeof(double)))
         return false;
     for (int i = 0; i < 3; i++)
@@ -381,7 +472,7 @@ static bool limits_are_sound(const TickLimits *l)
            l->extrapolate_s >= 0.0 && l->overrun_gap_s > 0.0 &&
            l->pause_gap_s >= l->overrun_gap_s && l->buzz_window_s > 0.0 &&
            l->buzz_speed_m_s > 0.0 && l->force_error_wait_s >= 0.0 &&
-           l->torque_limit_n_m > 0.0 && l->engage_ticks >= 1 && l->buzz_changes >= 2 &&
+           l->torque_limit_n_m > 0.0 && l->lowest_rate_hz >= 0.0 && l->engage_ticks >= 1 && l->buzz_changes >= 2 &&
            l->buzz_changes <= BUZZ_RING;
 }
 
@@ -416,12 +507,20 @@ static int check_command(const TickCommand *c)
     return TICK_TAKEN;
 }
 
-int tick_command(Tick *tick, const TickCommand *command)
+int tick_command(Tick *tick, const TickCommand *command, double now_s)
 {
     int wrong = check_command(command);
     if (wrong)
         return wrong;
-    if (tick->commanded_once &&
+    double ahead = tick->given_hold_s;
+    if (!isfinite(now_s)) {
+        now_s = atomic_load_explicit(&tick->clock_s, memory_order_relaxed);
+        ahead = AHEAD_S;
+    }
+    if (command->stamp_s > now_s + ahead) /* false for NaN */
+        return TICK_OF_THE_FUTURE;
+    bool believed = !(tick->given_stamp_s > now_s + tick->given_hold_s);
+    if (tick->commanded_once && believed &&
         (command->stamp_s < tick->given_stamp_s ||
          (command->sequence <= tick->given_sequence &&
           command->stamp_s < tick->given_stamp_s + tick->given_pause_s))) {
@@ -446,6 +545,7 @@ int tick_set_limits(Tick *tick, const TickLimits *limits)
     if (!limits_are_sound(limits))
         return TICK_BAD_LIMIT;
     tick->given_pause_s = limits->pause_s;
+    tick->given_hold_s = limits->hold_s;
     tick->limits_buffers[tick->limits_exchange.writer] = *limits;
     exchange_give(&tick->limits_exchange);
     return TICK_TAKEN;
@@ -469,9 +569,16 @@ Tick *tick_create(const TickLimits *limits)
     atomic_store(&tick->word, TICK_DISABLED | TICK_NOT_ENABLED << 8);
     tick->limits = *limits;
     tick->given_pause_s = limits->pause_s;
+    tick->given_hold_s = limits->hold_s;
+    atomic_store(&tick->clock_s, NAN);
+    for (int i = 0; i < TICK_BUTTONS; i++)
+        tick->button_s[i] = TICK_NEVER;
+    for (int i = 0; i < INTERRUPTIONS; i++)
+        tick->interruptions[i] = TICK_NEVER;
+    tick->irregular_s = tick->slow_since_s = tick->unsound_since_s = TICK_NEVER;
     tick->period_s = TICK_PERIOD_S;
     tick->gain = 1.0;
-    tick->quiet_until_s = TICK_NEVER;
+    tick->quiet_until_s = tick->distrust_until_s = TICK_NEVER;
     tick->measured_stamp_s = TICK_NEVER;
     for (int i = 0; i < FORCE_ERRORS; i++)
         tick->force_errors[i] = TICK_NEVER;
@@ -548,6 +655,20 @@ static void fault(Tick *tick, uint32_t *word, uint32_t reason)
         }
 }
 
+void tick_lose(Tick *tick)
+{
+    atomic_store(&tick->clock_s, NAN);
+    uint32_t word = atomic_load(&tick->word);
+    while ((word & 0xffu) != TICK_FAULT)
+        if (go(tick, &word, TICK_FAULT, TICK_FAULT_DEVICE))
+            atomic_fetch_add(&tick->losses, 1u);
+}
+
+void tick_allow(Tick *tick, int allowed)
+{
+    atomic_store(&tick->barred, !allowed);
+}
+
 static void publish(Tick *tick)
 {
     uint32_t word = atomic_load(&tick->word);
@@ -564,6 +685,7 @@ void tick_snapshot(Tick *tick, TickSnapshot *snapshot)
 {
     exchange_take(&tick->snapshot_exchange);
     *snapshot = tick->snapshots[tick->snapshot_exchange.reader];
+    snapshot->faults += atomic_load(&tick->losses);
     uint32_t word = atomic_load(&tick->word);
     if ((int32_t)(word & 0xffu) != snapshot->state) {
         snapshot->state = (int32_t)(word & 0xffu);
@@ -623,16 +745,45 @@ void tick_set_finished(Tick *tick, int finished)
 /* ---------------------------------------------------------------------------------------------
  * The parts of a step */
 
-static void count_buttons(Tick *tick, int32_t raw)
+static void count_buttons(Tick *tick, int32_t raw, double now_s)
 {
-    int32_t steady = ~(raw ^ tick->raw_buttons); /* the same for two ticks */
-    int32_t levels = (raw & steady) | (tick->buttons & ~steady);
-    int32_t pressed = levels & ~tick->buttons;
-    for (int i = 0; i < TICK_BUTTONS; i++)
-        if (pressed >> i & 1)
-            tick->now.presses[i]++;
-    tick->raw_buttons = raw;
-    tick->buttons = levels;
+    for (int i = 0; i < TICK_BUTTONS; i++) {
+        if (!((raw ^ tick->buttons) >> i & 1) ||
+            fabs(now_s - tick->button_s[i]) < BUTTON_LOCKOUT_S)
+            continue;
+        tick->button_s[i] = now_s;
+        tick->buttons ^= 1 << i;
+        tick->now.presses[i] += (uint32_t)(tick->buttons >> i & 1);
+    }
+}
+
+/* Whether the loop is too slow for force. */
+static bool is_slow(Tick *tick, double now_s)
+{
+    double rate = 1.0 / tick->period_s, lowest = tick->limits.lowest_rate_hz;
+    if (rate >= lowest * (tick->slow ? RATE_RETURN : 1.0)) {
+        tick->slow = false;
+        tick->slow_since_s = TICK_NEVER;
+    } else if (tick->slow_since_s == TICK_NEVER) {
+        tick->slow_since_s = now_s;
+    } else if (now_s - tick->slow_since_s >= SLOW_AFTER_S) {
+        tick->slow = true;
+    }
+    return tick->slow;
+}
+
+/* Notes an interruption; true if there were too many. */
+static bool too_irregular(Tick *tick, double now_s)
+{
+    tick->interruptions[tick->interruption_at] = now_s;
+    tick->interruption_at = (tick->interruption_at + 1) % INTERRUPTIONS;
+    return tick->interruptions[tick->interruption_at] > now_s - INTERRUPTIONS_WINDOW_S;
+}
+
+static void forget_interruptions(Tick *tick)
+{
+    for (int i = 0; i < INTERRUPTIONS; i++)
+        tick->interruptions[i] = TICK_NEVER;
 }
 
 /* A first-order low-pass of the exact difference quotient; sound for any period, zero too. */
@@ -839,6 +990,20 @@ static bool sample_is_finite(const TickSample *s)
     return finite_all(&s->now_s, offsetof(TickSample, encoders) / sizeof(double));
 }
 
+void tick_begin(Tick *tick)
+{
+    clear(tick->sent);
+    clear(tick->before_sent);
+    clear(tick->velocity);
+    set(tick->now.force, tick->sent);
+    tick->started = tick->located = tick->was_alive = false;
+    tick->resumes = tick->broken = tick->slow = false;
+    tick->slow_since_s = tick->unsound_since_s = TICK_NEVER;
+    tick->phase = OUT;
+    tick->period_s = TICK_PERIOD_S;
+    tick->still_ticks = 0;
+}
+
 void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
 {
     TickSnapshot *now = &tick->now;
@@ -847,7 +1012,8 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
         tick->limits = tick->limits_buffers[tick->limits_exchange.reader];
 
     /* Time. A clock that stands still or goes back gives no step of the slew limit. */
-    bool sound = sample_is_finite(s);
+    bool numbers = s->unsound ? isfinite(s->now_s) : sample_is_finite(s);
+    bool sound = numbers && !s->unsound;
     double now_s = isfinite(s->now_s) ? s->now_s : tick->now_s + tick->period_s;
     double gap = tick->started ? now_s - tick->now_s : TICK_PERIOD_S;
     double dt = within(0.0, gap, LONGEST_STEP_S);
@@ -855,7 +1021,8 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     tick->now_s = now_s;
     tick->started = true;
     now->ticks++;
-    now->stamp_s = now_s;
+    if (isfinite(s->now_s))
+        atomic_store_explicit(&tick->clock_s, now_s, memory_order_relaxed);
     tick->own_gap_s = gap;
     tick->own_cost_s = isfinite(s->cost_s) ? s->cost_s : 0.0;
     now->gap_s = fmax(now->gap_s, tick->own_gap_s);
@@ -900,19 +1067,21 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
             clear(tick->velocity);
         }
         set(tick->position, s->position);
+        filter_velocity(tick, fmax(tick->located ? now_s - tick->located_s : gap, 0.0));
         tick->located = true;
-        filter_velocity(tick, fmax(gap, 0.0));
-        count_buttons(tick, s->buttons);
+        tick->located_s = now_s;
+        count_buttons(tick, s->buttons, now_s);
+        now->stamp_s = now_s;
         set(now->position, s->position);
         memcpy(now->rotation, s->rotation, sizeof now->rotation);
         set(now->joints_rad, s->joints_rad);
         set(now->gimbal_rad, s->gimbal_rad);
         memcpy(now->encoders, s->encoders, sizeof now->encoders);
         now->temperature = s->temperature;
+        now->inkwell = s->inkwell;
+        now->calibrated = s->calibrated;
+        now->calibration = s->calibration;
     }
-    now->inkwell = s->inkwell;
-    now->calibrated = s->calibrated;
-    now->calibration = s->calibration;
     now->buttons = tick->buttons;
     set(now->velocity, tick->velocity);
 
@@ -923,8 +1092,8 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
         age = INFINITY; /* of a time to come: not to be believed */
     tick->still_ticks = dt > 0.0 ? 0 : tick->still_ticks + 1;
     bool alive = age <= l->hold_s && tick->still_ticks < STILL_TICKS;
-    if (!alive && tick->was_alive)
-        now->stale_commands++;
+    bool fell_silent = !alive && tick->was_alive;
+    now->stale_commands += fell_silent;
     tick->was_alive = alive;
     now->command_age_s = age;
     now->command_sequence = c ? c->sequence : 0;
@@ -933,17 +1102,34 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     if (c && sound)
         render(tick, s, now_s, force);
     bool finite = finite_all(force, 3);
-    bool fast = fmax(norm(tick->velocity), norm(s->velocity)) > l->velocity_gate_m_s;
+    if (late)
+        tick->distrust_until_s = now_s + LIBRARY_SPEED_SETTLES_S;
+    double told = now_s < tick->distrust_until_s ? 0.0 : norm(s->velocity);
+    bool fast = fmax(norm(tick->velocity), told) > l->velocity_gate_m_s;
     if (!finite)
         clear(force);
-    if (!sound || !finite) {
+    bool failed = s->unsound && tick->unsound_since_s == TICK_NEVER;
+    if (!s->unsound)
+        tick->unsound_since_s = TICK_NEVER;
+    else if (failed)
+        tick->unsound_since_s = now_s;
+    now->bad_readings += s->unsound != 0;
+    if (!numbers || !finite) {
         fault(tick, &word, TICK_FAULT_NOT_FINITE);
+    } else if (s->unsound) {
+        if (now_s - tick->unsound_since_s >= UNSOUND_FAULT_S)
+            fault(tick, &word, TICK_FAULT_READINGS);
     } else if (fast && s->calibrated && (tick->phase >= RAMPING || norm(tick->sent) > 0.0)) {
         fault(tick, &word, TICK_FAULT_VELOCITY);
     }
+    bool let_go = late && gap > LATE_GRACE_S;
+    if (!alive || let_go || s->unsound)
+        tick->irregular_s = now_s;
     if ((word & 0xffu) == TICK_PAUSED) {
         uint32_t because = word >> 8 & 0xffu;
-        if (((because == TICK_PAUSED_SILENT || because == TICK_PAUSED_LATE) && alive && !late) ||
+        if ((because == TICK_PAUSED_IRREGULAR &&
+             ((c && !c->engaged) || now_s - tick->irregular_s >= CALM_S)) ||
+            ((because == TICK_PAUSED_SILENT || because == TICK_PAUSED_LATE) && alive && !late) ||
             (because == TICK_PAUSED_BUZZ && c && !c->engaged))
             go(tick, &word, TICK_ENABLED, TICK_AS_COMMANDED);
     }
@@ -954,16 +1140,29 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
             if (tick->gain < BUZZ_GAIN_FLOOR)
                 go(tick, &word, TICK_PAUSED, TICK_PAUSED_BUZZ);
         }
-        if (late && gap > l->pause_gap_s && go(tick, &word, TICK_PAUSED, TICK_PAUSED_LATE))
+        if (tick->phase >= RAMPING && c && c->engaged && (fell_silent || let_go || failed)) {
+            tick->broken = true;
+            if (too_irregular(tick, now_s))
+                go(tick, &word, TICK_PAUSED, TICK_PAUSED_IRREGULAR);
+        }
+        if ((word & 0xffu) == TICK_ENABLED && late && gap > l->pause_gap_s &&
+            go(tick, &word, TICK_PAUSED, TICK_PAUSED_LATE))
             tick->resumes = tick->phase >= RAMPING;
     }
     if ((word & 0xffu) == TICK_ENABLED && c && c->engaged && age > l->pause_s)
         go(tick, &word, TICK_PAUSED, TICK_PAUSED_SILENT);
     tick->gain = fmin(1.0, tick->gain + dt / BUZZ_RECOVERY_S);
 
-    bool hold_phase = false;
+    bool hold_phase = false, slow = is_slow(tick, now_s);
     if ((word & 0xffu) != TICK_ENABLED) {
         reason = (int)(word >> 8 & 0xffu);
+    } else if (atomic_load_explicit(&tick->barred, memory_order_relaxed)) {
+        reason = TICK_NO_OUTPUT;
+    } else if (slow) {
+        reason = TICK_TOO_SLOW;
+    } else if (!sound) {
+        reason = TICK_NO_READING;
+        hold_phase = true;
     } else if (!s->calibrated) {
         reason = TICK_UNCALIBRATED;
     } else if (s->inkwell) {
@@ -984,8 +1183,10 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
 
     /* Engagement. */
     if (reason) {
-        if (!hold_phase)
+        if (!hold_phase) {
             tick->phase = OUT;
+            tick->broken = false;
+        }
         if (reason != TICK_PAUSED_LATE && !hold_phase)
             tick->resumes = false;
     } else {
@@ -996,6 +1197,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
                 tick->anew = false;
                 tick->energy_j = tick->given_j = energy_before = 0.0;
                 forget_buzz(tick);
+                forget_interruptions(tick);
             }
             if (tick->resumes) {
                 tick->phase = RAMPING;
@@ -1004,6 +1206,17 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
                 tick->resumes = false;
             }
         }
+        if (tick->broken && tick->phase >= RAMPING) {
+            /* On from what is still out. */
+            double asked = norm(force);
+            if (asked > 0.0)
+                tick->share = fmin(tick->share, norm(tick->sent) / asked);
+            if (tick->phase == IN && tick->share < 1.0) {
+                tick->phase = RAMPING;
+                tick->ramp_s = fmin(RESUME_RAMP_S, l->engage_ramp_s);
+            }
+        }
+        tick->broken = false;
         if (tick->phase == OUT) {
             reason = TICK_NOT_SMALL;
         } else if (tick->phase == WAITING) {
@@ -1063,13 +1276,15 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     if (tick->still_ticks >= STILL_TICKS)
         fall = l->slew_fall_n_s * TICK_PERIOD_S;
     double sent[3];
-    slew(sent, tick->sent, target, rise, fall);
-    if (rendering) {
+    bool graced = reason == TICK_LATE && !let_go;
+    slew(sent, tick->sent, target, rise,
+         graced ? fmin(fall, l->slew_fall_n_s * TICK_PERIOD_S) : fall);
+    if (rendering || graced) {
         double short_of[3] = {target[0] - sent[0], target[1] - sent[1], target[2] - sent[2]};
         if (!reason && norm(short_of) > 1e-9)
             reason = TICK_SLEWING;
         if (l->passivity &&
-            spare_energy(tick, sent, rise, fall, tick->energy_j + l->energy_budget_j))
+            spare_energy(tick, sent, rise, fall, tick->energy_j + l->energy_budget_j) && rendering)
             reason = TICK_PASSIVITY;
     }
     if (!finite_all(sent, 3)) {
@@ -1133,8 +1348,8 @@ static const size_t layout[] = {
     F(TickLimits, edge_stiffness_n_m), F(TickLimits, extrapolate_s), F(TickLimits, overrun_gap_s),
     F(TickLimits, pause_gap_s), F(TickLimits, buzz_window_s), F(TickLimits, buzz_speed_m_s),
     F(TickLimits, force_error_wait_s), F(TickLimits, torque_limit_n_m),
-    F(TickLimits, engage_ticks), F(TickLimits, buzz_changes), F(TickLimits, passivity),
-    F(TickLimits, reserved),
+    F(TickLimits, lowest_rate_hz), F(TickLimits, engage_ticks), F(TickLimits, buzz_changes),
+    F(TickLimits, passivity), F(TickLimits, unchecked),
 
     sizeof(TickFixture), F(TickFixture, kind), F(TickFixture, inside), F(TickFixture, point),
     F(TickFixture, axis), F(TickFixture, rotation), F(TickFixture, radius_m),
@@ -1154,7 +1369,7 @@ static const size_t layout[] = {
     F(TickSample, jacobian), F(TickSample, temperature), F(TickSample, cost_s),
     F(TickSample, encoders), F(TickSample, buttons), F(TickSample, inkwell),
     F(TickSample, calibrated), F(TickSample, calibration), F(TickSample, by_torque),
-    F(TickSample, reserved),
+    F(TickSample, unsound),
 
     sizeof(TickOutput), F(TickOutput, force), F(TickOutput, torques_n_m),
     F(TickOutput, torque_mode), F(TickOutput, state),
@@ -1173,7 +1388,8 @@ static const size_t layout[] = {
     F(TickSnapshot, faults), F(TickSnapshot, buzzes), F(TickSnapshot, errors),
     F(TickSnapshot, force_errors), F(TickSnapshot, error), F(TickSnapshot, internal_error),
     F(TickSnapshot, realtime), F(TickSnapshot, finished), F(TickSnapshot, peak_n),
-    F(TickSnapshot, given_peak_j), F(TickSnapshot, rendering), F(TickSnapshot, reserved),
+    F(TickSnapshot, given_peak_j), F(TickSnapshot, rendering),
+    F(TickSnapshot, bad_readings),
 };
 
 size_t tick_layout(const size_t **values)

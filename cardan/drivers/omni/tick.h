@@ -3,7 +3,7 @@
  * Pure C11: no library of a device, no clock (time is an argument), no allocation and no lock in
  * the step. SI units; hand frame (x forward, y left, z up, m) unless a name says world.
  *
- * Threads. tick_step, tick_error and tick_fatal belong to the device's thread. tick_command and
+ * Threads. tick_begin, tick_step, tick_error and tick_fatal belong to the device's thread. tick_command and
  * tick_set_limits belong to one other thread at a time, tick_snapshot too; tick_request to any.
  * All three exchanges are triple buffers: the writer fills a buffer of its own and swaps it with
  * the middle one, the reader swaps the middle one with its own. Neither waits, and nothing is
@@ -34,8 +34,10 @@
  *     net energy given to the hand  <=  energy_budget_j + c * sum_k max(0, |d_(k+1) - d_k| - e)
  * with c = clamp_n * (m + 3) / 2, m = ceil(clamp_n / s) (8 J per m, or 8 mJ per mm, by default).
  * The sum is zero while the hand accelerates less than e / period^2 (100 m/s^2 by default). It
- * counts what was sent, after every limit, at a steady period, for positions as measured that are at
- * most one tick old; the encoders' quantum is not in it. An engagement (the command's `engaged`
+ * counts what was sent, after every limit, at a steady period, for positions as measured, in every
+ * tick, that are at most one tick old; the encoders' quantum is not in it. Interruptions (silence,
+ * late ticks, failed readings, a slow loop, motors off, PAUSED) do not touch W: force that comes back
+ * after them is of the same engagement. An engagement (the command's `engaged`
  * rising, enable, resume) starts with W = 0. */
 #ifndef CARDAN_OMNI_TICK_H
 #define CARDAN_OMNI_TICK_H
@@ -61,11 +63,16 @@ enum {
     TICK_PAUSED_ON_REQUEST,
     TICK_PAUSED_SILENT,
     TICK_PAUSED_LATE,
+    TICK_PAUSED_IRREGULAR,
     TICK_PAUSED_BUZZ,
     TICK_FAULT_NOT_FINITE,
     TICK_FAULT_VELOCITY,
     TICK_FAULT_FORCE_ERRORS,
     TICK_FAULT_DEVICE,
+    TICK_FAULT_READINGS,
+    TICK_NO_OUTPUT,
+    TICK_TOO_SLOW,
+    TICK_NO_READING,
     TICK_UNCALIBRATED,
     TICK_DOCKED,
     TICK_NO_COMMAND,
@@ -100,7 +107,8 @@ enum {
     TICK_TOO_MANY_FIXTURES,
     TICK_NOT_UNIT,
     TICK_NEGATIVE,
-    TICK_BAD_LIMIT
+    TICK_BAD_LIMIT,
+    TICK_OF_THE_FUTURE
 };
 
 typedef struct {
@@ -134,10 +142,11 @@ typedef struct {
     double buzz_speed_m_s;
     double force_error_wait_s;
     double torque_limit_n_m;
+    double lowest_rate_hz;
     int32_t engage_ticks;
     int32_t buzz_changes;
     int32_t passivity;
-    int32_t reserved;
+    int32_t unchecked; /* of experiments: only what makes no sense is refused */
 } TickLimits;
 
 /* World frame. point: centre, point or target; axis: normal, axis or half sides. */
@@ -190,7 +199,7 @@ typedef struct {
     int32_t calibrated;
     int32_t calibration; /* the library's own word for it, published */
     int32_t by_torque;   /* the device is driven by joint torques, whatever was commanded */
-    int32_t reserved;
+    int32_t unsound;     /* readings failed: nothing in it counts but the time */
 } TickSample;
 
 typedef struct {
@@ -243,7 +252,7 @@ typedef struct {
     double peak_n;       /* largest force sent since the tick was made */
     double given_peak_j; /* most energy booked as given to the hand within one engagement */
     int32_t rendering;   /* 1: force is let out, in whole or on its ramp */
-    int32_t reserved;
+    uint32_t bad_readings; /* samples that were unsound */
 } TickSnapshot;
 
 typedef struct Tick Tick;
@@ -254,15 +263,26 @@ CARDAN_API int tick_set_limits(Tick *tick, const TickLimits *limits);
 
 /* Checks and takes a command; the step sees it whole or not at all. A rejected one changes
  * nothing. Dropped: stamp before the last one's, or sequence not above the last one's within
- * pause_s of it (later it is another source, that counts anew). */
-CARDAN_API int tick_command(Tick *tick, const TickCommand *command);
+ * pause_s of it (later it is another source, that counts anew). now_s: the time, where the caller
+ * knows it; NaN: that of the newest tick counts, which may be a second old. A stamp that is ahead
+ * of it is refused, and where that was not known yet the stamp does not stand in the way of later
+ * ones. */
+CARDAN_API int tick_command(Tick *tick, const TickCommand *command, double now_s);
 CARDAN_API uint32_t tick_dropped(const Tick *tick);
 
 /* CRTK's state commands; 0, or -1 where the state does not allow it. */
 CARDAN_API int tick_request(Tick *tick, int verb);
+/* From any thread: nothing steps it any more. FAULT, whatever the state was. */
+CARDAN_API void tick_lose(Tick *tick);
+/* From any thread: whether the motors are on. While they are not no force is asked for, and what
+ * comes then engages anew, so that they are switched at zero force only. At first they are. */
+CARDAN_API void tick_allow(Tick *tick, int allowed);
 /* The state as it is now, before any step has seen it: state | reason << 8. */
 CARDAN_API int tick_state(const Tick *tick);
 
+/* From the device's thread, before its first step: what was sent before is gone, and where the
+ * stylus was is no place that motion can be measured from. */
+CARDAN_API void tick_begin(Tick *tick);
 CARDAN_API void tick_step(Tick *tick, const TickSample *sample, TickOutput *output);
 
 /* The newest snapshot, whole. The maxima in it are since the snapshot that was read before. */

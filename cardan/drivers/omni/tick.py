@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from ctypes import POINTER, c_double, c_int32, c_int64, c_size_t, c_uint32, c_uint64, c_void_p
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from cardan.errors import CommandError, DriverError
@@ -129,16 +130,38 @@ class TickLimits:
     """No force for so long after a force error of the library, s; three in 10 s are a FAULT."""
     torque_limit_n_m: float = 0.35
     """Of each joint, where the device is driven by joint torques, N·m."""
+    lowest_rate_hz: float = 900.0
+    """No force while the loop runs slower than this, Hz: a wall would buzz."""
 
     def __post_init__(self) -> None:
+        self._check_sense()
+        self._check_ranges()
+
+    def _check_ranges(self) -> None:
+        for name, (low, high, reason) in RANGES.items():
+            if not low <= (value := getattr(self, name)) <= high:
+                raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}: {reason}")
+        for name in ("workspace_lower_m", "workspace_upper_m"):
+            if any(abs(x) > 1.0 for x in getattr(self, name)):
+                raise ValueError(f"{name} is {getattr(self, name)!r}; allowed: -1 to 1 m")
+        if self.engage_ticks > 10_000:
+            raise ValueError(f"engage_ticks is {self.engage_ticks}; allowed: 1 to 10000")
+
+    def _check_sense(self) -> None:
         for name in _LIMIT_DOUBLES:
             value = getattr(self, name)
-            if not isinstance(value, (int, float)) or not math.isfinite(value):
+            if not _is_number(value):
                 raise ValueError(f"{name} is {value!r}; allowed: a number")
             if name in _MAY_BE_ZERO and value < 0.0:
                 raise ValueError(f"{name} is {value:g}; allowed: 0 or more")
             if name not in _MAY_BE_ZERO and value <= 0.0:
                 raise ValueError(f"{name} is {value:g}; allowed: above 0")
+        for name in ("engage_ticks", "buzz_changes"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int):
+                raise ValueError(f"{name} is {value!r}; allowed: a whole number")
+        if not isinstance(self.passivity, bool):
+            raise ValueError(f"passivity is {self.passivity!r}; allowed: true or false")
         if self.clamp_n > 3.3:
             raise ValueError(f"clamp_n is {self.clamp_n:g}; allowed: at most 3.3 N")
         if self.release_s > 0.05:
@@ -156,7 +179,11 @@ class TickLimits:
                 )
         for name in ("workspace_lower_m", "workspace_upper_m"):
             corner = getattr(self, name)
-            if len(corner) != 3 or not all(math.isfinite(x) for x in corner):
+            if (
+                not isinstance(corner, (tuple, list))
+                or len(corner) != 3
+                or not all(map(_is_number, corner))
+            ):
                 raise ValueError(f"{name} is {corner!r}; allowed: three lengths in m")
         if not all(
             low < high
@@ -166,10 +193,55 @@ class TickLimits:
                 f"workspace_upper_m is {self.workspace_upper_m!r}; allowed: above "
                 f"workspace_lower_m, {self.workspace_lower_m!r}, along each axis"
             )
-        if not 1 <= self.engage_ticks <= 10_000:
+        if not 1 <= self.engage_ticks < 2**31:
             raise ValueError(f"engage_ticks is {self.engage_ticks}; allowed: 1 to 10000")
         if not 2 <= self.buzz_changes <= 32:
             raise ValueError(f"buzz_changes is {self.buzz_changes}; allowed: 2 to 32")
+
+
+@dataclass(frozen=True, kw_only=True)
+class UncheckedLimits(TickLimits):
+    """Limits outside the ranges a device may be driven with: for experiments on a simulated one,
+    such as what a plain loop would do. ValueError for what makes no sense at all."""
+
+    def _check_ranges(self) -> None:
+        pass
+
+
+RANGES: Mapping[str, tuple[float, float, str]] = MappingProxyType(
+    {
+        "clamp_n": (0.01, 3.3, "the device bears no more, N"),
+        "slew_rise_n_s": (1.0, 400.0, "a faster rise is a blow, N/s"),
+        "slew_fall_n_s": (1.0, 3300.0, "the largest force within 1 ms, N/s"),
+        "release_s": (0.001, 0.05, "what forbids force takes it soon, s"),
+        "engage_ramp_s": (0.01, 10.0, "a force comes in, it does not strike, s"),
+        "engage_below_n": (0.001, 0.5, "what it begins with must be no surprise, N"),
+        "hold_s": (0.001, 0.2, "a dead program must not go on pushing, s"),
+        "pause_s": (0.001, 1.0, "after so long the hand is elsewhere, s"),
+        "measured_hold_s": (0.001, 0.2, "a dead sensor must not go on pushing, s"),
+        "velocity_gate_m_s": (0.2, 2.0, "a hand is slower, a flying stylus is not, m/s"),
+        "damping_n_s_m": (0.0, 3.0, "more is unstable at 1 kHz with a filtered velocity, N·s/m"),
+        "velocity_cutoff_hz": (5.0, 100.0, "lower is late, higher is the encoders' quantum, Hz"),
+        "continuous_n": (0.01, 1.5, "the motors bear 0.88 for long, N"),
+        "continuous_window_s": (1.0, 30.0, "a motor warms within some ten seconds, s"),
+        "squeeze_s": (0.05, 10.0, "warm motors are spared soon, s"),
+        "temperature_limit": (0.05, 1.0, "at 1 the library switches off by itself"),
+        "alpha_max_n_s_m": (0.0, 10.0, "more is unstable by itself, N·s/m"),
+        "energy_budget_j": (0.0, 0.2, "1 m/s of a hand of 0.4 kg, J"),
+        "prediction_error_m": (1e-5, 1e-3, "10 to 1000 m/s² at 1 kHz, m"),
+        "leak_s": (0.01, 60.0, "a surplus is not kept for the next contact, s"),
+        "edge_stiffness_n_m": (0.0, 500.0, "a stiffer one buzzes, N/m"),
+        "extrapolate_s": (0.0, 0.05, "a force of later is a guess, s"),
+        "overrun_gap_s": (0.0012, 0.02, "a tick comes every 1 ms, s"),
+        "pause_gap_s": (0.002, 0.1, "a hand moves on meanwhile, s"),
+        "buzz_window_s": (0.02, 1.0, "a buzz is 20 Hz and more, s"),
+        "buzz_speed_m_s": (0.001, 0.2, "a buzz is not faster, m/s"),
+        "force_error_wait_s": (0.1, 10.0, "the library's own ramp takes its time, s"),
+        "torque_limit_n_m": (0.01, 0.5, "the motors give no more, N·m"),
+        "lowest_rate_hz": (800.0, 960.0, "the limits are those of a loop of 1 kHz, Hz"),
+    }
+)
+"""Lowest and highest value of a limit that a device may be driven with, and why no more."""
 
 
 class StylusSample(NamedTuple):
@@ -192,6 +264,8 @@ class StylusSample(NamedTuple):
     encoders: tuple[int, int, int, int, int, int] = (0, 0, 0, 0, 0, 0)
     joint_torque: bool = False
     """The device is driven by joint torques, so their limit counts."""
+    unsound: bool = False
+    """Readings failed: nothing else in it counts but the time."""
 
 
 class TickDetails(NamedTuple):
@@ -211,6 +285,8 @@ class TickDetails(NamedTuple):
     """Whether the library's thread has real-time scheduling; None: not asked for."""
     finished: bool
     """The servo has asked for no more ticks."""
+    bad_readings: int
+    """Ticks whose sample was unsound."""
 
 
 # ---------------------------------------------------------------------------------------------
@@ -253,6 +329,7 @@ _LIMIT_NAMES: tuple[tuple[str, Any], ...] = (
     ("buzz_speed_m_s", c_double),
     ("force_error_wait_s", c_double),
     ("torque_limit_n_m", c_double),
+    ("lowest_rate_hz", c_double),
     ("engage_ticks", c_int32),
     ("buzz_changes", c_int32),
     ("passivity", c_int32),
@@ -271,7 +348,7 @@ _MAY_BE_ZERO = frozenset(
     }
 )
 
-_Limits = _structure("TickLimits", [*_LIMIT_NAMES, ("reserved", c_int32)])
+_Limits = _structure("TickLimits", [*_LIMIT_NAMES, ("unchecked", c_int32)])
 _Fixture = _structure(
     "TickFixture",
     [
@@ -327,7 +404,7 @@ _Sample = _structure(
         ("calibrated", c_int32),
         ("calibration", c_int32),
         ("by_torque", c_int32),
-        ("reserved", c_int32),
+        ("unsound", c_int32),
     ],
 )
 _Output = _structure(
@@ -379,7 +456,7 @@ _Snapshot = _structure(
         ("peak_n", c_double),
         ("given_peak_j", c_double),
         ("rendering", c_int32),
-        ("reserved", c_int32),
+        ("bad_readings", c_uint32),
     ],
 )
 _Functions = _structure("ServoFunctions", [(name, c_void_p) for name in FUNCTIONS])
@@ -389,7 +466,7 @@ _COMMAND = struct.Struct("=Qd4i9d3d9d3dd3d3dd3d3dd")
 _FIXTURE = struct.Struct("=2i3d3d9d4d")
 _SAMPLE = struct.Struct("=d3d3d9d3d3d9dd")
 _SAMPLE_REST = struct.Struct("=d6q6i")
-_SNAPSHOT = struct.Struct("=dQ2i3d3d9d3d3d3d3d3d5dQ5d6q4i2I7Ii2i2d2i")
+_SNAPSHOT = struct.Struct("=dQ2i3d3d9d3d3d3d3d3d5dQ5d6q4i2I7Ii2i2diI")
 
 _STATES = (
     OperatingState.DISABLED,
@@ -406,6 +483,8 @@ _WRONG = {
     5: "a plane's normal or a cylinder's axis is not of length 1",
     6: "a length, stiffness, damping, cap or scale in it is negative",
 }
+_OF_THE_FUTURE = 8
+_TICK_NEVER = -1e300
 _CALIBRATIONS = {
     0x5000: Calibration.OK,
     0x5001: Calibration.NEEDS_UPDATE,
@@ -417,11 +496,16 @@ _REASONS = (
     "paused on request",
     "paused: commands stopped coming",
     "paused: the force loop stood still",
+    "paused: commands or ticks are too irregular",
     "paused: it buzzed; disengage, or resume",
     "fault: a number was not finite",
     "fault: the stylus flew under force",
     "fault: three force errors of the library within 10 s",
     "fault: the device is lost",
+    "fault: the device's readings fail",
+    "the motors are not on",
+    "the force loop is too slow for force",
+    "the device could not be read",
     "not calibrated",
     "the stylus is in its inkwell",
     "no command yet",
@@ -479,7 +563,9 @@ def _library() -> Any:
         ("tick_create", c_void_p, (c_void_p,)),
         ("tick_destroy", None, (c_void_p,)),
         ("tick_set_limits", ctypes.c_int, (c_void_p, c_void_p)),
-        ("tick_command", ctypes.c_int, (c_void_p, c_void_p)),
+        ("tick_command", ctypes.c_int, (c_void_p, c_void_p, c_double)),
+        ("tick_lose", None, (c_void_p,)),
+        ("tick_allow", None, (c_void_p, ctypes.c_int)),
         ("tick_dropped", c_uint32, (c_void_p,)),
         ("tick_request", ctypes.c_int, (c_void_p, ctypes.c_int)),
         ("tick_state", ctypes.c_int, (c_void_p,)),
@@ -584,11 +670,12 @@ class Tick:
                 raise DriverError(f"the tick does not take {limits}")
             self.limits = limits
 
-    def command(self, command: HapticCommand) -> bool:
+    def command(self, command: HapticCommand, now_s: float | None = None) -> bool:
         """Render `command` from the next step on; False: it was dropped as stale.
 
-        Raises CommandError for what is not finite, no rotation, negative where that makes no
-        sense, or too much; the command before it then stays.
+        `now_s`: the time, where the caller knows it; else the newest step's counts. Raises
+        CommandError for what is not finite, no rotation, negative where that makes no sense, too
+        much, or of a time to come; the command before it then stays.
         """
         count = len(command.fixtures)
         if count > MAX_FIXTURES:
@@ -624,7 +711,14 @@ class Tick:
                     at += _FIXTURE.size
             except (struct.error, TypeError, OverflowError) as error:
                 raise CommandError(f"a haptic command cannot be taken: {error}") from None
-            result: int = self._library.tick_command(tick, self._command_at)
+            result: int = self._library.tick_command(
+                tick, self._command_at, math.nan if now_s is None else now_s
+            )
+        if result == _OF_THE_FUTURE:
+            raise CommandError(
+                f"a haptic command cannot be taken: its stamp, {command.stamp_s:.3f} s, is of a "
+                "time to come: stamps are of the monotonic clock, time.monotonic()"
+            )
         if result > _DROPPED:
             raise CommandError(f"a haptic command cannot be taken: {_WRONG[result]}")
         return result == _TAKEN
@@ -656,7 +750,7 @@ class Tick:
             sample.calibrated,
             0x5000 if sample.calibrated else 0x5001,
             sample.joint_torque,
-            0,
+            sample.unsound,
         )
         self._library.tick_step(self._open(), self._sample_at, self._output_at)
         x, y, z = self._output.force
@@ -671,10 +765,11 @@ class Tick:
             v = _SNAPSHOT.unpack_from(self._snapshot)
         ticks, state, reason = v[1], v[2], v[3]
         pose = None
-        if ticks:
+        heard = v[0] > _TICK_NEVER
+        if heard:
             pose = Pose(Vector3(*v[4:7]), _quaternion(v[10:19]))
         return HapticState(
-            stamp_s=v[0] if ticks else NEVER_S,
+            stamp_s=v[0] if heard else NEVER_S,
             ticks=ticks,
             state=_STATES[state],
             reason=_REASONS[reason],
@@ -722,6 +817,7 @@ class Tick:
             internal_error=v[64],
             realtime=None if v[65] < 0 else bool(v[65]),
             finished=bool(v[66]),
+            bad_readings=v[70],
         )
 
     @property
@@ -744,6 +840,15 @@ class Tick:
     def resume(self) -> None:
         """Go on after a pause. Raises CommandError unless paused."""
         self._request(_RESUME, "resume")
+
+    def lose(self) -> None:
+        """Nothing steps it any more: a latched fault, whatever the state was."""
+        self._library.tick_lose(self._open())
+
+    def allow(self, allowed: bool) -> None:
+        """Whether the motors are on; they are at first. While they are not it asks for no force,
+        and what comes then engages anew: so they are switched at zero force only."""
+        self._library.tick_allow(self._open(), allowed)
 
     def _request(self, verb: int, name: str) -> None:
         if self._library.tick_request(self._open(), verb):
@@ -840,11 +945,20 @@ def _address(buffer: bytearray) -> int:
     return ctypes.addressof((ctypes.c_char * len(buffer)).from_buffer(buffer))
 
 
+def _is_number(value: object) -> bool:
+    return (
+        isinstance(value, (int, float))
+        and not isinstance(value, bool)
+        and abs(value) < 1e300  # No overflow on the way to a double either.
+    )
+
+
 def _c_limits(limits: TickLimits) -> Any:
     values = dataclasses.asdict(limits)
     return _Limits(
+        unchecked=isinstance(limits, UncheckedLimits),
         **{
             name: kind(*values[name]) if kind is _V3 else values[name]
             for name, kind in _LIMIT_NAMES
-        }
+        },
     )
