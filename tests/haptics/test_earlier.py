@@ -10,6 +10,8 @@ from bench.haptics import earlier
 from bench.haptics.earlier import CONTACTS, SURPLUS_J, Before
 from bench.haptics.stability import HELD, LIGHTLY, OURS, PLAIN, RESTLESS_M_S
 
+pytestmark = pytest.mark.once
+
 STIRS = Before("stirs for 10 s", 10.0)
 NOISE = Before("stirs for 10 s, noise 0.05 N", 10.0, 0.05)
 STRONG_NOISE = Before("stirs for 10 s, noise 0.35 N", 10.0, 0.35)

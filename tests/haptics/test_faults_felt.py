@@ -13,6 +13,8 @@ from bench.haptics.faults import FAULT_S, FAULTS, LIMITS, feel, table
 from bench.haptics.loop import TICK_S
 from cardan.haptics import OperatingState
 
+pytestmark = pytest.mark.once
+
 BY_NAME = {fault.name: fault for fault in FAULTS}
 SILENT = "commands stopped coming"
 

@@ -8,6 +8,8 @@ import pytest
 
 from bench.haptics import pages
 
+pytestmark = pytest.mark.once
+
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = "# A\n\n<!-- one -->\n\nold\n\n<!-- end -->\n\ntext\n\n<!-- two -->\nold\n<!-- end -->\n"
 

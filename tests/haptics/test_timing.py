@@ -13,6 +13,8 @@ from bench.haptics import timing, zwidth
 from bench.haptics.faults import FAULTS
 from bench.haptics.stability import PUSHES, link_words
 
+pytestmark = pytest.mark.once
+
 PAGE = Path(__file__).parents[2] / "docs" / "stability.md"
 
 

@@ -10,6 +10,8 @@ from bench.haptics import theory, zwidth
 from bench.haptics.loop import TICK_S
 from bench.haptics.stability import OURS, PLAIN, UNHELD
 
+pytestmark = pytest.mark.once
+
 
 @functools.cache
 def stiffest(ours, frictionless, damping_n_s_m):

@@ -33,7 +33,7 @@ from tests.sim_peers.omni_virtual import (
     program,
 )
 
-pytestmark = needs_library
+pytestmark = [needs_library, pytest.mark.once]
 
 INKWELL = 4
 FORCE = int(State.CURRENT_FORCE)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from cardan.protocols.hdapi import Error, Info, State
 from tests.sim_peers.omni_virtual import LibHD, needs_library, program
 
-pytestmark = needs_library
+pytestmark = [needs_library, pytest.mark.once]
 
 Floats = npt.NDArray[np.float64]
 

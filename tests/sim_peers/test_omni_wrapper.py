@@ -37,7 +37,10 @@ from cardan.sim_peers.omni import (
     run_program,
 )
 
-pytestmark = pytest.mark.skipif(not omni.available(), reason="the C parts were not compiled")
+pytestmark = [
+    pytest.mark.skipif(not omni.available(), reason="the C parts were not compiled"),
+    pytest.mark.once,
+]
 
 PAGE = Path(__file__).parents[2] / "docs" / "simulated-devices.md"
 CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
