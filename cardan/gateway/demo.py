@@ -342,7 +342,8 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
             peers.enter_context(simulated_peer(*demo.peer(port), *until))
             config = demo_config(name, hid_path, port)
             outcome = supervise(config, seconds, view.show, through=through)
-    view.console.print(summary(outcome.last))
+    if outcome.exit_code == EXIT_OK or outcome.last.cycles:
+        view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:
         print(f"cardan: {outcome.last.error}", file=sys.stderr)
         return outcome.exit_code

@@ -150,7 +150,7 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
         ("force felt, peak", f"{s.force_peak_n:.2f} N"),
         ("energy given to the hand, net", f"at most {s.energy_given_j * 1e3:+.1f} mJ"),
         (
-            "energy given in one engagement",
+            "energy given since a clutch-in, net",
             f"at most {s.energy_given_peak_j * 1e3:.2f} mJ",
         ),
     ]

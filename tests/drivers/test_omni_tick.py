@@ -953,6 +953,7 @@ def test_a_measured_force_of_a_time_to_come_is_not_felt() -> None:
     rig.engage()
     rig.send(measured=MeasuredForce(Vector3(0.0, 0.0, 1.0), rig.now_s + 100.0))
     assert rig.run(0.1) == ZERO3
+    assert rig.state.force_age_s == math.inf
 
 
 def test_maxima_are_since_the_snapshot_before() -> None:

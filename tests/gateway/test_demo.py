@@ -141,7 +141,7 @@ def test_a_demo_that_was_ended_before_its_time_is_not_judged(monkeypatch, capsys
 
 @pytest.mark.once
 def test_the_drawing_runs_and_is_felt():
-    # A busy machine may find fault with cycles and ages, never with these.
+    # A busy machine may find fault with much, never with the force and the energy.
     ran = subprocess.run(
         [sys.executable, "-m", "cardan", "demo", "omni", "--seconds", "10"],
         capture_output=True,
@@ -151,5 +151,5 @@ def test_the_drawing_runs_and_is_felt():
     )
     assert ran.returncode in (0, 4), ran.stderr
     assert "path drawn in contact" in ran.stdout
-    for never in ("drawn:", "felt", "given", "at the end"):
+    for never in ("above", "given"):
         assert never not in ran.stderr, ran.stderr

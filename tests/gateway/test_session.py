@@ -158,7 +158,7 @@ def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
 
 def test_a_session_serves_programs_that_use_libspnav(fake_drivers, tmp_path):
     path = tmp_path / "spnav.sock"
-    s = session(spnav={"socket": str(path)}, robot={"cycles": 100_000})
+    s = session(spnav={"socket": str(path)}, robot={"cycles": 10_000_000})
     records = []
     send = s.robot.send
 

@@ -50,7 +50,10 @@ class Program:
     def __init__(self, path, version=0):
         self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.sock.settimeout(TIMEOUT_S)
-        self.sock.connect(str(path))
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while self.sock.connect_ex(str(path)):  # it is there a moment before it listens
+            assert time.monotonic() < deadline_s, "nobody listens"
+            time.sleep(0.005)
         self.reader = ServerReader()
         self.values = []
         if version:

@@ -103,8 +103,9 @@ class EvdevDevice(ReadDevice[K]):
 
     def close(self) -> None:
         """Stop reading and release the device."""
-        super().close()
-        self._chosen = None
+        with self._opening:
+            super().close()
+            self._chosen = None
 
     def _connect(self) -> None:
         link, driver = self._open_link()

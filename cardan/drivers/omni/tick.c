@@ -845,8 +845,10 @@ static void render_measured(Tick *tick, const TickCommand *c, double now_s, doub
         add(tick->measured_extra, -c->measured_stiffness_n_m, tick->position);
         add(tick->measured_extra, c->measured_stiffness_n_m, c->measured_position);
     }
-    if (tick->now.force_age_s > l->measured_hold_s || tick->now.force_age_s < -l->hold_s)
-        return; /* too old, or of a time to come */
+    if (tick->now.force_age_s < -l->hold_s)
+        tick->now.force_age_s = INFINITY; /* of a time to come: not to be believed */
+    if (tick->now.force_age_s > l->measured_hold_s)
+        return;
     double felt[3];
     set(felt, c->measured_force);
     add(felt, 1.0, tick->measured_extra);
