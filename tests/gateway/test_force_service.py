@@ -194,7 +194,8 @@ def test_a_node_without_a_session_says_how_to_start_one(tmp_path):
         run_force_node(config(fixtures=[SPHERE]), str(tmp_path / "none"), seconds=0.2)
 
 
-def test_the_command_line_has_the_node(tmp_path):
+def test_the_command_line_has_the_node(tmp_path, monkeypatch):
+    monkeypatch.setattr("cardan.gateway.force.node.ask_for_real_time", lambda: "other")
     file, path = tmp_path / "node.toml", str(tmp_path / "force.sock")
     file.write_text(
         '[[fixtures]]\nshape = "sphere"\ncentre_m = [0.3, 0.0, 0.4]\nradius_m = 0.1\n'
