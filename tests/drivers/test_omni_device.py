@@ -45,7 +45,10 @@ from cardan.types import (
     Wrench,
 )
 
-pytestmark = pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
+pytestmark = [
+    pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled"),
+    pytest.mark.once,
+]
 
 PATIENCE_S = 5.0
 PAGE = Path(__file__).parents[2] / "docs" / "omni.md"

@@ -17,7 +17,10 @@ from cardan.sim_peers.omni.library import available
 from cardan.types import DeviceLink, DeviceState
 from tests.gateway.force_fakes import REST, FakeHaptic
 
-pytestmark = pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
+pytestmark = [
+    pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled"),
+    pytest.mark.once,
+]
 
 SECONDS = 5.4
 PRESSED_S, OUT_S = 0.4, 5.2

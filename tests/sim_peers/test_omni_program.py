@@ -15,6 +15,8 @@ from cardan.errors import ConfigurationError, DeviceNotFoundError
 from cardan.sim_peers import omni
 from cardan.sim_peers.omni import OmniSettings, environment, library_path
 
+pytestmark = pytest.mark.once
+
 compiled = pytest.mark.skipif(not omni.available(), reason="the C parts were not compiled")
 COMMAND = [sys.executable, "-m", "cardan", "sim", "omni"]
 ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}
