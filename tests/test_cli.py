@@ -106,6 +106,8 @@ def test_peers_list_what_they_can(peer, fault):
         (("abb-gofa", "--mode", "fly"), "allowed: joint, pose, path"),
         (("abb-gofa", "--robotware", "5"), "robotware"),
         (("abb-gofa", "--script", "nope"), "teleop"),
+        (("abb-gofa", "--period", "1"), "0.001 to 0.1 s"),
+        (("abb-gofa", "--period", "0.008", "--virtual"), "one of them"),
         (("spacemouse",), "--hid"),
         (("spacemouse", "--hid", "x", "--model", "mouse"), "spacenavigator"),
         (("spacemouse", "--hid", "x", "--fault", "unplug=soon"), "not a number"),

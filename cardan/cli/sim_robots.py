@@ -55,6 +55,10 @@ def sim_abb_gofa(
     virtual: Annotated[
         bool, typer.Option("--virtual", help="4.000 ms cycle, as RobotStudio's controller.")
     ] = False,
+    period: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Another cycle, for a computer too slow for it."),
+    ] = None,
     joints: Annotated[
         str | None, typer.Option(metavar="J1,...,J6", help="Where the arm stands at first, deg.")
     ] = None,
@@ -112,8 +116,12 @@ def sim_abb_gofa(
     if joints is not None:
         (start,) = _points("--joints", [joints], len(options.joints_deg))
         options = dataclasses.replace(options, joints_deg=tuple(start))
+    if virtual and period is not None:
+        raise ConfigurationError("--period", "--virtual is a period, too: give one of them")
     if virtual:
-        options = dataclasses.replace(options, period_s=VIRTUAL_PERIOD_S)
+        period = VIRTUAL_PERIOD_S
+    if period is not None:
+        options = dataclasses.replace(options, period_s=period)
     serve_peer(egm.EgmControllerPeer(options), seconds)
 
 

@@ -32,10 +32,12 @@ PROGRAM = """
     0 on-error restart 2
     0 getid
     0 setup timeout=1
-    0 act window=1e-9 max-speed=180 sample-rate=24
+    0 act window=1e-9 max-speed=180
     0 run cond-time=1e6
 """
-"""A sixth of the usual rate: two emulated processors carry the hand, the robot and the session."""
+PERIOD_S = 0.032
+"""An eighth of the usual rate: two emulated processors carry the hand, the robot and the session,
+and take 20 to 45 times as long as real ones."""
 
 SPEED_M_S = 0.1
 SECONDS = 75.0
@@ -74,7 +76,7 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
     config = parse_config(
         {
             "device": {"driver": "spacemouse", "transport": "socket", "path": hid},
-            "robot": {"driver": "abb_egm", "listen_port": port, "silence_s": 0.4},
+            "robot": {"driver": "abb_egm", "listen_port": port, "silence_s": 0.5},
             "mapping": {"deadman": "left", "linear_speed_m_s": SPEED_M_S},
         }
     )
@@ -101,7 +103,10 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
     loopback("delay", "20ms", "5ms", "loss", "2%")
     with (
         simulated_peer("spacemouse", "--hid", hid, "--script", str(hand)),
-        simulated_peer("abb-gofa", "--to", f"127.0.0.1:{port}", "--script", str(program)),
+        simulated_peer(
+            "abb-gofa",
+            *("--to", f"127.0.0.1:{port}", "--script", str(program), "--period", str(PERIOD_S)),
+        ),
     ):
         outcome = supervise(config, SECONDS, show, go_on)
 

@@ -10,7 +10,7 @@ from ctypes import c_double, c_int, c_long
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cardan.protocols.hdapi import Error, Info, State
@@ -407,6 +407,7 @@ def balance_j(hd: LibHD) -> float:
     hand=st.tuples(st.floats(0.0, 0.5), st.floats(0.0, 8.0)),
     grip=st.booleans(),
 )
+@example(seed=0, stiffness=0.0, friction=0.0, hand=(0.25, 0.0), grip=True)  # hits the stops
 def test_energy_adds_up_whatever_happens(
     seed: int, stiffness: float, friction: float, hand: tuple[float, float], grip: bool
 ) -> None:

@@ -320,28 +320,31 @@ static void warm_motors(double dt_s) {
 
 /* --- dynamics -------------------------------------------------------------------------------- */
 
-static double stopped(double position[3], double middle_velocity[3], double dt) {
-    const Arm *arm = &omni.arm;
-    int hit = 0;
+/* Keep `position` within the stops; the outward normal of what was hit, else 0. */
+static int stopped(double position[3], double normal[3]) {
+    double free_m[3];
+    memcpy(free_m, position, sizeof free_m);
     for (int i = 0; i < 3; i++) {
-        double kept = fmax(STOP_LOW_M[i], fmin(STOP_HIGH_M[i], position[i]));
-        hit |= kept != position[i];
-        position[i] = kept;
+        position[i] = fmax(STOP_LOW_M[i], fmin(STOP_HIGH_M[i], position[i]));
     }
     double out[3] = {position[0], position[1] - L3, position[2] + L4};
     double reach = norm(out);
     if (reach > REACH_M) {
-        hit = 1;
         position[0] = out[0] * REACH_M / reach;
         position[1] = out[1] * REACH_M / reach + L3;
         position[2] = out[2] * REACH_M / reach - L4;
     }
-    if (hit) {
-        for (int i = 0; i < 3; i++) {
-            middle_velocity[i] = (position[i] - arm->position_m[i]) / dt;
-        }
+    for (int i = 0; i < 3; i++) {
+        normal[i] = free_m[i] - position[i];
     }
-    return hit;
+    double depth_m = norm(normal);
+    if (depth_m <= 0.0) {
+        return 0;
+    }
+    for (int i = 0; i < 3; i++) {
+        normal[i] /= depth_m;
+    }
+    return 1;
 }
 
 static void sub_step(double dt) {
@@ -377,26 +380,39 @@ static void sub_step(double dt) {
                     (2.0 * mass_kg / dt + 0.5 * dt * stiffness[i] + grip_n_s_m + drag);
         position[i] = arm->position_m[i] + dt * middle[i];
     }
-    int hit = stopped(position, middle, dt);
+    double normal[3], after[3], outward = 0.0;
+    int hit = stopped(position, normal);
+    for (int i = 0; i < 3; i++) {
+        if (hit) {
+            middle[i] = (position[i] - arm->position_m[i]) / dt;
+        }
+        after[i] = 2.0 * middle[i] - arm->velocity_m_s[i];
+        outward += hit ? normal[i] * after[i] : 0.0;
+    }
     double gained = 0.0, worked = 0.0;
     for (int i = 0; i < 3; i++) {
+        if (hit) { /* no bounce, and no grip: what is along the stop goes on */
+            after[i] -= outward * normal[i];
+        }
         double before = arm->velocity_m_s[i];
-        double after = hit ? middle[i] : 2.0 * middle[i] - before;
         double way = dt * middle[i];
         double world_n = arm->world_push_n[i] - (i == 1 && !held ? settings->droop_n : 0.0);
-        arm->hand_force_n[i] = 0.0;
+        double hand_n = 0.0, hand_kg = 0.0;
         if (held) {
-            arm->hand_force_n[i] = stiffness[i] * (stretch[i] - 0.5 * way) +
-                                   grip_n_s_m * (hand->target_velocity_m_s[i] - middle[i]) +
-                                   fixed_n[i] -
-                                   settings->hand_mass_kg * (after - before) / dt;
+            hand_n = stiffness[i] * (stretch[i] - 0.5 * way) +
+                     grip_n_s_m * (hand->target_velocity_m_s[i] - middle[i]) + fixed_n[i];
+            hand_kg = settings->hand_mass_kg;
         }
-        arm->hand_j += (arm->hand_force_n[i] + world_n) * way;
+        /* The hand's mass gives and takes its kinetic energy, also in the blow of a stop. */
+        double hand_j = (hand_n + world_n) * way -
+                        0.5 * hand_kg * (after[i] * after[i] - before * before);
+        arm->hand_force_n[i] = hand_n - hand_kg * (after[i] - before) / dt;
+        arm->hand_j += hand_j;
         arm->delivered_j += arm->delivered_n[i] * way;
         arm->lost_j += drag * middle[i] * way;
-        worked += (arm->hand_force_n[i] + world_n + arm->delivered_n[i] - drag * middle[i]) * way;
-        gained += 0.5 * stylus_kg * (after * after - before * before);
-        arm->velocity_m_s[i] = after;
+        worked += hand_j + (arm->delivered_n[i] - drag * middle[i]) * way;
+        gained += 0.5 * stylus_kg * (after[i] * after[i] - before * before);
+        arm->velocity_m_s[i] = after[i];
         arm->position_m[i] = position[i];
     }
     if (hit) { /* what the stop took */
@@ -609,7 +625,7 @@ void arm_power_on(void) {
         arm->locked = 1;
     } else {
         memcpy(arm->position_m, omni.hand.target_m, sizeof arm->position_m);
-        stopped(arm->position_m, unused, 1.0);
+        stopped(arm->position_m, unused);
     }
     memcpy(arm->turn_rad, omni.hand.turn_rad, sizeof arm->turn_rad);
     arm->calibrated = 1;
