@@ -18,6 +18,8 @@ from cardan.gateway.reference import Reference
 from cardan.types import DeviceLink, DeviceState
 from tests.drivers.motoros_rig import Rig
 
+pytestmark = pytest.mark.once
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 REST = (0.0,) * 6
 BOTH = pytest.mark.parametrize(

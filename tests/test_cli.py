@@ -11,6 +11,8 @@ import pytest
 
 from cardan import __version__
 
+pytestmark = pytest.mark.realtime
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}
 

@@ -11,6 +11,8 @@ from cardan.sim_peers.egm_controller import FAULTS as ROBOT_FAULTS
 from cardan.sim_peers.spacemouse import FAULTS as HAND_FAULTS
 from tests.chain import PC_ADDRESS, PUSH, PUSH_AND_REGRIP, Chain
 
+pytestmark = pytest.mark.once
+
 SPEED_M_S = 0.05
 FIRST_PULL_M = 0.0424
 """What the arm travels between 2.0 s and 2.9 s when all is well."""

@@ -26,7 +26,7 @@ from bench.haptics.stability import (
     hidden_j,
     link_words,
 )
-from cardan.drivers.omni.tick import TickLimits
+from cardan.drivers.omni.limits import TickLimits
 from cardan.haptics import HapticCommand
 from cardan.sim_peers.omni.settings import HandMotion, Waypoint
 from cardan.types import ZERO3, Vector3

@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.haptics.loop import TICK_S, Array, Rig, Trace
 from cardan.drivers.omni import library as libhd
-from cardan.drivers.omni.tick import TickLimits
+from cardan.drivers.omni.limits import TickLimits
 from cardan.errors import CommandError
 from cardan.haptics import (
     HapticCommand,

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cardan.drivers.omni import library as libhd
-from cardan.drivers.omni.tick import Servo, Tick, TickLimits, kinematics
+from cardan.drivers.omni.limits import TickLimits
+from cardan.drivers.omni.tick import Servo, Tick, kinematics
 from cardan.haptics import OperatingState
 from cardan.protocols.hdapi.constants import Capability
 from cardan.sim_peers.omni.library import SimulatedOmni

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.haptics.loop import TICK_S, Array, Rig, Trace
 from bench.haptics.remote import Link, RemoteWall, Wall
-from cardan.drivers.omni.tick import TickLimits, UncheckedLimits
+from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
 from cardan.haptics import HapticCommand, Plane
 from cardan.sim_peers.omni.settings import HandMotion, OmniSettings, Waypoint
 from cardan.types import ZERO3, Vector3

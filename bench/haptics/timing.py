@@ -26,7 +26,8 @@ import numpy as np
 
 from bench.haptics.loop import Array
 from cardan.drivers.omni import library as libhd
-from cardan.drivers.omni.tick import Servo, Tick, TickLimits
+from cardan.drivers.omni.limits import TickLimits
+from cardan.drivers.omni.tick import Servo, Tick
 from cardan.gateway.demo import DEMOS, demo_config, simulated_peer
 from cardan.gateway.supervisor import supervise
 from cardan.haptics import Fixture, HapticCommand, MeasuredForce, Plane

@@ -14,7 +14,7 @@ import numpy as np
 from bench.haptics import theory
 from bench.haptics.loop import TICK_S
 from bench.haptics.stability import DROOP_N, OURS, PLAIN, UNHELD, Hand, judge, local
-from cardan.drivers.omni.tick import TickLimits
+from cardan.drivers.omni.limits import TickLimits
 
 VISCOUS_N_S_M = 0.1
 """Of the simulated device."""

@@ -22,6 +22,8 @@ from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotL
 
 from .egm_controller import HOME, PERIOD_S, Controller, sensor_of, speeds_of
 
+pytestmark = pytest.mark.realtime
+
 FAST = JointCommand((1.5, *HOME[1:]))
 ZEROS = (0.0,) * 6
 

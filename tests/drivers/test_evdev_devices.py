@@ -22,6 +22,8 @@ from cardan.types import DeviceFeedback, DeviceLink
 from tests.drivers.evdev_bench import BY_KEY
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 DEADLINE_S = 5.0
 
 

@@ -22,6 +22,8 @@ from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from cardan.types import DeviceLink
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 pytest.importorskip("can", reason='python-can is not installed: pip install "cardan[can]"')
 
 GROUP = "239.74.163.2"

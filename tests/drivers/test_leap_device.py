@@ -17,6 +17,8 @@ from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 DEADLINE_S = 15.0
 
 simulated = pytest.mark.judged(device="Leap Motion", transport="WebSocket", by="simulated peer")

@@ -22,6 +22,8 @@ from cardan.types import DeviceLink
 from tests.drivers.leap_frames import PERIOD_S, PLUGGED, engaged, hand
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 EPOCH_S = 56_257.0
 HELD = {"still": {}, "open": {}, "grab": {"grab_strength": 1.0}, "pinch": {"pinch_strength": 1.0}}
 REST = {"still": None, "open": {"grab_strength": 1.0}, "grab": {}, "pinch": {}}

@@ -566,10 +566,18 @@ def test_a_command_of_another_clock_is_refused_and_blocks_nothing(bench):
     assert omni.haptics().dropped_commands == 0
 
 
+def is_unknown(reading):
+    try:
+        reading()
+    except DriverError:
+        return True
+    return False
+
+
 def test_a_wrench_along_a_stylus_that_nobody_sees_is_none(bench):
     omni, _ = bench.rendering()
     bench.sim.fault("dead-scheduler")
-    time.sleep(0.15)
+    until(lambda: is_unknown(omni.get_position))
     sequence = omni._sequence
     omni.feedback(DeviceFeedback(wrench=Wrench(Vector3(0.1, 0, 0), ZERO3, Frame.TOOL)))
     assert omni._sequence == sequence

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cardan.drivers.omni.tick import FUNCTIONS, Servo, Tick, UncheckedLimits, kinematics
+from cardan.drivers.omni.limits import UncheckedLimits
+from cardan.drivers.omni.tick import FUNCTIONS, Servo, Tick, kinematics
 from cardan.errors import DriverError
 from cardan.haptics import Calibration, HapticCommand, HapticState, OperatingState, Plane
 from cardan.protocols.hdapi import Error, Info, State

@@ -29,6 +29,8 @@ from cardan.types import (
 from tests.serving import in_a_thread
 from tests.test_docs import rows, section, text, written
 
+pytestmark = pytest.mark.realtime
+
 ROBOT = "gofa_crb15000_5"
 START = tuple(map(math.radians, (0.0, 40.0, 0.0, 0.0, 30.0, 0.0)))
 SPEED = JointVelocityCommand((0.2, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -34,6 +34,8 @@ from cardan.sim_peers.spacemouse import (
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 STEP_S = 0.004
 PATIENCE_S = 10.0
 PLAIN = SpaceMouseOptions(dead_zone=0.0)

@@ -29,6 +29,8 @@ from cardan.protocols.connexion import (
 )
 from cardan.types import DeviceFeedback, DeviceLink
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 10.0
 REST = encode_motion(0, 0, 0, 0, 0, 0)
 UP = encode_motion(0, 0, -175, 0, 0, 0)

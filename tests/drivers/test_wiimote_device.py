@@ -15,6 +15,8 @@ from cardan.types import ZERO3, DeviceFeedback, DeviceLink, Wrench
 from tests.drivers.wiimote_bench import REST, fault_default
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 15.0
 SOON = {
     "silence": 0.1, "out-of-range": 0.1, "in-range": 0.3, "power-off": 0.1, "power-on": 0.3,

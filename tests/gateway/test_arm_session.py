@@ -28,6 +28,8 @@ from cardan.types import (
     Vector3,
 )
 
+pytestmark = pytest.mark.once
+
 REST = (0.0,) * 6
 
 

@@ -16,7 +16,7 @@ from bench.haptics.loop import Rig
 from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.jr3_can import Jr3Options
-from cardan.drivers.omni.tick import TickLimits
+from cardan.drivers.omni.limits import TickLimits
 from cardan.gateway.assembly import load_config
 from cardan.gateway.config import parse_config
 from cardan.gateway.session import make_session
@@ -29,6 +29,8 @@ from tests.gateway.force_fakes import PERIOD_S, robot_state
 from tests.gateway.test_force_session import ScriptedRobot, drivers  # noqa: F401
 from tests.gateway.test_force_session import session as fake_session
 from tests.serving import in_a_thread
+
+pytestmark = pytest.mark.realtime
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PEN_DOWN = from_euler_zyx(3.141592653589793, 0.0, 0.0)

@@ -10,7 +10,7 @@ import pytest
 
 from bench.haptics.loop import Rig
 from cardan.drivers import registry
-from cardan.drivers.omni.tick import TickLimits
+from cardan.drivers.omni.limits import TickLimits
 from cardan.gateway.config import parse_config
 from cardan.gateway.session import make_session
 from cardan.sim_peers.omni.library import available

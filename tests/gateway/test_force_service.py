@@ -21,6 +21,8 @@ from cardan.spatial import norm
 from cardan.types import IDENTITY, Frame, Pose, Vector3, Wrench
 from tests.gateway.force_fakes import PERIOD_S, robot_state
 
+pytestmark = pytest.mark.realtime
+
 SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 SURFACE = {"shape": "plane", "at": "start", "normal": [0.0, 0.0, 1.0], "stiffness_n_m": 100.0}
 

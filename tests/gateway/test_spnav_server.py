@@ -34,6 +34,8 @@ from cardan.protocols.spnav import (
 )
 from cardan.types import ButtonEvent, DeviceCapabilities, DeviceLink, DeviceState
 
+pytestmark = pytest.mark.realtime
+
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PUSH = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 AWAY = (0, 0, 175, 0, 0, 0)

@@ -9,6 +9,8 @@ from cardan.gateway import supervisor
 from cardan.gateway.config import parse_config
 from cardan.gateway.supervisor import supervise
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def waiting(tmp_path):

@@ -17,6 +17,8 @@ from cardan.protocols.joint_stream import ArmCommand, ControlMode, decode_state,
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 HELLO = encode_command(ArmCommand(0, 1, 0.0, ControlMode.HOLD), 6)
 
 

@@ -21,6 +21,8 @@ from tests.sim_peers.egm_public_client import (
     TARGET_DEG,
 )
 
+pytestmark = pytest.mark.realtime
+
 PROGRAM = Path(__file__).with_name("egm_public_client.py")
 AT_MOST_S = 20.0
 

@@ -17,6 +17,8 @@ from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.sim_peers.leap.service import MAX_CLIENTS
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 TIMEOUT_S = 10.0
 CLOSE_TIMEOUT_S = 0.1
 """This client does not see the end while frames wait to be taken."""

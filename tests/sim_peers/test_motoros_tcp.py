@@ -36,6 +36,8 @@ from cardan.sim_peers.motoros_controller import (
 )
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 PING = request(Empty(), MessageType.PING)
 READY = request(MotionCtrl(0, 7, MotionCommand.CHECK_MOTION_READY))
 START = request(MotionCtrl(0, 2, MotionCommand.START_TRAJ_MODE))

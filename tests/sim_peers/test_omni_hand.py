@@ -6,7 +6,7 @@ import itertools
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, reject
 from hypothesis import strategies as st
 
 from cardan.errors import ScriptError
@@ -248,7 +248,11 @@ def test_whatever_the_goals_the_way_is_smooth_and_gets_there(goals):
     for x, y, z, over_s, wait_s in goals:
         steps.append(f"{time_s:.3f} move {x} {y} {z} over {over_s:.3f}")
         time_s += wait_s
-    motion = motion_of("\n".join(steps))
+    try:
+        motion = motion_of("\n".join(steps))
+    except ScriptError as error:  # Fast, then turned round slowly: it would swing out far.
+        assert "more than 0.5 m away" in str(error)
+        reject()
     times = [p.time_s for p in motion.waypoints]
     assert all(b > a for a, b in itertools.pairwise(times))
     assert to_hand(motion.waypoints[-1].position_m) == pytest.approx(goals[-1][:3], abs=1e-9)

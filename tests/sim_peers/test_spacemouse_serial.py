@@ -38,6 +38,8 @@ from cardan.sim_peers.spacemouse import (
 from cardan.sim_peers.spacemouse.keyboard import status_line
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 10.0
 STEP_S = 0.001
 READERS = {"magellan": MagellanReader, "spaceball": SpaceballReader, "spaceorb": OrbReader}

@@ -21,6 +21,8 @@ from cardan.errors import AddressError, ScriptError
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.spacemouse.socket import MAX_CLIENTS, QUEUE_REPORTS
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 10.0
 """How long a test waits at most for something that takes milliseconds."""
 

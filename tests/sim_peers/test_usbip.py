@@ -19,6 +19,8 @@ from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 from cardan.sim_peers.spacemouse.usbip import UsbipSpaceMousePeer, UsbipSpaceMousePeerOptions
 from cardan.sim_peers.usbip import ENDPOINT_REPORTS, Setup, Speed, UsbipSession
 
+pytestmark = pytest.mark.realtime
+
 DEVLIST = bytes.fromhex("0111 8005 00000000")
 IMPORT = bytes.fromhex("0111 8003 00000000") + b"1-1".ljust(32, b"\0")
 GET_DEVICE = bytes.fromhex("80 06 0001 0000 1200")

@@ -47,6 +47,8 @@ from cardan.sim_peers.wiimote.carriers import (
 )
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 CLIENT = Path(__file__).with_name("wiimote_cwiid_client.py")
 DEADLINE_S = 5.0
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from cardan.drivers.omni.tick import TickLimits
+from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.shaping import ShapingOptions, check_choice
 
 FORCE_MODES = ("cartesian", "joint")

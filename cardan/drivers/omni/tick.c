@@ -399,7 +399,7 @@ static void first_direction(double last[3], const TickFixture *f)
 
 #define R(field, low, high) {offsetof(TickLimits, field), low, high}
 
-/* What a device may be driven with: tick.py has the reasons. */
+/* What a device may be driven with: limits.py has the reasons. */
 static const struct {
     size_t at;
     double low, high;

@@ -1,0 +1,135 @@
+"""The tick between its threads, and its two languages."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from typing import Any
+
+import pytest
+
+from cardan.drivers.omni import tick as tick_module
+from cardan.drivers.omni.limits import TickLimits
+from cardan.drivers.omni.tick import (
+    NativeMissingError,
+    Tick,
+    available,
+    library_path,
+)
+from cardan.errors import DriverError
+from cardan.haptics import (
+    IDENTITY3,
+)
+from tests.drivers.tick_rig import (
+    ROOM,
+)
+
+
+def test_nothing_is_ever_read_half_written() -> None:
+    """Three threads without the interpreter's lock: one commands, one steps, one reads."""
+    free: Any = ctypes.CDLL(str(library_path()))
+    limits = tick_module._c_limits(TickLimits(**ROOM))
+    free.tick_create.restype = ctypes.c_void_p
+    tick = ctypes.c_void_p(free.tick_create(ctypes.byref(limits)))
+    stop = threading.Event()
+    torn: list[Any] = []
+    seen: set[int] = set()
+
+    def command() -> None:
+        c = tick_module._Command()
+        c.linear[:] = c.rotation[:] = IDENTITY3
+        c.fixture_count, c.force_scale = 8, 1.0
+        sequence = 0
+        for fixture in c.fixtures:
+            fixture.kind = 4
+            fixture.rotation[:] = IDENTITY3
+            fixture.stiffness_n_m, fixture.cap_n = 1.0, 1e9
+        while not stop.is_set():
+            sequence += 1
+            c.sequence, c.stamp_s = sequence, float(sequence)
+            c.force[:] = c.offset[:] = (sequence, sequence, sequence)
+            for fixture in c.fixtures:
+                fixture.point[:] = (2.0 * sequence, 2.0 * sequence, 2.0 * sequence)
+            free.tick_command(tick, ctypes.byref(c))
+
+    def step() -> None:
+        s = tick_module._Sample()
+        s.rotation[:] = s.jacobian[:] = IDENTITY3
+        s.calibrated = 1
+        output = tick_module._Output()
+        k = 0
+        while not stop.is_set():
+            k += 1
+            s.now_s = 1e-3 * k
+            s.joints_rad[:] = s.gimbal_rad[:] = (k, k, k)
+            free.tick_step(tick, ctypes.byref(s), ctypes.byref(output))
+
+    def read() -> None:
+        snapshot = tick_module._Snapshot()
+        while len(seen) < 1000 and not torn:
+            free.tick_snapshot(tick, ctypes.byref(snapshot))
+            if not snapshot.ticks:
+                continue
+            sequence = snapshot.command_sequence
+            # 8 springs of 1 N/m pull by 2n - n each, and n beside: 9 n along each axis.
+            if set(snapshot.commanded[:]) != {9.0 * sequence}:
+                torn.append((sequence, snapshot.commanded[:]))
+            if {*snapshot.joints_rad[:], *snapshot.gimbal_rad[:]} != {float(snapshot.ticks)}:
+                torn.append((snapshot.ticks, snapshot.joints_rad[:], snapshot.gimbal_rad[:]))
+            seen.add(snapshot.ticks)
+
+    others = [threading.Thread(target=t) for t in (command, step)]
+    for thread in others:
+        thread.start()
+    reader = threading.Thread(target=read)
+    reader.start()
+    reader.join(60.0)
+    stop.set()
+    for thread in others:
+        thread.join()
+    assert not torn
+    assert len(seen) >= 1000
+    free.tick_destroy(tick)
+
+
+def test_both_languages_agree_on_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert available()
+    right = tick_module._expected_layout()
+    monkeypatch.setattr(tick_module, "_expected_layout", lambda: [*right[:-1], right[-1] + 4])
+    tick_module._library.cache_clear()
+    try:
+        with pytest.raises(NativeMissingError, match="tools/native"):
+            Tick()
+        assert not available()
+    finally:
+        tick_module._library.cache_clear()
+
+
+def test_without_the_compiled_part_it_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Any
+) -> None:
+    monkeypatch.setattr(tick_module, "library_path", lambda: tmp_path / "libcardan_omni.so")
+    tick_module._library.cache_clear()
+    try:
+        assert not available()
+        with pytest.raises(NativeMissingError, match="gcc"):
+            Tick()
+    finally:
+        tick_module._library.cache_clear()
+
+
+def test_packed_and_declared_structures_are_the_same() -> None:
+    assert tick_module._COMMAND.size == tick_module._Command.fixtures.offset
+    assert tick_module._FIXTURE.size == ctypes.sizeof(tick_module._Fixture)
+    assert tick_module._SAMPLE.size + tick_module._SAMPLE_REST.size == ctypes.sizeof(
+        tick_module._Sample
+    )
+    assert tick_module._SNAPSHOT.size == ctypes.sizeof(tick_module._Snapshot)
+
+
+def test_after_close_it_says_so() -> None:
+    tick = Tick()
+    tick.close()
+    tick.close()
+    with pytest.raises(DriverError, match="closed"):
+        tick.snapshot()
