@@ -250,9 +250,10 @@ def test_whatever_the_goals_the_way_is_smooth_and_gets_there(goals):
         time_s += wait_s
     try:
         motion = motion_of("\n".join(steps))
-    except ScriptError as error:  # Fast, then turned round slowly: it would swing out far.
-        assert "more than 0.5 m away" in str(error)
-        reject()
+    except ScriptError as error:
+        if "more than 0.5 m away" not in str(error):
+            raise
+        reject()  # Fast, then turned round slowly: it would swing out that far.
     times = [p.time_s for p in motion.waypoints]
     assert all(b > a for a, b in itertools.pairwise(times))
     assert to_hand(motion.waypoints[-1].position_m) == pytest.approx(goals[-1][:3], abs=1e-9)
