@@ -20,11 +20,17 @@ from bench.figures import median_costs
 from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.reading import DeviceCore
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.drivers.spacemouse.serial_session import SerialSession
+from cardan.drivers.spacemouse.serial_session import SerialSession, device_model
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.drivers.wiimote import WiimoteOptions
 from cardan.protocols.connexion import encode_motion, find_model
-from cardan.protocols.connexion_serial import serial_model_by_key
+from cardan.protocols.connexion_serial import (
+    SpaceballMotion,
+    encode_orb_keys,
+    encode_orb_motion,
+    encode_spaceball_motion,
+    serial_model_by_key,
+)
 from cardan.protocols.leap import decode_service
 from cardan.protocols.spnav import encode_motion as encode_spnav_motion
 from cardan.sim_peers.leap import SimulatedLeapService
@@ -56,18 +62,51 @@ def spacemouse() -> Recorded:
 
 def magellan() -> Recorded:
     """A serial packet, the worked one."""
+    return _serial(
+        "magellan",
+        b"v   MAGELLAN  Version 5.79  by LOGITECH INC. 10/10/97 \r",
+        b"dH000H000H000H000H000H000\r",
+        [b"dH0?:G?NAH00GGNG0H000H05M\r"],
+    )
+
+
+def spaceball() -> Recorded:
+    """A serial packet, each axis deflected, as of a Spaceball 2003."""
+    period = 800
+    moving = [SpaceballMotion(period, *(20 * a for a in raw[:3]), *raw[3:]) for raw in RAW]
+    return _serial(
+        "spaceball-2003",
+        b"@1 Spaceball alive and well.\r@2 Firmware version 2.15 created.\r",
+        encode_spaceball_motion(SpaceballMotion(period, 0, 0, 0, 0, 0, 0)),
+        [encode_spaceball_motion(motion) for motion in moving],
+    )
+
+
+def spaceorb() -> Recorded:
+    """A serial packet, each axis deflected."""
+    return _serial(
+        "spaceorb",
+        encode_orb_keys(100, 0),
+        encode_orb_motion(0, (0,) * 6),
+        [encode_orb_motion(0, raw) for raw in RAW],
+    )
+
+
+def _serial(key: str, greeting: bytes, rest: bytes, packets: list[bytes]) -> Recorded:
+    """A serial device that greeted and was seen at rest."""
     core = SpaceMouseCore(SpaceMouseOptions())
-    session = SerialSession(serial_model_by_key("magellan"), 0.0)
-    session.receive(b"v   MAGELLAN  Version 5.79  by LOGITECH INC. 10/10/97 \r", 0.0)
-    assert session.model is not None
+    session = SerialSession(serial_model_by_key(key), 0.0)
+    session.receive(greeting, 0.0)
+    model = session.model
+    assert model is not None
 
     def feed(data: bytes, now_s: float) -> None:
         for value in session.receive(data, now_s):
             core.on_value(value, now_s)
 
-    core.on_opened(0.0)
-    feed(b"dH000H000H000H000H000H000\r", 0.0)
-    return Recorded(core, feed, [b"dH0?:G?NAH00GGNG0H000H05M\r"], 0.06, 0.0)
+    core.on_opened(0.0, device_model(model), None, model.period_s)
+    feed(rest, 0.0)
+    return Recorded(core, feed, packets, model.period_s, 0.0)
 
 
 def spnav() -> Recorded:
@@ -203,6 +242,8 @@ def _turns(device: Recorded) -> Callable[[], object]:
 DEVICES: dict[str, Callable[[], Recorded]] = {
     "SpaceMouse, HID": spacemouse,
     "Magellan, serial": magellan,
+    "Spaceball 2003, serial": spaceball,
+    "SpaceOrb 360, serial": spaceorb,
     "spacenavd's socket": spnav,
     "Wii Remote": wiimote,
     "Wii Remote, Nunchuk": lambda: wiimote("nunchuk"),

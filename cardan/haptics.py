@@ -155,7 +155,8 @@ class OperatingState(enum.Enum):
     """No force until enabled."""
     ENABLED = "enabled"
     PAUSED = "paused"
-    """Commands stopped coming, or ticks were late: no force until both are well and it is small."""
+    """On request, or since commands stopped coming, ticks were late or it buzzed: no force until
+    that is over and it is small; after a short stall of the loop alone it comes back by a ramp."""
     FAULT = "fault"
     """Latched, with a reason; enable tries again."""
 

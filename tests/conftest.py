@@ -1,8 +1,60 @@
 """What holds for every test."""
 
+from __future__ import annotations
+
 import os
+import re
+from collections.abc import Generator
 
 import pytest
+
+ALL_IS_THERE = os.environ.get("CI") == "true" or os.environ.get("CARDAN_KERNEL_VM") == "1"
+"""Whether nothing may be missing: in continuous integration, and in the virtual machine, which
+brings what its tests need."""
+
+INSTALLABLE = re.compile(r"\binstall(ed)?\b|\bDebian package")
+"""A reason to skip that somebody can do something about."""
+
+ANOTHER_MACHINE = re.compile(r"endian|64-bit|\bcompiled\b|\bcompiler\b|\bLinux only\b")
+"""A reason that lies in what the machine is."""
+
+
+def must_be_shown(reason: str, judged: bool) -> bool:
+    """Whether a test that is skipped for `reason` has to fail where nothing may be missing."""
+    if INSTALLABLE.search(reason):
+        return True
+    return judged and not ANOTHER_MACHINE.search(reason)
+
+
+def _accusation(reason: str) -> str:
+    return f"left out, where nothing may be missing (CI=true): {reason}"
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, None, None]:
+    """Turn the skip of a test whose judge is missing into a failure, in CI."""
+    excinfo = call.excinfo
+    if ALL_IS_THERE and excinfo is not None and isinstance(excinfo.value, pytest.skip.Exception):
+        reason = str(excinfo.value)
+        if must_be_shown(reason, item.get_closest_marker("judged") is not None):
+            try:
+                pytest.fail(_accusation(reason), pytrace=False)
+            except pytest.fail.Exception:
+                call.excinfo = pytest.ExceptionInfo.from_current()
+    yield
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_make_collect_report() -> Generator[None, None, None]:
+    """The same for a module that skips itself."""
+    outcome = yield
+    report = outcome.get_result()
+    if ALL_IS_THERE and report.skipped and isinstance(report.longrepr, tuple):
+        reason = report.longrepr[2].removeprefix("Skipped: ")
+        if must_be_shown(reason, judged=False):
+            report.outcome, report.longrepr = "failed", _accusation(reason)
 
 
 @pytest.fixture(autouse=True)

@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,10 @@ import pytest
 from cardan.drivers.omni import OmniOptions
 from cardan.gateway.assembly import load_config
 from cardan.gateway.demo import free_tcp_ports, free_udp_port, simulated_peer
-from cardan.gateway.session import EXIT_OK
+from cardan.gateway.session import EXIT_OK, make_session
 from cardan.gateway.supervisor import supervise
+from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
+from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.once
 
@@ -40,10 +43,20 @@ DEVICES = {
     "leap-gofa-simulated.toml": "short",
     "leap-ur5-simulated.toml": "short",
     "spacemouse-serial-simulated.toml": "strokes",
+    "spacemouse-ur5-simulated.toml": "strokes",
     "spnav-ur5-simulated.toml": "strokes",
     "wiimote-ur5-simulated.toml": "short",
 }
 """And the script whose hand moves each device."""
+
+LIGHTS = {
+    "spacemouse-ur5-simulated.toml": ("LED on", "LED off"),
+    "spnav-ur5-simulated.toml": ("LED on", "LED off"),
+    "wiimote-ur5-simulated.toml": ("LEDs 1---", "LEDs ----"),
+}
+"""What the simulated device says when its light goes on, and when it goes out."""
+
+NARROW = "\n[limits]\nworkspace_z_m = [-2.0, -1.0]  # the arm starts above it\n"
 
 STROKES = """
 0.1  axes 0 0 0.2 0 0 0 over 0.05
@@ -57,10 +70,9 @@ STROKES = """
 
 
 def commands(text):
-    """The commands in a file's head, without the last, which runs the session."""
+    """The commands in a file's head before the one that runs the session."""
     found = re.findall(r"^#   cardan (.*)$", text, re.MULTILINE)
-    assert "run examples/" in found[-1]
-    return found[:-1]
+    return found[: next(at for at, words in enumerate(found) if "run examples/" in words)]
 
 
 def ports_of_its_own(text):
@@ -84,30 +96,59 @@ def on_socketcand(text):
     )
 
 
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Run an example with its simulated device: the outcome, once the device has said `words` at
+    last, in this order."""
+
+    def run(name, words=()):
+        text = ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
+        if name.startswith("jr3"):
+            text = on_socketcand(text)
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        (tmp_path / "strokes").write_text(STROKES, encoding="utf-8")
+        (tmp_path / "examples").symlink_to(EXAMPLES)
+        said = tmp_path / "said"
+        with contextlib.ExitStack() as peers:
+            for command in commands(text):
+                arguments = shlex.split(command.partition("  #")[0])
+                if arguments[0] == "sim" and arguments[1] != "abb-gofa":
+                    arguments = [word for word in arguments if word != "--keyboard"]
+                    arguments += ["--script", DEVICES[name]]
+                peers.enter_context(served(arguments, said))
+            outcome = supervise(load_config(Path(name)), RUN_S, lambda snapshot: None)
+            wait_until_said(said, words)
+        return outcome
+
+    return run
+
+
 @pytest.mark.parametrize("name", DEVICES)
-def test_the_example_runs(name, tmp_path, monkeypatch):
-    text = (EXAMPLES / name).read_text(encoding="utf-8")
-    text = ports_of_its_own(text)
-    if name.startswith("jr3"):
-        text = on_socketcand(text)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    (tmp_path / "strokes").write_text(STROKES, encoding="utf-8")
-    (tmp_path / "examples").symlink_to(EXAMPLES)
-    with contextlib.ExitStack() as peers:
-        for command in commands(text):
-            words = shlex.split(command.partition("  #")[0])
-            if words[0] == "sim" and words[1] != "abb-gofa":
-                words = [word for word in words if word not in ("--keyboard",)]
-                words += ["--script", DEVICES[name]]
-            if words[0] == "sim":
-                peers.enter_context(simulated_peer(*words[1:], "--seconds", "40"))
-            else:
-                peers.enter_context(served(words))
-        outcome = supervise(load_config(Path(name)), RUN_S, lambda snapshot: None)
+def test_the_example_runs(run, name):
+    lit, dark = LIGHTS.get(name, ("", ""))
+    # Dark while the session waits, lit while the hand is on the robot, dark in the end.
+    outcome = run(name, (dark, lit, dark) if lit else ())
     last = outcome.last
     assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
     assert last.path_m > 1e-4, (last.message, last.device_reason, last.diagnosis)
+
+
+def test_a_remote_is_lit_and_rumbles_where_the_workspace_ends(tmp_path, monkeypatch):
+    name = "wiimote-ur5-simulated.toml"
+    text = (EXAMPLES / name).read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text(text + NARROW, encoding="utf-8")
+    options = WiimotePeerOptions(l2cap="wiimote-sockets", script=DEVICES[name])
+    with in_a_thread(WiimotePeer(options)) as peer:
+        last = make_session(load_config(Path(name))).run(3.0)
+        said = [entry.what for entry in peer.remote.log]
+    assert last.error == "", last.message
+    assert "rumble on" in said, said
+    assert [words for words in said if "rumble" in words][-1] == "rumble off"
+    disarmed = said.index("LEDs ----")
+    assert "LEDs 1---" in said[disarmed:], said
+    assert [words for words in said if "LEDs" in words][-1] == "LEDs ----"
 
 
 @pytest.mark.parametrize("name", FELT_S)
@@ -154,15 +195,17 @@ def waiting(words):
 
 
 @contextlib.contextmanager
-def served(words):
-    """Any other command that prints READY."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "cardan", *words, "--seconds", "40"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+def served(words, said):
+    """A command that prints READY; what it says on standard error goes to the end of `said`."""
+    with said.open("a") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cardan", *words, "--seconds", "40"],
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+        )
     try:
-        assert process.stdout.readline().startswith("READY ")
+        assert process.stdout.readline().startswith("READY "), said.read_text()
         yield
     finally:
         process.terminate()
@@ -170,12 +213,23 @@ def served(words):
         process.stdout.close()
 
 
+def wait_until_said(said, words):
+    """Wait until the last lines of the log `said` that are among `words` are `words`."""
+    give_up_s = time.monotonic() + 5.0
+    while True:
+        found = [line.rpartition(": ")[2] for line in said.read_text().splitlines()]
+        found = [word for word in found if word in words]
+        if found[-len(words) :] == list(words):
+            return
+        assert time.monotonic() < give_up_s, said.read_text()
+        time.sleep(0.01)
+
+
 def test_no_example_is_forgotten():
     tested_elsewhere = {
         "shared-control-simulated.toml",
         "spacemouse-gofa-simulated.toml",
         "spacemouse-gp8-simulated.toml",
-        "spacemouse-ur5-simulated.toml",
     }
     assert {path.name for path in EXAMPLES.glob("*-simulated.toml")} == {
         *DEVICES,

@@ -146,6 +146,12 @@ def test_every_table_of_the_configuration_has_its_section():
     assert set(TABLES) == named - {"device", "robot", "filters"}
 
 
+def test_the_drivers_that_are_allowed_are_all_of_them():
+    told = re.search(r"there is no driver 'spacemous'; allowed: (.*)", text("configuration.md"))
+    assert told
+    assert told[1] == ", ".join(sorted(registry.BUILT_IN))
+
+
 def test_every_model_is_there_as_it_is():
     lines = section(text("spacemouse.md"), "Devices").splitlines()
     assert [line for line in lines if line.startswith("|")][2:] == [

@@ -105,7 +105,7 @@ def test_radio_lost_while_deflected():
     # the last report drives for 0.1 s at most
     assert chain.travelled_m(3.0, 9.0) <= 0.1 * SPEED_M_S + 0.004
     assert chain.rests_from() <= 3.4
-    assert "but no motion report for 0.1 s" in chain.messages()
+    assert "but no motion report for 0.09 s" in chain.messages()
 
 
 def test_reports_that_stall_and_come_at_once():

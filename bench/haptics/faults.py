@@ -120,6 +120,9 @@ class Fault(NamedTuple):
     """How long after its beginning the force has to be zero at the latest."""
     device_cuts: bool = False
     """The device itself takes its force away at once, whatever is sent."""
+    forbidden: str = ""
+    """The reason that forbids force at last: within the release from the first tick that gives it
+    force has to be zero, and to stay so."""
 
 
 def _set(**values: object) -> Callable[[Scene], None]:
@@ -161,9 +164,12 @@ def _measured(force: Vector3, late_s: float = 0.0) -> Callable[[Scene], None]:
     return _set(measured=lambda now_s: MeasuredForce(force, now_s - late_s))
 
 
+_ROUNDING_S = 1e-6
 _TICK = TICK_S * 1.5
 """For the tick in which a fault is found, and rounding."""
 _RELEASED = LIMITS.release_s + _TICK
+_SLOW = "the force loop is too slow for force"
+_IRREGULAR = "paused: commands or ticks are too irregular"
 
 FAULTS = (
     Fault("command source dead", _set(sending=False), LIMITS.hold_s + _RELEASED),
@@ -173,13 +179,13 @@ FAULTS = (
     Fault("warm motors", _device("warm-motors"), _RELEASED, True),
     Fault("over-force", _device("over-force"), _RELEASED, True),
     Fault("calibration lost", _device("uncalibrated"), 4 * TICK_S + _RELEASED),
-    Fault("docked", _dock),
+    Fault("docked", _dock, forbidden="the stylus is in its inkwell"),
     Fault("let go under 2 N", _let_go),
-    Fault("thrown along the wall", _throw),
-    Fault("ticks at 200 Hz", _device("slow-ticks", 200.0)),
-    Fault("ticks 5 ms late", _device("late-tick", 5.0)),
-    Fault("ticks 30 ms late", _device("late-tick", 30.0)),
-    Fault("callback 3 ms overrun", _device("overrun", 3.0)),
+    Fault("thrown along the wall", _throw, forbidden="fault: the stylus flew under force"),
+    Fault("ticks at 200 Hz", _device("slow-ticks", 200.0), forbidden=_SLOW),
+    Fault("ticks 5 ms late", _device("late-tick", 5.0), forbidden=_IRREGULAR),
+    Fault("ticks 30 ms late", _device("late-tick", 30.0), forbidden=_IRREGULAR),
+    Fault("callback 3 ms overrun", _device("overrun", 3.0), forbidden=_SLOW),
     Fault("jitter 500 µs", _device("jitter", 500.0)),
     Fault("encoder stuck", _device("stuck-encoder", 2.0)),
     Fault("NaN in commands", _set(force=Vector3(NAN, 0.0, 0.0)), LIMITS.hold_s + _RELEASED),
@@ -208,6 +214,9 @@ class Felt(NamedTuple):
     """Fastest decline, where the motors were still on."""
     zero_s: float
     """When what is felt was first zero, after the fault; infinite: never."""
+    forbidden_s: float
+    """From the first tick that gave the fault's `forbidden` to the first after which no force was
+    sent any more; infinite: no tick gave it, or force was sent to the end."""
     again: bool
     """There was force again after that."""
     after: HapticState
@@ -219,6 +228,8 @@ class Felt(NamedTuple):
     @property
     def in_time(self) -> bool:
         """Zero as soon as it has to be."""
+        if self.fault.forbidden and self.forbidden_s > LIMITS.release_s + _ROUNDING_S:
+            return False
         return self.zero_s <= self.fault.dead_s
 
 
@@ -244,6 +255,7 @@ def _felt(fault: Fault, trace: Trace, first: int, after: HapticState, refused: i
     zero_s = float(times_s[1 + gone[0]] - times_s[0]) if len(gone) else math.inf
     over = np.flatnonzero(sizes == 0.0)
     later = sizes[over[0] :] if len(over) else sizes[:0]
+    forbids = [k for k, (_, reason) in enumerate(trace.states[first:]) if reason == fault.forbidden]
     reasons: list[str] = []
     for state, reason in trace.states[first:]:
         words = _words(state, reason)
@@ -256,12 +268,19 @@ def _felt(fault: Fault, trace: Trace, first: int, after: HapticState, refused: i
         float(per_ms[grows].max(initial=0.0)),
         float(per_ms[~grows].max(initial=0.0)),
         zero_s,
+        _until_none_s(times_s[1 + forbids[0] :], sizes[1 + forbids[0] :]) if forbids else math.inf,
         bool((later > 1e-9).any()),
         after,
         tuple(reasons),
         refused,
         trace,
     )
+
+
+def _until_none_s(times_s: Array, sizes: Array) -> float:
+    """Time from the first tick to the one from which on there is no force; infinite: there is."""
+    last = int(np.flatnonzero(sizes > 1e-9).max(initial=-1))
+    return float(times_s[last + 1] - times_s[0]) if last + 1 < len(sizes) else math.inf
 
 
 def _words(state: OperatingState, reason: str) -> str:

@@ -40,7 +40,8 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.colors import LogNorm
 
-OURS_COLOUR, PLAIN_COLOUR, THEORY = "tab:blue", "tab:red", "black"
+OURS_COLOUR, OFF_COLOUR, PLAIN_COLOUR = "tab:blue", "tab:orange", "tab:red"
+THEORY = "black"
 PAIR = (400.0, Link(0.05))
 """Stiffness and link of the traces, held."""
 ROBOT_LAG_S = 0.004
@@ -242,8 +243,10 @@ def _zwidth(widths: list[Width]) -> Any:
     damping = np.array([one.damping_n_s_m for one in widths])
     for name, colour, style, label in (
         ("plain_frictionless", PLAIN_COLOUR, "o--", "plain, no friction"),
+        ("off_frictionless", OFF_COLOUR, "o--", "ours, controller off, no friction"),
         ("ours_frictionless", OURS_COLOUR, "o--", "ours, no friction"),
         ("plain", PLAIN_COLOUR, "o-", "plain, friction 0.26 N"),
+        ("off", OFF_COLOUR, "o-", "ours, controller off, friction 0.26 N"),
         ("ours", OURS_COLOUR, "o-", "ours, friction 0.26 N"),
     ):
         axes.plot(damping, [getattr(one, name) for one in widths], style, color=colour, label=label)

@@ -6,6 +6,7 @@ loop passive: no passivity controller, no damping, no extrapolation, no gentle s
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -30,6 +31,8 @@ PLAIN = UncheckedLimits(
     buzz_speed_m_s=100.0,
 )
 """Slew at the most that a tick's own release needs: 0.4 N a tick."""
+CONTROLLER_OFF = dataclasses.replace(OURS, passivity=False)
+"""Ours without the passivity controller, and with all else: what the controller itself does."""
 
 DURATION_S = 3.0
 RESTLESS_M_S = 0.02

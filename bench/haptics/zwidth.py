@@ -13,7 +13,16 @@ import numpy as np
 
 from bench.haptics import theory
 from bench.haptics.loop import TICK_S
-from bench.haptics.stability import DROOP_N, OURS, PLAIN, UNHELD, Hand, judge, local
+from bench.haptics.stability import (
+    CONTROLLER_OFF,
+    DROOP_N,
+    OURS,
+    PLAIN,
+    UNHELD,
+    Hand,
+    judge,
+    local,
+)
 from cardan.drivers.omni.limits import TickLimits
 
 VISCOUS_N_S_M = 0.1
@@ -67,26 +76,37 @@ class Width(NamedTuple):
     stable_by_theory: float
     """The rule of thumb with the delay of the sensing."""
     plain_frictionless: float
+    off_frictionless: float
+    """Ours with its passivity controller off."""
     ours_frictionless: float
     plain: float
     """With the device's friction; so the next."""
+    off: float
     ours: float
     plain_given_j: float
-    """Most energy that the stiffest plain wall gave, with friction."""
+    """Most energy that the stiffest plain wall gave, with friction; so the next."""
+    off_given_j: float
+
+
+def _given_j(limits: TickLimits, stiffness_n_m: float, damping_n_s_m: float) -> float:
+    return judge(local(limits, UNHELD, stiffness_n_m, damping_n_s_m, SECONDS), limits).given_j
 
 
 def _width(damping_n_s_m: float) -> Width:
     plain = stiffest(PLAIN, UNHELD, damping_n_s_m)
-    there = local(PLAIN, UNHELD, plain, damping_n_s_m, SECONDS)
+    off = stiffest(CONTROLLER_OFF, UNHELD, damping_n_s_m)
     return Width(
         damping_n_s_m,
         theory.passive_stiffness(VISCOUS_N_S_M, damping_n_s_m, TICK_S),
         theory.stable_stiffness_rule(VISCOUS_N_S_M, TICK_S, LATE_S, damping_n_s_m),
         stiffest(PLAIN, FRICTIONLESS, damping_n_s_m),
+        stiffest(CONTROLLER_OFF, FRICTIONLESS, damping_n_s_m),
         stiffest(OURS, FRICTIONLESS, damping_n_s_m),
         plain,
+        off,
         stiffest(OURS, UNHELD, damping_n_s_m),
-        judge(there, PLAIN).given_j,
+        _given_j(PLAIN, plain, damping_n_s_m),
+        _given_j(CONTROLLER_OFF, off, damping_n_s_m),
     )
 
 
@@ -99,12 +119,14 @@ def table(found: list[Width]) -> str:
     """Markdown."""
     lines = [
         "| damping of the wall | passive by theory | stable by rule | plain, no friction "
-        "| ours, no friction | plain | ours | energy that this plain wall gave |",
-        "|---|---|---|---|---|---|---|---|",
+        "| ours, controller off, no friction | ours, no friction | plain | ours, controller off "
+        "| ours | energy that this plain wall gave | that with the controller off |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for one in found:
-        cells = " | ".join(f"{value:.0f}" for value in one[1:-1])
+        cells = " | ".join(f"{value:.0f}" for value in one[1:-2])
         lines.append(
-            f"| {one.damping_n_s_m:g} N·s/m | {cells} | {1e3 * one.plain_given_j:.1f} mJ |"
+            f"| {one.damping_n_s_m:g} N·s/m | {cells} | {1e3 * one.plain_given_j:.1f} mJ "
+            f"| {1e3 * one.off_given_j:.1f} mJ |"
         )
     return "\n".join(lines)

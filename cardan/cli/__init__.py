@@ -6,12 +6,14 @@ import dataclasses
 import io
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from cardan import __version__
 from cardan.cli import sim_devices, sim_robots
@@ -25,7 +27,7 @@ from cardan.cli.common import (
     Seconds,
 )
 from cardan.cli.sim import sim
-from cardan.drivers.base import OperatorDevice
+from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.snapshot import Snapshot
 from cardan.types import DeviceLink, RobotLink
@@ -186,7 +188,7 @@ def devices() -> None:
     """List the operator devices that are plugged in, and what stands in their way."""
     from cardan.drivers import registry
 
-    found = []
+    found: list[tuple[str, FoundDevice]] = []
     for name in registry.names():
         driver = registry.load(name)
         if issubclass(driver, OperatorDevice):
@@ -200,16 +202,37 @@ def devices() -> None:
     table = Table(box=None)
     for column in ("device", "driver", "id", "transport", "path", "state"):
         table.add_column(column)
-    for name, device in found:
+    for name, device in _merged(found):
         table.add_row(
-            device.name,
-            name,
-            device.identity,
-            device.transport,
-            device.path,
-            device.obstacle or "ready",
+            *(
+                Text(cell)  # What stands in brackets is no markup.
+                for cell in (
+                    device.name,
+                    name,
+                    device.identity,
+                    device.transport,
+                    device.path,
+                    device.obstacle or "ready",
+                )
+            )
         )
     Console().print(table)
+
+
+def _merged(found: Sequence[tuple[str, FoundDevice]]) -> list[tuple[str, FoundDevice]]:
+    """`found`, with one row for all drivers that the same thing hides the devices from."""
+    rows: dict[object, list[tuple[str, FoundDevice]]] = {}
+    for number, (name, device) in enumerate(found):
+        hidden = device.obstacle and not (device.path or device.identity)
+        key = (device.transport, device.obstacle) if hidden else number
+        rows.setdefault(key, []).append((name, device))
+    return [
+        (
+            ", ".join(dict.fromkeys(name for name, _ in row)),
+            row[0][1]._replace(name=", ".join(dict.fromkeys(device.name for _, device in row))),
+        )
+        for row in rows.values()
+    ]
 
 
 @app.command()
@@ -242,12 +265,11 @@ def spnav(
     and 1 of its protocol. Prints READY and the socket's path once it serves."""
     from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
     from cardan.gateway.assembly import load_served, make_device
-    from cardan.gateway.config import SpnavTable
-    from cardan.gateway.spnav import serve_device
+    from cardan.gateway.spnav import SpnavServerOptions, serve_device
 
     if file is None:
         device: OperatorDevice = SpaceMouse(SpaceMouseOptions(wait_for_device=True))
-        options = SpnavTable().server_options()
+        options = SpnavServerOptions()
     else:
         config = load_served(file)
         device, options = make_device(config), config.spnav.server_options()

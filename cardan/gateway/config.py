@@ -10,7 +10,7 @@ import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     BaseModel,
@@ -38,9 +38,6 @@ from cardan.types import (
     Pose,
     Vector3,
 )
-
-if TYPE_CHECKING:
-    pass
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -307,8 +304,8 @@ class SpnavTable(_Table):
 
     socket: str = SpnavServerOptions.socket
     access: Literal["owner", "everybody"] = "owner"
-    full_scale: Annotated[float, Field(ge=1.0, allow_inf_nan=False, strict=True)] = 350.0
-    name: str = "Cardan"
+    full_scale: Annotated[float, Field(ge=1.0, allow_inf_nan=False, strict=True)] | None = None
+    name: str = ""
 
     @model_validator(mode="after")
     def _can_be_served(self) -> SpnavTable:

@@ -36,7 +36,7 @@ from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.mapping import TwistMapping
 from cardan.gateway.reference import Reference
 from cardan.gateway.snapshot import Snapshot
-from cardan.gateway.spnav import SpnavService
+from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
 from cardan.realtime import ask_for_real_time
 from cardan.spatial import norm, subtract
@@ -110,9 +110,11 @@ class Session:
                 if self._force.source is not None:
                     opened.enter_context(self._force.source)
                 self._force.start(self._tcp)
-            if self._spnav_options is not None:
+            if (spnav := self._spnav_options) is not None:
                 self._spnav = SpnavService(
-                    lambda: self.device.capabilities.buttons, self._spnav_options
+                    lambda: self.device.capabilities.buttons,
+                    spnav,
+                    lambda: identity_of(self.device, spnav.name),
                 )
                 self._spnav.start()
                 opened.callback(self._spnav.stop)

@@ -86,6 +86,9 @@ class Snapshot:
     """How long, in all, the hand was followed without the force that it had had before."""
     force_lost_reason: str = ""
     """Why, the last time."""
+    measured_force_n: list[float] | None = None
+    """The measured force as the hand would feel it: scaled, filtered, base axes; None: there is
+    none. Where it points is the test of `sense` and of the force's frame."""
     force_age_s: float | None = None
     """Of the measured force that is rendered; None: none is."""
     fixture_age_p50_s: float | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -43,6 +44,10 @@ def _bar(value: float, full_scale: float) -> Text:
 
 def _position_mm(pose: list[float]) -> str:
     return "  ".join(f"{v * 1e3:8.1f}" for v in pose[:3]) if pose else "–"
+
+
+def _newtons(force: Sequence[float]) -> str:
+    return " ".join(f"{value + 0.0:+.2f}" for value in force)
 
 
 def _microseconds(seconds: float | None) -> str:
@@ -97,6 +102,8 @@ def render(snapshot: Snapshot) -> RenderableType:
     if s.haptic_state:
         robot.add_row("force felt, peak", f"{s.force_n:.2f} N, {s.force_peak_n:.2f} N")
         robot.add_row("force", _force_words(s))
+        if s.measured_force_n is not None:
+            robot.add_row("for the hand, x y z", f"{_newtons(s.measured_force_n)} N, base axes")
         if s.contact_force_n is not None:
             robot.add_row(
                 "contact, drawn", f"{s.contact_force_n:.1f} N, {s.contact_path_m * 1e3:.0f} mm"
@@ -239,6 +246,8 @@ def plain(snapshot: Snapshot) -> str:
     )
     if s.haptic_state:
         text += f", force {s.force_n:.2f} N"
+        if s.measured_force_n is not None:
+            text += f", for the hand {_newtons(s.measured_force_n)} N"
     said = _said(s)
     return f"{text}  | {said}" if said else text
 

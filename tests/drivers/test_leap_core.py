@@ -45,7 +45,7 @@ class TestLink:
 
     def test_without_any_frame_it_is_stale(self):
         rig = Rig()
-        state = rig.wait(0.11)
+        state = rig.wait(0.1)
         assert state.link is DeviceLink.STALE
         assert "no frame" in state.reason
 

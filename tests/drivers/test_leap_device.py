@@ -11,6 +11,7 @@ import pytest
 
 from cardan.drivers.leap import BUTTONS, Leap, LeapOptions
 from cardan.drivers.leap.connection import Connection, ServiceClosedError, connect
+from cardan.drivers.leap.core import STALE_AFTER_S
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError
 from cardan.protocols.leap import ClientOptions, Version
 from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
@@ -131,7 +132,7 @@ def test_a_stall_is_noticed_in_time(script):
         seen_s = time.monotonic()
         assert state.pose is None
         # How much later depends on the machine; in virtual time it is exact.
-        assert seen_s - state.stamp_s > 0.1
+        assert seen_s - state.stamp_s > STALE_AFTER_S
         until(lambda: leap.state().link is DeviceLink.LIVE, "live again")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cardan.drivers.leap import LeapCore, LeapOptions
+from cardan.drivers.leap.core import STALE_AFTER_S
 from cardan.protocols.leap import DeviceEvent, decode_service
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService, play
@@ -45,7 +46,7 @@ def assert_re_arms_only_after_neutral(rig, clutch) -> None:
 class TestLinkFaults:
     def test_silence(self, clutch):
         rig = engaged(clutch)
-        assert "clutch" in rig.wait(0.099).buttons
+        assert "clutch" in rig.wait(STALE_AFTER_S - 0.001).buttons
         assert_neutral(rig.wait(0.002))
         assert rig.state.link is DeviceLink.STALE
         assert set(rig.edges()) >= {"-hand", "-clutch"}
@@ -54,7 +55,7 @@ class TestLinkFaults:
 
     def test_garbage(self, clutch):
         rig = engaged(clutch)
-        assert_neutral(rig.garbage(0.11))
+        assert_neutral(rig.garbage(0.1))
         assert_re_arms_only_after_neutral(rig, clutch)
 
     def test_frames_that_do_not_get_newer(self, clutch):
@@ -130,7 +131,8 @@ def test_a_hand_that_is_not_measured_is_lost(clutch, bad, unreadable):
     # No frame at all after the last measurement: the same.
     again = engaged(clutch)
     again.frame(unreadable=1)
-    again.wait(0.095)
+    again.frame(unreadable=1)
+    again.wait(STALE_AFTER_S - 0.005)
     assert "clutch" not in again.state.buttons
 
 

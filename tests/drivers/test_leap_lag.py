@@ -99,15 +99,15 @@ def test_a_delay_that_grows_ends_in_stale(clutch, posture):
     hands = [hand(**HELD[clutch])]
     for step in range(1, 200):
         late_s = 0.2 * step * PERIOD_S
-        state = tell(rig, *(hands if late_s < 0.11 else hands * (posture == "held")), late_s=late_s)
+        state = tell(rig, *(hands if late_s < 0.1 else hands * (posture == "held")), late_s=late_s)
         if state.link is DeviceLink.LIVE:
             assert rig.now_s - state.stamp_s == pytest.approx(late_s, abs=0.002)
-        if late_s > 0.11:
+        if late_s > 0.1:
             assert state.link is DeviceLink.STALE
             assert "late" in state.reason
             assert (state.pose, state.buttons) == (None, frozenset())
     assert rig.core.metrics(rig.now_s)["frame_lag_s"] == pytest.approx(0.2 * 199 * PERIOD_S, 0.02)
-    assert any("frames that came more than 0.1 s late" in w for w in rig.core.diagnosis(rig.now_s))
+    assert any("frames that came more than 0.09 s late" in w for w in rig.core.diagnosis(rig.now_s))
 
 
 @pytest.mark.parametrize("clutch", HELD)
@@ -130,7 +130,7 @@ def test_late_frames_are_no_neutral(clutch):
 def test_delay_and_silence_add_up():
     rig = engaged()
     assert tell(rig, hand(), late_s=0.08).link is DeviceLink.LIVE
-    assert rig.wait(0.015).link is DeviceLink.LIVE
+    assert rig.wait(0.005).link is DeviceLink.LIVE
     assert rig.wait(0.010).link is DeviceLink.STALE
 
 

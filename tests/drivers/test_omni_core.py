@@ -347,6 +347,27 @@ def test_errors_of_the_library_are_told():
     assert (metrics["library_errors"], metrics["bad_readings"]) == (7, 3)
 
 
+def test_a_callback_that_nearly_fills_its_millisecond_is_told():
+    rig = Rig().live()
+    snapshot = rig.tick.snapshot()
+    rig.core.on_snapshot(snapshot._replace(tick_cost_s=0.8e-3), rig.now_s)
+    assert "a tick of the force loop took" not in told(rig)
+    rig.core.on_snapshot(snapshot._replace(tick_cost_s=0.85e-3), rig.now_s)
+    rig.core.on_snapshot(snapshot, rig.now_s)
+    rig.core.taken(rig.now_s)
+    assert "a tick of the force loop took 0.85 ms, of 1 ms there is" in told(rig)
+
+
+def test_numbers_of_another_locale_are_told_whether_or_not_it_is_open():
+    rig = Rig().live()
+    rig.core.numbers_hint = "LC_NUMERIC must be C"
+    assert "LC_NUMERIC must be C" in told(rig)
+    rig.core.on_lost("no valid licence", rig.now_s)
+    assert rig.core.diagnosis(rig.now_s) == ["no valid licence", "LC_NUMERIC must be C"]
+    rig.core.on_lost("it cannot be opened; LC_NUMERIC must be C", rig.now_s)
+    assert rig.core.diagnosis(rig.now_s) == ["it cannot be opened; LC_NUMERIC must be C"]
+
+
 def test_metrics_are_numbers_with_units_in_their_names():
     metrics = Rig().live().core.metrics(0.3)
     assert all(isinstance(value, (int, float)) for value in metrics.values())

@@ -24,7 +24,7 @@ from cardan.errors import (
     NotOpenError,
 )
 from cardan.haptics import HapticCommand, OperatingState, Sphere
-from cardan.protocols.hdapi import Capability
+from cardan.protocols.hdapi import Capability, Error, State
 from cardan.sim_peers.omni import (
     OmniFault,
     OmniSettings,
@@ -384,6 +384,34 @@ def test_joint_torques_instead_of_forces(bench):
     assert not omni.is_cartesian_force_mode_enabled()
 
 
+@pytest.mark.parametrize(
+    ("drive_by", "used", "other"),
+    [
+        ("force", State.CURRENT_FORCE, State.CURRENT_JOINT_TORQUE),
+        ("joint_torques", State.CURRENT_JOINT_TORQUE, State.CURRENT_FORCE),
+    ],
+)
+def test_the_loop_hands_over_forces_or_joint_torques(bench, drive_by, used, other):
+    omni, repeat = bench.rendering((0.15, 0.05, -0.05), drive_by=drive_by, damping_n_s_m=0.0)
+
+    def handed(what):
+        repeat()
+        return any(omni._hd.doubles(omni._handle, what, 3))  # Of the newest frame.
+
+    def felt():
+        repeat()
+        return bench.sim.truth().commanded_n == pytest.approx((0.15, 0.05, -0.05), abs=5e-3)
+
+    until(lambda: handed(used))
+    assert not any(handed(other) for _ in range(50))
+    until(felt, "the same force either way")
+
+
+def test_how_the_loop_drives_is_one_of_two():
+    with pytest.raises(ValueError, match=r"drive_by is 'torque'.*joint_torques"):
+        OmniOptions(drive_by="torque")
+
+
 def test_buttons_by_event_and_by_level(bench):
     omni = bench.live()
     bench.sim.hand(ZERO3, buttons=2)
@@ -424,6 +452,7 @@ def test_nothing_can_be_asked_of_what_is_not_open(bench):
         omni.pause,
         omni.resume,
         omni.get_position,
+        omni.details,
     ]
     for call in calls:
         with pytest.raises(NotOpenError):
@@ -432,6 +461,77 @@ def test_nothing_can_be_asked_of_what_is_not_open(bench):
     assert omni.haptics().reason == "not opened"
     omni.feedback(DeviceFeedback(wrench=Wrench(ZERO3, ZERO3, Frame.BASE)))
     assert omni.get_buttons() == (False, False)
+
+
+def test_details_have_the_encoders_the_torques_and_the_newest_error(bench):
+    bench.sim.hand((0.02, 0.03, 0.01), (0.1, 0.2, 0.3))
+    omni, repeat = bench.rendering()
+    details = omni.details()
+    assert len(details.encoders) == 6
+    assert any(details.encoders[:3])
+    assert any(details.encoders[3:])
+    until(lambda: repeat() and any(omni.details().torques_n_m))
+    assert (details.error, details.errors) == (0, 0)
+    bench.sim.fault("warm-motors")
+
+    def warm():
+        repeat()
+        return omni.details().error == Error.WARM_MOTORS
+
+    until(warm)
+    assert omni.details().force_errors >= 1
+    bench.sim.fault("warm-motors", 0)
+
+
+def test_three_threads_that_command_at_once_keep_within_the_limits(bench):
+    """Nobody owns the device; what they ask for takes turns, and the force goes between by ramp."""
+    limits = {"clamp_n": 0.15, "slew_rise_n_s": 10.0, "slew_fall_n_s": 40.0}
+    omni, _ = bench.rendering(**limits, damping_n_s_m=0.0, energy_budget_j=0.2)
+    stop, failures, sequence = threading.Event(), [], itertools.count(1)
+    wrench = DeviceFeedback(wrench=Wrench(Vector3(0.0, 0.0, 0.19), ZERO3, Frame.BASE))
+
+    def render():
+        now_s = time.monotonic()
+        omni.render(HapticCommand(next(sequence), now_s, True, force=Vector3(0.0, 0.19, 0.0)))
+
+    def again(call):
+        try:
+            while not stop.wait(0.001):
+                call()
+        except Exception as error:
+            failures.append(error)
+
+    calls = (
+        render,
+        lambda: omni.set_feedback(Vector3(0.19, 0.0, 0.0)),
+        lambda: omni.feedback(wrench),
+    )
+    threads = [threading.Thread(target=again, args=(each,)) for each in calls]
+    for thread in threads:
+        thread.start()
+    seen = []
+
+    def watched():
+        seen.append(omni.haptics())
+        assert spatial.norm(bench.sim.truth().commanded_n) <= 0.15 + 1e-9
+        let_out = [each for each in seen if each.rendering and each.force != ZERO3]
+        return len(let_out) > 200 and seen[-1].dropped_commands > 20
+
+    try:
+        until(watched)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join(PATIENCE_S)
+    assert failures == []
+    assert 0.1 < seen[-1].peak_n <= 0.15 + 1e-9
+    for before, after in itertools.pairwise(each for each in seen if each.rendering):
+        step_n = math.dist(before.force, after.force)
+        assert step_n <= 40.0 * (after.stamp_s - before.stamp_s) + 1e-9
+    dropped = omni.haptics().dropped_commands
+    omni.set_feedback(Vector3(0.19, 0.0, 0.0))
+    omni.render(HapticCommand(1, time.monotonic(), True, force=Vector3(0.0, 0.19, 0.0)))
+    assert omni.haptics().dropped_commands == dropped + 1
 
 
 # -- trouble -----------------------------------------------------------------------------------
@@ -617,6 +717,21 @@ def test_warm_motors_are_told(bench):
     until(lambda: repeat() or omni.haptics().force == ZERO3)
     until(lambda: repeat() or any("warm" in words for words in omni.diagnosis()))
     bench.sim.fault("warm-motors", 0)
+
+
+def test_numbers_of_another_locale_are_told_also_after_a_failure(bench, monkeypatch):
+    omni = bench.live()
+    assert not any("LC_NUMERIC" in words for words in omni.diagnosis())
+    omni.close()
+    monkeypatch.setattr(library.locale, "localeconv", lambda: {"decimal_point": ","})
+    omni.open()
+    assert any('LC_NUMERIC must be C, with "."' in words for words in omni.diagnosis())
+    for fault, kind in (("no-license", DeviceAccessError), ("unplug", DeviceNotFoundError)):
+        bench.power(faults=(OmniFault(fault),))
+        omni = bench.device()
+        with pytest.raises(kind):
+            omni.open()
+        assert sum("LC_NUMERIC" in words for words in omni.diagnosis()) == 1
 
 
 # -- closing -----------------------------------------------------------------------------------

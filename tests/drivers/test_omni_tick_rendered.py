@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cardan.drivers.omni.tick import (
@@ -232,7 +232,75 @@ def test_kinematics() -> None:
     assert position == pytest.approx((0.0881142, 0.0, -0.0655107), abs=1e-4)
 
 
-@given(st.tuples(st.floats(-0.9, 0.9), st.floats(0.0, 1.7), st.floats(-0.8, 1.2)))
+L1 = L2 = 0.13335
+L3, L4 = 0.02335, 0.16835
+"""An Omni's upper and lower arm, and where its shoulder is, m."""
+
+
+def inverse(position: Vector3) -> tuple[float, float, float]:
+    """The joints of a position, elbow up: in closed form, from the lengths alone."""
+    x, y, z = -position.y, position.z, -position.x  # The device's own frame.
+    r, h = math.hypot(x, z + L4), y - L3
+    bend = -math.acos((r * r + h * h - L1 * L1 - L2 * L2) / (2.0 * L1 * L2))
+    thigh = math.atan2(h, r) - math.atan2(L2 * math.sin(bend), L1 + L2 * math.cos(bend))
+    return math.atan2(-x, z + L4), thigh, thigh + bend + 0.5 * math.pi
+
+
+JOINTS = st.tuples(st.floats(-0.9, 0.9), st.floats(0.0, 1.7), st.floats(-0.8, 1.2))
+
+
+@given(JOINTS)
+def test_the_kinematics_and_their_inverse_are_the_same_to_13_digits(
+    joints: tuple[float, float, float],
+) -> None:
+    _, thigh, shin = joints
+    # Elbow up, and away from the turret's axis and the stretched arm, which have no inverse.
+    assume(0.1 < thigh - shin + 0.5 * math.pi < math.pi - 0.1)
+    assume(L1 * math.cos(thigh) + L2 * math.sin(shin) > 0.02)
+    position, _ = kinematics(Vector3(*joints))
+    back = inverse(position)
+    assert back == pytest.approx(joints, rel=0, abs=1e-13)
+    assert kinematics(Vector3(*back))[0] == pytest.approx(position, rel=0, abs=1e-13)
+
+
+@given(JOINTS)
+def test_the_jacobians_determinant(joints: tuple[float, float, float]) -> None:
+    _, thigh, shin = joints
+    r = L1 * math.cos(thigh) + L2 * math.sin(shin)
+    jacobian = np.array(kinematics(Vector3(*joints))[1]).reshape(3, 3)
+    expected = -r * L1 * L2 * math.cos(thigh - shin)
+    assert abs(np.linalg.det(jacobian)) == pytest.approx(abs(expected), rel=1e-9, abs=1e-16)
+
+
+def test_the_jacobians_determinant_in_the_middle() -> None:
+    joints = inverse(ZERO3)
+    assert joints == pytest.approx((0.0, 0.7420, 0.5531), abs=1e-4)
+    jacobian = np.array(kinematics(Vector3(*joints))[1]).reshape(3, 3)
+    assert abs(np.linalg.det(jacobian)) == pytest.approx(2.94e-3, abs=5e-6)
+
+
+@pytest.mark.parametrize(
+    ("along", "torque_n_m"),
+    [((0.0, 1.0, 0.0), 0.556), ((0.0, 0.0, 1.0), 0.324), ((1.0, 0.0, 0.0), 0.374)],
+)
+def test_the_torques_of_the_largest_force_in_the_middle(
+    along: tuple[float, ...], torque_n_m: float
+) -> None:
+    jacobian = np.array(kinematics(Vector3(*inverse(ZERO3)))[1]).reshape(3, 3)
+    assert np.abs(jacobian.T @ (3.3 * np.array(along))).max() == pytest.approx(torque_n_m, abs=1e-3)
+
+
+def test_350_millinewton_metres_are_two_newtons_sideways_in_the_middle() -> None:
+    rig = Rig(**BARE, engage_ramp_s=0.0, clamp_n=3.3, slew_fall_n_s=660.0)
+    rig.step(joints_rad=Vector3(*inverse(ZERO3)), joint_torque=True)
+    rig.engage()
+    rig.send(force=Vector3(0.0, 3.0, 0.0))
+    assert size(rig.run(0.1)) == pytest.approx(2.08, abs=0.01)
+    rig.send(force=Vector3(0.0, 0.0, 2.5))
+    assert rig.run(0.2).z == pytest.approx(2.5), "not along every axis"
+
+
+@given(JOINTS)
 def test_the_jacobian_is_the_derivative_of_the_position(joints: tuple[float, ...]) -> None:
     _, jacobian = kinematics(Vector3(*joints))
     for column in range(3):

@@ -165,7 +165,7 @@ def test_silence_while_deflected_is_trouble(device):
     assert device.wait(STALE_AFTER_S - older_s - 1e-6).link is DeviceLink.LIVE
     state = device.wait(2e-6)
     assert (state.link, state.axes) == (DeviceLink.STALE, NEUTRAL)
-    assert "no motion report for 0.1 s" in state.reason
+    assert "no motion report for 0.09 s" in state.reason
     assert device.wait(3600.0).link is DeviceLink.STALE
 
 
@@ -209,18 +209,19 @@ def test_a_half_that_stops_is_noticed(kept):
     links, reasons = set(), []
     for _ in range(20):
         if kept == "translation":
-            device.report(encode_translation(0, 0, -175), 0.006)
+            device.report(encode_translation(0, 0, -175), 0.0)
         else:
-            device.report(encode_rotation(0, 0, 100), 0.006)
-        device.wait(0.010)
-        links.add(device.state.link)
-        reasons.append(device.state.reason)
+            device.report(encode_rotation(0, 0, 100), 0.0)
+        for _ in range(16):
+            state = device.wait(0.001)
+            links.add(state.link)
+            reasons.append(state.reason)
     other = "rotation" if kept == "translation" else "translation"
     assert DeviceLink.LIVE in links
     assert device.state.link is not DeviceLink.LIVE
     metrics = device.core.metrics(device.now_s)
     assert metrics[f"{other}_age_s"] > 0.3
-    assert metrics[f"{kept}_age_s"] == pytest.approx(0.010)
+    assert metrics[f"{kept}_age_s"] == pytest.approx(0.016)
     assert metrics["unpaired_halves"] > 3
     reasons = [words for words in reasons if "deflected, but" in words]
     assert reasons

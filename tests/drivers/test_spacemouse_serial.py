@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from cardan.drivers import reading
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseCore, SpaceMouseOptions, serial_port
+from cardan.drivers.spacemouse.serial_jumps import JUMP
 from cardan.drivers.spacemouse.serial_session import (
     DETECT_TIMEOUT_S,
     SerialSession,
@@ -286,7 +287,7 @@ def test_a_lost_zero_packet_sticks_for_no_longer_than_the_rule(key):
 
 
 @pytest.mark.parametrize("fault", ["parity-error", "half-packet", "garbage"])
-@pytest.mark.parametrize("key", ["magellan", "spaceball-5000", "spaceorb"])
+@pytest.mark.parametrize("key", MODELS)
 def test_mangled_packets_never_become_motion(key, fault):
     bench = Bench(key, faults={fault: 4.0})
     bench.run(3.0)
@@ -294,7 +295,14 @@ def test_mangled_packets_never_become_motion(key, fault):
         bench.run(0.7, DEFLECTION)
         bench.run(0.7, REST)
     moving = {state.axes for _, state in bench.states if any(state.axes)}
-    assert all(axes == pytest.approx(DEFLECTION, abs=0.002) for axes in moving)
+    assert moving
+    if bench.puck.model.protocol == "spaceball" and fault == "parity-error":
+        # Its packets have no check: a wrong bit changes them, but not by more than a hand may.
+        for axes in moving:
+            for axis, held in zip(axes, DEFLECTION, strict=True):
+                assert min(0.0, held) - JUMP <= axis <= max(0.0, held) + JUMP
+    else:
+        assert all(axes == pytest.approx(DEFLECTION, abs=0.002) for axes in moving)
     assert bench.core.metrics(bench.now_s)["malformed_reports"] > 5
     assert any("ignored" in words for words in bench.core.diagnosis(bench.now_s))
 

@@ -12,7 +12,8 @@ from collections import deque
 
 import pytest
 
-from cardan.drivers import access, reading, registry
+from cardan import cli
+from cardan.drivers import access, base, reading, registry
 from cardan.drivers.spacemouse import (
     SpaceMouse,
     SpaceMouseOptions,
@@ -611,9 +612,99 @@ def test_what_is_plugged_in_for_everybody(usb, monkeypatch):
     monkeypatch.setattr(transports, "usb_port_of", lambda path: "1-2.3")
     names = [device.name for device in SpaceMouse.find()]
     assert names == ["Universal Receiver (port 1-2.3, slot 3)", "SpaceMouse Pro (port 1-2.3)"]
-    monkeypatch.setitem(sys.modules, "hidraw", types.ModuleType("hidraw"))
-    monkeypatch.setitem(sys.modules, "hid", types.ModuleType("hid"))
+
+
+@pytest.fixture
+def only_usb(usb, monkeypatch):
+    """hidapi finds nothing, and raw USB what is given, or raises it."""
+
+    def plug(*found):
+        def find(self):
+            for each in found:
+                if isinstance(each, Exception):
+                    raise each
+            return list(found)
+
+        monkeypatch.setattr(shell.UsbTransport, "find", find)
+
+    return plug
+
+
+def test_hidapi_that_is_missing_or_hidden_is_the_obstacle(only_usb, monkeypatch):
+    only_usb()
     assert SpaceMouse.find() == []
+    for module, words in (
+        (types.ModuleType("hidraw"), "module 'hidraw' is not that of the package hidapi"),
+        (None, "module 'hidraw' of the package hidapi cannot be imported"),
+    ):
+        monkeypatch.setitem(sys.modules, "hidraw", module)
+        monkeypatch.setitem(sys.modules, "hid", module)
+        (row,) = SpaceMouse.find()
+        assert row.obstacle.startswith(words)
+        assert (row.identity, row.path) == ("", "")
+
+
+COMPACT = model_by_key("spacemouse-compact")
+ON_USB = transports.FoundDevice(
+    COMPACT.name, COMPACT.vendor_id, COMPACT.product_id, "usb", "1-2:1.0", model=COMPACT, port="1-2"
+)
+
+
+def test_what_raw_usb_alone_shows_is_listed_with_the_option(usb, only_usb, monkeypatch):
+    only_usb(ON_USB)
+    (row,) = SpaceMouse.find()
+    assert (row.name, row.identity) == ("SpaceMouse Compact (port 1-2)", "256f:c635")
+    assert (row.transport, row.path) == ("usb", "1-2:1.0")
+    assert 'transport = "usb"' in row.obstacle
+    monkeypatch.setattr(shell, "obstacle", lambda path: f"no permission for {path}")
+    (row,) = SpaceMouse.find()
+    assert re.fullmatch('no permission for 1-2:1.0; .*transport = "usb".*', row.obstacle)
+    monkeypatch.setitem(sys.modules, "hidraw", None)
+    monkeypatch.setitem(sys.modules, "hid", None)
+    hidden, row = SpaceMouse.find()
+    assert "pip install hidapi" in hidden.obstacle
+    assert row.path == "1-2:1.0"
+
+
+def test_raw_usb_is_not_asked_where_hidapi_shows_something(usb, only_usb):
+    usb(FakePuck("spacemouse-pro"))
+    only_usb(ON_USB)
+    assert [row.transport for row in SpaceMouse.find()] == ["hidraw"]
+
+
+def test_no_libusb_is_no_obstacle_but_a_loose_plug_is(only_usb):
+    only_usb(DriverError("pyusb finds no libusb"))
+    assert SpaceMouse.find() == []
+    only_usb(DeviceAccessError("the Compact at 1-2 cannot be asked what it is: plug it in again"))
+    (row,) = SpaceMouse.find()
+    assert (row.transport, row.path) == ("usb", "")
+    assert "plug it in again" in row.obstacle
+
+
+def test_the_table_says_once_what_hides_the_devices_of_several_drivers(
+    only_usb, monkeypatch, capsys
+):
+    only_usb(ON_USB)
+    monkeypatch.setitem(sys.modules, "hidraw", None)
+    monkeypatch.setitem(sys.modules, "hid", None)
+    monkeypatch.setattr(registry, "names", lambda: ("spacemouse", "wiimote"))
+    monkeypatch.setenv("COLUMNS", "400")
+    cli.devices()
+    said = capsys.readouterr().out
+    assert said.count("pip install hidapi") == 1
+    assert "3Dconnexion devices, Wii Remotes  spacemouse, wiimote" in said
+    assert "SpaceMouse Compact (port 1-2)" in said
+
+
+def test_brackets_in_an_obstacle_are_shown(monkeypatch, capsys):
+    def find():
+        return [base.FoundDevice("can0", "", "can", "can0", 'pip install "cardan[can]"')]
+
+    monkeypatch.setattr(registry, "names", lambda: ("spacemouse",))
+    monkeypatch.setattr(SpaceMouse, "find", find)
+    monkeypatch.setenv("COLUMNS", "200")
+    cli.devices()
+    assert 'pip install "cardan[can]"' in capsys.readouterr().out
 
 
 def test_list_devices(usb):

@@ -10,14 +10,21 @@ from cardan.drivers.wiimote import Identity, WiimoteCore, WiimoteOptions
 from cardan.drivers.wiimote.core import BUTTON_NAMES, STALE_AFTER_S
 from cardan.gateway.mapping import MappingOptions, TwistMapping
 from cardan.protocols.wiimote import (
+    AccelerometerCalibration,
+    Data,
     DataMode,
     IrDot,
+    button_mask,
     decode_output,
+    encode_accelerometer_calibration,
+    encode_data,
+    to_g,
 )
 from cardan.types import DeviceLink, Frame
 from tests.drivers.wiimote_bench import REST, Bench
 
 SIN = {degrees: math.sin(math.radians(degrees)) for degrees in (10, 20, 30, 45)}
+A, TWO = button_mask(["a"]), button_mask(["2"])
 CLOSE = 0.012  # the accelerometer's step is 0.01 g
 PAPER = MappingOptions(frame=Frame.TOOL, linear_speed_m_s=0.01, angular_speed_rad_s=0.1)
 
@@ -170,6 +177,59 @@ def test_the_papers_numbers(buttons, twist, yaw):
     expected = (vx, vy, vz, wz, wy, wx) if yaw else twist
     assert (*asked.linear, *asked.angular) == pytest.approx(expected, abs=6e-4)
     assert asked.frame is Frame.TOOL
+
+
+# The program of uc3m has (-30, -22, 72) counts beside 512 at 0 g, and 99, 101 and 97 a g. Its y is
+# turned round, so that nose up is positive; the twist that it sends turns it back.
+UC3M = AccelerometerCalibration((482, 490, 584), (581, 591, 681))
+
+
+def uc3m_twist(*counts, yaw=False):
+    """The tool's twist (m/s, rad/s) once the remote, A held, has told `counts` for a second."""
+    core = WiimoteCore(WiimoteOptions(dead_zone=0.0))
+    core.on_opened(0.0, Identity())
+    core.outgoing(0.0)
+    block = encode_accelerometer_calibration(UC3M)
+    core.on_report(bytes.fromhex("200000100000c0"), 0.01)
+    core.outgoing(0.01)
+    core.on_report(bytes.fromhex("210000f00016") + block + block[:6], 0.02)
+    core.on_report(bytes.fromhex("210000300026") + block[6:] + bytes(12), 0.03)
+    core.outgoing(0.03)
+
+    def tell(buttons, accelerometer, now_s):
+        core.on_report(encode_data(Data(0x31, buttons, accelerometer, b"", b"")), now_s)
+
+    level = (482, 490, 680)
+    tell(0, level, 0.04)
+    assert core.state(0.04).link is DeviceLink.LIVE
+    if yaw:
+        tell(TWO, level, 0.05)
+        tell(0, level, 0.06)
+    for at in range(7, 107):
+        tell(A, counts, at / 100)
+    assert core.metrics(1.06)["yaw_mode"] == yaw
+    asked = TwistMapping(PAPER).twist(core.state(1.06).axes)
+    return (*asked.linear, *asked.angular)
+
+
+@pytest.mark.judged(device="Wiimote", transport="reports", by="worked bytes")
+def test_the_sample_of_uc3ms_program():
+    """(97, -60) counts: 1.283 and 0.376 of a g, and (0, 0, 0.01, 0.128, -0.038, 0) from it."""
+    sample = (512 + 97, 512 - 60, 584)
+    x, y, z = to_g(sample, UC3M.zero, UC3M.one_g)
+    assert (x, -y, z) == pytest.approx((1.283, 0.376, 0.0), abs=5e-4)
+    # No hand that is still measures 1.34 g: the driver leaves such samples out.
+    assert uc3m_twist(*sample) == pytest.approx((0, 0, 0.01, 0, 0, 0))
+    # The same tilt, at 1 g.
+    size = math.hypot(x, y)
+    tilted = (482 + round(99 * x / size), 490 + round(101 * y / size), 584)
+    expected = (0, 0, 0.01, 0.128 / size, -0.038 / size, 0)
+    assert uc3m_twist(*tilted) == pytest.approx(expected, abs=1e-3)
+    turned = (0, 0, 0.01, 0, -0.038 / size, 0.128 / size)
+    assert uc3m_twist(*tilted, yaw=True) == pytest.approx(turned, abs=1e-3)
+    # Within what counts as gravity, a tilt beyond 1 g is 1 g.
+    assert uc3m_twist(482 + 113, 490, 584) == pytest.approx((0, 0, 0.01, 0.1, 0, 0))
+    assert uc3m_twist(482, 490 - 115, 584) == pytest.approx((0, 0, 0.01, 0, -0.1, 0), abs=1e-9)
 
 
 def test_paper_signs():

@@ -358,9 +358,34 @@ def test_found_remotes(monkeypatch):
         device_module, "HidrawTransport", lambda: types.SimpleNamespace(find=lambda: remotes)
     )
     first, second = Wiimote.find()
-    assert first.obstacle == ""
-    assert "kernel driver" in first.name
+    assert (first.name, first.path) == (FIRST.name, FIRST.path)
+    assert first.obstacle.startswith("ready, but the kernel's driver hid-wiimote")
     assert (second.identity, second.obstacle) == (SECOND.address, remotes[1].obstacle)
+
+
+def test_the_list_has_the_remedy_that_the_diagnosis_has(monkeypatch):
+    remote = FIRST._replace(kernel_driver=True)
+    listed = what_is_listed(monkeypatch, remote)
+    with Wiimote(transport=Shelf(remote)) as wiimote:
+        (told,) = [words for words in wiimote.diagnosis() if "hid-wiimote" in words]
+    assert listed.endswith(told[told.index("load the module") :])
+
+
+def test_a_late_remote_is_listed_with_how_to_pair_it(monkeypatch):
+    assert what_is_listed(monkeypatch, FIRST) == ""
+    listed = what_is_listed(monkeypatch, FIRST._replace(late_model=True))
+    assert listed.startswith("ready, but pair it with the red sync button")
+    listed = what_is_listed(monkeypatch, FIRST._replace(late_model=True, kernel_driver=True))
+    assert "hid-wiimote" in listed
+    assert "red sync button" in listed
+
+
+def what_is_listed(monkeypatch, remote):
+    monkeypatch.setattr(
+        device_module, "HidrawTransport", lambda: types.SimpleNamespace(find=lambda: [remote])
+    )
+    (found,) = Wiimote.find()
+    return found.obstacle
 
 
 def test_finding_never_raises(monkeypatch):
@@ -370,7 +395,8 @@ def test_finding_never_raises(monkeypatch):
     monkeypatch.setattr(
         device_module, "HidrawTransport", lambda: types.SimpleNamespace(find=broken)
     )
-    assert Wiimote.find() == []
+    (row,) = Wiimote.find()
+    assert (row.path, row.obstacle) == ("", "no HID here")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from cardan.drivers.wiimote.roles import ROLES, STICK_BUTTON
 from cardan.protocols.wiimote import CalibrationSource
 from cardan.sim_peers.wiimote import FAULTS
 from cardan.types import DeviceLink
-from tests.drivers.wiimote_bench import REST, STEP_S, Bench, fault_default
+from tests.drivers.wiimote_bench import REST, Bench, fault_default
 
 NEUTRAL_WITHIN_S = 0.1
 OPTIONS = WiimoteOptions(dead_zone=0.0)
@@ -40,11 +40,11 @@ def check(bench):
     for now_s, age_s, state in bench.states:
         if any(state.axes):
             assert state.link is DeviceLink.LIVE, now_s
-            assert age_s <= NEUTRAL_WITHIN_S + STEP_S, now_s
+            assert age_s <= NEUTRAL_WITHIN_S, now_s
             assert not distrusted, f"moves again at {now_s:.3f} s without a new grip"
         elif state.link is not DeviceLink.LIVE:
             distrusted = True
-        if age_s > NEUTRAL_WITHIN_S + STEP_S:
+        if age_s > NEUTRAL_WITHIN_S:
             assert state.link is not DeviceLink.LIVE, now_s
             # At the start acknowledgements alone may tell of buttons.
             assert not state.buttons or state.link is DeviceLink.NEEDS_NEUTRAL, now_s
@@ -100,7 +100,7 @@ def test_silence_ends_in_stale_then_lost():
     bench.run(3.0 - bench.now_s)
     assert any(bench.state.axes)
     assert bench.run(0.12).link is DeviceLink.STALE
-    assert "no report for 0.1 s" in bench.state.reason
+    assert "no report for 0.09 s" in bench.state.reason
     bench.until(lambda b: b.state.link is DeviceLink.LOST, 0.45)
     assert "silent for 0.5 s" in bench.state.reason
     state = bench.run(1.0)
@@ -306,8 +306,8 @@ def check_all(bench, clutch):
         if any(state.axes):
             moved = True
             assert let_go, now_s
-            assert age_s <= NEUTRAL_WITHIN_S + STEP_S, now_s
-        if age_s > NEUTRAL_WITHIN_S + STEP_S:
+            assert age_s <= NEUTRAL_WITHIN_S, now_s
+        if age_s > NEUTRAL_WITHIN_S:
             assert state.link is not DeviceLink.LIVE, now_s
     down = {}
     for event in bench.core.events():

@@ -344,5 +344,5 @@ def test_another_build_of_hidapi(monkeypatch):
     monkeypatch.setitem(sys.modules, "hid", module)
     assert HidrawTransport().find() == []
     monkeypatch.setitem(sys.modules, "hid", None)
-    with pytest.raises(DriverError, match="hidapi"):
+    with pytest.raises(DriverError, match=r"module 'hidraw' .*pip install hidapi"):
         HidrawTransport().find()

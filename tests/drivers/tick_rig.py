@@ -56,7 +56,7 @@ class Rig:
     def send(self, **changes: Any) -> None:
         self.sequence += 1
         self.command = self.command._replace(sequence=self.sequence, stamp_s=self.now_s, **changes)
-        self.tick.command(self.command)
+        self.tick.command(self.command, self.now_s)
 
     def step(self, *, silent: bool = False, gap_s: float = PERIOD_S, **sample: Any) -> Vector3:
         self.now_s += gap_s

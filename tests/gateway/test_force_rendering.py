@@ -277,6 +277,7 @@ def test_without_rendering_the_device_is_only_looked_at():
     rig.renderer.show(snapshot)
     assert (snapshot.haptic_state, snapshot.force_n) == ("disabled", 1.5)
     assert snapshot.contact_force_n is None
+    assert snapshot.measured_force_n is None
 
 
 def test_the_summary_has_what_was_felt_and_what_was_touched():

@@ -127,6 +127,7 @@ def test_a_session_feels_what_the_robot_measures():
     assert s.device.commands[240].measured.force == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert s.device.commands[-1].measured.force == pytest.approx((0.0, 0.0, 0.495))
     assert last.contact_force_n == pytest.approx(10.0)
+    assert last.measured_force_n == pytest.approx([0.0, 0.0, 0.495])  # pushed up: it points up
     assert last.contact_force_rms_error_n == pytest.approx(2.0, rel=0.1)
     assert last.contact_path_m > 0.05
 
@@ -369,6 +370,7 @@ def test_the_view_shows_the_force(capsys):
         gap_s=0.001,
     )
     last = s.run()
+    last.measured_force_n = [0.0, -0.1, 0.2]
     console = Console(width=160)
     console.print(render(last))
     console.print(summary(last))
@@ -376,6 +378,7 @@ def test_the_view_shows_the_force(capsys):
     shown = capsys.readouterr().out
     for words in ("1.25 N, 1.50 N", "4.0 ms old", "force felt, peak", "age of measured force"):
         assert words in shown
+    assert shown.count("+0.00 -0.10 +0.20 N") == 2
     assert "force 1.25 N" in shown.splitlines()[-1]
 
 

@@ -12,6 +12,8 @@ import time
 import pytest
 
 from cardan.drivers.base import OperatorDevice
+from cardan.drivers.spacemouse import SpaceMouse
+from cardan.drivers.spacemouse.transports import FoundDevice, Link, Transport
 from cardan.errors import AddressError, DeviceNotFoundError
 from cardan.gateway.spnav import (
     DeviceIdentity,
@@ -21,10 +23,13 @@ from cardan.gateway.spnav import (
     SpnavService,
     serve_device,
 )
+from cardan.protocols.connexion import model_by_key
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     Button,
     Code,
+    DeviceChange,
+    EventMask,
     Handshake,
     Motion,
     Reply,
@@ -265,6 +270,40 @@ def test_buttons_may_be_known_only_once_the_device_is_plugged_in(path):
     service.stop()
 
 
+def test_what_the_device_is_may_be_known_only_once_it_is_plugged_in(path):
+    told = [DeviceIdentity()]
+    options = SpnavServerOptions(socket=str(path))
+    service = SpnavService((), options, lambda: told[0])
+    service.offer(device_state(link=DeviceLink.LOST), ())
+    service.start()
+    program = Program(path, version=1)
+    told[0] = DeviceIdentity("Pro", "", 0x20D, 0x256F, 0xC631)
+    service.offer(device_state(PUSH), ())
+    change = program.until(lambda value: isinstance(value, DeviceChange))
+    assert change == DeviceChange(True, 0, 0x20D, 0x256F, 0xC631)
+    assert program.until(lambda value: isinstance(value, Motion)).z == 250  # of 500, as spacenavd
+    program.close()
+    service.stop()
+
+
+def test_raw_events_may_be_asked_for_and_do_not_come(path):
+    everything = EventMask.RAW_BUTTON * 2 - 1
+    with served(path, axes=PUSH) as service:
+        program = Program(path, version=1)
+        program.sock.sendall(encode_request(Code.SET_EVMASK, (everything,)))
+        assert program.until(lambda value: isinstance(value, Reply)).ok
+        program.sock.sendall(encode_request(Code.GET_EVMASK))
+        reply = program.until(lambda value: isinstance(value, Reply))
+        assert reply.data[0] == everything
+        service.edges = [ButtonEvent(0.0, "left", True)]
+        kinds = set()
+        program.until(lambda value: kinds.add(type(value)) or len(kinds) > 1)
+        service.edges = [ButtonEvent(0.0, "left", False)]
+        program.until(lambda value: kinds.add(type(value)) or value == Button(0, False))
+        assert kinds == {Motion, Button}
+        program.close()
+
+
 def test_offering_without_a_thread_costs_nothing_and_stopping_twice_is_fine(path):
     service = SpnavService(("left",), SpnavServerOptions(socket=str(path)))
     for _ in range(10_000):
@@ -431,6 +470,63 @@ def test_libspnav_opens_asks_and_gets_motion_and_buttons(path, library):
         assert (event.button.number, event.button.pressed) == (1, 0)
         service.axes = REST
         next_event(library, MOTION, lambda event: not any(event.motion.counts))
+
+
+class OneDevice(Transport):
+    """The way to a device that is plugged in, and rests."""
+
+    name = "stand-in"
+
+    def __init__(self, model):
+        self.found = FoundDevice(
+            model.name, model.vendor_id, model.product_id, self.name, "here", model=model
+        )
+
+    def find(self):
+        return [self.found]
+
+    def open(self, device):
+        return Resting()
+
+
+class Resting(Link):
+    """An open device that nobody touches."""
+
+    def read(self, timeout_s):
+        threading.Event().wait(timeout_s)
+
+    def write(self, report):
+        pass
+
+    def close(self):
+        pass
+
+
+@pytest.mark.judged(device="spacenavd clients", transport="socket", by="Debian libspnav")
+@pytest.mark.parametrize(
+    ("key", "device_type"), [("spacenavigator", 0x206), ("spacemouse-pro-wireless", 0x20D)]
+)
+def test_libspnav_is_told_which_spacemouse_it_is(path, library, key, device_type):
+    model = model_by_key(key)
+    mouse = SpaceMouse(transports=[OneDevice(model)])
+    options = SpnavServerOptions(socket=str(path))
+    thread = threading.Thread(target=serve_device, args=(mouse, options, 1.5))
+    thread.start()
+    try:
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while library.spnav_open() or library.spnav_dev_type() < 0:
+            assert time.monotonic() < deadline_s, "there is no device"
+            library.spnav_close()
+            time.sleep(0.01)
+        assert library.spnav_dev_type() == device_type
+        vendor, product = ctypes.c_int(), ctypes.c_int()
+        assert library.spnav_dev_usbid(ctypes.byref(vendor), ctypes.byref(product)) == 0
+        assert (vendor.value, product.value) == (model.vendor_id, model.product_id)
+        name = ctypes.create_string_buffer(128)
+        assert library.spnav_dev_name(name, len(name)) > 0
+        assert name.value.decode() == model.name
+    finally:
+        thread.join()
 
 
 @pytest.mark.judged(device="spacenavd clients", transport="socket", by="Debian libspnav")

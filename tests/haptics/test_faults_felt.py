@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -34,6 +35,21 @@ def test_within_the_limits(name):
         assert one.fall_n_ms <= 1e-3 * LIMITS.slew_fall_n_s + 1e-9
     assert one.in_time
     assert np.linalg.norm(one.trace.felt_n, axis=1).max() <= LIMITS.clamp_n + 0.003
+
+
+@pytest.mark.parametrize("name", [fault.name for fault in FAULTS if fault.forbidden])
+def test_what_forbids_force_has_it_at_zero_within_the_release_and_keeps_it_there(name):
+    one = felt(name)
+    assert one.fault.forbidden in {reason for _, reason in one.trace.states}
+    assert one.forbidden_s <= LIMITS.release_s + 1e-6
+    assert not one._replace(forbidden_s=LIMITS.release_s + TICK_S).in_time
+    assert not one._replace(forbidden_s=math.inf).in_time
+
+
+def test_what_is_let_go_is_ended_by_the_energy_budget_alone():
+    one = felt("let go under 2 N")
+    assert one.reasons[-1] == "enabled: limited to stay passive"
+    assert one.trace.given_j[-1] == pytest.approx(LIMITS.energy_budget_j, rel=0.2)
 
 
 @pytest.mark.parametrize("name", ["command source dead", "stamps frozen", "NaN in commands"])

@@ -57,9 +57,9 @@ def test_the_tables():
     words = timing.verdicts(found, np.full(10, 1e-6), ages, ages, 7e-3)
     assert words.count(": met") == 5
     assert words.count("**missed**") == 1
-    width = zwidth.Width(0.5, 0.0, 400.0, 302.0, 427.0, 2309.0, 733.0, 0.012)
-    assert zwidth.table([width]).splitlines()[2].startswith("| 0.5 N·s/m | 0 | 400 | 302 |")
-    assert zwidth.table([width]).endswith("| 2309 | 733 | 12.0 mJ |")
+    width = zwidth.Width(0.5, 0.0, 400.0, 302.0, 393.0, 427.0, 2309.0, 564.0, 733.0, 0.012, 0.1138)
+    assert zwidth.table([width]).splitlines()[2].startswith("| 0.5 N·s/m | 0 | 400 | 302 | 393 |")
+    assert zwidth.table([width]).endswith("| 2309 | 564 | 733 | 12.0 mJ | 113.8 mJ |")
 
 
 def test_the_page_has_every_fault_and_everything_that_is_pushed():

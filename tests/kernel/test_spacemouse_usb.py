@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from cardan.drivers.spacemouse.usb import UsbTransport
 from cardan.protocols.connexion import decode_input
 from cardan.sim_peers.spacemouse.usbip import UsbipSpaceMousePeer, UsbipSpaceMousePeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
+from tests.kernel.usbip import attach, is_unplugged, usbip
 from tests.kernel.waiting import in_a_process, wait_for
 from tests.serving import in_a_thread
 
@@ -29,7 +29,6 @@ MOVE = """
     2.0  neutral
     2.5  loop
 """
-SYSFS = Path("/sys/bus/usb/devices")
 EXPECTED = (0.5, -0.25, 1.0, 0.0, 0.125, -1.0)
 
 
@@ -48,20 +47,7 @@ def puck(tmp_path: Path) -> Iterator[Callable[..., UsbipSpaceMousePeer]]:
         )
 
     yield make
-    wait_for(lambda: not list(SYSFS.glob("1-1")))
-
-
-def usbip(endpoint: str, command: str, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run Debian's usbip against the server at `endpoint`."""
-    host, port = endpoint.split()[0].split(":")
-    whole = ["usbip", "--tcp-port", port, command, "-r", host, *words]
-    return subprocess.run(whole, capture_output=True, text=True, timeout=30)
-
-
-def attach(endpoint: str) -> None:
-    """Have the kernel take the device once it is plugged in, and wait until it is configured."""
-    wait_for(lambda: usbip(endpoint, "attach", "-b", "1-1").returncode == 0, poll_s=0.1)
-    wait_for(lambda: list(SYSFS.glob("1-1:1.0")))
+    wait_for(is_unplugged)
 
 
 @pytest.mark.judged(
@@ -149,7 +135,7 @@ def test_unplugged_on_the_bus_it_is_lost_and_picked_up_again(puck):
         wait_for(lambda: mouse.state().axes[0] > 0.4)
         lost = wait_for(lambda: (s := mouse.state()).link is DeviceLink.LOST and s)
         assert not any(lost.axes)
-        wait_for(lambda: not list(SYSFS.glob("1-1")))
+        wait_for(is_unplugged)
         attach(endpoint)
         again = wait_for(lambda: (s := mouse.state()).link is DeviceLink.NEEDS_NEUTRAL and s)
         assert not any(again.axes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import stat
 import subprocess
 from collections.abc import Callable, Iterator
@@ -9,15 +10,21 @@ from pathlib import Path
 
 import pytest
 
+from cardan.drivers.gamepad import Gamepad
 from cardan.drivers.spacemouse import list_devices
 from cardan.drivers.udev import udev_rules
 from cardan.drivers.wiimote import Wiimote
+from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.spacemouse import UhidSpaceMousePeer, UhidSpaceMousePeerOptions
+from cardan.sim_peers.spacemouse.usbip import UsbipSpaceMousePeer, UsbipSpaceMousePeerOptions
 from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
+from tests.kernel.usbip import attach, is_unplugged
 from tests.kernel.waiting import wait_for
 from tests.serving import in_a_thread
 
 RULES = Path("/run/udev/rules.d/70-cardan.rules")
+DEBIANS = ("50-udev-default.rules", "60-input-id.rules")
+"""What ours build on: the mode of USB devices, and what kind of input device it is."""
 
 
 def udevadm(*words: str) -> str:
@@ -28,19 +35,27 @@ def udevadm(*words: str) -> str:
 
 @pytest.fixture(autouse=True)
 def rules(modules: Callable[..., None]) -> Iterator[None]:
-    modules("uhid", "hid-generic", "hid-wiimote", "evdev")
+    modules("uhid", "hid-generic", "hid-wiimote", "evdev", "uinput")
+    modules("vhci-hcd", "usbhid", "hid-logitech")
     RULES.write_text(udev_rules())
+    package = Path(shutil.which("udevadm") or "").parents[1] / "lib/udev/rules.d"
+    for name in DEBIANS:
+        shutil.copy(package / name, RULES.parent)
     udevadm("control", "--reload")
     yield
-    RULES.unlink()
+    for name in (RULES.name, *DEBIANS):
+        (RULES.parent / name).unlink()
     udevadm("control", "--reload")
+
+
+def properties(path: str) -> str:
+    """What udevd knows of a node."""
+    return udevadm("info", "--query=property", path)
 
 
 def given_to_the_user(path: str) -> bool:
     """Whether udevd has set the node's mode, and the tag by which logind gives it away."""
-    return stat.S_IMODE(Path(path).stat().st_mode) == 0o660 and "uaccess" in udevadm(
-        "info", "--query=property", path
-    )
+    return stat.S_IMODE(Path(path).stat().st_mode) == 0o660 and "uaccess" in properties(path)
 
 
 @pytest.mark.judged(device="SpaceMouse", transport="hidraw, udev rules", by="Debian udevd")
@@ -52,8 +67,32 @@ def test_the_rules_give_a_spacemouse_to_the_user(model):
         wait_for(lambda: given_to_the_user(found.path))
 
 
+@pytest.mark.judged(device="SpaceNavigator", transport="USB, udev rules", by="Debian udevd")
+def test_the_rules_give_both_nodes_of_a_spacenavigator_to_the_user():
+    options = UsbipSpaceMousePeerOptions(model="spacenavigator", script="rest", port=0)
+    with in_a_thread(UsbipSpaceMousePeer(options)) as peer:
+        device = attach(peer.endpoint)
+        numbers = [int((device / name).read_text()) for name in ("busnum", "devnum")]
+        (hidraw,) = wait_for(lambda: list(device.glob("*/*/hidraw/hidraw*")))
+        wait_for(lambda: given_to_the_user("/dev/bus/usb/{:03}/{:03}".format(*numbers)))
+        wait_for(lambda: given_to_the_user(f"/dev/{hidraw.name}"))
+    wait_for(is_unplugged)
+
+
 @pytest.mark.judged(device="Wiimote", transport="hidraw, udev rules", by="Debian udevd")
-def test_the_rules_give_a_wiimote_to_the_user():
-    with in_a_thread(WiimotePeer(WiimotePeerOptions(uhid=True, script="rest"))):
+@pytest.mark.parametrize("tr", [False, True])
+def test_the_rules_give_a_wiimote_to_the_user(tr):
+    with in_a_thread(WiimotePeer(WiimotePeerOptions(uhid=True, tr=tr, script="rest"))):
         (found,) = wait_for(Wiimote.find)
         wait_for(lambda: given_to_the_user(found.path))
+
+
+@pytest.mark.judged(device="Gamepad", transport="evdev, udev rules", by="Debian udevd")
+def test_the_rules_give_a_gamepad_to_the_user_and_no_keyboard():
+    with in_a_thread(EvdevPeer(EvdevPeerOptions(kind="gamepad", uinput=True, script="rest"))):
+        (found,) = wait_for(Gamepad.find)
+        wait_for(lambda: given_to_the_user(found.path))
+    options = EvdevPeerOptions(kind="keyboard", uinput=True, script="rest")
+    with in_a_thread(EvdevPeer(options)) as keyboard:
+        wait_for(lambda: "ID_INPUT_KEYBOARD=1" in properties(keyboard.endpoint))
+        assert not given_to_the_user(keyboard.endpoint)

@@ -36,8 +36,9 @@ from cardan.protocols.evdev import (
 )
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
 
-UNREAD_AFTER_S = 0.1
-"""A deflected device that nobody looked at for so long does not count any more."""
+UNREAD_AFTER_S = 0.09
+"""A deflected device that nobody looked at for so long does not count any more. It must not count
+after 0.1 s; the rest is for one look of the reader."""
 
 LONGEST_FRAME = 256
 """Events between two SYN_REPORT; more than any device has is garbage."""
@@ -47,8 +48,8 @@ FRAME_WITHIN_S = 0.05
 
 DROPPED_REASON = "the system dropped events of it, for want of a reader"
 GARBLED_REASON = "it sent bytes that are no events"
-UNREAD_REASON = f"deflected, but not read for {UNREAD_AFTER_S:.1f} s: this computer is too busy"
-UNANSWERED_REASON = f"deflected, but the simulated device hangs for {UNREAD_AFTER_S:.1f} s"
+UNREAD_REASON = f"deflected, but not read for {UNREAD_AFTER_S:g} s: this computer is too busy"
+UNANSWERED_REASON = f"deflected, but the simulated device hangs for {UNREAD_AFTER_S:g} s"
 
 _COUNTERS = {
     "dropped": "times the system dropped events, for want of a reader",

@@ -70,8 +70,9 @@ NEUTRAL: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 Raw = tuple[int, int, int, int, int, int]
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
-STALE_AFTER_S = 0.1
-"""Without a new sample for so long, nothing of what was measured counts."""
+STALE_AFTER_S = 0.09
+"""Without a new sample for so long, nothing of what was measured counts. It must not count after
+0.1 s; the rest is for one look of the reader."""
 
 REST_S = 0.1
 """The wrench must be inside the dead bands for so long to count as rest: after zeroing, a board
@@ -118,9 +119,9 @@ _COUNTERS: Mapping[str, str] = MappingProxyType(
         "lost_samples": "samples lost (by the counter)",
         "unpaired_samples": "forces without their moments, or moments without their forces",
         "repeated_samples": "samples that repeat the one before",
-        "late_samples": f"samples older than {STALE_AFTER_S:.1f} s when they came",
+        "late_samples": f"samples older than {STALE_AFTER_S:g} s when they came",
         "overloads": "samples beyond full scale",
-        "silences": f"silences of more than {STALE_AFTER_S:.1f} s",
+        "silences": f"silences of more than {STALE_AFTER_S:g} s",
         "foreign_frames": "frames that are no data frames with an eleven-bit identifier",
         "garbled_frames": "frames that the CAN interface could not read",
         "bus_errors": "error frames: check termination, bit rate and cable",
@@ -742,7 +743,7 @@ class Jr3Core:
         """Why there are no new samples, as far as that can be told."""
         if self._options.mode == "sync" and not self._options.send_sync and not self._heard:
             return "no samples: nobody on the bus sends SYNC; start its master, or set send_sync"
-        return f"no new sample for {STALE_AFTER_S:.1f} s: {LOOK_AT}"
+        return f"no new sample for {STALE_AFTER_S:g} s: {LOOK_AT}"
 
     def _on_malformed(self, value: Malformed) -> None:
         self._malformed[value.reason, value.opcode] += 1

@@ -38,9 +38,9 @@ BUTTONS = ("hand", "clutch", "grab", "pinch")
 """What the driver reports as buttons: a hand is followed, it holds the clutch, it is a fist, it
 pinches."""
 
-STALE_AFTER_S = 0.1
-"""Silence beyond this, eleven frames at the usual rate, is a link in trouble; so is a frame that
-comes later than this."""
+STALE_AFTER_S = 0.09
+"""Silence beyond this, ten frames at the usual rate, is a link in trouble; so is a frame that comes
+later than this. The state must be neutral within 0.1 s; the rest is for one look of the reader."""
 
 CONNECT_ANEW_S = 3.0
 """Frames that have come late for so long will go on to: a new connection leaves behind what has
@@ -58,7 +58,7 @@ RESTARTED_AFTER = 10
 OPENED_REASON = "connected, no frame yet"
 
 LATE_REASON = (
-    f"frames come more than {STALE_AFTER_S:.1f} s late: is the network slow, or one of the "
+    f"frames come more than {STALE_AFTER_S:g} s late: is the network slow, or one of the "
     "machines busy?"
 )
 
@@ -74,8 +74,8 @@ NEUTRAL_REASONS: Mapping[str, str] = MappingProxyType(
 
 _OWN_COUNTERS: Mapping[str, str] = MappingProxyType(
     {
-        "silences": f"silences of more than {STALE_AFTER_S:.1f} s",
-        "late_frames": f"frames that came more than {STALE_AFTER_S:.1f} s late",
+        "silences": f"silences of more than {STALE_AFTER_S:g} s",
+        "late_frames": f"frames that came more than {STALE_AFTER_S:g} s late",
         "clock_changes": "times the service's clock was set back",
         "undated": "frames without a time stamp",
         "old_frames": "frames that are not newer than the one before",
@@ -330,7 +330,7 @@ class LeapCore:
             self._counts["silences"] += self._heard
             self._distrust(
                 DeviceLink.STALE,
-                f"no frame for {STALE_AFTER_S:.1f} s: is a tracker plugged in, tracking on, and "
+                f"no frame for {STALE_AFTER_S:g} s: is a tracker plugged in, tracking on, and "
                 "the service alive?",
                 now_s,
             )

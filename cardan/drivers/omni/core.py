@@ -46,6 +46,9 @@ SLOW_S = 0.3
 GAP_TOLD_S = 0.05
 """A gap between two ticks that nobody saw is told for so long, so that everybody sees it."""
 
+TICK_TOLD_FROM_S = 0.8e-3
+"""A tick that took longer, of the 1 ms there is, is told of in the diagnosis."""
+
 WARM = 0.8
 """Temperature, of 1, from which on the diagnosis tells of it."""
 
@@ -98,6 +101,8 @@ class OmniCore:
         """The newest one; its times since the snapshot before are those since the last `taken`."""
         self.hint = ""
         """What else deserves attention, in words: of the force's priority and its permission."""
+        self.numbers_hint = ""
+        """What is wrong with the process's locale for numbers, in words."""
         self._shaper = Shaper(options)
         self._centre = Vector3(*options.centre_m)
         angles = (math.radians(angle) for angle in options.centre_rpy_deg)
@@ -314,7 +319,10 @@ class OmniCore:
     def diagnosis(self, now_s: float) -> list[str]:
         """What stands in the way or deserves attention, worst first."""
         snapshot = self.snapshot
-        words = [reason] if (reason := self.state(now_s).reason) else []
+        reason = self.state(now_s).reason
+        words = [reason] if reason else []
+        if self.numbers_hint and self.numbers_hint not in reason:
+            words.append(self.numbers_hint)
         if not self._open:
             return words
         obstacle = self.force_obstacle(now_s)
@@ -343,6 +351,11 @@ class OmniCore:
             words.append(
                 f"{self._silences} times no tick came for more than "
                 f"{self._options.stale_after_s * 1e3:g} ms"
+            )
+        if self._longest_cost_s > TICK_TOLD_FROM_S:
+            words.append(
+                f"a tick of the force loop took {self._longest_cost_s * 1e3:.3g} ms, of 1 ms there "
+                "is: is the machine busy, or the library slow?"
             )
         if self.bad_readings:
             words.append(f"{self.bad_readings} times the device could not be read")

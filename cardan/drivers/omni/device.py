@@ -23,7 +23,7 @@ from cardan.drivers.omni.core import BUTTONS, Identity, OmniCore
 from cardan.drivers.omni.library import LibHD, error_words
 from cardan.drivers.omni.limits import WORKSPACE_LOWER_M, WORKSPACE_UPPER_M, TickLimits
 from cardan.drivers.omni.options import OmniOptions
-from cardan.drivers.omni.tick import Servo, Tick
+from cardan.drivers.omni.tick import Servo, Tick, TickDetails
 from cardan.drivers.reading import ReadDevice
 from cardan.errors import CommandError, DeviceAccessError, DriverError, NotOpenError
 from cardan.haptics import HapticCommand, HapticState, OperatingState
@@ -183,6 +183,16 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         that is too old to tell, or the device must not give force."""
         with self._lock:
             return self._core.taken(self._look())
+
+    def details(self) -> TickDetails:
+        """What the newest tick has beside haptics(): encoders, joint torques, the library's errors.
+
+        Raises NotOpenError.
+        """
+        with self._lock:
+            tick = self._opened_tick()
+            self._look()
+            return tick.details()
 
     # -- what it renders -----------------------------------------------------------------------
 
@@ -387,6 +397,8 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         options = self.options
         with self._commands:
             tick = self._opened_tick()
+        with self._lock:
+            self._core.numbers_hint = library.numbers_hint()
         hd = library.load(options.library)
         handle = hd.init_device(options.device)
         self._hd, self._handle = hd, handle
@@ -397,7 +409,13 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         self._has_light = options.status_light and _light_works(hd, handle)
         with self._commands:
             tick.set_limits(self._limits(identity))
-        self._servo = Servo(tick, hd.functions, handle, realtime=options.realtime)
+        self._servo = Servo(
+            tick,
+            hd.functions,
+            handle,
+            joint_torque=options.drive_by == "joint_torques",
+            realtime=options.realtime,
+        )
         with self._lock:
             self._core.on_opened(identity, time.monotonic())
         self._scheduled = hd.schedule(self._servo.callback, self._servo.user, handle)

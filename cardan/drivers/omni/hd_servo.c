@@ -235,15 +235,14 @@ static void ask_for_realtime(Servo *servo)
 {
     int policy;
     struct sched_param parameters;
-    if (pthread_getschedparam(pthread_self(), &policy, &parameters) == 0 &&
-        (policy == SCHED_FIFO || policy == SCHED_RR)) {
-        tick_set_realtime(servo->tick, 1);
-        return;
+    bool held = pthread_getschedparam(pthread_self(), &policy, &parameters) == 0 &&
+                (policy == SCHED_FIFO || policy == SCHED_RR);
+    if (!held || parameters.sched_priority < FIFO_PRIORITY) { /* or inherited of the robot's loop */
+        memset(&parameters, 0, sizeof parameters);
+        parameters.sched_priority = FIFO_PRIORITY;
+        held = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters) == 0 || held;
     }
-    memset(&parameters, 0, sizeof parameters);
-    parameters.sched_priority = FIFO_PRIORITY;
-    tick_set_realtime(servo->tick,
-                      pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters) == 0);
+    tick_set_realtime(servo->tick, held);
 }
 
 /* Whether the library answered what was just asked for; true if the loop must end. */

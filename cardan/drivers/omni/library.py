@@ -325,9 +325,19 @@ def _init_failure(name: str, errors: list[HdError]) -> DriverError:
         return DeviceAccessError(error.words)
     if error.code == Error.DEVICE_ALREADY_INITIATED:
         return DeviceAccessError(f"{device} cannot be opened: {error.words}")
+    words = [f"{device} cannot be opened: {error.words}", _SETUP]
+    if hint := numbers_hint():
+        words.append(hint)
+    return DeviceNotFoundError("; ".join(words))
+
+
+def numbers_hint() -> str:
+    """What is wrong with the process's locale for numbers, which the library reads its files by;
+    empty where nothing is."""
     point = locale.localeconv()["decimal_point"]
-    number = "" if point == "." else f"; LC_NUMERIC must be C: the library misreads {point!r}"
-    return DeviceNotFoundError(f"{device} cannot be opened: {error.words}; {_SETUP}{number}")
+    if point == ".":
+        return ""
+    return f'LC_NUMERIC must be C, with "." in numbers: the library misreads its files by "{point}"'
 
 
 # -- finding and loading -----------------------------------------------------------------------

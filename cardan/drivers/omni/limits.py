@@ -32,7 +32,8 @@ class TickLimits:
     hold_s: float = 0.020
     """A command is rendered for so long, s; then the force is released."""
     pause_s: float = 0.2
-    """After a silence of so long, s, the state is PAUSED: the next command engages anew."""
+    """After a silence of so long, s, the state is PAUSED; after it, or after a stall of the loop
+    that lasted longer, the force must be small first and comes in by the whole ramp."""
     measured_hold_s: float = 0.05
     """A measured force is rendered for so long, s."""
     velocity_gate_m_s: float = 1.0

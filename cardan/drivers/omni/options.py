@@ -12,6 +12,7 @@ from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.shaping import ShapingOptions, check_choice
 
 FORCE_MODES = ("cartesian", "joint")
+DRIVES = ("force", "joint_torques")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +30,10 @@ class OmniOptions(ShapingOptions, TickLimits):
     """Path or name of libHD; empty: $CARDAN_LIBHD, else where the system's loader finds it."""
     force_mode: Literal["cartesian", "joint"] = "cartesian"
     """What set_feedback takes at first: forces at the stylus, or torques of the three joints."""
+    drive_by: Literal["force", "joint_torques"] = "force"
+    """How the force loop hands a force to the library: as a force at the gimbal's centre, which
+    the library turns into torques of the motors, or as torques of the three joints, which the
+    loop has made of it (transposed Jacobian, each within `torque_limit_n_m`)."""
     inkwell_switch: bool = True
     """The stylus in its inkwell is put away: no pose and no force. False: the driver's pose does
     not look at the switch (of a unit where it is broken); the tick still gives no force."""
@@ -77,6 +82,7 @@ class OmniOptions(ShapingOptions, TickLimits):
         if "\0" in self.device:
             raise ValueError(f"device is {self.device!r}; allowed: a name, or nothing")
         check_choice("force_mode", self.force_mode, FORCE_MODES)
+        check_choice("drive_by", self.drive_by, DRIVES)
         check("calibration_wait_s", lambda t: 0.0 <= t <= 600.0, "0 to 600 s")
         check("stale_after_s", lambda t: 0.005 <= t <= 0.1, "0.005 to 0.1 s")
         check("range_m", lambda x: 0.001 <= x <= 1.0, "0.001 to 1 m")

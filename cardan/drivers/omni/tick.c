@@ -70,8 +70,8 @@ enum { OUT, WAITING, RAMPING, IN };
 #define SURPLUS_J 0.05 /* what a spring of 40 N/m holds at 2 N: it may give that back */
 #define ALPHA_SPEED_M_S 0.005
 #define BISECTIONS 12
-/* After the loop stood still a hand that leant on the force has begun to fall: it is met soon, but
- * not at once. */
+/* After the loop stood still for a moment a hand that leant on the force has begun to fall: it is met
+ * soon, but not at once. After longer than pause_s nobody knows what the hand does. */
 #define RESUME_RAMP_S 0.1
 /* A tick that is late by less costs one regular step down; after one that is later the force is
  * let go, and comes back by the ramp. */
@@ -143,7 +143,8 @@ struct Tick {
     int32_t small_ticks;
     double share;
     double ramp_s; /* how long the share takes to 1 */
-    bool resumes;  /* the loop stood still while force was out */
+    bool resumes;  /* the loop stood still, for a moment only, while force was out */
+    double stalled_s; /* since then, where it resumes */
     bool broken;   /* force was interrupted, and is to come back by the ramp */
     double interruptions[INTERRUPTIONS];
     unsigned interruption_at;
@@ -251,7 +252,7 @@ static bool is_rotation(const double m[9])
 static bool solve_transposed(double x[3], const double m[9], const double a[3])
 {
     double d = determinant(m);
-    if (!(fabs(d) > 1e-5)) /* m^3; 2.4e-3 in the middle of an Omni's room */
+    if (!(fabs(d) > 1e-5)) /* m^3; 2.94e-3 in the middle of an Omni's room */
         return false;
     x[0] = ((m[4] * m[8] - m[5] * m[7]) * a[0] + (m[5] * m[6] - m[3] * m[8]) * a[1] +
             (m[3] * m[7] - m[4] * m[6]) * a[2]) / d;
@@ -1134,6 +1135,8 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
             ((because == TICK_PAUSED_SILENT || because == TICK_PAUSED_LATE) && alive && !late) ||
             (because == TICK_PAUSED_BUZZ && c && !c->engaged))
             go(tick, &word, TICK_ENABLED, TICK_AS_COMMANDED);
+        else if (because == TICK_PAUSED_LATE && age > l->pause_s)
+            go(tick, &word, TICK_PAUSED, TICK_PAUSED_SILENT);
     }
     if ((word & 0xffu) == TICK_ENABLED && tick->phase != OUT) {
         if (buzzes(tick, now_s)) {
@@ -1148,17 +1151,21 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
                 go(tick, &word, TICK_PAUSED, TICK_PAUSED_IRREGULAR);
         }
         if ((word & 0xffu) == TICK_ENABLED && late && gap > l->pause_gap_s &&
-            go(tick, &word, TICK_PAUSED, TICK_PAUSED_LATE))
+            go(tick, &word, TICK_PAUSED, TICK_PAUSED_LATE)) {
             tick->resumes = tick->phase >= RAMPING;
+            tick->stalled_s = now_s - gap;
+        }
     }
     if ((word & 0xffu) == TICK_ENABLED && c && c->engaged && age > l->pause_s)
         go(tick, &word, TICK_PAUSED, TICK_PAUSED_SILENT);
     tick->gain = fmin(1.0, tick->gain + dt / BUZZ_RECOVERY_S);
 
     bool hold_phase = false, slow = is_slow(tick, now_s);
+    bool barred = atomic_load_explicit(&tick->barred, memory_order_relaxed) != 0;
+    bool away = sound && (!s->calibrated || s->inkwell);
     if ((word & 0xffu) != TICK_ENABLED) {
         reason = (int)(word >> 8 & 0xffu);
-    } else if (atomic_load_explicit(&tick->barred, memory_order_relaxed)) {
+    } else if (barred) {
         reason = TICK_NO_OUTPUT;
     } else if (slow) {
         reason = TICK_TOO_SLOW;
@@ -1184,13 +1191,15 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     }
 
     /* Engagement. */
+    bool forbidden = reason && reason != TICK_PAUSED_LATE && !hold_phase;
+    if (forbidden || barred || slow || away || now_s < tick->quiet_until_s || age > l->pause_s ||
+        !(fabs(now_s - tick->stalled_s) <= l->pause_s))
+        tick->resumes = false;
     if (reason) {
         if (!hold_phase) {
             tick->phase = OUT;
             tick->broken = false;
         }
-        if (reason != TICK_PAUSED_LATE && !hold_phase)
-            tick->resumes = false;
     } else {
         if (tick->phase == OUT && norm(tick->sent) <= 0.0) {
             tick->phase = WAITING;

@@ -83,6 +83,7 @@ class TickDetails(NamedTuple):
     """What a snapshot has beside HapticState, for a diagnosis."""
 
     encoders: tuple[int, int, int, int, int, int]
+    """Counts as the library has them: three of the joints, three of the gimbal."""
     torques_n_m: Vector3
     """The force as torques of the joints."""
     buzzes: int

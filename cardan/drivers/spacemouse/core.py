@@ -44,8 +44,12 @@ from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
 REPORT_PERIOD_S = 0.016
 """A deflected HID device repeats each half, or its whole report, this often."""
 
-STALE_AFTER_S = 0.1
-"""Silence of a deflected device beyond this is a link in trouble."""
+STALE_AFTER_S = 0.09
+"""Silence of a deflected HID device beyond this is a link in trouble. The state must be neutral
+within 0.1 s; the rest is for one look of the reader."""
+
+SLOW_STALE_AFTER_S = 0.1
+"""The same for a device that reports less often, as all do over a serial line."""
 
 GAP_AFTER_S = 3 * REPORT_PERIOD_S
 """Silence of a deflected device beyond this is counted."""
@@ -65,7 +69,7 @@ RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 
 _COUNTERS: Mapping[str, str] = MappingProxyType(
     {
-        "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
+        "silences": "silences of more than {stale_s:g} s while deflected",
         "doubts": "times the buttons were not told when asked for",
         "gaps": "gaps of more than {gap_ms:.0f} ms while deflected",
         "unpaired_halves": "translation or rotation reports without the other half",
@@ -129,6 +133,7 @@ class SpaceMouseCore:
         self._motion_s = NEVER_S
         self._believe_s = NEVER_S
         self._gap_after_s = GAP_AFTER_S
+        self._stale_after_s = STALE_AFTER_S
         self._set_model(model, None)
 
     # -- what happens to the device ------------------------------------------------------------
@@ -147,6 +152,8 @@ class SpaceMouseCore:
         """
         self._set_model(model, descriptor_full_scale)
         self._gap_after_s = max(GAP_AFTER_S, GAP_PERIODS * period_s)
+        slow = period_s > REPORT_PERIOD_S
+        self._stale_after_s = SLOW_STALE_AFTER_S if slow else STALE_AFTER_S
         for half in (self._translation, self._rotation):
             half.stamp_s = NEVER_S
             half.zero = None
@@ -251,7 +258,7 @@ class SpaceMouseCore:
         """
         if self._split is None or not self._open:
             raise CommandError("cannot re-zero: the device has not said where its cap is")
-        silent = not self._active and now_s - self._motion_s > STALE_AFTER_S
+        silent = not self._active and now_s - self._motion_s > self._stale_after_s
         if not (silent or self._drift.drifting):
             raise CommandError(
                 f"cannot re-zero: the cap moves, or is deflected too far, at {self._raw()} "
@@ -291,8 +298,9 @@ class SpaceMouseCore:
         if self._model is not None and self._split is (self._model.family is Family.ONE):
             form = "two halves" if self._split else "one piece"
             words.append(f"reports motion in {form}, unlike the {self._model.name} known here")
+        limits = {"gap_ms": 1000.0 * self._gap_after_s, "stale_s": self._stale_after_s}
         words += [
-            f"{count} {_COUNTERS[key].format(gap_ms=1000.0 * self._gap_after_s)}"
+            f"{count} {_COUNTERS[key].format(**limits)}"
             for key, count in self._counts.items()
             if count
         ]
@@ -340,8 +348,8 @@ class SpaceMouseCore:
             if now_s - self._motion_s > self._gap_after_s:
                 self._counts["gaps"] += 1
             if (
-                now_s - self._translation.stamp_s > STALE_AFTER_S
-                or now_s - self._rotation.stamp_s > STALE_AFTER_S
+                now_s - self._translation.stamp_s > self._stale_after_s
+                or now_s - self._rotation.stamp_s > self._stale_after_s
             ):
                 self._watch(now_s)
         if self._link is DeviceLink.STALE:
@@ -380,15 +388,15 @@ class SpaceMouseCore:
         """Notice the silence of a deflected device, or of one half of it."""
         translation, rotation = self._translation, self._rotation
         older = translation if translation.stamp_s < rotation.stamp_s else rotation
-        if now_s - max(older.stamp_s, self._active_since_s) <= STALE_AFTER_S:
+        if now_s - max(older.stamp_s, self._active_since_s) <= self._stale_after_s:
             return
         self._counts["silences"] += 1
         self._resumed_reason = RESUMED_REASON
         what = older.name if now_s - self._motion_s <= self._gap_after_s else "motion"
         self._distrust(
             DeviceLink.STALE,
-            f"deflected, but no {what} report for {STALE_AFTER_S:.1f} s: check radio, cable and "
-            "other programs, then let go of the cap",
+            f"deflected, but no {what} report for {self._stale_after_s:g} s: check radio, cable "
+            "and other programs, then let go of the cap",
             now_s,
         )
 

@@ -30,6 +30,7 @@ from cardan.protocols.connexion import (
     KEYS_DOWN_ID,
     ROTATION_ID,
     TRANSLATION_ID,
+    Model,
     encode_led,
     full_scale_of,
     model_by_key,
@@ -49,6 +50,9 @@ YIELD_S = 0.0005
 
 MUTE_AFTER_S = 10.0
 """An open device that has said nothing for so long may be in another program's hands."""
+
+USB_HINT = 'hidapi does not show it: transport = "usb" opens it, and takes it from other programs'
+"""Nothing takes a device from the kernel's driver unasked, so "auto" does not try raw USB."""
 
 SPEAKING_IDS = frozenset({TRANSLATION_ID, ROTATION_ID, BUTTONS_ID, KEYS_DOWN_ID})
 """Reports that only an interface with a puck behind it sends."""
@@ -71,7 +75,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         transports: Sequence[Transport] | None = None,
     ) -> None:
         options = SpaceMouseOptions() if options is None else options
-        self._model = None
+        self._model: Model | None = None
         if options.model and options.transport == "serial":
             self._model = device_model(serial_model_by_key(options.model))
         elif options.model:
@@ -86,13 +90,24 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @classmethod
     def find(cls) -> list[base.FoundDevice]:
-        """The HID devices that are plugged in; serial ports cannot be asked without disturbing
-        what is there, so none of them is here."""
+        """The HID devices that are plugged in; where hidapi shows none, those that raw USB does.
+
+        Serial ports cannot be asked without disturbing what is there, so none of them is here.
+        """
+        rows = []
         try:
             found = list_devices()
-        except DriverError:
-            return []
-        return [
+        except (DriverError, OSError) as error:
+            found = []
+            rows.append(_unlisted("hidapi", error))
+        if not found:
+            try:
+                found = _usb_devices()
+            except DeviceAccessError as error:
+                rows.append(_unlisted(UsbTransport.name, error))
+            except (DriverError, OSError):  # Few have libusb, and hardly anybody needs it.
+                pass
+        rows += [
             base.FoundDevice(
                 name=device.name + _place(device),
                 identity=f"{device.vendor_id:04x}:{device.product_id:04x}",
@@ -102,6 +117,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             )
             for device in found
         ]
+        return rows
 
     # -- the interface -------------------------------------------------------------------------
 
@@ -127,6 +143,11 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             feedback=frozenset({"led"} if self._may_have_led else ()),
             battery=model is not None and model.battery,
         )
+
+    @property
+    def model(self) -> Model | None:
+        """What is open, was open last, or is said to be there; None: nothing known."""
+        return self._model
 
     def rezero(self) -> None:
         """Take the resting position of the cap for zero, until the device is opened again.
@@ -340,6 +361,19 @@ def list_devices(transports: Sequence[Transport] | None = None) -> list[FoundDev
     if len(failures) == len(transports):
         raise failures[0]
     return []
+
+
+def _usb_devices() -> list[FoundDevice]:
+    """The devices that raw USB shows, each with the option that opens it. Raises DriverError."""
+    return [
+        device._replace(obstacle="; ".join(filter(None, (obstacle(device.path), USB_HINT))))
+        for device in UsbTransport().find()
+    ]
+
+
+def _unlisted(transport: str, error: Exception) -> base.FoundDevice:
+    """The row that says why this way shows no devices."""
+    return base.FoundDevice("3Dconnexion devices", "", transport, "", obstacle=str(error))
 
 
 def _place(device: FoundDevice) -> str:

@@ -5,6 +5,9 @@ HID device would: `Motion` and `ButtonBits`, in the raw frame of the HID devices
 
 Motion is repeated, so a lost packet of it is made good by the next. A change of the keys is told
 once: while one is down, and after every packet that cannot be read, the device is asked for them.
+
+Packets of a Spaceball carry no check: motion that it cannot give is refused, and motion that no
+hand makes waits for the packet after it (`serial_jumps`).
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import math
 from collections import deque
 
 from cardan.drivers.spacemouse.notices import Doubt, Lapse, Notice, Restart
+from cardan.drivers.spacemouse.serial_jumps import JUMP, JumpGuard
 from cardan.protocols.connexion import (
     ButtonBits,
     Family,
@@ -22,6 +26,7 @@ from cardan.protocols.connexion import (
     Motion,
 )
 from cardan.protocols.connexion_serial import (
+    Counts,
     MagellanCompressedMotion,
     MagellanEcho,
     MagellanError,
@@ -74,6 +79,12 @@ GONE_AFTER_S = 1.2
 """One that does not answer that is gone."""
 ORB_GONE_AFTER_S = 2.5
 """A SpaceOrb says something each second by itself."""
+MOST_OF_FULL_SCALE = 3.0
+"""No axis of a Spaceball gives more; 20000 counts, 2.5 of translation's, have been seen."""
+OUT_OF_RANGE = "beyond what the device can give"
+JUMPED = "far from those around them"
+
+_D = ord("D")
 
 _PROBE_MAGELLAN = b"\r" + magellan.QUERY_VERSION + b"\r"
 _PROBE_SPACEBALL = b"\r" + spaceball.RESET + b"\r"
@@ -174,6 +185,8 @@ class SerialSession:
         self._mode_asked_s = now_s
         self._motion_s = now_s
         self._rests_owed = 0
+        self._jumps = JumpGuard(math.inf)
+        """Of a Spaceball, once it is known."""
 
     # -- what happens --------------------------------------------------------------------------
 
@@ -205,6 +218,7 @@ class SerialSession:
             and now_s - self._unanswered_s > KEYS_TIMEOUT_S
         ):
             self._doubted = True
+            self._jumps.reset()
             assert self.model is not None
             self._notices.append(
                 Doubt(
@@ -284,6 +298,7 @@ class SerialSession:
         assert self.model is not None
         self.running = False
         self._compressed = False
+        self._jumps = JumpGuard(JUMP * self.model.full_scale)
         self._commands = deque(_START[self.model.protocol])
         self._next_command(now_s)
 
@@ -352,6 +367,7 @@ class SerialSession:
             assert self.model is not None
             if self._unanswered_s - self._motion_s >= _rest_after_s(self.model):
                 self._rests_owed -= 1
+                self._jumps.reset()
                 self._report(Motion(0, 0, 0, 0, 0, 0))
         self._unanswered_s = None
         self._doubted = False
@@ -420,12 +436,12 @@ class SerialSession:
             self._lapse(model, now_s)
 
     def _on_spaceball(self, value: object, model: SerialModel, now_s: float) -> None:
+        if not isinstance(value, (SpaceballMotion, SpaceballKeys, SpaceballAdvancedKeys)):
+            self._jumps.miss()  # it may have been motion
         if isinstance(value, Malformed):
             self._malformed(value, now_s)
         elif isinstance(value, SpaceballMotion):
-            self._heard_s = self._motion_s = now_s
-            self._rests_owed = RESTS_TOLD if any(value[1:]) else 0
-            self._report(Motion._make(to_hid_counts(model, _rates(value, model))))
+            self._on_spaceball_motion(value, model, now_s)
         elif isinstance(value, SpaceballAdvancedKeys):
             if model.key == "spaceball-2003" and self._wanted is None:
                 # Firmware 2.42 is that of both.
@@ -447,6 +463,22 @@ class SerialSession:
                 self._answered(now_s)
         elif isinstance(value, SpaceballError):
             self._on_error(now_s)
+
+    def _on_spaceball_motion(
+        self, value: SpaceballMotion, model: SerialModel, now_s: float
+    ) -> None:
+        rates = _rates(value, model)
+        if rates is None:
+            self._malformed(Malformed(OUT_OF_RANGE, _D), now_s)
+            counts = self._jumps.refuse()
+        else:
+            self._heard_s = self._motion_s = now_s
+            self._rests_owed = RESTS_TOLD if any(value[1:]) else 0
+            counts, garbled = self._jumps.judge(rates)
+            if garbled:
+                self._malformed(Malformed(JUMPED, _D), now_s)
+        if counts is not None:
+            self._report(Motion._make(to_hid_counts(model, counts)))
 
     def _on_orb(self, value: object, model: SerialModel, now_s: float) -> None:
         if isinstance(value, Malformed):
@@ -479,11 +511,17 @@ def _rest_after_s(model: SerialModel) -> float:
     return REST_AFTER_PERIODS * model.period_s
 
 
-def _rates(value: SpaceballMotion, model: SerialModel) -> tuple[int, ...]:
-    """Displacements as those of the usual period, rotation in the counts of translation."""
+def _rates(value: SpaceballMotion, model: SerialModel) -> Counts | None:
+    """Displacements as those of the usual period, rotation in the counts of translation.
+
+    None: more than the device can give.
+    """
     nominal = model.period_s / spaceball.PERIOD_UNIT_S
     # The first packet after a rest tells the time since the one before that rest.
     share = nominal / value.period if 0.4 * nominal <= value.period <= 2.1 * nominal else 1.0
+    most = MOST_OF_FULL_SCALE * model.full_scale
+    if max(map(abs, value[1:])) * share > most:
+        return None
     turns = share * model.full_scale / model.rotation_full_scale
     return (
         round(value.tx * share),

@@ -26,6 +26,7 @@ from cardan.protocols.wiimote import (
     CalibrationSource,
     Data,
     Interleaved,
+    Leds,
     MalformedReport,
     Status,
     button_labels,
@@ -47,8 +48,9 @@ from cardan.protocols.wiimote import (
 )
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
 
-STALE_AFTER_S = 0.1
-"""Silence beyond this, ten reports, is a link in trouble."""
+STALE_AFTER_S = 0.09
+"""Silence beyond this, nine reports, is a link in trouble. The state must be neutral within 0.1 s;
+the rest is for one look of the reader."""
 
 SETTLE_S = 0.02
 """Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""
@@ -72,7 +74,7 @@ NUNCHUK_BUTTONS = ("c", "z")
 
 _STARTING = "starting up: reading calibration and extensions"
 _OPENED = "not seen at rest yet: let go of its buttons once"
-_SILENT = f"no report for {STALE_AFTER_S:.1f} s: mind range and batteries, then let go of buttons"
+_SILENT = f"no report for {STALE_AFTER_S:g} s: mind range and batteries, then let go of buttons"
 _RESUMED = "it fell silent: let go of its buttons once"
 _CHANGED = "an extension was plugged in or out: let go of its buttons once"
 
@@ -209,6 +211,10 @@ class WiimoteCore:
         """Light the LED of the options (the first, where they name none), or put all out."""
         self._led = 1 << max(self._options.led, 1) >> 1 if on else 0
 
+    def parting(self) -> list[bytes]:
+        """Output reports to send before it is let go: the LEDs as they were asked for last."""
+        return [] if self._led is None else [encode_output(Leds(self._led))]
+
     def outgoing(self, now_s: float) -> list[bytes]:
         """Output reports to send now."""
         if not self._open:
@@ -325,7 +331,7 @@ class WiimoteCore:
         if self._buttons.lost_edges:
             words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
         for count, what in (
-            (self._silences, f"silences of more than {STALE_AFTER_S:.1f} s"),
+            (self._silences, f"silences of more than {STALE_AFTER_S:g} s"),
             (session.mode_restores, "times its data mode had been changed by somebody else"),
             (session.requests.foreign, "answers to what another program asked it"),
             (session.requests.timeouts, "requests that it did not answer in time"),

@@ -58,15 +58,11 @@ class Wiimote(ReadDevice[WiimoteCore]):
         """The remotes that the system has connected; opens none."""
         try:
             remotes = HidrawTransport().find()
-        except (DriverError, OSError):
-            return []
+        except (DriverError, OSError) as error:
+            return [FoundDevice("Wii Remotes", "", "hidapi", "", str(error))]
         return [
             FoundDevice(
-                f"{remote.name} (kernel driver bound)" if remote.kernel_driver else remote.name,
-                remote.address,
-                remote.transport,
-                remote.path,
-                remote.obstacle,
+                remote.name, remote.address, remote.transport, remote.path, _caution(remote)
             )
             for remote in remotes
         ]
@@ -166,6 +162,10 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 with self._lock:
                     self._core.on_report(received, now_s)
                 received = link.read(0.0)
+        with self._lock:
+            reports = self._core.parting()
+        for report in reports:
+            link.write(report)
 
     def _release(self) -> None:
         link, self._remote = self._remote, None
@@ -195,6 +195,25 @@ class Wiimote(ReadDevice[WiimoteCore]):
             f"no Wii Remote{such} is connected: pair it once (red sync button), then press one of "
             "its buttons; `cardan devices` lists what there is"
         )
+
+
+def _caution(remote: Found) -> str:
+    """What stands in the way of `remote`, or, if nothing does, what will trouble it once open."""
+    if remote.obstacle:
+        return remote.obstacle
+    words = []
+    if remote.kernel_driver:
+        words.append(
+            "the kernel's driver hid-wiimote drives it too (data mode, MotionPlus, rumble): load "
+            "the module hid with ignore_special_drivers=1, or blacklist hid-wiimote and use "
+            "transport l2cap"
+        )
+    if remote.late_model:
+        words.append(
+            "pair it with the red sync button: a -TR remote that was woken with 1 and 2 drops the "
+            "link"
+        )
+    return f"ready, but {'; '.join(words)}" if words else ""
 
 
 def _is_same(remote: Found, kept: Found) -> bool:

@@ -191,13 +191,20 @@ def _let_go(claim: int | None) -> None:
 
 
 def _hidraw() -> Any:
-    """hidapi's hidraw back end: the wheels for Linux call it `hidraw`, other builds `hid`."""
+    """hidapi's hidraw back end: the wheels for Linux call it `hidraw`, other builds `hid`.
+
+    Without either the error is that of `hidraw`, as other drivers have it.
+    """
     if sys.platform != "linux":
         return load_hid("hid")
     try:
         return load_hid("hidraw")
-    except DriverError:
+    except DriverError as error:
+        missing = error
+    try:
         return load_hid("hid")
+    except DriverError:
+        raise missing from None
 
 
 def kernel_driver_bound(path: str, *, root: Path = Path("/")) -> bool:

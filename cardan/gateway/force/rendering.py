@@ -293,6 +293,8 @@ class ForceRenderer:
         s.fixture_age_p99_s = _percentile(felt.fixture_age, 99)
         s.measured_age_p50_s = _percentile(felt.measured_age, 50)
         s.measured_age_p99_s = _percentile(felt.measured_age, 99)
+        felt_now = self.source is not None and self._sound and not self._stale
+        s.measured_force_n = list(self.conditioner.filtered.value) if felt_now else None
         if self.source is None or self.source.shaped:
             return
         s.contact_force_n, s.contact_s = contact.force_n, contact.time_s

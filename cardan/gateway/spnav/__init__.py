@@ -1,6 +1,7 @@
 """Serves any operator device to the programs that know spacenavd."""
 
-from cardan.gateway.spnav.core import DeviceIdentity, SpnavServerCore
+from cardan.gateway.spnav.core import SpnavServerCore
+from cardan.gateway.spnav.identity import DeviceIdentity, identity_of
 from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.gateway.spnav.server import SpnavServer, SpnavService, serve_device
 
@@ -10,5 +11,6 @@ __all__ = [
     "SpnavServerCore",
     "SpnavServerOptions",
     "SpnavService",
+    "identity_of",
     "serve_device",
 ]

@@ -12,15 +12,14 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
 
 from cardan.gateway.spnav.client import SpnavClient
+from cardan.gateway.spnav.identity import DeviceIdentity
 from cardan.gateway.spnav.options import FULL_SCALES
 from cardan.protocols.spnav import (
     FAILED,
     MAX_BUTTONS,
     OK,
-    UNKNOWN_DEVICE,
     Code,
     ConfigChange,
     DeviceChange,
@@ -63,37 +62,26 @@ _REST = (0,) * AXES
 _ONE = bits_of(1.0)
 
 
-class DeviceIdentity(NamedTuple):
-    """What programs are told of the device."""
-
-    name: str = "Cardan"
-    path: str = ""
-    device_type: int = UNKNOWN_DEVICE
-    """One of `cardan.protocols.spnav.DEVICE_TYPES`."""
-    vendor_id: int = 0
-    product_id: int = 0
-    """0, 0: no USB device, or unknown."""
-
-
 class SpnavServerCore:
     """The clients and what each is to be sent. Times are monotonic, s.
 
     `buttons` are numbered from 0 in their order; a button that is not among them gets the next
     number when it is first seen. Of a device that lists none, "left" and "right" are 0 and 1,
     "button-7" is 7 and "7" is 6, whatever is pressed first; all others follow. `on_led` switches
-    the device's LED; None: it has none, or it is not for programs to switch. Raises ValueError for
-    a `full_scale` that is not in `FULL_SCALES`.
+    the device's LED; None: it has none, or it is not for programs to switch. `full_scale` is in
+    counts; None: what programs take for a full deflection of such a device. Raises ValueError for
+    one that is not in `FULL_SCALES`.
     """
 
     def __init__(
         self,
         buttons: Sequence[str] = (),
         *,
-        full_scale: float = 350.0,
+        full_scale: float | None = None,
         identity: DeviceIdentity | None = None,
         on_led: Callable[[bool], None] | None = None,
     ) -> None:
-        if not FULL_SCALES[0] <= full_scale <= FULL_SCALES[1]:
+        if full_scale is not None and not FULL_SCALES[0] <= full_scale <= FULL_SCALES[1]:
             low, high = FULL_SCALES
             raise ValueError(f"full_scale is {full_scale!r}; allowed: {low:.0f} to {high:.0f}")
         self._numbers: dict[str, int] = {}
@@ -103,7 +91,6 @@ class SpnavServerCore:
         """One more than the highest of them."""
         self._listed = False
         self._full_scale = full_scale
-        self._identity = identity or DeviceIdentity()
         self._on_led = on_led
         self._led_mode = LedMode.AUTO
         self._led_shown: bool | None = None
@@ -120,6 +107,7 @@ class SpnavServerCore:
         self._offered_s = NEVER_S
         self._motion_s = NEVER_S
         self._due_s = NEVER_S
+        self.identify(identity or DeviceIdentity())
         self.name_buttons(buttons)
 
     # -- clients -------------------------------------------------------------------------------
@@ -197,6 +185,15 @@ class SpnavServerCore:
         """Whether the device was there at the last offer."""
         return self._present
 
+    def identify(self, identity: DeviceIdentity) -> None:
+        """What programs are told of the device from now on, best while it is not there."""
+        self._identity = identity
+        linear, angular = (
+            identity.full_scales if self._full_scale is None else (self._full_scale,) * 2
+        )
+        self._linear_full_scale = linear
+        self._angular_share = angular / linear
+
     def name_buttons(self, buttons: Sequence[str]) -> None:
         """The device lists `buttons`: number those that have no number yet, in their order."""
         self._listed |= bool(buttons)
@@ -255,7 +252,10 @@ class SpnavServerCore:
 
     def _counts_of(self, state: DeviceState) -> tuple[int, ...]:
         try:
-            counts = from_robot_axes(state.axes, self._full_scale)
+            x, y, z, rx, ry, rz = state.axes
+            share = self._angular_share
+            axes = (x, y, z, share * rx, share * ry, share * rz)
+            counts = from_robot_axes(axes, self._linear_full_scale)
         except (ValueError, OverflowError):  # NaN, infinity
             self._counts["bad_axes"] += 1
             return _REST

@@ -24,10 +24,12 @@ class SpnavServerOptions:
     """Path of the socket to create; programs look there, or where SPNAV_SOCKET says."""
     access: Literal["owner", "everybody"] = "owner"
     """Who may connect: the user who serves (mode 0600), or every user of this machine (0666)."""
-    full_scale: float = 350.0
-    """Counts that programs get for a full deflection."""
-    name: str = "Cardan"
-    """Name of the device that programs are told."""
+    full_scale: float | None = None
+    """Counts that programs get for a full deflection; None: as many as spacenavd gives of the
+    device's model, 350 where that is not known."""
+    name: str = ""
+    """Name of the device that programs are told; empty: its model's, "Cardan" where that is not
+    known."""
 
     def __post_init__(self) -> None:
         if not 0 < len(self.socket.encode()) <= LONGEST_PATH_BYTES or "\0" in self.socket:
@@ -37,7 +39,7 @@ class SpnavServerOptions:
         if self.access not in ACCESS:
             raise ValueError(f"access is {self.access!r}; allowed: {', '.join(ACCESS)}")
         low, high = FULL_SCALES
-        if not low <= self.full_scale <= high:
+        if self.full_scale is not None and not low <= self.full_scale <= high:
             raise ValueError(
                 f"full_scale is {self.full_scale!r}; allowed: {low:.0f} to {high:.0f} counts"
             )

@@ -14,7 +14,8 @@ from collections.abc import Callable, Sequence
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import AddressError, DriverError
 from cardan.gateway.serving import interruptible, make_room
-from cardan.gateway.spnav.core import MOTION_PERIOD_S, DeviceIdentity, SpnavServerCore
+from cardan.gateway.spnav.core import MOTION_PERIOD_S, SpnavServerCore
+from cardan.gateway.spnav.identity import DEFAULT_NAME, DeviceIdentity, identity_of
 from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.realtime import ask_for_real_time
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
@@ -202,20 +203,22 @@ class SpnavServer:
 class SpnavService:
     """The server in a thread of its own beside a control loop that offers it states.
 
-    `buttons` are the device's, in the order of their numbers, or tell them once it is plugged in
-    (called from the thread). The loop has the device and its LED; programs here only watch.
+    `buttons` are the device's, in the order of their numbers, and `identity` is what programs are
+    told of it; either may tell it once it is plugged in (called from the thread). The loop has the
+    device and its LED; programs here only watch.
     """
 
     def __init__(
         self,
         buttons: Sequence[str] | Callable[[], Sequence[str]],
         options: SpnavServerOptions | None = None,
-        identity: DeviceIdentity | None = None,
+        identity: DeviceIdentity | Callable[[], DeviceIdentity] | None = None,
     ) -> None:
         options = options or SpnavServerOptions()
-        identity = identity or DeviceIdentity(options.name)
+        told = identity or DeviceIdentity(options.name or DEFAULT_NAME)
         self._buttons = buttons if callable(buttons) else lambda: buttons
-        self._core = SpnavServerCore(full_scale=options.full_scale, identity=identity)
+        self._identify = told if callable(told) else lambda: told
+        self._core = SpnavServerCore(full_scale=options.full_scale)
         self._server = SpnavServer(self._core, options)
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -267,7 +270,7 @@ class SpnavService:
                 newest = self._offers
                 edges = self._taken_edges()
                 if self._state is not None and (newest != offers or edges):
-                    _offer(self._core, self._state, edges, now_s, self._buttons)
+                    _offer(self._core, self._state, edges, now_s, self._buttons, self._identify)
                     offers = newest
                 period_s = MOTION_PERIOD_S if self._core.clients else IDLE_PERIOD_S
                 self._server.step(now_s + period_s)
@@ -294,7 +297,8 @@ def serve_device(
     """Serve `device` to spacenavd's programs until `seconds` are over, SIGINT or SIGTERM.
 
     Opens it, prints READY and the socket's path, and closes it in the end. Programs may switch its
-    LED. Raises DriverError when the device cannot be opened or the socket not be served.
+    LED, and are told `identity`; None: what its driver knows of its model. Raises DriverError when
+    the device cannot be opened or the socket not be served.
     """
     options = options or SpnavServerOptions()
     with contextlib.ExitStack() as stack:
@@ -309,9 +313,11 @@ def serve_device(
         def buttons() -> Sequence[str]:
             return device.capabilities.buttons
 
+        def identify() -> DeviceIdentity:
+            return identity or identity_of(device, options.name)
+
         core = SpnavServerCore(
             full_scale=options.full_scale,
-            identity=identity or DeviceIdentity(options.name),
             on_led=show if "led" in capabilities.feedback else None,
         )
         server = SpnavServer(core, options)
@@ -322,7 +328,7 @@ def serve_device(
         print(f"READY {server.endpoint}", flush=True)
         end_s = float("inf") if seconds is None else time.monotonic() + seconds
         while not interrupted.is_set() and (now_s := time.monotonic()) < end_s:
-            _offer(core, device.state(), device.button_events(), now_s, buttons)
+            _offer(core, device.state(), device.button_events(), now_s, buttons, identify)
             server.step(min(end_s, now_s + (POLL_PERIOD_S if core.clients else IDLE_PERIOD_S)))
 
 
@@ -332,8 +338,10 @@ def _offer(
     edges: Sequence[ButtonEvent],
     now_s: float,
     buttons: Callable[[], Sequence[str]],
+    identify: Callable[[], DeviceIdentity],
 ) -> None:
-    """Offer `state`; which buttons there are may show only when the device is plugged in."""
+    """Offer `state`; what the device is and has may show only when it is plugged in."""
     if not core.present and state.link not in (DeviceLink.CLOSED, DeviceLink.LOST):
+        core.identify(identify())
         core.name_buttons(buttons())
     core.offer(state, edges, now_s)

@@ -15,6 +15,7 @@ from cardan.protocols.connexion_serial.magellan import (
 )
 from cardan.protocols.connexion_serial.models import (
     SERIAL_MODELS,
+    Counts,
     SerialModel,
     button_mask,
     from_hid_counts,
@@ -59,6 +60,7 @@ from cardan.protocols.connexion_serial.values import CommandReader, Malformed
 __all__ = [
     "SERIAL_MODELS",
     "CommandReader",
+    "Counts",
     "MagellanCompressedMotion",
     "MagellanEcho",
     "MagellanError",

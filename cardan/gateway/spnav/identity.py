@@ -1,0 +1,106 @@
+"""What programs are told of the device that is served: name, type and USB id of its model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple, Protocol, runtime_checkable
+
+from cardan.drivers.base import OperatorDevice
+from cardan.drivers.spnav.core import usual_full_scales
+from cardan.protocols.spnav import UNKNOWN_DEVICE
+
+DEFAULT_NAME = "Cardan"
+"""What a device is called whose model nobody knows."""
+
+
+class DeviceIdentity(NamedTuple):
+    """What programs are told of the device."""
+
+    name: str = DEFAULT_NAME
+    path: str = ""
+    device_type: int = UNKNOWN_DEVICE
+    """One of `cardan.protocols.spnav.DEVICE_TYPES`."""
+    vendor_id: int = 0
+    product_id: int = 0
+    """0, 0: no USB device, or unknown."""
+
+    @property
+    def full_scales(self) -> tuple[float, float]:
+        """Counts that programs take for a full deflection of it: translation, rotation."""
+        return usual_full_scales(self.device_type, self.vendor_id, self.product_id)
+
+
+@runtime_checkable
+class KnownModel(Protocol):
+    """What a driver knows of a six-axis device in its attribute `model`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def key(self) -> str: ...
+    @property
+    def vendor_id(self) -> int: ...
+    @property
+    def product_id(self) -> int: ...
+
+
+def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
+    """The identity of `device`, under `name` if there is one.
+
+    A driver that knows the model of a 3Dconnexion device has it in `model`, from when it is open;
+    of all other devices there is only a name.
+    """
+    model = getattr(device, "model", None)
+    if not isinstance(model, KnownModel):
+        return DeviceIdentity(name or DEFAULT_NAME)
+    usb_id = (model.vendor_id, model.product_id)
+    serial = usb_id == (0, 0)
+    return DeviceIdentity(
+        name=name or model.name,
+        device_type=(
+            _SERIAL_TYPES.get(model.key, UNKNOWN_DEVICE)
+            if serial
+            else _USB_TYPES.get(usb_id, UNKNOWN_DEVICE)
+        ),
+        vendor_id=model.vendor_id,
+        product_id=model.product_id,
+    )
+
+
+_USB_TYPES: Mapping[tuple[int, int], int] = MappingProxyType(
+    {
+        (0x046D, 0xC603): 0x200,
+        (0x046D, 0xC605): 0x201,
+        (0x046D, 0xC606): 0x202,
+        (0x046D, 0xC621): 0x203,
+        (0x046D, 0xC623): 0x204,
+        (0x046D, 0xC625): 0x205,
+        (0x046D, 0xC626): 0x206,
+        (0x046D, 0xC627): 0x207,
+        (0x046D, 0xC628): 0x208,
+        (0x046D, 0xC629): 0x209,
+        (0x046D, 0xC62B): 0x20A,
+        (0x256F, 0xC62E): 0x20C,
+        (0x256F, 0xC62F): 0x20C,
+        (0x256F, 0xC631): 0x20D,
+        (0x256F, 0xC632): 0x20D,
+        (0x256F, 0xC633): 0x20E,
+        (0x256F, 0xC635): 0x20F,
+        (0x256F, 0xC636): 0x210,
+        (0x256F, 0xC638): 0x20D,
+        (0x256F, 0xC63A): 0x20C,
+    }
+)
+"""Device types by USB id. A Universal Receiver's is that of its puck, which nobody knows."""
+
+_SERIAL_TYPES: Mapping[str, int] = MappingProxyType(
+    {
+        "spaceball-2003": 0x100,
+        "spaceball-3003": 0x101,
+        "spaceball-4000": 0x102,
+        "magellan": 0x103,
+        "spaceball-5000": 0x104,
+    }
+)
+"""Device types by model. spacenavd does not know the SpaceOrb."""

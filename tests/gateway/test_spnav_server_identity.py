@@ -1,0 +1,115 @@
+"""What programs are told of the device behind the server, and what counts they then get."""
+
+import pytest
+
+from cardan.drivers.base import OperatorDevice
+from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
+from cardan.drivers.spnav.core import usual_full_scales
+from cardan.drivers.wiimote import Wiimote
+from cardan.gateway.spnav import (
+    DeviceIdentity,
+    SpnavServerCore,
+    identity_of,
+)
+from cardan.protocols.connexion import MODELS, model_by_key
+from cardan.protocols.connexion_serial import SERIAL_MODELS
+from cardan.protocols.spnav import DEVICE_TYPES, Motion, ServerReader, encode_handshake
+from cardan.types import DeviceLink, DeviceState
+
+UNTOLD = {
+    "lipari",
+    "spacemouse-usb",
+    "universal-receiver",
+    "universal-receiver-2",
+    "universal-receiver-2-c65c",
+}
+"""Models without a device type of their own: of receivers nobody knows the puck."""
+
+
+def usb_mouse(model):
+    return SpaceMouse(SpaceMouseOptions(model=model.key))
+
+
+def serial_mouse(model):
+    options = SpaceMouseOptions(transport="serial", path="/dev/ttyS0", model=model.key)
+    return SpaceMouse(options)
+
+
+def counts_of(axes, identity, full_scale=None):
+    """What a program gets of a deflection."""
+    core = SpnavServerCore(full_scale=full_scale)
+    core.identify(identity)
+    number = core.connect(0.0)
+    core.receive(number, encode_handshake(1), 0.0)
+    core.offer(DeviceState(1.0, DeviceLink.LIVE, axes, frozenset()), (), 1.0)
+    reader, values = ServerReader(), []
+    while record := core.outgoing(number, 2.0):
+        values += reader.feed(record)
+        core.sent(number, len(record))
+    (motion,) = [value for value in values if isinstance(value, Motion)]
+    return motion
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda m: m.key)
+def test_every_usb_model_is_told_by_name_type_and_id(model):
+    identity = identity_of(usb_mouse(model))
+    assert identity.name == model.name
+    assert (identity.vendor_id, identity.product_id) == (model.vendor_id, model.product_id)
+    if model.key in UNTOLD:
+        assert identity.device_type == 0
+    else:
+        kind = DEVICE_TYPES[identity.device_type]
+        assert identity.device_type & 0x200
+        assert model.name.casefold().startswith(kind.casefold())
+
+
+@pytest.mark.parametrize("model", SERIAL_MODELS, ids=lambda m: m.key)
+def test_a_serial_model_has_a_type_and_no_usb_id(model):
+    identity = identity_of(serial_mouse(model))
+    assert (identity.vendor_id, identity.product_id) == (0, 0)
+    known = model.key != "spaceorb"
+    assert DEVICE_TYPES[identity.device_type] == (model.name if known else "unknown")
+
+
+@pytest.mark.parametrize(
+    "mouse",
+    [
+        *(pytest.param(usb_mouse(model), id=model.key) for model in MODELS),
+        *(pytest.param(serial_mouse(model), id=f"serial {model.key}") for model in SERIAL_MODELS),
+    ],
+)
+def test_full_deflection_is_what_programs_take_for_it(mouse):
+    identity = identity_of(mouse)
+    linear, angular = usual_full_scales(
+        identity.device_type, identity.vendor_id, identity.product_id
+    )
+    assert counts_of((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), identity).z == linear
+    assert counts_of((0.0, 0.0, 0.0, 0.0, 0.0, 1.0), identity).ry == angular
+
+
+def test_a_full_scale_that_is_given_counts_for_every_device():
+    identity = identity_of(serial_mouse(SERIAL_MODELS[1]))
+    assert counts_of((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), identity, 600.0).z == 600
+    assert counts_of((0.0, 0.0, 0.0, 0.0, 0.0, 1.0), identity, 600.0).ry == 600
+
+
+def test_a_name_that_is_given_wins():
+    mouse = usb_mouse(model_by_key("spacenavigator"))
+    assert identity_of(mouse, "Hand")[:3] == ("Hand", "", 0x206)
+
+
+def test_other_devices_have_only_a_name():
+    assert identity_of(Wiimote()) == DeviceIdentity("Cardan")
+    assert identity_of(Wiimote(), "Remote") == DeviceIdentity("Remote")
+    assert identity_of(SpaceMouse()) == DeviceIdentity("Cardan")  # until it is open
+
+
+def test_an_attribute_of_the_same_name_that_is_something_else():
+    class Stranger(OperatorDevice):
+        class Options:
+            pass
+
+        model = "S-1000"
+        open = close = diagnosis = state = button_events = capabilities = None
+
+    assert identity_of(Stranger()) == DeviceIdentity("Cardan")

@@ -1,0 +1,122 @@
+"""In CI a test whose judge is missing fails; elsewhere, and for other reasons, it is skipped."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+CONFTEST = Path(__file__).with_name("conftest.py")
+
+TESTS = """
+import pytest
+
+judged = pytest.mark.judged(device="x", transport="y", by="z")
+
+@pytest.fixture
+def library():
+    pytest.skip("libx is not installed (Debian package libx0)")
+
+def test_no_library(library): ...
+
+def test_no_package():
+    pytest.skip("there is no x: install the Debian package x")
+
+@judged
+def test_judged_without_multicast():
+    pytest.skip("no multicast here")
+
+@judged
+@pytest.mark.skipif(True, reason="no judge today")
+def test_judged_and_marked(): ...
+
+@judged
+@pytest.mark.skipif(True, reason="the worked bytes are little-endian")
+def test_another_machine(): ...
+
+@judged
+@pytest.mark.skipif(True, reason="the C parts were not compiled")
+def test_not_compiled(): ...
+
+def test_no_capture():
+    pytest.skip("the capture is not beside the repository")
+
+@judged
+@pytest.mark.xfail(reason="not installed")
+def test_expected_to_fail():
+    raise AssertionError
+
+@judged
+def test_passes(): ...
+"""
+MODULE = """
+import pytest
+pytest.importorskip("no_such_package", reason="no_such_package is not installed: pip install it")
+
+def test_never_reached(): ...
+"""
+MISSING = {
+    "test_no_library": "libx0",
+    "test_no_package": "install the Debian package x",
+    "test_judged_without_multicast": "no multicast",
+    "test_judged_and_marked": "no judge today",
+    "test_module": "no_such_package is not installed",
+}
+OTHERWISE = {
+    "test_another_machine": "skipped",
+    "test_not_compiled": "skipped",
+    "test_no_capture": "skipped",
+    "test_expected_to_fail": "skipped",
+    "test_passes": "passed",
+}
+
+
+def outcomes(folder, **environment):
+    """By test: what became of it, and the words; of a run with `environment`."""
+    shutil.copy(CONFTEST, folder)
+    (folder / "pytest.ini").write_text("[pytest]\nmarkers = judged\n")
+    (folder / "test_tiny.py").write_text(TESTS)
+    (folder / "test_module.py").write_text(MODULE)
+    inherited = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in ("CI", "CARDAN_KERNEL_VM", "PYTEST_ADDOPTS")
+    }
+    options = ("-q", "-p", "no:cacheprovider", "--continue-on-collection-errors")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, "--junitxml=report.xml"],
+        cwd=folder,
+        env=inherited | environment,
+        capture_output=True,
+        text=True,
+        timeout=50,
+    )
+    found = {}
+    for case in ElementTree.parse(folder / "report.xml").iter("testcase"):
+        child = next((c for c in case if c.tag in ("skipped", "failure", "error")), None)
+        kind = "passed" if child is None else child.tag
+        words = "" if child is None else f"{child.get('message')} {child.text}"
+        found[case.get("name")] = (kind, words)
+    return done, found
+
+
+@pytest.mark.parametrize("environment", [{"CI": "true"}, {"CARDAN_KERNEL_VM": "1"}])
+def test_what_is_missing_fails_where_nothing_may_be(tmp_path, environment):
+    done, found = outcomes(tmp_path, **environment)
+    assert done.returncode == 1, done.stdout
+    for name, words in MISSING.items():
+        kind, said = found[name]
+        assert kind in ("failure", "error"), name
+        assert words in said
+        assert words in done.stdout
+    assert {name: found[name][0] for name in OTHERWISE} == OTHERWISE
+
+
+def test_elsewhere_it_is_skipped(tmp_path):
+    done, found = outcomes(tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert {name: found[name][0] for name in MISSING} == dict.fromkeys(MISSING, "skipped")
+    assert {name: found[name][0] for name in OTHERWISE} == OTHERWISE
