@@ -142,7 +142,13 @@ def test_a_remote_is_lit_and_rumbles_where_the_workspace_ends(tmp_path, monkeypa
     options = WiimotePeerOptions(l2cap="wiimote-sockets", script=DEVICES[name])
     with in_a_thread(WiimotePeer(options)) as peer:
         last = make_session(load_config(Path(name))).run(3.0)
-        said = [entry.what for entry in peer.remote.log]
+        deadline_s = time.monotonic() + 5.0
+        while True:  # the remote may still have to read the last words
+            said = [entry.what for entry in peer.remote.log]
+            dark = [words for words in said if "LEDs" in words][-1:] == ["LEDs ----"]
+            if dark or time.monotonic() > deadline_s:
+                break
+            time.sleep(0.01)
     assert last.error == "", last.message
     assert "rumble on" in said, said
     assert [words for words in said if "rumble" in words][-1] == "rumble off"

@@ -23,6 +23,8 @@ from tests.drivers import evdev_bench, jr3_rig, leap_frames, omni_rig, wiimote_b
 from tests.drivers.test_spacemouse_serial import Bench as SerialBench
 from tests.drivers.test_spacemouse_simulated import Bench as SpaceMouseBench
 
+pytestmark = pytest.mark.once
+
 NEUTRAL_WITHIN_S = 0.1
 STEP_S = 0.002
 REST = (0.0,) * 6

@@ -17,6 +17,8 @@ from cardan.drivers.abb_egm.limits import (
 from cardan.spatial import from_rotation_vector, multiply, normalized, rotation_between
 from cardan.types import IDENTITY, Quaternion, Vector3
 
+pytestmark = pytest.mark.once
+
 PERIOD_S = 0.004032
 LONGEST_S = 4 * PERIOD_S
 EPSILON = 1e-9

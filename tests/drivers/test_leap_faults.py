@@ -12,6 +12,8 @@ from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, Simulate
 from cardan.types import DeviceLink, DeviceState, Quaternion, Vector3
 from tests.drivers.leap_frames import PERIOD_S, PLUGGED, engaged, hand
 
+pytestmark = pytest.mark.once
+
 CLUTCHES = ("still", "open", "grab", "pinch")
 HELD = {"still": {}, "open": {}, "grab": {"grab_strength": 1.0}, "pinch": {"pinch_strength": 1.0}}
 NEUTRAL = {

@@ -29,6 +29,8 @@ from tests.drivers.tick_rig import (
     size,
 )
 
+pytestmark = pytest.mark.once
+
 
 class Ledger:
     """The energy given to a hand, from what was sent and where the stylus went; and the bound.

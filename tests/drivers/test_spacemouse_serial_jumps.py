@@ -21,6 +21,8 @@ from cardan.protocols.connexion_serial import (
 )
 from cardan.types import DeviceLink
 
+pytestmark = pytest.mark.once
+
 MODELS = [model.key for model in SERIAL_MODELS]
 SPACEBALLS = [model.key for model in SERIAL_MODELS if model.protocol == "spaceball"]
 NEUTRAL = (0.0,) * 6

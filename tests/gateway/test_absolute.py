@@ -14,6 +14,8 @@ from cardan.types import DeviceLink, Vector3
 from tests.gateway.hand_rig import HAND, HandRig, close, displaced
 from tests.gateway.test_differential import plans, play, rpys
 
+pytestmark = pytest.mark.once
+
 ORIGIN = Vector3(0.45, 0.05, 0.35)
 CENTRE = Vector3(0.1, -0.1, 0.2)
 

@@ -39,6 +39,8 @@ from cardan.types import (
 )
 from tests.gateway.hand_rig import DEFLECTIONS, DT_S, HAND, HandRig, close, displaced
 
+pytestmark = pytest.mark.once
+
 NAN_AXES = (math.nan,) * 6
 
 

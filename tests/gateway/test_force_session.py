@@ -29,6 +29,8 @@ from cardan.types import (
 from tests.gateway.fakes import FakeRobotOptions
 from tests.gateway.force_fakes import PERIOD_S, robot_state
 
+pytestmark = pytest.mark.once
+
 SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 START = Vector3(0.5, 0.0, 0.4)
 TABLE = {

@@ -9,6 +9,8 @@ from cardan.protocols.leap import Frame, decode_service
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService, play
 
+pytestmark = pytest.mark.once
+
 
 def frames(text, until_s, step_s=None):
     """Frames of a script, with the times at which they were sent."""

@@ -11,6 +11,8 @@ from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
 from cardan.types import Pose, Vector3
 from tests.gateway.cartesian.arms import DT_S, World
 
+pytestmark = pytest.mark.once
+
 
 def streaming(kind, arm="ur5", **more):
     world = World(arm, **more)

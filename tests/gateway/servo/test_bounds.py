@@ -9,6 +9,8 @@ from cardan.arm_model import load_arm
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.servo.bounds import JointBounds
 
+pytestmark = pytest.mark.once
+
 ARM = ArmKinematics(load_arm("gofa_crb15000_5"))
 N = ARM.joints
 
