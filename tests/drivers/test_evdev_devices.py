@@ -426,7 +426,7 @@ def test_unplugged_and_back(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["gamepad", "keyboard"])
-def test_a_simulated_device_that_hangs_is_neutral_within_100_ms(tmp_path, kind):
+def test_a_simulated_device_that_hangs_is_neutral_until_it_was_let_go(tmp_path, kind):
     if kind == "gamepad":
         script = "0.0 hold start for 0.03\n0.1 sticks 0 0.9 0 0 over 0.1"
         device = gamepad(tmp_path)
