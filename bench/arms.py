@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cardan.arm_model import Capsule, load_arm
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, HalfSpace, Obstacle
+from cardan.robots import Capsule, load_arm
 from cardan.types import Vector3
 
 DEBIAN_PACKAGES = "/usr/lib/python3/dist-packages"

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from bench.figures import Aim, Figures
 from bench.responders import KINDS
-from cardan.gateway.demo import free_udp_port, simulated_peer
+from cardan.gateway.session.demo import free_udp_port, simulated_peer
 from cardan.protocols.egm import EgmHeader, EgmMotion, EgmPose, EgmRobot, encode_robot
 from cardan.types import Quaternion, Vector3
 

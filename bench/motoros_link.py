@@ -21,9 +21,9 @@ import numpy as np
 
 from bench.figures import Figures
 from bench.yaskawa.rig import FIRST_PUSH_S, Array, peers, read_log, session_tables
-from cardan.gateway.config import parse_config
-from cardan.gateway.session import make_session
-from cardan.gateway.snapshot import Snapshot
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.session import make_session
+from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols import simple_message as sm
 
 REQUESTS = 2000

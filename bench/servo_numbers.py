@@ -18,12 +18,12 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from bench.arms import ACCELERATION_RAD_S2, DampedLeastSquares, kinematics
-from cardan.arm_model import load_arm
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
-from cardan.gateway.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
+from cardan.robots import load_arm
 from cardan.types import Frame, Twist, Vector3
 
 DT_S = 0.002

@@ -29,9 +29,9 @@ from bench.arms import (
     shorten,
     surroundings,
 )
-from cardan.arm_model import arm_names
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.servo.servo import Servo, ServoOptions
+from cardan.robots import arm_names
 
 DT_S = 0.002
 PAIRS = 35

@@ -11,9 +11,9 @@ import math
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.spacemouse import SpaceMouseOptions
 from cardan.drivers.spacemouse.core import SpaceMouseCore
-from cardan.gateway.engine import Phase, TeleopEngine, Watchdogs
-from cardan.gateway.mapping import MappingOptions, TwistMapping
-from cardan.gateway.reference import Reference, ReferenceLimits
+from cardan.gateway.arm.engine import Phase, TeleopEngine, Watchdogs
+from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.servo.follower import ArmFollower
 from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.base import parse_script

@@ -13,7 +13,7 @@ LEAVES = {
     "braking",
     "histogram",
     "realtime",
-    "arm_model",
+    "robots",
     "haptics",
     "plugins",
     "__init__",
@@ -25,7 +25,6 @@ MAY_IMPORT = {
     "gateway": {"gateway", "drivers", *LEAVES},
     "sim_peers": {"sim_peers", "protocols", *LEAVES},
     "dissect": {"dissect", *LEAVES},
-    "robots": set(),
     **dict.fromkeys(LEAVES, LEAVES),
 }
 EXCEPTIONS = {

@@ -5,9 +5,9 @@ import math
 import pytest
 
 from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions
-from cardan.gateway.assembly import make_arm
-from cardan.gateway.config import parse_config
-from cardan.gateway.engine import Phase
+from cardan.gateway.arm.engine import Phase
+from cardan.gateway.session.assembly import make_arm
+from cardan.gateway.session.config import parse_config
 from cardan.sim_peers.egm_controller import Mode
 from tests.chain import PUSH, Chain
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cardan.arm_model import load_arm
 from cardan.drivers.motoros import Motoros
-from cardan.gateway.assembly import load_config, make_arm
-from cardan.gateway.cartesian.controller import CartesianController, Outcome
-from cardan.gateway.engine import Phase, TeleopEngine
+from cardan.gateway.arm.controller import CartesianController, Outcome
+from cardan.gateway.arm.engine import Phase, TeleopEngine
+from cardan.gateway.hand.mapping import TwistMapping
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.mapping import TwistMapping
-from cardan.gateway.reference import Reference
+from cardan.gateway.motion.reference import Reference
+from cardan.gateway.session.assembly import load_config, make_arm
+from cardan.robots import load_arm
 from cardan.types import DeviceLink, DeviceState
 from tests.drivers.motoros_rig import Rig
 

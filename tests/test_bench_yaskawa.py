@@ -10,7 +10,7 @@ from bench.yaskawa import rig as study
 from bench.yaskawa.analysis import analyse
 from bench.yaskawa.published import STANDARD, STANDARD_MEAN, VELOCITY, VELOCITY_MEAN, mean
 from bench.yaskawa.rig import GRID_S, PUSH_S, Recording
-from cardan.gateway.snapshot import Snapshot
+from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import JointCommand
 from tests.drivers.motoros_rig import Rig
 

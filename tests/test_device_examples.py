@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from cardan.drivers.omni import OmniOptions
-from cardan.gateway.assembly import load_config
-from cardan.gateway.demo import free_tcp_ports, free_udp_port, simulated_peer
-from cardan.gateway.session import EXIT_OK, make_session
-from cardan.gateway.supervisor import supervise
+from cardan.gateway.session.assembly import load_config
+from cardan.gateway.session.demo import free_tcp_ports, free_udp_port, simulated_peer
+from cardan.gateway.session.session import EXIT_OK, make_session
+from cardan.gateway.session.supervisor import supervise
 from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
 from tests.serving import in_a_thread
 

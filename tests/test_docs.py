@@ -24,7 +24,7 @@ from cardan.drivers.omni import OmniOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavOptions
 from cardan.drivers.wiimote import WiimoteOptions
-from cardan.gateway import assembly, config
+from cardan.gateway.session import assembly, config
 from cardan.gateway.force.tables import FixtureTable, ForceTable
 from cardan.protocols import connexion, egm
 from cardan.protocols import simple_message as sm

@@ -6,7 +6,7 @@ anew at 6.5 s and pushes from 6.8 s on. All in virtual time.
 
 import pytest
 
-from cardan.gateway.engine import Phase
+from cardan.gateway.arm.engine import Phase
 from cardan.sim_peers.egm_controller import FAULTS as ROBOT_FAULTS
 from cardan.sim_peers.spacemouse import FAULTS as HAND_FAULTS
 from tests.chain import PC_ADDRESS, PUSH, PUSH_AND_REGRIP, Chain

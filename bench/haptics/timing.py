@@ -28,8 +28,8 @@ from bench.haptics.loop import Array
 from cardan.drivers.omni import library as libhd
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.omni.tick import Servo, Tick
-from cardan.gateway.demo import DEMOS, demo_config, simulated_peer
-from cardan.gateway.supervisor import supervise
+from cardan.gateway.session.demo import DEMOS, demo_config, simulated_peer
+from cardan.gateway.session.supervisor import supervise
 from cardan.haptics import Fixture, HapticCommand, MeasuredForce, Plane
 from cardan.protocols import hdapi
 from cardan.protocols.hdapi.constants import CallbackCode, Capability, State

@@ -9,7 +9,7 @@ import numpy as np
 from bench.arms import kinematics
 from bench.thesis.rig import STIFF, Array, Drive, Metronome, Rig, Row, Session, Streams, Trace, both
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle, box_obstacle
-from cardan.gateway.reference import ReferenceLimits
+from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import scale
 from cardan.types import ZERO_TWIST, Frame, Twist, Vector3
 

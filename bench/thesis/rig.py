@@ -16,17 +16,17 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from cardan.arm_model import load_arm
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.sim_arm.options import SimArmOptions
-from cardan.gateway.cartesian.controller import CartesianController, ControllerOptions
+from cardan.gateway.arm.controller import CartesianController, ControllerOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, to_pose, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
-from cardan.gateway.reference import Reference, ReferenceLimits
 from cardan.gateway.servo.follower import ArmFollower
 from cardan.gateway.servo.servo import Servo
+from cardan.robots import load_arm
 from cardan.sim_peers.arm import SimulatedArmOptions
 from cardan.types import ZERO3, ZERO_TWIST, CommandKind, Pose, RobotCommand, RobotState, Twist
 

@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cardan.gateway.config import parse_config
-from cardan.gateway.demo import free_tcp_ports, simulated_peer
-from cardan.gateway.session import Session, make_session
-from cardan.gateway.snapshot import Snapshot
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.demo import free_tcp_ports, simulated_peer
+from cardan.gateway.session.session import Session, make_session
+from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.connexion import Motion, Translation, decode_input
 from cardan.types import JointCommand
 

@@ -29,7 +29,7 @@ from cardan.cli.common import (
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
-from cardan.gateway.snapshot import Snapshot
+from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import DeviceLink, RobotLink
 
 __all__ = ["app", "main", "sim_devices", "sim_robots"]  # The latter two give `sim` its commands.
@@ -100,7 +100,7 @@ def demo(
     """Run the main job with no hardware: a simulated SpaceMouse drives a simulated robot, an ABB
     GoFa over EGM or a Motoman GP8 over MotoROS; or the hand on a simulated Phantom Omni draws with
     the GoFa's pen and feels its board (omni)."""
-    from cardan.gateway.demo import run_demo
+    from cardan.gateway.session.demo import run_demo
 
     raise typer.Exit(run_demo(seconds, robot))
 
@@ -108,9 +108,9 @@ def demo(
 @app.command(epilog=EPILOG)
 def run(file: ConfigFile, seconds: Seconds = None) -> None:
     """Join the device and the robot of a configuration file until Ctrl-C."""
-    from cardan.gateway.assembly import load_config
-    from cardan.gateway.supervisor import supervise
-    from cardan.gateway.view import SessionView, summary
+    from cardan.gateway.session.assembly import load_config
+    from cardan.gateway.session.supervisor import supervise
+    from cardan.gateway.session.view import SessionView, summary
 
     config = load_config(file)
     with SessionView() as view:
@@ -141,8 +141,8 @@ def _lack(last: Snapshot) -> str:
 @app.command()
 def check(file: ConfigFile) -> None:
     """Check a configuration file without opening anything, and say what it would do."""
-    from cardan.gateway.assembly import load_config, make_filters
-    from cardan.gateway.mapping import Mode
+    from cardan.gateway.hand.mapping import Mode
+    from cardan.gateway.session.assembly import load_config, make_filters
 
     config = load_config(file)
     mapping, limits = config.mapping, config.limits
@@ -264,7 +264,7 @@ def spnav(
     """Serve an operator device to stock programs that use libspnav, as spacenavd does: version 0
     and 1 of its protocol. Prints READY and the socket's path once it serves."""
     from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
-    from cardan.gateway.assembly import load_served, make_device
+    from cardan.gateway.session.assembly import load_served, make_device
     from cardan.gateway.spnav import SpnavServerOptions, serve_device
 
     if file is None:
@@ -294,8 +294,8 @@ def force(
 ) -> None:
     """Be the force node of a session in another process: read its robot's states, and send it the
     forces that the [force] and [[fixtures]] of FILE make of them. Prints READY once it does."""
-    from cardan.gateway.assembly import load_force
     from cardan.gateway.force.node import run_force_node
+    from cardan.gateway.session.assembly import load_force
 
     sent = run_force_node(load_force(file), connect, seconds)
     print(f"{sent} forces sent")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cardan.drivers.wiimote import Identity, WiimoteCore, WiimoteOptions
 from cardan.drivers.wiimote.core import BUTTON_NAMES, STALE_AFTER_S
-from cardan.gateway.mapping import MappingOptions, TwistMapping
+from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
 from cardan.protocols.wiimote import (
     AccelerometerCalibration,
     Data,

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from cardan.gateway.engine import TeleopEngine, Watchdogs
-from cardan.gateway.mapping import MappingOptions, Mode, TwistMapping
-from cardan.gateway.reference import Reference, ReferenceLimits
+from cardan.gateway.arm.engine import TeleopEngine, Watchdogs
+from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.spatial import (
     add,
     from_euler_zyx,

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from cardan.gateway import demo
-from cardan.gateway.config import parse_config
-from cardan.gateway.demo import free_udp_port, simulated_peer
-from cardan.gateway.snapshot import Snapshot
-from cardan.gateway.supervisor import supervise
+from cardan.gateway.session import demo
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.demo import free_udp_port, simulated_peer
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import supervise
 
 HAND = """
     0.2  axes 0 0 0.2 0 0 0 over 0.1

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from cardan.arm_model import load_arm, parse_urdf
 from cardan.errors import ConfigurationError
+from cardan.robots import load_arm, parse_urdf
 from cardan.sim_peers.arm import ArmPlant, Ball, DriveMode, Plane, PlantOptions
 from cardan.types import Vector3
 

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 import pytest
 
 from cardan import cli
-from cardan.arm_model import load_arm
 from cardan.errors import AddressError
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, decode_state, encode_command
+from cardan.robots import load_arm
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from tests.serving import in_a_thread
 

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from cardan.arm_model import load_arm
 from cardan.errors import ConfigurationError, ScriptError
 from cardan.protocols.simple_message import (
     ZEROS,
@@ -32,6 +31,7 @@ from cardan.protocols.simple_message import (
     request,
     topic,
 )
+from cardan.robots import load_arm
 from cardan.sim_peers.motoros_controller.controller import MotorosController
 from cardan.sim_peers.motoros_controller.dh import dh_table
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions

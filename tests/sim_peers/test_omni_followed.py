@@ -13,12 +13,12 @@ from bench.haptics.loop import Rig
 from cardan import spatial
 from cardan.drivers import registry
 from cardan.drivers.omni.limits import TickLimits
-from cardan.gateway.config import parse_config
-from cardan.gateway.session import make_session
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.session import make_session
 from cardan.haptics import HapticCommand
 from cardan.sim_peers.omni import OmniSettings
 from cardan.types import ZERO3, Vector3
-from tests.gateway.test_force_omni import TABLE, VirtualOmni
+from tests.gateway.force.test_omni import TABLE, VirtualOmni
 from tests.sim_peers.omni_virtual import LibHD, needs_library
 
 pytestmark = [needs_library, pytest.mark.once]

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from cardan.arm_model import arm_names, load_arm
 from cardan.protocols.egm.messages import DNUM_MAX
+from cardan.robots import arm_names, load_arm
 from cardan.types import JointLimits
 
 MODES = ("pose", "joint", "path-correction")

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from cardan.arm_model import load_arm
 from cardan.errors import CardanError
 from cardan.protocols.simple_message import (
     IO_PORT,
@@ -16,6 +15,7 @@ from cardan.protocols.simple_message import (
     STATE_PORT,
     ByteOrder,
 )
+from cardan.robots import load_arm
 from cardan.types import JointLimits
 
 STATE_PERIOD_S = 0.025

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from cardan.arm_model import load_arm
 from cardan.errors import CardanError
+from cardan.robots import load_arm
 from cardan.sim_peers.arm import FAULTS, Ball, Plane, PlantOptions, SimulatedArmOptions
 from cardan.sim_peers.base import parse_faults
 from cardan.types import JointLimits, Vector3

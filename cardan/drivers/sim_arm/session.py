@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 
-from cardan.arm_model import load_arm
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.errors import CommandError
 from cardan.protocols.joint_stream import (
@@ -17,6 +16,7 @@ from cardan.protocols.joint_stream import (
     encode_command,
     is_newer,
 )
+from cardan.robots import load_arm
 from cardan.types import (
     NEVER_S,
     CommandKind,

@@ -16,8 +16,7 @@ import threading
 import time
 
 from cardan.errors import AddressError, DriverError
-from cardan.gateway.assembly import make_conditioner, make_source
-from cardan.gateway.config import ForceConfig
+from cardan.gateway.common.serving import interruptible
 from cardan.gateway.force.fixtures import FixtureSet, fixture_force
 from cardan.gateway.force.link import (
     MAX_PACKET_BYTES,
@@ -28,7 +27,8 @@ from cardan.gateway.force.link import (
     encode_force,
 )
 from cardan.gateway.force.sources import ForceSource, PointVelocity
-from cardan.gateway.serving import interruptible
+from cardan.gateway.session.assembly import make_conditioner, make_source
+from cardan.gateway.session.config import ForceConfig
 from cardan.realtime import ask_for_real_time
 from cardan.spatial import add, norm
 from cardan.types import ZERO3

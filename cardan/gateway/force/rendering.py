@@ -20,7 +20,7 @@ from cardan.gateway.force.glide import MapGlide
 from cardan.gateway.force.guard import ForceGuard
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import ForceSource
-from cardan.gateway.snapshot import Snapshot
+from cardan.gateway.session.snapshot import Snapshot
 from cardan.haptics import HapticCommand, MeasuredForce, OperatingState, WorldMap
 from cardan.histogram import LatencyHistogram
 from cardan.spatial import norm, scale

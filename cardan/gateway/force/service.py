@@ -8,6 +8,7 @@ import socket
 from types import TracebackType
 
 from cardan.errors import AddressError
+from cardan.gateway.common.serving import make_room
 from cardan.gateway.force.lease import Lease
 from cardan.gateway.force.link import (
     MAX_PACKET_BYTES,
@@ -19,7 +20,6 @@ from cardan.gateway.force.link import (
     encode_state,
 )
 from cardan.gateway.force.sources import ForceSource, Reading
-from cardan.gateway.serving import make_room
 from cardan.haptics import WorldMap
 from cardan.types import NEVER_S, Frame, Pose, RobotLink, RobotState
 

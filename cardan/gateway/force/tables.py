@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from cardan.gateway.tables import DriverTable, NotNegative, Point, Positive, Table
+from cardan.gateway.common.tables import DriverTable, NotNegative, Point, Positive, Table
 from cardan.haptics import MAX_FIXTURES
 
 Coordinate = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False, strict=True)]

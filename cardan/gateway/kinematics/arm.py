@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from cardan.arm_model import ArmModel, JointKind
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
+from cardan.robots import ArmModel, JointKind
 from cardan.types import IDENTITY_POSE, Pose
 
 TURN = 2.0 * math.pi

@@ -15,10 +15,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from cardan.arm_model import ArmModel, BodyShape, Box, Capsule, JointKind, Shape
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_se3
+from cardan.robots import ArmModel, BodyShape, Box, Capsule, JointKind, Shape
 from cardan.spatial import norm, scale, subtract
 from cardan.types import IDENTITY, Pose, Vector3
 

@@ -24,9 +24,9 @@ import numpy.typing as npt
 import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from cardan.arm_model import TIME_TO_FULL_SPEED_S, SixWeights
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.base import SE3, FloatArray
+from cardan.robots import TIME_TO_FULL_SPEED_S, SixWeights
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cardan.gateway.kinematics.base import FloatArray, to_pose, to_se3
-from cardan.gateway.reference import Reference
+from cardan.gateway.motion.reference import Reference
 from cardan.gateway.servo.lag import ResponseLag
 from cardan.gateway.servo.servo import Servo, ServoStatus, servo_steps
 from cardan.spatial import is_finite, norm, subtract

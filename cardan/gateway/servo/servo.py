@@ -25,11 +25,11 @@ import eigenpy
 import numpy as np
 import pinocchio as pin
 
-from cardan.arm_model import SixWeights
 from cardan.braking import stopping_speed
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.servo.bounds import JointBounds
+from cardan.robots import SixWeights
 
 UNBOUNDED = 1e30
 """What daqp takes for infinity."""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import AddressError, DriverError
-from cardan.gateway.serving import interruptible, make_room
+from cardan.gateway.common.serving import interruptible, make_room
 from cardan.gateway.spnav.core import MOTION_PERIOD_S, SpnavServerCore
 from cardan.gateway.spnav.identity import DEFAULT_NAME, DeviceIdentity, identity_of
 from cardan.gateway.spnav.options import SpnavServerOptions

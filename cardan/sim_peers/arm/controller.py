@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cardan.arm_model import load_arm
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
@@ -19,6 +18,7 @@ from cardan.protocols.joint_stream import (
     encode_state,
     is_newer,
 )
+from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import JAM_AT_S, RESTART_SILENCE_S, SILENCE_EVERY_S
 from cardan.sim_peers.arm.options import SimulatedArmOptions
 from cardan.sim_peers.arm.plant import ArmPlant, DriveMode

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-from cardan.arm_model import load_arm
 from cardan.errors import ConfigurationError
 from cardan.protocols.joint_stream import MAX_JOINTS
+from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import FAULTS
 from cardan.sim_peers.base import check_faults
 from cardan.types import ZERO3, Vector3
@@ -127,7 +127,7 @@ class SimulatedArmOptions:
     """The controller around the plant, and where it listens."""
 
     robot: str = "ur5"
-    """A name or file as :func:`cardan.arm_model.load_arm` takes it."""
+    """A name or file as :func:`cardan.robots.load_arm` takes it."""
     plant: PlantOptions = field(default_factory=PlantOptions)
     host: str = "127.0.0.1"
     port: int = 6520

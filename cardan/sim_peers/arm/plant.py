@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from cardan.arm_model import ArmModel, Capsule, JointKind
+from cardan.robots import ArmModel, Capsule, JointKind
 from cardan.sim_peers.arm.options import PlantOptions
 from cardan.types import Pose, Quaternion, Vector3, Wrench
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cardan.arm_model import ArmModel
 from cardan.protocols.simple_message import DhLink
+from cardan.robots import ArmModel
 from cardan.spatial import add, compose, dot, norm, rotate, scale, subtract
 from cardan.types import IDENTITY_POSE, Vector3
 

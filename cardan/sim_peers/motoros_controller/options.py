@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from cardan.arm_model import ArmModel, JointKind, load_arm
 from cardan.errors import ConfigurationError
 from cardan.protocols.simple_message import MAX_GROUPS, MOTION_PORT, ValidFields
+from cardan.robots import ArmModel, JointKind, load_arm
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.motoros_controller.faults import ROBOT_FAULTS
 from cardan.sim_peers.motoros_controller.plant import PLANTS, PlantModel
@@ -28,7 +28,7 @@ class MotorosControllerOptions:
     """How the simulated controller is set up."""
 
     robot: str = "gp8"
-    """A name or file as :func:`cardan.arm_model.load_arm` takes it."""
+    """A name or file as :func:`cardan.robots.load_arm` takes it."""
     groups: int = 1
     """Control groups, each with the same arm."""
     host: str = "127.0.0.1"

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from cardan.arm_model import arm_names, load_arm
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose, to_se3
+from cardan.robots import arm_names, load_arm
 from cardan.spatial import from_rotation_vector, same_hemisphere
 from cardan.types import IDENTITY_POSE, Pose, Vector3
 

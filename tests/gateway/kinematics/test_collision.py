@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from cardan.arm_model import BodyShape, Capsule, load_arm
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import (
@@ -14,6 +13,7 @@ from cardan.gateway.kinematics.collision import (
     Obstacle,
     box_obstacle,
 )
+from cardan.robots import BodyShape, Capsule, load_arm
 from cardan.types import Vector3
 
 FLOOR = Obstacle("floor", HalfSpace(Vector3(0.0, 0.0, 1.0), -0.4))

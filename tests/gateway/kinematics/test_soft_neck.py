@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cardan.arm_model import arm_names
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.base import Kinematics
 from cardan.gateway.kinematics.soft_neck import SoftNeck, SoftNeckData, load_soft_neck
+from cardan.robots import arm_names
 
 NECK = SoftNeck()
 inclinations = st.floats(0.0, NECK.inclination_limit_rad * 0.999)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cardan.arm_model import load_arm
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.servo.bounds import JointBounds
+from cardan.robots import load_arm
 
 pytestmark = pytest.mark.once
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cardan.arm_model import load_arm
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
 from cardan.gateway.kinematics.soft_neck import SoftNeck
 from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
+from cardan.robots import load_arm
 from cardan.types import Vector3
 
 DT_S = 0.002

@@ -1,0 +1,378 @@
+"""What is worked out before a motion starts: where it ends, and that all of the way is free.
+
+It has kinematics of its own and takes milliseconds, so it runs beside the control loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from cardan.errors import (
+    CollisionError,
+    JointLimitError,
+    MotionRefusedError,
+    OutOfReachError,
+)
+from cardan.gateway.arm.checks import Workspace, check_workspace
+from cardan.gateway.kinematics.arm import CHARACTERISTIC_LENGTH_M, ArmKinematics
+from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
+from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.robots import ArmModel, BodyShape, JointKind
+from cardan.spatial import norm, rotation_between, subtract
+from cardan.types import Pose, Twist
+
+REACHED_M = 1e-4
+REACHED_RAD = 1e-3
+"""How near an arm with too few joints for any pose has to come, so that the pose counts as one
+of its own."""
+
+WAY_TOLERANCE_M = 1e-3
+"""How far from a line such an arm may be between its ends."""
+
+LINE_STEP_M = 0.005
+LINE_STEP_RAD = 0.02
+"""Longest way between two samples of a dry run. Joints move straight between them in the sweep."""
+
+MOST_SAMPLES = 2000
+
+LARGEST_JUMP_RAD = 0.5
+"""Of a joint between two samples of a line: more is a change of branch, no motion."""
+
+WORKSPACE_SAMPLES = 32
+
+NEAREST_TRIES = 6
+"""Downhill searches for arms with too few joints, the first from where the arm is."""
+
+BOUNDLESS = 1e3
+"""A range, rad or m, that no joint ever leaves."""
+
+
+class Line(Protocol):
+    """What the planner needs of a straight path."""
+
+    @property
+    def duration_s(self) -> float:
+        """Time until rest, s."""
+
+    def at(self, t_s: float, /) -> tuple[Pose, Twist]:
+        """Pose and twist (base axes) at `t_s` since the start."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margins:
+    """Distances, m, that a planned motion keeps."""
+
+    obstacle_m: float = 0.01
+    own_body_m: float = 0.005
+
+
+class DryRun(NamedTuple):
+    """Joint positions along a line."""
+
+    times_s: FloatArray
+    positions: FloatArray
+    """A row for each time."""
+    pace: float
+    """Share of the wanted speed that the slowest joint allows, at most 1."""
+    slowest: str
+    """That joint."""
+
+
+SPARE_RESTARTS = 12
+"""Of the inverse for streams of arms with joints to spare; it finds nearly all within five."""
+
+
+class Planner:
+    """Inverse kinematics and dry runs of one arm, with reasons for what is impossible."""
+
+    def __init__(
+        self,
+        model: ArmModel,
+        *,
+        obstacles: Iterable[Obstacle] = (),
+        tool_shapes: Iterable[BodyShape] = (),
+        workspace: Workspace = (None, None, None),
+        margins: Margins | None = None,
+    ) -> None:
+        self.model = model
+        self.kinematics = ArmKinematics(model)
+        boundless = tuple(
+            joint._replace(lower=-BOUNDLESS, upper=BOUNDLESS)
+            if joint.kind is not JointKind.CONTINUOUS
+            else joint
+            for joint in model.joints
+        )
+        self._boundless = ArmKinematics(model._replace(joints=boundless))
+        self.collision = CollisionModel(self.kinematics, obstacles, tool_shapes)
+        self.workspace = workspace
+        self.margins = margins or Margins()
+        self.names = model.joint_names
+        length = CHARACTERISTIC_LENGTH_M
+        weights = np.array(model.task.weights)
+        self._any_pose = len(model.joints) >= 6 and bool(np.all(weights > 0.0))
+        self._nearby_restarts = SPARE_RESTARTS if len(model.joints) > 6 else 0
+        self.followed = weights > 0.0
+        """Directions that the arm follows, x y z rx ry rz along TCP axes."""
+        lengths = (1.0, 1.0, 1.0, length, length, length)
+        self._weights = np.where(self.followed, 1.0, 0.0) * lengths
+        self._weights_on_way = weights * lengths
+        # On the way an arm with few joints keeps what its task counts most.
+        self._kept_on_way = weights >= 0.5 * weights.max()
+        self._units = tuple(
+            "m" if joint.kind is JointKind.PRISMATIC else "rad" for joint in model.joints
+        )
+
+    def set_tool(self, tool: Pose) -> None:
+        """The TCP is at `tool` in the arm's own TCP from now on."""
+        self.kinematics.set_tool(tool)
+        self._boundless.set_tool(tool)
+
+    def forward(self, q: FloatArray) -> SE3:
+        """The TCP in the base for `q`."""
+        return self.kinematics.forward(q)
+
+    # -- one pose ------------------------------------------------------------------------------
+
+    def inverse(self, verb: str, target: Pose, near: FloatArray) -> FloatArray:
+        """Joint positions on the branch nearest to `near`, rad or m.
+
+        Raises OutOfReachError or JointLimitError.
+        """
+        placement = to_se3(target)
+        found = self._inverse(placement, near)
+        if found is None:
+            raise self._why_not(verb, placement, near)
+        return found
+
+    def inverse_nearby(self, verb: str, target: Pose, near: FloatArray) -> FloatArray:
+        """As `inverse`, but on the branch of `near` only, for streams.
+
+        An arm with joints to spare has no branches: its posture is wherever the servo finds room.
+        """
+        placement = to_se3(target)
+        found = (
+            self.kinematics.inverse(placement, near, restarts=self._nearby_restarts)
+            if self._any_pose
+            else self._nearest(self.kinematics, placement, near, 1)
+        )
+        if found is None:
+            raise self._why_not(verb, placement, near)
+        return found
+
+    def _inverse(self, placement: SE3, near: FloatArray) -> FloatArray | None:
+        if self._any_pose:
+            found: FloatArray | None = self.kinematics.inverse(placement, near)
+            return found
+        return self._nearest(self.kinematics, placement, near, NEAREST_TRIES)
+
+    def _nearest(
+        self, kinematics: ArmKinematics, placement: SE3, near: FloatArray, tries: int
+    ) -> FloatArray | None:
+        random = np.random.default_rng(0)
+        low = np.maximum(kinematics.lower, near - math.pi)
+        high = np.minimum(kinematics.upper, near + math.pi)
+        start = near
+        for _ in range(tries):
+            q, tcp = kinematics.nearest(placement, start, self._weights)
+            if self._arrived(tcp, placement):
+                turned = kinematics.nearest_turns(q, near)
+                return turned if kinematics.within_limits(turned) else q
+            start = random.uniform(np.minimum(low, high), np.maximum(low, high))
+        return None
+
+    def _arrived(self, tcp: SE3, placement: SE3) -> bool:
+        """True where the TCP is at `placement` in all directions that the arm follows."""
+        distance, angle = self._miss(tcp, placement)
+        return distance < REACHED_M and angle < REACHED_RAD
+
+    def _miss(self, tcp: SE3, placement: SE3) -> tuple[float, float]:
+        difference = tcp.actInv(placement)
+        distance = np.linalg.norm(difference.translation[self.followed[:3]])
+        angle = np.linalg.norm(pin.log3(difference.rotation)[self.followed[3:]])
+        return float(distance), float(angle)
+
+    def _why_not(self, verb: str, placement: SE3, near: FloatArray) -> MotionRefusedError:
+        """The reason why no joint positions inside the limits give `placement`."""
+        beyond = (
+            self._boundless.inverse(placement, near, restarts=0)
+            if self._any_pose
+            else self._nearest(self._boundless, placement, near, 1)
+        )
+        if beyond is not None:
+            error = self._limit_error(verb, beyond, "")
+            if error is not None:
+                return error
+        _, tcp = self.kinematics.nearest(placement, near, self._weights)
+        distance, angle = self._miss(tcp, placement)
+        if distance < REACHED_M and angle < REACHED_RAD:
+            return MotionRefusedError(
+                f"{verb}: the pose is at the edge of what the arm reaches; no joint positions "
+                "were found that keep their limits"
+            )
+        return OutOfReachError(
+            f"{verb}: the pose is out of reach by {distance * 1e3:.1f} mm and {angle:.3f} rad",
+            distance,
+            angle,
+        )
+
+    def _limit_error(self, verb: str, q: FloatArray, where: str) -> JointLimitError | None:
+        """The joint that is farthest outside of its range at `q`."""
+        below, above = self.kinematics.lower - q, q - self.kinematics.upper
+        worst = int(np.argmax(np.maximum(below, above)))
+        if max(below[worst], above[worst]) <= 1e-9:
+            return None
+        bounds = self.kinematics.lower if below[worst] > above[worst] else self.kinematics.upper
+        limit, value = float(bounds[worst]), float(q[worst])
+        name, unit = self.names[worst], self._units[worst]
+        return JointLimitError(
+            f"{verb}: {name} would have to be at {value:.4f} {unit}{where}; "
+            f"its limit is {limit:.4f} {unit}",
+            name,
+            value,
+            limit,
+        )
+
+    # -- a joint motion ------------------------------------------------------------------------
+
+    def joint_goal(
+        self, verb: str, target: Pose, start: FloatArray, speeds: FloatArray
+    ) -> FloatArray:
+        """Where the joints go for `target`: the quickest branch that is free all the way.
+
+        Raises OutOfReachError, JointLimitError, CollisionError or MotionRefusedError.
+        """
+        placement = to_se3(target)
+        candidates = self.kinematics.branches(placement, start) if self._any_pose else []
+        candidates = [q for q in candidates if self.kinematics.within_limits(q)]
+        nearest = self._inverse(placement, start)
+        if nearest is not None:
+            candidates.append(nearest)
+        if not candidates:
+            raise self._why_not(verb, placement, start)
+        candidates.sort(key=lambda q: float((np.abs(q - start) / speeds).max()))
+        first: MotionRefusedError | None = None
+        for goal in candidates:
+            try:
+                self._check_joint_path(verb, start, goal)
+            except MotionRefusedError as error:
+                first = first or error
+            else:
+                return goal
+        assert first is not None
+        raise first
+
+    def _check_joint_path(self, verb: str, start: FloatArray, goal: FloatArray) -> None:
+        share, pair = self._free_share(start, goal)
+        if pair is not None:
+            raise _collision(verb, pair, share)
+        if not any(self.workspace):
+            return
+        was_outside = False
+        for index in range(WORKSPACE_SAMPLES + 1):
+            share = index / WORKSPACE_SAMPLES
+            position = self.kinematics.forward(start + share * (goal - start)).translation.tolist()
+            try:
+                check_workspace(verb, position, self.workspace)
+            except MotionRefusedError as error:
+                # A TCP that starts outside may come in, once.
+                if index > 0 and not was_outside:
+                    raise MotionRefusedError(f"{error}, {share:.0%} of the way") from None
+                was_outside = True
+            else:
+                was_outside = False
+
+    def _free_share(
+        self, start: FloatArray, end: FloatArray
+    ) -> tuple[float, tuple[str, str] | None]:
+        share, pair = self.collision.free_share(start, end, self.margins.obstacle_m)
+        if pair is None:
+            return share, pair
+        index = self.collision.pairs.index(pair)
+        if self.collision.with_obstacle[index]:
+            return share, pair
+        return self.collision.free_share(start, end, self.margins.own_body_m)
+
+    # -- a line --------------------------------------------------------------------------------
+
+    def dry_run(self, verb: str, path: Line, start: FloatArray) -> DryRun:
+        """Follow `path` from the joint positions `start` without moving anything.
+
+        Raises JointLimitError, CollisionError, OutOfReachError or MotionRefusedError, with how far
+        along the line.
+        """
+        begin, end = path.at(0.0)[0], path.at(path.duration_s)[0]
+        way_m = norm(subtract(end.position, begin.position))
+        angle = norm(rotation_between(begin.orientation, end.orientation))
+        # The peak of a profile is at most twice its mean.
+        count = math.ceil(2.0 * max(way_m / LINE_STEP_M, angle / LINE_STEP_RAD)) + 8
+        count = min(count, MOST_SAMPLES)
+        times = np.linspace(0.0, path.duration_s, count + 1)
+        positions = np.empty((count + 1, len(start)))
+        positions[0] = start
+        pace, slowest = 1.0, 0
+        velocity, step_s = self.kinematics.velocity, path.duration_s / count
+        for index in range(1, count + 1):
+            share = index / count
+            before = positions[index - 1]
+            pose = path.at(float(times[index]))[0]
+            q = self._continue(pose, before)
+            where = f" {share:.0%} of the line's time"
+            if q is None:
+                error = self._why_not(verb, to_se3(pose), before)
+                raise _further(error, where)
+            outside = self._limit_error(verb, q, where)
+            if outside is not None and not _returns(self.kinematics, before, q):
+                raise outside
+            jump = np.abs(q - before)
+            worst = int(np.argmax(jump))
+            if jump[worst] > LARGEST_JUMP_RAD:
+                raise MotionRefusedError(
+                    f"{verb}: the line passes a singularity: {self.names[worst]} would have to "
+                    f"jump by {jump[worst]:.2f} rad{where}"
+                )
+            along, pair = self._free_share(before, q)
+            if pair is not None:
+                raise _collision(verb, pair, (index - 1 + along) / count)
+            with np.errstate(divide="ignore"):
+                allowed = velocity * step_s / jump
+            worst = int(np.argmin(allowed))
+            if allowed[worst] < pace:
+                pace, slowest = float(allowed[worst]), worst
+            positions[index] = q
+        return DryRun(times, positions, pace, self.names[slowest] if pace < 1.0 else "")
+
+    def _continue(self, pose: Pose, near: FloatArray) -> FloatArray | None:
+        placement = to_se3(pose)
+        if self._any_pose:
+            found: FloatArray | None = self._boundless.inverse(placement, near, restarts=0)
+            return found
+        q, tcp = self._boundless.nearest(placement, near, self._weights_on_way)
+        missed = np.abs(tcp.actInv(placement).translation[self._kept_on_way[:3]])
+        return q if float(missed.max(initial=0.0)) < WAY_TOLERANCE_M else None
+
+
+def _returns(kinematics: ArmKinematics, before: FloatArray, q: FloatArray) -> bool:
+    """True when each joint that is outside of its range comes nearer to it."""
+    outside_before = np.maximum(kinematics.lower - before, before - kinematics.upper)
+    outside = np.maximum(kinematics.lower - q, q - kinematics.upper)
+    return bool(np.all((outside <= 1e-9) | (outside <= outside_before)))
+
+
+def _collision(verb: str, pair: tuple[str, str], share: float) -> CollisionError:
+    return CollisionError(
+        f"{verb}: {pair[0]} would come too near to {pair[1]} after {share:.0%} of the way",
+        pair,
+        share,
+    )
+
+
+def _further(error: MotionRefusedError, where: str) -> MotionRefusedError:
+    """`error` with where on the line it is."""
+    error.args = (f"{error.args[0]},{where}",)
+    return error

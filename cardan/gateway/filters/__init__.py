@@ -1,5 +1,0 @@
-"""Shared control: what may change the operator's twist between the mapping and the reference."""
-
-from cardan.gateway.filters.base import TwistFilter
-
-__all__ = ["TwistFilter"]

@@ -1,0 +1,1 @@
+"""What an operator's hand asks for; it decides nothing about the robot."""

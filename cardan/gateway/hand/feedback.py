@@ -1,0 +1,118 @@
+"""What the hand is given back through the device's light and its motor.
+
+Rumble is what devices without force feedback have: Łukawski, Victores and Balaguer 2023 name it
+for the Wiimote. Graded 0..1; the driver makes of it what its motor can do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from cardan.gateway.arm.engine import EngineStatus, Phase
+from cardan.spatial import norm
+from cardan.types import ZERO3, DeviceFeedback, RobotState
+
+FEEDBACK_PERIOD_S = 0.05
+"""A hand feels no faster change of a motor that needs 50 ms to start and to stop."""
+
+RENEW_S = 0.4
+"""Rumble is repeated so often while it lasts: drivers end it by themselves after 1 s without."""
+
+TRIP_PULSE_S = 0.5
+"""How long the loss of the robot is felt."""
+
+LIMIT_LEVEL = 0.4
+
+LEASH_FROM = 0.3
+"""Share of the leash below which nothing is felt: gravity sag and servo lag take that much."""
+
+STEP = 0.05
+"""Smaller changes are not passed on."""
+
+RUMBLE_SOURCES = ("trip", "limit", "leash", "force")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedbackOptions:
+    """What the hand is told, and how."""
+
+    led: bool = True
+    """The device's light says that the hand is on the robot."""
+    rumble: tuple[str, ...] = ("trip", "limit")
+    """What is felt: trip, the hand was taken off the robot; limit, the workspace or the arm ends;
+    leash, how far the robot is behind; force, what its sensor measures. The strongest counts."""
+    full_force_n: float = 20.0
+    """Measured force that rumbles at full strength."""
+
+
+class HandFeedback:
+    """Decides what to send; `channels` are those the device has."""
+
+    def __init__(self, options: FeedbackOptions, channels: Collection[str]) -> None:
+        self._sources = options.rumble if "rumble" in channels else ()
+        self._led_wanted = options.led and "led" in channels
+        self._full_force_n = options.full_force_n
+        self._led: bool | None = None
+        self._rumble = 0.0
+        self._due_s = self._renewed_s = self._tripped_s = float("-inf")
+        self._trips = 0
+
+    @property
+    def useful(self) -> bool:
+        """False when the device has nothing to feel or to see, or nothing is wanted."""
+        return bool(self._sources) or self._led_wanted
+
+    def due(self, now_s: float) -> bool:
+        """Whether `update` has something to look at."""
+        return now_s >= self._due_s
+
+    def update(
+        self, status: EngineStatus, robot: RobotState, now_s: float
+    ) -> DeviceFeedback | None:
+        """What to send now; None: nothing new."""
+        self._due_s = now_s + FEEDBACK_PERIOD_S
+        led = rumble = None
+        if self._led_wanted:
+            on = status.phase in (Phase.HOLDING, Phase.MOVING)
+            if on is not self._led:
+                led = self._led = on
+        if self._sources:
+            level = self._level(status, robot, now_s)
+            changed = abs(level - self._rumble) >= STEP or (level == 0.0) is not (
+                self._rumble == 0.0
+            )
+            if changed or (level > 0.0 and now_s - self._renewed_s >= RENEW_S):
+                rumble = self._rumble = level
+                self._renewed_s = now_s
+        return None if led is None and rumble is None else DeviceFeedback(led, rumble)
+
+    def last(self) -> DeviceFeedback | None:
+        """What leaves the device quiet and dark at the end; None: nothing to send."""
+        led = False if self._led else None
+        rumble = 0.0 if self._rumble > 0.0 else None
+        self._led, self._rumble = (False if led is not None else self._led), 0.0
+        return None if led is None and rumble is None else DeviceFeedback(led, rumble)
+
+    def _level(self, status: EngineStatus, robot: RobotState, now_s: float) -> float:
+        if status.trips != self._trips:
+            self._trips, self._tripped_s = status.trips, now_s
+        level = 0.0
+        sources = self._sources
+        if "trip" in sources and now_s - self._tripped_s < TRIP_PULSE_S:
+            return 1.0
+        if "limit" in sources and _limited(status):
+            level = LIMIT_LEVEL
+        if "leash" in sources:
+            level = max(level, (status.leash_used - LEASH_FROM) / (1.0 - LEASH_FROM))
+        if "force" in sources and robot.wrench is not None:
+            level = max(level, norm(robot.wrench.force) / self._full_force_n)
+        return min(1.0, level)
+
+
+def _limited(status: EngineStatus) -> bool:
+    """Whether the hand asks for what the workspace or the arm does not give."""
+    asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
+    return asked and (
+        status.at_workspace_limit or (status.arm is not None and bool(status.arm.in_words()))
+    )

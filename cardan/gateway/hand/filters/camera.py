@@ -1,0 +1,122 @@
+"""Camera-directed motion: the operator gives the advance, a camera on the hand the direction.
+
+The published rule (Łukawski, Victores and Balaguer 2023, after Oña et al. 2020): as long as the
+operator advances along the camera's axis and the camera sees its target, the motion goes along
+that axis only and turns the camera towards the target.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cardan.gateway.hand.filters.base import TwistFilter
+from cardan.gateway.hand.filters.listener import DatagramListener, check_address
+from cardan.gateway.hand.filters.readings import Malformed, decode_centroid
+from cardan.spatial import dot, from_euler_zyx, rotate, scale
+from cardan.types import NEVER_S, ZERO3, Frame, RobotState, Twist, Vector3
+
+SMALLEST_ADVANCE_M_S = 1e-9
+"""Less than this is what rounding leaves of a motion across the axis, not an advance."""
+
+MAX_PERMANENCE_S = 2.0
+"""A target seen longer ago may be anywhere."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraOptions:
+    """Options of the filter ``camera``."""
+
+    host: str = "127.0.0.1"
+    """Address to listen on."""
+    port: int = 6602
+    """UDP port to listen on."""
+    camera_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The camera (x right, y down, z where it looks) in the TCP: roll, pitch, yaw, Rz·Ry·Rx."""
+    gain_rad_s: float = 0.1
+    """Turning speed when the target is at the image's edge."""
+    permanence_s: float = 0.5
+    """How long a target still counts after it was last seen."""
+
+    def __post_init__(self) -> None:
+        check_address(self.host, self.port)
+        if not all(map(math.isfinite, self.camera_rpy_deg)):
+            raise ValueError(f"camera_rpy_deg is {self.camera_rpy_deg}; allowed: finite numbers")
+        if not 0.0 < self.gain_rad_s < math.inf:
+            raise ValueError(f"gain_rad_s is {self.gain_rad_s:g}; allowed: above 0, finite")
+        if not 0.0 < self.permanence_s <= MAX_PERMANENCE_S:
+            raise ValueError(
+                f"permanence_s is {self.permanence_s:g}; allowed: above 0, at most "
+                f"{MAX_PERMANENCE_S:g}"
+            )
+
+
+class CameraFilter(TwistFilter):
+    """Lets a camera direct an advance; without a target the operator's twist is unchanged."""
+
+    Options = CameraOptions
+
+    def __init__(self, options: CameraOptions | None = None) -> None:
+        super().__init__(options)
+        self.listener = DatagramListener(self.options.host, self.options.port, self._take)
+        self._camera = from_euler_zyx(*map(math.radians, self.options.camera_rpy_deg))
+        self._axis = rotate(self._camera, Vector3(0.0, 0.0, 1.0))
+        """Where the camera looks, tool axes."""
+        self._turn = ZERO3
+        """What turns the camera towards the target, rad/s along tool axes."""
+        self._seen_s = NEVER_S
+        self._directs = False
+
+    def open(self) -> None:
+        """Listen for targets. Raises AddressError when the port cannot be had."""
+        self.listener.open()
+
+    def close(self) -> None:
+        """Stop listening; what was seen counts no more."""
+        self.listener.close()
+        self._seen_s, self._directs = NEVER_S, False
+
+    def _take(self, data: bytes, received_s: float) -> Malformed | None:
+        centroid = decode_centroid(data)
+        if isinstance(centroid, Malformed):
+            return centroid
+        # A quarter turn about the camera's axis: a target to the right takes a turn about y.
+        across = Vector3(-centroid.y, centroid.x, 0.0)
+        self._turn = scale(rotate(self._camera, across), self.options.gain_rad_s)
+        self._seen_s = received_s
+        return None
+
+    def apply(self, twist: Twist, robot: RobotState) -> Twist:
+        """`twist`, or its advance along the camera's axis and a turn towards the target."""
+        self.listener.drain(robot.stamp_s)
+        self._directs = False
+        if not robot.stamp_s - self._seen_s <= self.options.permanence_s:
+            return twist
+        axis, turn = self._axis, self._turn
+        if twist.frame is not Frame.TOOL:
+            if robot.pose is None:
+                return twist
+            axis = rotate(robot.pose.orientation, axis)
+            turn = rotate(robot.pose.orientation, turn)
+        advance_m_s = dot(twist.linear, axis)
+        if not advance_m_s > SMALLEST_ADVANCE_M_S:
+            return twist
+        self._directs = True
+        return Twist(scale(axis, advance_m_s), turn, twist.frame)
+
+    def status(self) -> str:
+        """Whether the camera directs the motion."""
+        return "the camera gives the direction" if self._directs else ""
+
+    def describe(self) -> str:
+        """Gain, permanence and port."""
+        options = self.options
+        return (
+            f"turns an advance towards the target, up to {options.gain_rad_s:g} rad/s, for "
+            f"{options.permanence_s:g} s after it was seen, targets on UDP "
+            f"{options.host}:{options.port}"
+        )
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What is wrong with the camera's datagrams."""
+        return self.listener.diagnosis("camera")

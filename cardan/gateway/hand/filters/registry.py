@@ -1,0 +1,34 @@
+"""Finds filters by name: the built-in table, then the entry points of installed packages."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoints, entry_points
+
+from cardan.gateway.hand.filters.base import TwistFilter
+from cardan.plugins import Finder
+
+ENTRY_POINT_GROUP = "cardan.filters"
+
+BUILT_IN = {
+    "proximity": "cardan.gateway.hand.filters.proximity:ProximityFilter",
+    "camera": "cardan.gateway.hand.filters.camera:CameraFilter",
+}
+"""Our own filters. Other packages add theirs by an entry point of the same form."""
+
+
+def _installed() -> EntryPoints:
+    return entry_points(group=ENTRY_POINT_GROUP)
+
+
+# mypy wants a class that can be instantiated; a Finder only compares with it.
+_FINDER: Finder[TwistFilter] = Finder(TwistFilter, "filter", BUILT_IN, _installed)  # type: ignore[type-abstract]
+
+
+def names() -> tuple[str, ...]:
+    """Every filter name that can be loaded, sorted."""
+    return _FINDER.names()
+
+
+def load(name: str) -> type[TwistFilter]:
+    """The filter class called `name`; ConfigurationError names the ones there are."""
+    return _FINDER.load(name)

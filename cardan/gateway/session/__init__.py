@@ -1,0 +1,1 @@
+"""The loop of one arm and its process: configuration, assembly, snapshots, views."""

@@ -1,0 +1,412 @@
+"""Makes the parts of a session as its configuration has them; nothing is opened.
+
+Here a configuration meets what devices, robots, filters and arms can do: every error names the key.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import (
+    TypeAdapter,
+    ValidationError,
+)
+
+from cardan.drivers import registry
+from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
+from cardan.drivers.haptic import HapticDevice
+from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import DriverTable
+from cardan.gateway.force.conditioning import Conditioner, Conditioning
+from cardan.gateway.force.fixtures import FixtureSet
+from cardan.gateway.force.rendering import ForceRenderer
+from cardan.gateway.force.service import RemoteSource
+from cardan.gateway.force.sources import (
+    ContactSource,
+    ForceSource,
+    MeasuredSource,
+    SensorSource,
+)
+from cardan.gateway.force.stability import fixture_warning, loop_warning
+from cardan.gateway.force.tables import ForceTable
+from cardan.gateway.hand.filters import registry as filter_registry
+from cardan.gateway.hand.filters.base import TwistFilter
+from cardan.gateway.hand.mapping import AXES, Mode
+from cardan.gateway.hand.position import mirrors, unfollowed
+from cardan.gateway.session.config import (
+    ForceConfig,
+    LimitsTable,
+    MappingTable,
+    ObstacleTable,
+    ServedConfig,
+    SessionConfig,
+    parse_config,
+    read_toml,
+    suggestion,
+    translate,
+)
+from cardan.robots import Capsule, load_arm
+from cardan.spatial import norm, scale
+from cardan.types import (
+    IDENTITY_POSE,
+    CommandKind,
+    RobotCapabilities,
+    Vector3,
+)
+
+if TYPE_CHECKING:
+    from cardan.gateway.kinematics.base import Kinematics
+    from cardan.gateway.kinematics.collision import Obstacle
+    from cardan.gateway.servo.follower import ArmFollower
+
+ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
+"""What a robot must take, one of them, for a session to drive it by the model of its arm."""
+
+FREE_JOINTS = 6
+"""An arm with more joints has a posture to choose; it is drawn to its home."""
+
+
+def driver_options(driver: type[Driver], table: Mapping[str, Any], key: str) -> Any:
+    """The driver's Options made from a table, or a ConfigurationError that names the key."""
+    fields = {f.name: f for f in dataclasses.fields(driver.Options) if f.init}
+    for name in table:
+        if name not in fields:
+            raise ConfigurationError(
+                f"{key}.{name}",
+                f"there is no such key; allowed: {', '.join(fields)}"
+                + suggestion(name, list(fields)),
+            )
+    try:
+        return TypeAdapter(driver.Options).validate_python(dict(table))
+    except ValidationError as error:
+        wrong = translate(error, (key,))
+        name, _, rest = str(wrong).removeprefix(f"{key}: ").partition(" ")
+        if wrong.key == key and name.rstrip(":") in fields:
+            rest = rest if name.endswith(":") else f"{name} {rest}"
+            raise ConfigurationError(f"{key}.{name.rstrip(':')}", rest) from None
+        raise wrong from None
+
+
+def make_driver(table: DriverTable, key: str) -> Driver:
+    """The driver of a table, not opened yet; errors name `key`."""
+    try:
+        driver = registry.load(table.driver)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{key}.driver", str(error).removeprefix("driver: ")) from None
+    return driver(driver_options(driver, table.model_extra or {}, key))
+
+
+def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
+    """The operator device that is configured, not opened yet."""
+    device = make_driver(config.device, "device")
+    if not isinstance(device, OperatorDevice):
+        raise ConfigurationError(
+            "device.driver", f"{config.device.driver!r} is not an operator device"
+        )
+    return device
+
+
+def check_mode(mapping: MappingTable, device: OperatorDevice) -> None:
+    """Raise ConfigurationError when the device does not measure what the mapping wants."""
+    able = device.capabilities
+    if mapping.mode is Mode.RATE and not able.gives_axes:
+        raise ConfigurationError(
+            "mapping.mode", 'this device measures the hand\'s pose: set mode = "position"'
+        )
+    if mapping.mode is not Mode.RATE and not able.gives_pose:
+        raise ConfigurationError(
+            "mapping.mode", 'this device measures deflections: set mode = "rate"'
+        )
+
+
+def make_robot(config: SessionConfig) -> RobotDriver:
+    """The robot of a session, not opened yet."""
+    robot = make_driver(config.robot, "robot")
+    if not isinstance(robot, RobotDriver):
+        raise ConfigurationError("robot.driver", f"{config.robot.driver!r} is not a robot")
+    kinds = ", ".join(sorted(kind.value for kind in robot.capabilities.commands))
+    if config.arm is None and CommandKind.POSE not in robot.capabilities.commands:
+        raise ConfigurationError(
+            "robot",
+            f"as configured it takes {kinds}; without an [arm] table, which names the arm's model, "
+            "a session needs it to take poses",
+        )
+    if config.arm is not None and not ARM_COMMANDS & robot.capabilities.commands:
+        raise ConfigurationError(
+            "robot",
+            f"as configured it takes {kinds}; a session with an [arm] needs one of "
+            + ", ".join(sorted(kind.value for kind in ARM_COMMANDS)),
+        )
+    _check_speeds(config.limits, robot.capabilities)
+    return robot
+
+
+def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
+    """The filters of a session in their order, not opened yet."""
+    made = []
+    for index, table in enumerate(config.filters):
+        key = f"filters.{index}"
+        try:
+            kind = filter_registry.load(table.filter)
+        except ConfigurationError as error:
+            reason = str(error).removeprefix("filter: ")
+            raise ConfigurationError(f"{key}.filter", reason) from None
+        made.append(kind(driver_options(kind, table.model_extra or {}, key)))
+        made[-1].name = table.filter
+    return tuple(made)
+
+
+def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
+    """The arm's share of a session; None without an ``[arm]`` table.
+
+    Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
+    imported here: sessions without an arm's model start without it.
+    """
+    table = config.arm
+    if table is None:
+        return None
+    from cardan.gateway.kinematics.arm import ArmKinematics
+    from cardan.gateway.kinematics.collision import CollisionModel
+    from cardan.gateway.kinematics.soft_neck import SOFT_NECKS, SoftNeck, load_soft_neck
+    from cardan.gateway.servo.follower import ArmFollower
+    from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
+
+    kinematics: Kinematics
+    collision, posture = None, None
+    try:
+        if table.model in SOFT_NECKS:
+            kinematics, weights = SoftNeck(load_soft_neck(table.model)), SoftNeck.TASK
+            if table.tool() != IDENTITY_POSE or config.obstacles:
+                raise ConfigurationError("", f"{table.model} takes neither tool nor obstacles")
+        else:
+            model = load_arm(table.model)
+            kinematics = arm = ArmKinematics(model, table.tool())
+            weights = model.task.weights
+            if table.collisions:
+                collision = CollisionModel(arm, [_obstacle(each) for each in config.obstacles])
+            if len(model.joints) > FREE_JOINTS:
+                posture = np.array(model.home)
+    except ConfigurationError as error:
+        raise ConfigurationError("arm.model", str(error)) from None
+    able = robot.capabilities
+    if able.joints != kinematics.joints:
+        raise ConfigurationError(
+            "arm.model",
+            f"{table.model!r} has {kinematics.joints} joints, the robot as configured "
+            f"{able.joints}",
+        )
+    _check_joints(config, kinematics.names)
+    _take_limits(kinematics, able)
+    options = ServoOptions(
+        policy=Policy(table.policy),
+        speed_share=table.speed_share,
+        acceleration_share=table.acceleration_share,
+        safety_distance_m=table.safety_distance_m,
+    )
+    servo = Servo(kinematics, collision, options, weights)
+    servo.posture = posture
+    return ArmFollower(servo, able.commands, able.lag_s)
+
+
+def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
+    mapping = config.mapping
+    for axis, joint in mapping.joints.items():
+        if joint not in names:
+            raise ConfigurationError(
+                f"mapping.joints.{axis}",
+                f"there is no joint {joint!r}; allowed: {', '.join(names)}"
+                + suggestion(joint, list(names)),
+            )
+        index = AXES.index(axis.removeprefix("-"))
+        if any(source.removeprefix("-") == AXES[index] for source in mapping.axes):
+            raise ConfigurationError(
+                f"mapping.joints.{axis}",
+                f"the axis drives {AXES[index]} as well: name it in mapping.axes no more, "
+                'with "fixed" in its place',
+            )
+
+
+def make_source(table: ForceTable) -> ForceSource | None:
+    """The source of a measured force, not opened yet; None where there is none."""
+    felt = table.sense == "felt" if table.sense is not None else table.source == "sensor"
+    if table.source == "measured":
+        return MeasuredSource(felt=felt)
+    if table.source == "contact":
+        return ContactSource(table.contact)
+    if table.source == "remote":
+        return RemoteSource(table.socket, table.max_age_s)
+    if table.sensor is None:
+        return None
+    sensor = make_driver(table.sensor, "force.sensor")
+    if not isinstance(sensor, OperatorDevice):
+        raise ConfigurationError(
+            "force.sensor.driver", f"{table.sensor.driver!r} is a robot, not a sensor"
+        )
+    if table.zero_sensor and not hasattr(sensor, "zero"):
+        raise ConfigurationError(
+            "force.zero_sensor", f"{table.sensor.driver!r} takes no zero: leave it out"
+        )
+    return SensorSource(sensor, felt=felt, zero=table.zero_sensor)
+
+
+def make_conditioner(table: ForceTable, source: ForceSource | None) -> Conditioner:
+    """What makes of the source's readings a force for the hand."""
+    options = Conditioning(
+        scale=table.scale,
+        deadband_n=table.deadband_n,
+        cutoff_hz=table.cutoff_hz,
+        tare=table.tare,
+    )
+    if source is None:
+        return Conditioner(options)
+    return Conditioner(options, rests_at_zero=source.rests_at_zero, shaped=source.shaped)
+
+
+def make_force(
+    config: SessionConfig, device: OperatorDevice, robot: RobotDriver
+) -> ForceRenderer | None:
+    """The force's share of a session, nothing opened yet; None for a device without force."""
+    if not isinstance(device, HapticDevice):
+        if config.gives_force:
+            raise ConfigurationError(
+                "fixtures" if config.fixtures else "force.source",
+                f"{config.device.driver!r} gives no force back to the hand; leave [force] and "
+                "[[fixtures]] out, or choose a haptic device",
+            )
+        return None
+    if config.gives_force and mirrors(config.mapping_options()):
+        raise ConfigurationError(
+            "mapping.axes",
+            "these axes and signs are no rotation (a mirror, or one axis twice): a force has no "
+            "way back through them",
+        )
+    if config.gives_force and (still := unfollowed(config.mapping_options())):
+        raise ConfigurationError(
+            "mapping.scale" if "fixed" not in config.mapping.axes[:3] else "mapping.axes",
+            f"the TCP's {' and '.join(still)} does not follow the hand's place: a force along it "
+            "pushes the hand, and no motion of the hand ends it; let x, y and z follow, or leave "
+            "[force] and [[fixtures]] out",
+        )
+    table = config.force or ForceTable()
+    source = make_source(table)
+    return ForceRenderer(
+        device,
+        FixtureSet(config.fixtures),
+        source,
+        make_conditioner(table, source),
+        rendering=config.gives_force,
+        max_age_s=table.max_age_s,
+        stiffness_n_m=table.stiffness_n_m,
+        contact_target_n=table.contact_target_n,
+        warnings=_force_warnings(config, table, device, robot),
+    )
+
+
+def _force_warnings(
+    config: SessionConfig, table: ForceTable, device: HapticDevice, robot: RobotDriver
+) -> tuple[str, ...]:
+    """What the numbers alone say against a force that the hand can hold."""
+    if not config.gives_force:
+        return ()
+    mapping, period_s = config.mapping, robot.capabilities.period_s
+    factors = zip(mapping.axes[:3], mapping.scale[:3], strict=True)
+    motion_scale = max(0.0 if axis == "fixed" else abs(factor) for axis, factor in factors)
+    words = []
+    hold_s = getattr(device.options, "hold_s", math.inf)
+    if 2.0 * period_s > hold_s:
+        words.append(
+            f"the robot reports every {period_s * 1e3:g} ms, and the device lets go of the force "
+            f"after {hold_s * 1e3:g} ms: set device.hold_s to two periods or more"
+        )
+    words += [
+        fixture_warning(index, motion_scale, each.stiffness_n_m)
+        for index, each in enumerate(config.fixtures)
+        if each.stiffness_n_m is not None
+    ]
+    if table.source != "none" and table.environment_stiffness_n_m is not None:
+        words.append(
+            loop_warning(
+                motion_scale=motion_scale,
+                force_scale=1.0 if table.source == "remote" else table.scale,
+                environment_stiffness_n_m=table.environment_stiffness_n_m,
+                device_damping_n_s_m=getattr(device.options, "damping_n_s_m", 0.0),
+                period_s=period_s,
+                delay_s=table.delay_s,
+                cutoff_hz=table.cutoff_hz,
+            )
+        )
+    return tuple(filter(None, words))
+
+
+def _take_limits(kinematics: Kinematics, robot: RobotCapabilities) -> None:
+    limits = robot.limits
+    if limits is None:
+        return
+    np.maximum(kinematics.lower, limits.lower, out=kinematics.lower)
+    np.minimum(kinematics.upper, limits.upper, out=kinematics.upper)
+    np.minimum(kinematics.velocity, limits.velocity, out=kinematics.velocity)
+    np.minimum(kinematics.acceleration, limits.acceleration, out=kinematics.acceleration)
+
+
+def _obstacle(table: ObstacleTable) -> Obstacle:
+    from cardan.gateway.kinematics.collision import HalfSpace, Obstacle, box_obstacle
+
+    if table.box is not None:
+        return box_obstacle(table.name, Vector3(*table.box[0]), Vector3(*table.box[1]))
+    if table.capsule is not None:
+        start, end, radius = table.capsule
+        return Obstacle(table.name, Capsule(Vector3(*start), Vector3(*end), radius))
+    assert table.plane is not None
+    normal = Vector3(*table.plane[0])
+    unit = scale(normal, 1.0 / norm(normal))
+    return Obstacle(table.name, HalfSpace(unit, table.plane[1]))
+
+
+def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
+    """A reference that is faster than its robot runs into the leash; better to say so."""
+    for name, asked, most in (
+        ("linear_speed_m_s", limits.linear_speed_m_s, robot.linear_speed_m_s),
+        ("angular_speed_rad_s", limits.angular_speed_rad_s, robot.angular_speed_rad_s),
+    ):
+        if most is not None and asked > most:
+            raise ConfigurationError(
+                f"limits.{name}",
+                f"{asked:g} is more than the robot's driver lets out ({most:g}): lower it, or "
+                "raise the driver's own limit in [robot]",
+            )
+
+
+def load_served(path: Path) -> ServedConfig:
+    """Read and check what ``cardan spnav`` needs of a file: ``[device]`` and ``[spnav]``."""
+    try:
+        config = ServedConfig.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise translate(error) from None
+    make_device(config)
+    return config
+
+
+def load_force(path: Path) -> ForceConfig:
+    """Read and check what ``cardan force`` needs of a file: ``[force]`` and ``[[fixtures]]``."""
+    try:
+        config = ForceConfig.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise translate(error) from None
+    make_source(config.force)
+    return config
+
+
+def load_config(path: Path) -> SessionConfig:
+    """Read and check a configuration file, the options of drivers and filters included."""
+    config = parse_config(read_toml(path))
+    device, robot = make_device(config), make_robot(config)
+    check_mode(config.mapping, device)
+    make_arm(config, robot)
+    make_filters(config)
+    make_force(config, device, robot)
+    return config

@@ -1,0 +1,373 @@
+"""A session: one device, one robot, one plain loop in one thread of a process of its own.
+
+The robot is the clock: each of its control instants is answered from the loop's own turn, with
+no queue between. The process holds nothing else, because any other busy thread would show in the
+loop's latency; views and recorders live in other processes and get snapshots.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+import json
+import math
+import signal
+import socket
+import sys
+import time
+from types import FrameType
+from typing import Any
+
+from cardan.drivers.base import OperatorDevice, RobotDriver
+from cardan.errors import CardanError, ConfigurationError, DriverError
+from cardan.gateway.arm.engine import Phase, TeleopEngine
+from cardan.gateway.force.rendering import ForceRenderer
+from cardan.gateway.hand.feedback import HandFeedback
+from cardan.gateway.hand.mapping import TwistMapping
+from cardan.gateway.motion.reference import Reference
+from cardan.gateway.session.assembly import (
+    check_mode,
+    make_arm,
+    make_device,
+    make_filters,
+    make_force,
+    make_robot,
+)
+from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.spnav import SpnavService, identity_of
+from cardan.histogram import LatencyHistogram
+from cardan.realtime import ask_for_real_time
+from cardan.spatial import norm, subtract
+from cardan.types import (
+    IDENTITY_POSE,
+    DeviceFeedback,
+    DeviceState,
+    Pose,
+    RobotState,
+)
+
+SNAPSHOT_PERIOD_S = 0.1
+"""A person reads no faster; at 250 Hz one tick in 25 pays for it, after its answer has left."""
+
+STOPPED_ON_REQUEST = "stopped on request"
+"""How a session ends whose supervisor asked it to, for a Ctrl-C above all."""
+
+BRAKE_TIMEOUT_S = 5.0
+"""Longest a stopping session waits for its robot to come to rest before it lets go."""
+
+
+class Session:
+    """The loop. Build it from a configuration with :func:`make_session`."""
+
+    def __init__(
+        self,
+        device: OperatorDevice,
+        robot: RobotDriver,
+        engine: TeleopEngine,
+        config: SessionConfig,
+        channel: socket.socket | None = None,
+        force: ForceRenderer | None = None,
+    ) -> None:
+        """`force`: what a haptic device renders."""
+        self.device = device
+        self.robot = robot
+        self.engine = engine
+        self.snapshot = Snapshot()
+        self._gripper = config.gripper
+        self._mapping_table = config.mapping
+        self._channel = channel
+        self._force = force
+        self._tool_of_model = config.arm is not None and config.arm.tool() != IDENTITY_POSE
+        self._ticks = LatencyHistogram()
+        self._square_sum_m2 = 0.0
+        self._moving_cycles = 0
+        self._feedback_options = config.feedback_options()
+        self._feedback = HandFeedback(self._feedback_options, ())
+        self._spnav_options = None if config.spnav is None else config.spnav.server_options()
+        self._spnav: SpnavService | None = None
+        self._stop_reason = ""
+
+    def stop(self, reason: str) -> None:
+        """Ask for the end: brake, hold, then leave. May be called from a signal handler."""
+        self._stop_reason = self._stop_reason or reason
+
+    def run(self, seconds: float = math.inf) -> Snapshot:
+        """Run until stopped or until `seconds` are over; returns the last snapshot.
+
+        Raises DriverError when the device, a filter or the robot cannot be opened.
+        """
+        with contextlib.ExitStack() as opened:
+            opened.enter_context(self.device)
+            self._check()
+            channels = self.device.capabilities.feedback
+            self._feedback = HandFeedback(self._feedback_options, channels)
+            for each in self.engine.filters:
+                opened.enter_context(each)
+            if self._force is not None:
+                opened.callback(self._force.stop)
+                if self._force.source is not None:
+                    opened.enter_context(self._force.source)
+                self._force.start(self._tcp)
+            if (spnav := self._spnav_options) is not None:
+                self._spnav = SpnavService(
+                    lambda: self.device.capabilities.buttons,
+                    spnav,
+                    lambda: identity_of(self.device, spnav.name),
+                )
+                self._spnav.start()
+                opened.callback(self._spnav.stop)
+            # The loop makes no cycles of references worth collecting, and a collection in it
+            # costs milliseconds. All this comes before the robot is opened, because its
+            # datagrams do not wait.
+            gc.collect()
+            gc.freeze()
+            gc.disable()
+            try:
+                with self.robot:
+                    self._loop(seconds)
+            finally:
+                gc.enable()
+                gc.unfreeze()
+                self._give(self._feedback.last())
+        return self.snapshot
+
+    def _check(self) -> None:
+        able, output = self.robot.capabilities, self._gripper.output
+        outputs = able.digital_outputs if isinstance(output, str) else able.analog_outputs - output
+        if self.engine.mapping.options.gripper and outputs < 1:
+            raise ConfigurationError("gripper.output", f"the robot has no output {output!r}")
+        known = self.device.capabilities.buttons
+        options = self.engine.mapping.options
+        if options.enable and type(self.robot).enable is RobotDriver.enable:
+            raise ConfigurationError(
+                "mapping.enable", "this robot is made ready at its own controller; leave it out"
+            )
+        check_mode(self._mapping_table, self.device)
+        for key, button in (
+            *(("mapping.deadman", button) for button in options.deadman),
+            ("mapping.clutch", options.clutch),
+            ("mapping.recapture", options.recapture),
+            ("mapping.enable", options.enable),
+            *((f"gripper.{action.value}", name) for name, action in options.gripper),
+        ):
+            if button and known and button not in known:
+                raise ConfigurationError(
+                    key, f"the device has no button {button!r}; it has: {', '.join(known)}"
+                )
+
+    def _loop(self, seconds: float) -> None:
+        robot, device, engine = self.robot, self.device, self.engine
+        mapping, hand_feedback, spnav = engine.mapping, self._feedback, self._spnav
+        force = self._force
+        monotonic, tick_cost = time.monotonic, self._ticks.add
+        gripper_closed = mapping.gripper_closed
+        start_s = monotonic()
+        end_s = start_s + seconds
+        next_snapshot_s = start_s
+        give_up_s = math.inf
+        snapshot = self.snapshot
+        state: RobotState | None = None
+        for state in robot.cycles():
+            hand = device.state()
+            events = device.button_events()
+            command = engine.tick(state, hand, events)
+            if mapping.gripper_closed is not gripper_closed:
+                gripper_closed = mapping.gripper_closed
+                self._move_gripper(gripper_closed)
+            robot.send(command)
+            if events and mapping.asks_to_enable(hand, events, state.stamp_s):
+                robot.enable()
+            now_s = monotonic()
+            if state.ready:
+                tick_cost(now_s - state.stamp_s)
+                snapshot.cycles += 1
+                if engine.phase is Phase.MOVING or engine.phase is Phase.BRAKING:
+                    self._account(state)
+            # Everything below is bookkeeping: the answer has left.
+            if force is not None:
+                at_rest = engine.at_rest and not engine.following
+                objection = force.cycle(state, hand, engine.hand_map(), at_rest)
+                if objection:
+                    engine.trip(objection)
+                elif force.guard.in_doubt:
+                    engine.suspend()
+            if spnav is not None:
+                spnav.offer(hand, events)
+            if hand_feedback.useful and hand_feedback.due(now_s):
+                self._give(hand_feedback.update(engine.status(), state, now_s))
+            if self._stop_reason or now_s >= end_s:
+                if give_up_s == math.inf:
+                    snapshot.ending = self._stop_reason or "the session's time is over"
+                    engine.request_stop(snapshot.ending)
+                    give_up_s = now_s + BRAKE_TIMEOUT_S
+                if engine.at_rest or not state.ready or now_s >= give_up_s:
+                    break
+            if now_s >= next_snapshot_s:
+                next_snapshot_s = now_s + SNAPSHOT_PERIOD_S
+                self._publish(state, hand, now_s - start_s)
+        if state is not None:
+            snapshot.finished = True
+            self._publish(state, device.state(), monotonic() - start_s)
+
+    def _tcp(self, state: RobotState) -> Pose | None:
+        """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
+        the robot reports joints alone."""
+        arm = self.engine.arm
+        if arm is None or (state.pose is not None and not self._tool_of_model):
+            return state.pose
+        return arm.reported(state) if state.ready else None
+
+    def _account(self, state: RobotState) -> None:
+        """Keep the figures of the summary: path, and how well the robot is where it is told."""
+        reference = self.engine.reference
+        if self.engine.arm is not None:
+            # An arm's model may have a tool that the robot's own pose does not know of.
+            error_m = reference.ahead_m
+        elif reference.pose is not None and state.pose is not None:
+            error_m = norm(subtract(reference.pose.position, state.pose.position))
+        else:
+            return
+        self._square_sum_m2 += error_m * error_m
+        self._moving_cycles += 1
+        snapshot = self.snapshot
+        snapshot.error_max_m = max(snapshot.error_max_m, error_m)
+        snapshot.path_m += norm(reference.linear) * state.period_s
+        snapshot.moving_s += state.period_s
+
+    def _move_gripper(self, closed: bool) -> None:
+        table = self._gripper
+        if isinstance(table.output, str):
+            self.robot.set_outputs(digital=(table.closed_value if closed else table.open_value) > 0)
+        else:
+            values = list(self.robot.output_values())
+            values += [0.0] * (table.output + 1 - len(values))
+            values[table.output] = table.closed_value if closed else table.open_value
+            self.robot.set_outputs(values=values)
+
+    def _give(self, feedback: DeviceFeedback | None) -> None:
+        """To the hand. A light or motor that fails is no reason to stop: the link itself is
+        watched elsewhere."""
+        if feedback is not None:
+            with contextlib.suppress(DriverError):
+                self.device.feedback(feedback)
+
+    def _publish(self, state: RobotState, hand: DeviceState, elapsed_s: float) -> None:
+        status = self.engine.status()
+        s = self.snapshot
+        s.elapsed_s = elapsed_s
+        s.phase, s.message, s.trips = status.phase.value, status.message, status.trips
+        s.device_link, s.device_reason = hand.link.value, hand.reason
+        s.axes, s.buttons, s.battery = list(hand.axes), sorted(hand.buttons), hand.battery
+        s.robot_link, s.hold_reason = state.link.value, state.hold_reason
+        s.sequence, s.joints_rad = state.sequence, list(state.joints)
+        pose = state.pose
+        if pose is None:
+            pose = self._tcp(state)
+        if pose is not None:
+            s.pose = [*pose.position, *pose.orientation]
+        if status.pose is not None:
+            s.reference = [*status.pose.position, *status.pose.orientation]
+        s.twist = [*status.twist.linear, *status.twist.angular]
+        s.leash_used, s.at_workspace_limit = status.leash_used, status.at_workspace_limit
+        s.gripper_closed, s.utilization = status.gripper_closed, state.utilization
+        if status.arm is not None:
+            s.path_speed, s.singular_value = (
+                status.arm.path_speed,
+                status.arm.smallest_singular_value,
+            )
+            s.clearance_m, s.nearest_pair = status.arm.distance_m, list(status.arm.nearest_pair)
+            s.arm_limits = status.arm.in_words()
+        if self._moving_cycles:
+            s.error_rms_m = math.sqrt(self._square_sum_m2 / self._moving_cycles)
+        s.tick_p50_s, s.tick_p99_s = self._ticks.percentile(50), self._ticks.percentile(99)
+        s.tick_max_s = self._ticks.max
+        s.metrics = self.robot.metrics()
+        s.filters = list(status.filters)
+        s.diagnosis = [*self.robot.diagnosis(), *self.device.diagnosis()]
+        for each in self.engine.filters:
+            s.diagnosis += each.diagnosis()
+        if self._spnav is not None:
+            s.diagnosis += self._spnav.diagnosis()
+        if self._force is not None:
+            said = set(s.diagnosis)
+            s.diagnosis += [line for line in self._force.diagnosis() if line not in said]
+            self._force.show(s)
+        self._tell(s)
+
+    def _tell(self, snapshot: Snapshot) -> None:
+        if self._channel is None:
+            return
+        try:
+            self._channel.send(snapshot.to_bytes())
+        except BlockingIOError:
+            pass  # The reader is slow; a newer snapshot follows.
+        except OSError:
+            self._channel = None
+            self.stop("the process that started this session is gone")
+
+
+def make_session(config: SessionConfig, channel: socket.socket | None = None) -> Session:
+    """A session as configured, nothing opened yet."""
+    robot = make_robot(config)
+    engine = TeleopEngine(
+        TwistMapping(config.mapping_options()),
+        Reference(config.reference_limits()),
+        config.watchdog_limits(),
+        make_filters(config),
+        make_arm(config, robot),
+    )
+    device = make_device(config)
+    force = make_force(config, device, robot)
+    return Session(device, robot, engine, config, channel, force)
+
+
+# ---------------------------------------------------------------------------------------------
+# The session's own process: python -m cardan.gateway.session.session
+
+EXIT_OK = 0
+EXIT_INTERNAL = 1
+EXIT_CONFIGURATION = 2
+EXIT_CANNOT_OPEN = 3
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the session whose configuration comes as JSON on standard input."""
+    parser = argparse.ArgumentParser(prog="cardan-session")
+    parser.add_argument("--channel-fd", type=int, required=True)
+    parser.add_argument("--seconds", type=float, default=math.inf)
+    options = parser.parse_args(arguments)
+    channel = socket.socket(fileno=options.channel_fd)
+    channel.setblocking(False)
+    table: dict[str, Any] = json.load(sys.stdin)
+    last = Snapshot(finished=True)
+    code = EXIT_INTERNAL
+    try:
+        session = make_session(parse_config(table), channel)
+
+        def stop(_number: int, _frame: FrameType | None) -> None:
+            session.stop(STOPPED_ON_REQUEST)
+
+        # A terminal's Ctrl-C reaches the supervisor, which asks with SIGTERM.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, stop)
+        last = session.snapshot
+        last.scheduling = ask_for_real_time()
+        session.run(options.seconds)
+        code = EXIT_OK
+    except ConfigurationError as error:
+        code, last.error = EXIT_CONFIGURATION, str(error)
+    except DriverError as error:
+        code, last.error = EXIT_CANNOT_OPEN, str(error)
+    except CardanError as error:
+        last.error = str(error)
+    if last.error:
+        last.finished = True
+        channel.setblocking(True)
+        channel.send(last.to_bytes())
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""A robot in virtual time: where it is told to be, less what its faults take away."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cardan.gateway.arm.controller import CartesianController
+from cardan.robots import load_arm
+from cardan.types import (
+    CommandKind,
+    HoldCommand,
+    JointCommand,
+    JointVelocityCommand,
+    Pose,
+    PoseCommand,
+    RobotCapabilities,
+    RobotLink,
+    RobotState,
+    TorqueCommand,
+)
+
+DT_S = 0.004
+JOINT = frozenset({CommandKind.JOINT, CommandKind.TORQUE})
+
+
+class World:
+    """A controller and an ideal robot, one tick at a time, with every joint limit watched."""
+
+    def __init__(self, arm="ur5", commands=JOINT, options=None, start=None, **more):
+        self.model = load_arm(arm)
+        self.capabilities = RobotCapabilities(commands, DT_S, len(self.model.joints), None, 0, 0)
+        self.controller = CartesianController(self.model, self.capabilities, options, **more)
+        self.q = np.array(self.model.home if start is None else start, dtype=float)
+        self.v = np.zeros(len(self.q))
+        self.now_s = 10.0
+        self.session = 1
+        self.sequence = 0
+        self.hold_reason = ""
+        self.link = RobotLink.LIVE
+        self.alarm = ""
+        self.sag = np.zeros(len(self.q))
+        self.creep_rad_s = np.zeros(len(self.q))
+        self.jammed = False
+        self.pose: Pose | None = None
+        self.command = HoldCommand()
+        self.commanded_before = None
+        self.driven_before = False
+        self.sent_before = None
+        self.tick()
+
+    def state(self):
+        return RobotState(
+            self.now_s, self.link, self.session, self.sequence, DT_S,
+            tuple((self.q + self.sag).tolist()), (), self.pose, self.hold_reason,
+            alarm=self.alarm, velocities=tuple(self.v.tolist()),
+        )  # fmt: skip
+
+    def tick(self, count=1):
+        for _ in range(count):
+            self.now_s += DT_S
+            self.sequence += 1
+            self.command = self.controller.tick(self.state())
+            self._obey()
+            self._watch()
+
+    def _obey(self):
+        command = self.command
+        before = self.q.copy()
+        if self.jammed:
+            self.v[:] = 0.0
+            return
+        if isinstance(command, JointCommand):
+            # A servo that sags keeps its distance; it does not jump to a new command.
+            self.q = np.array(command.positions)
+            self.v = np.array(command.velocities)
+            return
+        elif isinstance(command, JointVelocityCommand):
+            self.q = self.q + (np.array(command.velocities) + self.creep_rad_s) * DT_S
+        elif isinstance(command, PoseCommand):
+            self.pose = command.pose
+            self.q = self.controller.servo.q.copy()
+        if isinstance(command, TorqueCommand):
+            self.q, self.sag = self.q + self.sag, np.zeros(len(self.q))
+            return
+        self.v = (self.q - before) / DT_S
+
+    def _watch(self):
+        """Position, speed and acceleration of what is commanded, at every tick."""
+        servo = self.controller.servo
+        kinematics = servo.kinematics
+        driven = isinstance(self.command, (JointCommand, JointVelocityCommand, PoseCommand))
+        assert np.all(np.abs(servo.v) <= kinematics.velocity + 1e-9)
+        if driven and self.driven_before:
+            change = np.abs(servo.v - self.commanded_before)
+            assert np.all(change <= kinematics.acceleration * DT_S + 1e-9)
+        if driven:
+            assert np.all(servo.q >= kinematics.lower - 1e-6)
+            assert np.all(servo.q <= kinematics.upper + 1e-6)
+        if isinstance(self.command, JointVelocityCommand):
+            sent = np.array(self.command.velocities)
+            assert np.all(np.abs(sent) <= kinematics.velocity + 1e-9)
+            if self.sent_before is not None:
+                change = np.abs(sent - self.sent_before)
+                assert np.all(change <= kinematics.acceleration * DT_S + 1e-9)
+            self.sent_before = sent
+        else:
+            self.sent_before = None
+        self.commanded_before, self.driven_before = servo.v.copy(), driven
+
+    @property
+    def tcp(self):
+        """Of the commanded joints: position, rotation matrix."""
+        commanded = isinstance(self.command, JointCommand)
+        q = self.controller.servo.q if commanded else self.q
+        placement = self.controller.servo.kinematics.forward(q)
+        return placement.translation.copy(), placement.rotation.copy()
+
+    def six(self):
+        """The commanded pose as six numbers, or the measured one."""
+        return np.array(self.controller.stat().pose)
+
+    def moved(self, *step):
+        """The measured pose, shifted by x y z in m."""
+        return [*(self.six()[:3] + step), *self.six()[3:]]
+
+    def run(self, motion, limit_s=60.0):
+        """Tick until the motion is over."""
+        for _ in range(int(limit_s / DT_S)):
+            self.controller.start_pending()
+            if motion.over:
+                return motion
+            self.tick()
+        raise AssertionError(f"{motion} is not over after {limit_s} s")
+
+    def rest(self, limit_s=20.0):
+        """Tick until nothing moves."""
+        for _ in range(int(limit_s / DT_S)):
+            if self.controller.at_rest:
+                return
+            self.tick()
+        raise AssertionError("still moving")

@@ -1,0 +1,132 @@
+"""The map that is rendered makes no leaps under a hand."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cardan.gateway.force.fixtures import world_point
+from cardan.gateway.force.glide import GLIDE_M_S, LONGEST_STEP_S, MapGlide
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.haptics import WorldMap
+from cardan.spatial import norm, subtract
+from cardan.types import ZERO3, Vector3
+from tests.gateway.hand_rig import DT_S, HandRig, displaced
+from tests.gateway.hand.test_differential import plans, rpys
+
+HERE = Vector3(0.1, -0.2, 0.05)
+
+
+def shifted(x):
+    return WorldMap(offset=Vector3(x, 0.0, 0.0))
+
+
+def test_an_engagement_begins_with_its_own_map_at_once():
+    glide, world = MapGlide(), shifted(0.5)
+    assert glide.follow(world, HERE, 1.0) is world
+    assert glide.follow(world, HERE, 1.004) is world
+    glide.release()
+    elsewhere = shifted(0.7)
+    assert glide.follow(elsewhere, HERE, 1.008) is elsewhere
+
+
+def test_a_leap_is_glided():
+    glide = MapGlide()
+    glide.follow(shifted(0.5), HERE, 1.0)
+    places = [glide.follow(shifted(0.52), HERE, 1.0 + k * DT_S).offset.x for k in range(1, 600)]
+    assert places[0] == pytest.approx(0.5)
+    assert places[249] - places[0] == pytest.approx(GLIDE_M_S * 249 * DT_S, rel=0.01)
+    assert max(b - a for a, b in itertools.pairwise(places)) < 1.01 * GLIDE_M_S * DT_S
+    assert places[-1] == 0.52
+
+
+def test_a_stall_makes_no_leap_of_the_glide():
+    glide = MapGlide()
+    glide.follow(shifted(0.5), HERE, 1.0)
+    glide.follow(shifted(0.6), HERE, 1.004)
+    after = glide.follow(shifted(0.6), HERE, 9.0).offset.x
+    assert after == pytest.approx(0.5 + GLIDE_M_S * LONGEST_STEP_S)
+
+
+def test_what_the_hand_does_itself_is_no_leap():
+    """A slip and an edge of the workspace move the map by no more than the hand moves."""
+    glide = MapGlide()
+    glide.follow(shifted(0.5), HERE, 1.0)
+    slipped = shifted(0.499)
+    assert glide.follow(slipped, HERE._replace(x=0.101), 1.004) is slipped
+    held = WorldMap((0.0, 0.0, 0.0, 0, 1, 0, 0, 0, 1), Vector3(0.6, 0.0, 0.0))
+    assert glide.follow(held, HERE._replace(x=0.102), 1.008) is held
+
+
+def test_another_direction_is_glided_as_it_is_where_the_hand_is():
+    glide, half = MapGlide(), math.sqrt(0.5)
+    glide.follow(shifted(0.5), HERE, 1.0)
+    turned = WorldMap((half, -half, 0, half, half, 0, 0, 0, 1), Vector3(0.5, 0.0, 0.0))
+    rendered = glide.follow(turned, HERE, 1.0)
+    assert world_point(rendered, HERE) == pytest.approx(world_point(shifted(0.5), HERE))
+
+
+WORKSPACE = ReferenceLimits(workspace_m=((0.35, 0.6), (-0.15, 0.15), (0.3, 0.55)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(plans, rpys, st.floats(0.3, 3.0))
+def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
+    """Recaptures, slips and edges: it moves by what the hand moves, twice at most, and glides."""
+    rig = HandRig(
+        limits=WORKSPACE,
+        device_rpy_deg=rpy,
+        scale=(factor, factor, factor, 1.0, 1.0, 1.0),
+        recapture="button_1",
+        slip_m=0.05,
+    )
+    rig.run().tap("button_2")
+    glide, before = MapGlide(), None
+    for (kind, value), ticks, _ in plan:
+        if kind in ("send", "leap"):
+            rig.send_hand(displaced(*value[:3]))
+        elif kind != "tap":
+            continue
+        elif value != "grip":
+            rig.tap(value)
+            if value == "button_2":
+                glide.release()
+                before = None
+        for _ in range(ticks):
+            rig.run()
+            world = rig.engine.hand_map()
+            if world is None:
+                glide.release()
+                before = None
+                continue
+            hand = rig.device.pose.position
+            at = world_point(glide.follow(world, hand, rig.now_s), hand)
+            if before is not None:
+                hand_m = factor * norm(subtract(hand, before[1]))
+                passed_s = rig.now_s - before[2]
+                moved_m = norm(subtract(at, before[0]))
+                assert moved_m <= 2.0 * hand_m + GLIDE_M_S * passed_s + 1e-6
+            before = at, hand, rig.now_s
+
+
+def test_after_a_recapture_the_glide_ends_at_the_true_map():
+    rig = HandRig(recapture="button_1", slip_m=0.1).run().tap("button_2")
+    glide = MapGlide()
+    rig.send_hand(displaced(y=0.4))
+    for k in range(1500):
+        if k == 30:
+            rig.press("button_1")
+        rig.run()
+        rendered = glide.follow(rig.engine.hand_map(), rig.device.pose.position, rig.now_s)
+        if k == 30:
+            leap = subtract(rendered.offset, rig.engine.hand_map().offset)
+            assert norm(leap) > 0.02
+    # what the hand moved on since, the TCP has slipped
+    assert rig.engine.following
+    while glide.left != ZERO3:
+        rig.run()
+        rendered = glide.follow(rig.engine.hand_map(), rig.device.pose.position, rig.now_s)
+        assert rig.now_s < 130.0
+    assert rendered == rig.engine.hand_map()

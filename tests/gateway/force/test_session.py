@@ -1,0 +1,435 @@
+"""Sessions with a haptic device: scripted robots in virtual time, and the simulated Omni."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+from rich.console import Console
+
+from cardan.drivers import registry
+from cardan.drivers.base import RobotDriver
+from cardan.errors import ConfigurationError
+from cardan.gateway.force.node import run_force_node
+from cardan.gateway.session.assembly import make_device, make_force, make_robot
+from cardan.gateway.session.config import ForceConfig, parse_config
+from cardan.gateway.session.session import make_session
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.view import plain, render, summary
+from cardan.haptics import HapticState, OperatingState
+from cardan.types import (
+    IDENTITY,
+    CommandKind,
+    Pose,
+    PoseCommand,
+    RobotCapabilities,
+    Vector3,
+)
+from tests.gateway.fakes import FakeRobotOptions
+from tests.gateway.force.fakes import PERIOD_S, robot_state
+
+pytestmark = pytest.mark.once
+
+SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
+START = Vector3(0.5, 0.0, 0.4)
+TABLE = {
+    "device": {"driver": "fake_haptic"},
+    "robot": {"driver": "scripted"},
+    "mapping": {"mode": "position", "clutch": "button_2", "orientation": "fixed"},
+}
+
+
+class ScriptedRobot(RobotDriver):
+    """An ideal robot in virtual time; `script` sees each cycle before it is yielded."""
+
+    Options = FakeRobotOptions
+    capabilities = RobotCapabilities(
+        frozenset({CommandKind.POSE}), PERIOD_S, 6, None, 0, 0, None, None
+    )
+
+    def __init__(self, options=None):
+        super().__init__(options)
+        self.script = lambda k, now_s, place: {}
+        self.place = START
+
+    def open(self):
+        pass
+
+    def close(self):
+        pass
+
+    def diagnosis(self):
+        return ()
+
+    def cycles(self):
+        for k in range(self.options.cycles):
+            now_s = 100.0 + k * PERIOD_S
+            yield robot_state(now_s, self.place, **self.script(k, now_s, self.place))
+
+    def send(self, command):
+        if isinstance(command, PoseCommand):
+            self.place = command.pose.position
+
+
+@pytest.fixture(autouse=True)
+def drivers(monkeypatch):
+    for name, target in (
+        ("fake_haptic", "tests.gateway.force.fakes:FakeHaptic"),
+        ("fake_sensor", "tests.gateway.force.fakes:FakeSensor"),
+        ("scripted", "tests.gateway.force.test_session:ScriptedRobot"),
+    ):
+        monkeypatch.setitem(registry.BUILT_IN, name, target)
+
+
+def session(cycles=400, script=None, **tables):
+    """A session whose operator clutches in at cycle 200, and moves on by 50 mm/s along x."""
+    merged = {key: {**TABLE.get(key, {}), **tables.get(key, {})} for key in TABLE}
+    merged["robot"]["cycles"] = cycles
+    s = make_session(parse_config({**tables, **merged}))
+    hand = s.device
+
+    def act(k, now_s, place):
+        hand.now_s = now_s
+        if k == 200:
+            hand.press("button_2")
+        moved = max(0, k - 210) * 0.05 * PERIOD_S
+        hand.pose = Pose(Vector3(-moved, 0.0, 0.0), IDENTITY)
+        return {} if script is None else script(k, now_s, place)
+
+    s.robot.script = act
+    return s
+
+
+def test_a_session_renders_fixtures_from_clutch_in_on():
+    s = session(fixtures=[SPHERE])
+    last = s.run()
+    commands = s.device.commands
+    assert len(commands) == 400
+    assert [c.engaged for c in commands].index(True) == 200
+    assert all(c.engaged for c in commands[200:])
+    assert s.device.calls == ["open", "enable", "disable", "close"]
+    # the map says where the TCP is told to go for the place of the hand
+    world, hand = commands[-1].world, s.device.pose.position
+    assert world.offset.x + hand.x == pytest.approx(s.robot.place.x, abs=5e-3)
+    assert s.robot.place.x < 0.47
+    assert [c.sequence for c in commands] == list(range(1, 401))
+    assert last.haptic_state == "enabled"
+    assert last.diagnosis == []
+
+
+def test_a_session_feels_what_the_robot_measures():
+    def touch(k, now_s, place):
+        return {"force": (0.0, 0.0, -2.0 if k < 250 else -12.0)}  # a bias, then a contact
+
+    force = {"source": "measured", "scale": 0.05, "contact_target_n": 8.0}
+    s = session(600, touch, force=force)
+    last = s.run()
+    assert s.device.commands[199].measured is None
+    assert s.device.commands[240].measured.force == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert s.device.commands[-1].measured.force == pytest.approx((0.0, 0.0, 0.495))
+    assert last.contact_force_n == pytest.approx(10.0)
+    assert last.measured_force_n == pytest.approx([0.0, 0.0, 0.495])  # pushed up: it points up
+    assert last.contact_force_rms_error_n == pytest.approx(2.0, rel=0.1)
+    assert last.contact_path_m > 0.05
+
+
+def test_a_robot_that_stops_is_not_felt():
+    def stop(k, now_s, place):
+        return {"hold_reason": "motors are off"} if k >= 300 else {}
+
+    s = session(400, stop, fixtures=[SPHERE])
+    s.run()
+    assert s.device.commands[299].engaged
+    assert not any(c.engaged for c in s.device.commands[300:])
+
+
+def test_a_sensor_that_is_lost_is_felt_no_more():
+    force = {"source": "sensor", "sensor": {"driver": "fake_sensor"}, "scale": 0.1}
+
+    def sense(k, now_s, place):
+        sensor = s._force.source.device
+        if k < 300:
+            sensor.measure(now_s, 0.0, 0.0, 0.0 if k < 160 else 10.0)
+        else:
+            sensor.sensed = sensor.sensed._replace(wrench=None, reason="unplugged")
+        return {}
+
+    s = session(500, sense, force=force)
+    last = s.run()
+    commands = s.device.commands
+    assert commands[299].measured.force == pytest.approx((0.0, 0.0, 0.78), abs=0.01)
+    assert commands[300].measured is None
+    assert commands[300].engaged
+    assert "no measured force: unplugged" in last.diagnosis
+    # 0.1 s later than a reading could still be felt, the hand is taken off
+    out = next(k for k in range(300, 500) if not commands[k].engaged)
+    assert (out - 300) * PERIOD_S == pytest.approx(0.2, abs=2 * PERIOD_S)
+    assert (last.trips, last.force_losses) == (1, 1)
+    assert "stopped before: the measured force is lost" in last.message
+    assert "unplugged" in last.message
+    assert "press 'button_2' to move" in last.message
+    assert s._force.source.device.calls == ["open", "close"]
+
+
+@pytest.mark.parametrize(
+    ("told", "within_s", "words"),
+    [
+        ({"state": OperatingState.FAULT, "reason": "fault: it flew"}, 0.0, "fault: it flew"),
+        ({"state": OperatingState.DISABLED, "reason": "not enabled"}, 0.0, "not enabled"),
+        ({"state": OperatingState.PAUSED, "reason": "it buzzed"}, 0.15, "it buzzed"),
+        ({"squeeze": 0.15}, 0.0, "limited to 15%"),
+        (
+            {"squeeze": 0.3, "force": Vector3(0.5, 0, 0), "force_commanded": Vector3(0.9, 0, 0)},
+            0.15,
+            "limited to 30%",
+        ),
+    ],
+)
+def test_a_force_that_vanishes_takes_the_hand_off_the_robot(told, within_s, words):
+    def vanish(k, now_s, place):
+        if k == 300:
+            s.device.told = s.device.told._replace(**told)
+        if k == 450:
+            s.device.told = HapticState(
+                state=OperatingState.ENABLED, command_sequence=s.device.told.command_sequence
+            )
+        if k == 500:
+            s.device.press("button_2")
+        return {}
+
+    s = session(600, vanish, fixtures=[SPHERE])
+    last = s.run()
+    engaged = [c.engaged for c in s.device.commands]
+    assert all(engaged[200:300])
+    out = engaged.index(False, 300)
+    assert (out - 300) * PERIOD_S == pytest.approx(within_s, abs=3 * PERIOD_S)
+    assert not any(engaged[out:500])  # Not by itself, although the force would be back.
+    assert all(engaged[500:])
+    assert (last.trips, last.force_losses) == (1, 1)
+    assert words in last.force_lost_reason
+
+
+def test_the_robot_brakes_when_the_force_is_lost_and_says_so():
+    places, messages = [], []
+
+    def fault(k, now_s, place):
+        if k == 300:
+            s.device.told = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
+        places.append(place.x)
+        messages.append(s.engine.status().message)
+        return {}
+
+    s = session(500, fault, fixtures=[SPHERE])
+    s.run()
+    speed_m_s = (places[299] - places[300]) / PERIOD_S
+    assert speed_m_s == pytest.approx(0.05, rel=0.1)
+    assert places[330] == places[499]  # The hand goes on by 50 mm/s all the time.
+    assert places[300] - places[499] < 0.005
+    assert messages[-1] == (
+        "stopped before: the force is lost: fault: it flew; press 'button_2' to move"
+    )
+
+
+def test_without_a_force_to_lose_nothing_is_lost():
+    def fault(k, now_s, place):
+        s.device.told = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
+        return {}
+
+    s = session(400, fault)
+    last = s.run()
+    assert last.trips == 0
+    assert s.robot.place.x < 0.47
+
+
+def test_a_clutch_in_deep_in_a_fixture_ends_within_a_second():
+    waited = []
+
+    def gate(k, now_s, place):
+        s.device.lets_out = k >= 500
+        if k == 500:
+            waited.append(place.x)
+        s.device.told = s.device.told._replace(
+            reason="too large to engage with", force_commanded=Vector3(-5.0, 0.0, 0.0)
+        )
+        if k == 600:
+            s.device.press("button_2")
+        return {}
+
+    s = session(1000, gate, fixtures=[SPHERE])
+    last = s.run()
+    engaged = [c.engaged for c in s.device.commands]
+    out = engaged.index(False, 200)
+    assert (out - 200) * PERIOD_S == pytest.approx(1.0, abs=3 * PERIOD_S)
+    assert "move out of the fixture, then clutch in" in last.force_lost_reason
+    assert waited == [START.x]  # The robot went no deeper meanwhile.
+    assert all(engaged[600:])
+    assert (last.trips, last.force_losses) == (1, 1)
+
+
+def test_a_force_that_cannot_be_enabled_lets_nobody_drive():
+    s = session(500, fixtures=[SPHERE])
+    s.device.obstacle = "the device is not calibrated"
+    last = s.run()
+    engaged_s = sum(c.engaged for c in s.device.commands) * PERIOD_S
+    assert engaged_s == pytest.approx(1.0, abs=3 * PERIOD_S)
+    assert "there is no force: the device is not calibrated" in last.message
+    assert s.robot.place == START
+
+
+def test_the_reason_of_a_reduced_force_is_told_while_the_hand_is_followed():
+    def limit(k, now_s, place):
+        s.device.told = s.device.told._replace(reason="limited to spare the motors")
+        return {}
+
+    s = session(300, limit, fixtures=[SPHERE])
+    assert "force: limited to spare the motors" in s.run().diagnosis
+    s = session(150, limit, fixtures=[SPHERE])
+    assert s.run().diagnosis == []
+
+
+def test_a_computed_contact_is_felt():
+    contact = {
+        "shape": "plane",
+        "point_m": [0.48, 0.0, 0.0],
+        "normal": [1.0, 0.0, 0.0],
+        "stiffness_n_m": 1000.0,
+    }
+    s = session(500, force={"source": "contact", "contact": [contact], "scale": 0.1})
+    last = s.run()
+    felt = s.device.commands[-1].measured.force
+    assert felt.x == pytest.approx(0.1 * (1000.0 * (0.48 - s.robot.place.x) - 0.1), rel=0.2)
+    assert last.contact_force_n > 10.0
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"fixtures": [SPHERE]}, "fixtures: 'leap' gives no force back"),
+        ({"force": {"source": "measured"}}, r"force\.source: 'leap' gives no force back"),
+    ],
+)
+def test_a_device_without_force_is_refused(tables, words):
+    config = parse_config({**TABLE, **tables, "device": {"driver": "leap"}})
+    with pytest.raises(ConfigurationError, match=words):
+        make_force(config, make_device(config), make_robot(config))
+
+
+def test_axes_that_mirror_are_refused():
+    mapping = {**TABLE["mapping"], "axes": ["-x", "y", "z", "rx", "ry", "rz"]}
+    config = parse_config({**TABLE, "mapping": mapping, "fixtures": [SPHERE]})
+    with pytest.raises(ConfigurationError, match=r"mapping\.axes: .* no rotation"):
+        make_force(config, make_device(config), make_robot(config))
+    make_force(parse_config({**TABLE, "mapping": mapping}), make_device(config), make_robot(config))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"scale": [1, 1, 0, 1, 1, 1]}, r"mapping\.scale: the TCP's z does not follow"),
+        ({"axes": ["fixed", "y", "fixed", "rx", "ry", "rz"]}, r"mapping\.axes: the TCP's x and z"),
+    ],
+)
+def test_axes_that_do_not_follow_are_refused(options, words):
+    """No motion of the hand would end a push along them."""
+    mapping = {**TABLE["mapping"], **options}
+    for force in ({"fixtures": [SPHERE]}, {"force": {"source": "measured"}}):
+        config = parse_config({**TABLE, "mapping": mapping, **force})
+        with pytest.raises(ConfigurationError, match=words):
+            make_force(config, make_device(config), make_robot(config))
+    make_force(parse_config({**TABLE, "mapping": mapping}), make_device(config), make_robot(config))
+
+
+def test_without_force_the_device_is_never_enabled():
+    s = session()
+    last = s.run()
+    assert s.device.commands == []
+    assert s.device.calls == ["open", "close"]
+    assert last.haptic_state == "disabled"
+
+
+def test_what_may_not_be_stable_is_said_at_the_start():
+    s = session(
+        2,
+        device={"hold_s": 0.003},
+        mapping={"scale": [2.0, 2.0, 2.0, 1.0, 1.0, 1.0]},
+        force={"source": "measured", "environment_stiffness_n_m": 20_000.0},
+        fixtures=[{**SPHERE, "stiffness_n_m": 400.0}],
+    )
+    words = "; ".join(s.run().diagnosis)
+    assert "the hand will feel 800 N/m" in words
+    assert "fixtures.0 feels like 800 N/m" in words
+    assert "set device.hold_s" in words
+
+
+def test_the_view_shows_the_force(capsys):
+    s = session(force={"source": "measured"})
+    s.device.told = HapticState(
+        state=OperatingState.ENABLED,
+        force=Vector3(0.0, 0.0, 1.25),
+        peak_n=1.5,
+        force_age_s=0.004,
+        gap_s=0.001,
+    )
+    last = s.run()
+    last.measured_force_n = [0.0, -0.1, 0.2]
+    console = Console(width=160)
+    console.print(render(last))
+    console.print(summary(last))
+    print(plain(last))
+    shown = capsys.readouterr().out
+    for words in ("1.25 N, 1.50 N", "4.0 ms old", "force felt, peak", "age of measured force"):
+        assert words in shown
+    assert shown.count("+0.00 -0.10 +0.20 N") == 2
+    assert "force 1.25 N" in shown.splitlines()[-1]
+
+
+def test_the_summary_shows_a_force_that_was_lost(capsys):
+    last = Snapshot(
+        haptic_state="enabled",
+        energy_given_j=-0.002,
+        energy_given_peak_j=0.0031,
+        force_losses=2,
+        force_out_s=0.3,
+    )
+    Console(width=160).print(summary(last))
+    shown = capsys.readouterr().out
+    for words in ("at most -2.0 mJ", "at most 3.10 mJ", "2 times; force out for 0.30 s"):
+        assert words in shown
+    Console(width=160).print(summary(Snapshot(haptic_state="enabled")))
+    assert "want of force" not in capsys.readouterr().out
+
+
+def test_a_force_node_of_another_process_is_felt(tmp_path):
+    """In real time: a node of its own evaluates the paper's sphere on the robot's TCP."""
+    path = str(tmp_path / "force.sock")
+    s = session(2000, force={"source": "remote", "socket": path, "cutoff_hz": 100.0})
+    node = ForceConfig.model_validate({"fixtures": [{**SPHERE, "centre_m": [0.45, 0.0, 0.4]}]})
+    thread = threading.Thread(
+        target=run_force_node, args=(node, path), kwargs={"seconds": 10.0}, daemon=True
+    )
+    thread.start()
+    act, felt = s.robot.script, []
+
+    def real_time(k, now_s, place):
+        time.sleep(0.001)
+        fields = act(k, now_s, place)
+        if s.device.commands and (measured := s.device.commands[-1].measured) is not None:
+            felt.append(measured.force)
+            if len(felt) > 200:
+                s.stop("enough")
+        return fields
+
+    # stamps of the system's clock, as two processes on one computer have them
+    s.robot.cycles = lambda: _now(s.robot, real_time)
+    s.run(seconds=10.0)
+    thread.join(5.0)
+    assert felt
+    assert felt[-1].x > 0.5
+    assert felt[-1].y == pytest.approx(0.0, abs=1e-6)
+
+
+def _now(robot, script):
+    for k in range(robot.options.cycles):
+        now_s = time.monotonic()
+        yield robot_state(now_s, robot.place, **script(k, now_s, robot.place))

@@ -1,0 +1,166 @@
+"""The proximity rule in virtual time."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cardan.gateway.hand.filters.proximity import PeakFilter, ProximityFilter, ProximityOptions
+from cardan.types import ZERO_TWIST, Frame, Twist, Vector3
+from tests.gateway.hand.filters.states import robot_at
+from tests.gateway.hand.filters.test_readings import flat, skin_text
+
+ASKED = Twist(Vector3(0.1, -0.02, 0.03), Vector3(0.4, 0.0, -0.2), Frame.TOOL)
+HALF = Twist(Vector3(0.05, -0.01, 0.015), Vector3(0.2, 0.0, -0.1), Frame.TOOL)
+
+
+def guard(*readings, at_s=10.0, **options):
+    made = ProximityFilter(ProximityOptions(**{"peak_filter": False, **options}))
+    for data in readings:
+        made.listener.take(data, at_s)
+    return made
+
+
+def test_without_options_it_is_the_published_rule():
+    options = ProximityOptions()
+    assert (options.alert_high, options.alert_low) == (800, 100)
+    assert (options.half_speed, options.peak_filter, options.when_stale) == (True, True, "stop")
+
+
+@pytest.mark.parametrize(
+    ("level", "result", "words"),
+    [
+        (b"0", ASKED, ""),
+        (b"100", ASKED, ""),
+        (b"100.5", HALF, "above 100: half speed"),
+        (b"3 800 5", HALF, "proximity 800, above 100: half speed"),
+        (b"3 801 5", ZERO_TWIST, "proximity 801, above 800: stopped"),
+        (skin_text(flat(0x383)), ZERO_TWIST, "proximity 899, above 800: stopped"),
+    ],
+)
+def test_the_largest_value_decides(level, result, words):
+    made = guard(level)
+    assert made.apply(ASKED, robot_at(10.1)) == result
+    assert words in made.status()
+    assert bool(made.status()) is bool(words)
+
+
+def test_half_speed_can_be_switched_off():
+    made = guard(b"800", half_speed=False)
+    assert made.apply(ASKED, robot_at(10.1)) is ASKED
+    assert made.status() == ""
+
+
+def test_the_newest_reading_counts():
+    made = guard(b"900", b"0")
+    assert made.apply(ASKED, robot_at(10.1)) is ASKED
+
+
+@pytest.mark.parametrize(
+    ("when_stale", "result", "words"),
+    [("stop", ZERO_TWIST, "stopped"), ("half", HALF, "half speed"), ("pass", ASKED, "not watched")],
+)
+def test_silent_sensors(when_stale, result, words):
+    made = guard(b"0", when_stale=when_stale)
+    assert made.apply(ASKED, robot_at(10.25)) is ASKED
+    assert made.apply(ASKED, robot_at(10.5)) == result
+    assert made.status() == f"the proximity sensors have been silent for 0.5 s: {words}"
+    made.listener.take(b"0", 10.5)
+    assert made.apply(ASKED, robot_at(10.5)) is ASKED
+    assert made.status() == ""
+
+
+def test_sensors_never_heard_stop():
+    made = guard()
+    assert made.status() == "no proximity reading yet: stopped"
+    assert made.apply(ASKED, robot_at(10.0)) == ZERO_TWIST
+
+
+def test_a_silent_sensor_does_not_keep_what_it_said_last():
+    made = guard(b"900", when_stale="pass")
+    assert made.apply(ASKED, robot_at(11.0)) is ASKED
+
+
+def test_a_time_that_is_not_a_number_is_stale():
+    assert guard(b"0").apply(ASKED, robot_at(float("nan"))) == ZERO_TWIST
+
+
+def test_bad_bytes_change_nothing_and_keep_nothing_fresh():
+    made = guard(b"0")
+    made.listener.take(b"900 what", 10.4)
+    assert made.apply(ASKED, robot_at(10.2)) is ASKED
+    assert made.apply(ASKED, robot_at(10.5)) == ZERO_TWIST
+    assert "'what' is not a number" in made.diagnosis()[0]
+
+
+def test_closing_forgets():
+    made = guard(b"0")
+    made.close()
+    assert made.apply(ASKED, robot_at(10.1)) == ZERO_TWIST
+
+
+def test_a_spike_is_held_back_and_a_rise_passes_after_four_readings():
+    peaks = PeakFilter()
+    for _ in range(5):
+        assert peaks.apply((10.0, 20.0)) == (10.0, 20.0)
+    assert peaks.apply((900.0, 100.0)) == (10.0, 100.0)
+    for _ in range(5):
+        assert peaks.apply((10.0, 20.0)) == (10.0, 20.0)
+    smooth = [peaks.apply((900.0, 20.0))[0] for _ in range(8)]
+    assert smooth == [10.0] * 4 + [900.0] * 4
+
+
+def test_a_rise_from_nothing_is_not_held_back_for_ever():
+    made = guard(*[b"0"] * 5, peak_filter=True)
+    for count in range(5):
+        assert made.apply(ASKED, robot_at(10.1)) is ASKED, count
+        made.listener.take(b"900", 10.0)
+    assert made.apply(ASKED, robot_at(10.1)) == ZERO_TWIST
+
+
+def test_a_reading_of_another_length_starts_anew():
+    peaks = PeakFilter()
+    for _ in range(5):
+        peaks.apply((1.0,))
+    assert peaks.apply((900.0, 900.0)) == (900.0, 900.0)
+
+
+@given(st.lists(st.tuples(*[st.floats(0, 4094)] * 3), max_size=20))
+def test_the_peak_filter_only_gives_what_was_read(readings):
+    peaks = PeakFilter()
+    for count, values in enumerate(readings):
+        for index, value in enumerate(peaks.apply(values)):
+            recent = [values[index] for values in readings[max(0, count - 5) : count + 1]]
+            assert value in recent
+
+
+@given(st.floats(0, 5000), st.floats(0, 2), st.sampled_from(["stop", "half"]))
+def test_it_never_makes_a_motion_faster(level, age_s, when_stale):
+    made = guard(f"{level:f}".encode(), when_stale=when_stale)
+    assert made.apply(ASKED, robot_at(10.0 + age_s)) in (ASKED, HALF, ZERO_TWIST)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"host": "skin.local"}, "host is 'skin.local'"),
+        ({"port": 0}, "port is 0; allowed: 1 to 65535"),
+        ({"alert_low": 900}, "alert_low is 900; allowed: 0 to alert_high, which is 800"),
+        ({"alert_low": -1}, "alert_low is -1"),
+        ({"alert_high": float("nan")}, "alert_low is 100"),
+        ({"alert_high": float("inf")}, "alert_high is inf"),
+        ({"max_age_s": 0}, "max_age_s is 0"),
+        ({"max_age_s": 1.5}, "max_age_s is 1.5"),
+        ({"when_stale": "go"}, "when_stale is 'go'; allowed: stop, half, pass"),
+    ],
+)
+def test_options_are_checked(options, words):
+    with pytest.raises(ValueError, match="allowed") as caught:
+        ProximityOptions(**options)
+    assert words in str(caught.value)
+
+
+def test_it_says_what_it_would_do():
+    assert guard().describe() == (
+        "stop above 800, half speed above 100, stop without a reading for 0.3 s, "
+        "readings on UDP 127.0.0.1:6601"
+    )

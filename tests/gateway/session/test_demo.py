@@ -1,0 +1,155 @@
+"""The demos: what they join, and what they find fault with."""
+
+import contextlib
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cardan.drivers.omni import OmniOptions
+from cardan.errors import ConfigurationError
+from cardan.gateway.session import demo
+from cardan.gateway.session.assembly import load_config
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.demo import (
+    DEMOS,
+    EXIT_INCOMPLETE,
+    FORCE_AGE_S,
+    HELD_SHARE,
+    demo_config,
+    drawing_shortcomings,
+    run_demo,
+    shortcomings,
+)
+from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import Outcome
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+
+MOVED = Snapshot(cycles=1000, path_m=0.1, error_max_m=0.004, metrics={})
+DRAWN = dataclasses.replace(
+    MOVED,
+    haptic_state="enabled",
+    force_peak_n=0.9,
+    energy_given_j=-0.02,
+    energy_given_peak_j=0.001,
+    elapsed_s=25.0,
+    measured_age_p50_s=0.004,
+    measured_age_p99_s=0.005,
+    contact_force_n=5.5,
+    contact_s=10.0,
+    contact_path_m=0.2,
+    contact_force_mean_n=5.5,
+    contact_target_n=5.6,
+    contact_force_rms_error_n=0.6,
+)
+
+
+@pytest.mark.parametrize("name", DEMOS)
+def test_every_demo_is_a_configuration_that_is_allowed(name):
+    config = demo_config(name, "hid", 6510)
+    assert config == parse_config(config.model_dump(mode="json"))
+
+
+def test_the_drawing_is_the_example():
+    example = EXAMPLES / "omni-gofa-simulated.toml"
+    assert demo_config("omni", "unused", 6510) == load_config(example)
+    command = " ".join(DEMOS["omni"].peer(6510)).replace(" --to 127.0.0.1:6510", "")
+    text = example.read_text(encoding="utf-8")
+    assert f"#   cardan sim {command}\n" in text
+    through = " ".join(DEMOS["omni"].through)
+    assert f"#   cardan {through} cardan run examples/{example.name}\n" in text
+
+
+def test_what_went_well_is_not_found_fault_with():
+    assert shortcomings(MOVED) == []
+    assert drawing_shortcomings(DRAWN) == []
+    assert "0.90 N at most" in DEMOS["omni"].praise(DRAWN)
+    assert "given at most 1.00 mJ in one engagement, of the 5 mJ" in DEMOS["omni"].praise(DRAWN)
+
+
+@pytest.mark.parametrize(
+    ("lack", "words"),
+    [
+        ({"cycles": 0}, "never commanded"),
+        ({"path_m": 0.0}, "no path"),
+        ({"error_max_m": 0.03}, "30.0 mm away"),
+        ({"trips": 2}, "2 times"),
+    ],
+)
+def test_what_any_demo_may_lack(lack, words):
+    for judge, good in ((shortcomings, MOVED), (drawing_shortcomings, DRAWN)):
+        (found,) = judge(dataclasses.replace(good, **lack))
+        assert words in found
+
+
+@pytest.mark.parametrize(
+    ("lack", "words"),
+    [
+        ({"contact_path_m": 0.0}, "nothing was drawn"),
+        ({"contact_force_rms_error_n": HELD_SHARE * 5.6 + 0.1}, "1.5 N RMS away"),
+        ({"force_peak_n": 0.0}, "felt nothing"),
+        ({"force_peak_n": OmniOptions().clamp_n + 0.1}, "felt 2.10 N, above 2 N"),
+        (
+            {"energy_given_peak_j": OmniOptions().energy_budget_j + 0.001},
+            "given up to 6.0 mJ in one engagement (bound: 5 mJ)",
+        ),
+        (
+            {"force_losses": 1, "force_lost_reason": "the motors are hot"},
+            "1 times there was no force: the motors are hot",
+        ),
+        (
+            {"force_out_s": 0.5, "force_lost_reason": "the tick was late"},
+            "without force for 0.50 s: the tick was late",
+        ),
+        ({"measured_age_p99_s": FORCE_AGE_S + 0.005}, "15.0 ms old"),
+        ({"haptic_state": "fault", "haptic_reason": "too fast"}, "fault at the end: too fast"),
+    ],
+)
+def test_what_a_drawing_may_lack(lack, words):
+    (found,) = drawing_shortcomings(dataclasses.replace(DRAWN, **lack))
+    assert words in found
+
+
+def test_an_unknown_demo_is_refused_with_the_known_ones():
+    with pytest.raises(ConfigurationError, match="gofa, gp8, omni"):
+        run_demo(1.0, "teo")
+
+
+def test_a_drawing_that_would_not_begin_is_refused():
+    with pytest.raises(ConfigurationError, match=r"--seconds: 5 are too few .* 10 or more"):
+        run_demo(5.0, "omni")
+
+
+@pytest.mark.parametrize(
+    ("last", "code"),
+    [
+        (Snapshot(finished=True, ending="the session's time is over"), EXIT_INCOMPLETE),
+        (Snapshot(finished=True, ending=STOPPED_ON_REQUEST), EXIT_OK),
+        (Snapshot(message="stopped before it began"), EXIT_OK),
+    ],
+)
+def test_a_demo_that_was_ended_before_its_time_is_not_judged(monkeypatch, capsys, last, code):
+    monkeypatch.setattr(demo, "simulated_peer", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr(demo, "supervise", lambda *_, **__: Outcome(EXIT_OK, last))
+    assert run_demo(10.0, "omni") == code
+    assert ("not judged" in capsys.readouterr().out) is (code == EXIT_OK)
+
+
+@pytest.mark.once
+def test_the_drawing_runs_and_is_felt():
+    # A busy machine may find fault with much, never with the force and the energy.
+    ran = subprocess.run(
+        [sys.executable, "-m", "cardan", "demo", "omni", "--seconds", "10"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ran.returncode in (0, 4), ran.stderr
+    assert "path drawn in contact" in ran.stdout
+    for never in ("above", "given"):
+        assert never not in ran.stderr, ran.stderr

@@ -1,0 +1,179 @@
+"""The loop: what it asks of its drivers, and what it tells about itself."""
+
+import contextlib
+import socket
+
+import pytest
+
+from cardan.errors import ConfigurationError, DeviceNotFoundError
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.session import make_session
+from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+from cardan.types import DeviceCapabilities, PoseCommand
+from tests.gateway.fakes import FakeDevice, FakeRobot
+
+TABLE = {
+    "device": {"driver": "fake_device"},
+    "robot": {"driver": "fake_robot"},
+    "mapping": {"deadman": "go"},
+    "gripper": {"toggle": "grip"},
+}
+
+
+def session(channel=None, **tables):
+    merged = {key: {**TABLE.get(key, {}), **tables.get(key, {})} for key in {*TABLE, *tables}}
+    return make_session(parse_config(merged), channel)
+
+
+def test_a_session_from_rest_to_motion(fake_drivers):
+    s = session()
+    last = s.run()
+    assert last.finished
+    assert last.cycles == 500
+    assert len(s.robot.commands) == 500
+    assert last.path_m > 0.15
+    assert s.robot.commands[-1].pose.position.x - 0.5 == pytest.approx(last.path_m, rel=1e-6)
+    assert last.gripper_closed
+    assert s.robot.outputs == [(True, ())]
+    assert last.diagnosis == ["the device is fake"]
+    assert not s.device.is_open
+    assert not s.robot.is_open
+    assert s.device.led[-1] is False
+
+
+def test_gripper_on_an_analog_output(fake_drivers):
+    s = session(gripper={"output": 2, "closed_value": 7.5})
+    s.run()
+    # what the program gets in the other outputs stays
+    assert s.robot.outputs == [(None, (7.0, 0.0, 7.5))]
+
+
+def test_the_operators_button_makes_the_robot_ready(fake_drivers):
+    s = session(
+        mapping={"enable": "grip", "deadman": ""},
+        gripper={"toggle": ""},
+        device={"deflection": 0.0},
+    )
+    s.run()
+    assert s.robot.enabled == 1
+
+
+def test_a_hand_that_moves_makes_nothing_ready(fake_drivers):
+    s = session(mapping={"enable": "grip"}, gripper={"toggle": ""})
+    s.run()
+    assert s.robot.enabled == 0
+
+
+def test_a_robot_that_is_made_ready_elsewhere_has_no_button_for_it(fake_drivers, monkeypatch):
+    monkeypatch.delattr(FakeRobot, "enable")
+    with pytest.raises(ConfigurationError, match=r"mapping\.enable: .* at its own controller"):
+        session(mapping={"enable": "grip"}, gripper={"toggle": ""}).run()
+
+
+def test_stop_brakes_before_it_leaves(fake_drivers):
+    s = session(robot={"cycles": 100_000})
+    send = s.robot.send
+
+    def stop_on_the_way(command):
+        send(command)
+        if len(s.robot.commands) == 200:
+            s.stop("enough")
+
+    s.robot.send = stop_on_the_way
+    last = s.run()
+    speeds = [c.twist.linear.x for c in s.robot.commands if isinstance(c, PoseCommand)]
+    assert speeds[199] == pytest.approx(0.1)
+    assert speeds[-1] == 0.0
+    assert len(speeds) < 240
+    assert last.message == "enough"
+
+
+def test_snapshots_go_out_and_a_reader_that_sleeps_is_not_waited_for(fake_drivers):
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        theirs.setblocking(False)
+        session(theirs, robot={"cycles": 3000}).run()
+        first = Snapshot.from_bytes(ours.recv(MAX_SNAPSHOT_BYTES))
+        assert first.robot_link == "live"
+        assert len(first.pose) == 7
+
+
+def test_a_session_whose_starter_is_gone_stops(fake_drivers):
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    theirs.setblocking(False)
+    ours.close()
+    with theirs:
+        last = session(theirs, robot={"cycles": 1_000_000}).run()
+    assert "gone" in last.message
+    assert last.cycles < 1000
+
+
+def test_buttons_that_do_not_exist_are_refused(fake_drivers):
+    with pytest.raises(ConfigurationError, match=r"mapping\.deadman: .* 'left'; it has: go, grip"):
+        session(mapping={"deadman": "left"}).run()
+
+
+def test_a_clutch_button_that_does_not_exist_is_refused(fake_drivers):
+    with pytest.raises(ConfigurationError, match=r"mapping\.clutch: .* 'left'; it has: go, grip"):
+        session(mapping={"clutch": "left"}).run()
+
+
+def test_a_missing_device_leaves_nothing_open(fake_drivers):
+    s = session(device={"present": False})
+    with pytest.raises(DeviceNotFoundError):
+        s.run()
+    assert not s.robot.is_open
+
+
+def test_snapshots_survive_figures_that_are_not_numbers():
+    snapshot = Snapshot(metrics={"period_s": float("nan")}, message="é", pose=[1.0] * 7)
+    back = Snapshot.from_bytes(snapshot.to_bytes())
+    assert back.metrics == {"period_s": None}
+    assert back.message == "é"
+
+
+def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
+    felt = []
+    monkeypatch.setattr(
+        FakeDevice,
+        "capabilities",
+        DeviceCapabilities(False, ("go", "grip"), frozenset({"rumble"}), False),
+    )
+    monkeypatch.setattr(FakeDevice, "_feedback", lambda device, told: felt.append(told.rumble))
+    walls = {"workspace_x_m": [0.4, 0.501]}
+    table = {"feedback": {"rumble": ["limit"]}, "limits": walls, "robot": {"cycles": 100_000}}
+    s = session(**table)
+    send = s.robot.send
+
+    def until_felt(command):
+        send(command)
+        if felt:
+            s.stop("enough")
+
+    s.robot.send = until_felt
+    s.run(seconds=20.0)
+    assert felt[0] == pytest.approx(0.4)
+    assert felt[-1] == 0.0
+
+
+def test_a_session_serves_programs_that_use_libspnav(fake_drivers, tmp_path):
+    path = tmp_path / "spnav.sock"
+    s = session(spnav={"socket": str(path)}, robot={"cycles": 10_000_000})
+    records = []
+    send = s.robot.send
+
+    def look(command):
+        send(command)
+        if len(s.robot.commands) == 20:
+            client.connect(str(path))
+        if len(s.robot.commands) > 20:
+            with contextlib.suppress(BlockingIOError):
+                records.append(client.recv(32))
+                s.stop("enough")
+
+    s.robot.send = look
+    with socket.socket(socket.AF_UNIX) as client:
+        client.settimeout(0.0)
+        s.run(seconds=20.0)
+    assert records
+    assert not path.exists()

@@ -1,0 +1,122 @@
+"""A session in a process of its own: it is started, shown, stopped, and its death is noticed."""
+
+import os
+import signal
+
+import pytest
+
+from cardan.gateway.session import supervisor
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.supervisor import supervise
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture
+def waiting(tmp_path):
+    """A session that waits for its device and for its robot."""
+    return parse_config(
+        {
+            "device": {
+                "driver": "spacemouse",
+                "transport": "socket",
+                "path": str(tmp_path / "hid"),
+                "wait_for_device": True,
+            },
+            "robot": {"driver": "abb_egm", "listen_port": 0},
+        }
+    )
+
+
+def test_runs_for_the_time_it_is_given(waiting):
+    seen = []
+    outcome = supervise(waiting, 0.5, seen.append)
+    assert outcome.exit_code == 0
+    assert outcome.last.finished
+    assert outcome.last.robot_link == "waiting"
+    assert len(seen) >= 3
+    assert seen[-1] == outcome.last
+
+
+def test_a_command_around_it_has_its_signals_and_its_code(waiting):
+    outcome = supervise(waiting, 0.5, through=("env", "CARDAN_PROOF=1"))
+    assert (outcome.exit_code, outcome.last.robot_link) == (0, "waiting")
+    # One that ends as a shell does, by the signal's number and 128.
+    shell = ("sh", "-c", "trap 'exit 143' TERM; sleep 20 & wait", "sh")
+    outcome = supervise(waiting, 30.0, poll=lambda: False, through=shell)
+    assert (outcome.exit_code, outcome.last.message) == (0, "stopped before it began")
+
+
+def test_poll_stops_it_even_before_it_has_begun(waiting):
+    outcome = supervise(waiting, 30.0, poll=lambda: False)
+    assert outcome.exit_code == 0
+    assert outcome.last.message == "stopped before it began"
+
+
+def test_an_interrupt_stops_it(waiting):
+    outcome = supervise(waiting, 30.0, lambda _snapshot: os.kill(os.getpid(), signal.SIGINT))
+    assert outcome.exit_code == 0
+    assert outcome.last.message == "stopped on request"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def signal_session(number):
+    """Send a signal to the session's process, which is a child of this one."""
+    pid = os.getpid()
+    with open(f"/proc/{pid}/task/{pid}/children", encoding="ascii") as file:
+        children = file.read().split()
+    for child in children:
+        with open(f"/proc/{child}/cmdline", encoding="utf-8") as file:
+            if "cardan.gateway.session.session" in file.read():
+                os.kill(int(child), number)
+
+
+def test_a_session_that_dies_is_an_error(waiting):
+    outcome = supervise(waiting, 30.0, lambda _snapshot: signal_session(signal.SIGKILL))
+    assert outcome.exit_code == 1
+    assert "ended with status -9" in outcome.last.error
+
+
+def test_a_session_that_does_not_react_is_ended_by_force(waiting, monkeypatch):
+    monkeypatch.setattr(supervisor, "KILL_AFTER_S", 0.3)
+    seen = []
+
+    def hang(snapshot):
+        seen.append(snapshot)
+        signal_session(signal.SIGSTOP)
+
+    outcome = supervise(waiting, 30.0, hang, lambda: not seen)
+    assert outcome.exit_code == 1
+    assert "ended with status -9" in outcome.last.error
+
+
+def test_a_session_that_cannot_open_says_why(waiting):
+    table = waiting.model_dump(mode="json")
+    table["robot"]["listen_host"] = "192.0.2.1"
+    seen = []
+    outcome = supervise(parse_config(table), 30.0, seen.append)
+    assert outcome.exit_code == 3
+    assert "192.0.2.1" in outcome.last.error
+
+
+def test_a_configuration_that_only_the_open_device_can_judge(waiting):
+    table = waiting.model_dump(mode="json")
+    table["device"]["model"] = "spacenavigator"
+    table["mapping"]["deadman"] = "menu"
+    outcome = supervise(parse_config(table), 30.0)
+    assert outcome.exit_code == 2
+    assert "mapping.deadman" in outcome.last.error
+    assert "left" in outcome.last.error
+
+
+def test_a_view_that_fails_does_not_cost_the_braking_ramp(waiting):
+    def fail(_snapshot):
+        raise BrokenPipeError("nobody reads")
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(BrokenPipeError):
+        supervise(waiting, 30.0, fail)
+    assert signal.getsignal(signal.SIGTERM) is before
+    pid = os.getpid()
+    with open(f"/proc/{pid}/task/{pid}/children", encoding="ascii") as file:
+        assert file.read().split() == []

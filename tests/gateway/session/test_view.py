@@ -1,0 +1,81 @@
+"""What people see of a session."""
+
+import io
+
+from rich.console import Console
+
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.view import SessionView, missed_cycles, plain, render, summary
+
+MOVING = Snapshot(
+    elapsed_s=12.0,
+    phase="moving",
+    device_link="live",
+    robot_link="live",
+    axes=[0.5, 0, 0, 0, 0, -1.0],
+    buttons=["left"],
+    battery=0.55,
+    pose=[0.5, -0.1, 0.8, 1, 0, 0, 0],
+    reference=[0.501, -0.1, 0.8, 1, 0, 0, 0],
+    twist=[0.05, 0, 0, 0, 0, -0.4],
+    joints_rad=[0.1] * 6,
+    cycles=3000,
+    tick_p50_s=42e-6,
+    utilization=0.37,
+    metrics={"lost": 2, "superseded": 1, "sessions": 1, "period_s": 0.004032},
+    diagnosis=["the motion is capped"],
+)
+
+
+def shown(renderable):
+    console = Console(file=io.StringIO(), width=140, no_color=True)
+    console.print(renderable)
+    return console.file.getvalue()
+
+
+def test_the_live_view_shows_hand_robot_and_trouble():
+    text = shown(render(MOVING))
+    for words in (
+        "+0.50",
+        "-400.0 mrad/s",
+        "500.0",
+        "501.0",
+        "left",
+        "55%",
+        "42 µs",
+        "37%",
+        "3,000, 3",
+    ):
+        assert words in text
+    assert "the motion is capped" in text
+
+
+def test_a_session_that_has_not_begun_can_be_shown():
+    assert "starting" in shown(render(Snapshot()))
+    assert "starting" in plain(Snapshot())
+
+
+def test_summary():
+    text = shown(summary(MOVING))
+    assert "4.032 ms" in text
+    assert missed_cycles(MOVING) == 3
+
+
+def view():
+    return SessionView(Console(file=io.StringIO(), force_terminal=False))
+
+
+def test_plain_lines_come_once_a_second_and_when_there_is_news(capsys):
+    with view() as v:
+        for tenth in range(21):
+            v.show(Snapshot(elapsed_s=tenth / 10, message=f"no datagram for {tenth / 10:.1f} s"))
+        assert len(capsys.readouterr().out.splitlines()) == 3
+        v.show(Snapshot(elapsed_s=2.05, message="the motors are off"))
+        assert "the motors are off" in capsys.readouterr().out
+
+
+def test_diagnosis_is_printed_when_it_is_new(capsys):
+    with view() as v:
+        v.show(MOVING)
+        v.show(MOVING)
+    assert capsys.readouterr().out.count("the motion is capped") == 1
