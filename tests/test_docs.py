@@ -24,8 +24,8 @@ from cardan.drivers.omni import OmniOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavOptions
 from cardan.drivers.wiimote import WiimoteOptions
-from cardan.gateway.session import assembly, config
 from cardan.gateway.force.tables import FixtureTable, ForceTable
+from cardan.gateway.session import assembly, config
 from cardan.protocols import connexion, egm
 from cardan.protocols import simple_message as sm
 from cardan.sim_peers import (

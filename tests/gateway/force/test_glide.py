@@ -13,8 +13,8 @@ from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.haptics import WorldMap
 from cardan.spatial import norm, subtract
 from cardan.types import ZERO3, Vector3
-from tests.gateway.hand_rig import DT_S, HandRig, displaced
 from tests.gateway.hand.test_differential import plans, rpys
+from tests.gateway.hand_rig import DT_S, HandRig, displaced
 
 HERE = Vector3(0.1, -0.2, 0.05)
 

@@ -11,8 +11,8 @@ from cardan.gateway.hand.mapping import Mode, Orientation
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import add, from_euler_zyx, multiply, norm, rotate, rotation_between, subtract
 from cardan.types import DeviceLink, Vector3
-from tests.gateway.hand_rig import HAND, HandRig, close, displaced
 from tests.gateway.hand.test_differential import plans, play, rpys
+from tests.gateway.hand_rig import HAND, HandRig, close, displaced
 
 pytestmark = pytest.mark.once
 
