@@ -11,16 +11,18 @@ import math
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.spacemouse import SpaceMouseOptions
 from cardan.drivers.spacemouse.core import SpaceMouseCore
-from cardan.gateway.arm.engine import Phase, TeleopEngine, Watchdogs
-from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.gateway.servo.follower import ArmFollower
+from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, FaultyLink
 from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse, play
 from cardan.spatial import norm, subtract
 from cardan.types import RobotState, Vector3
+from tests.controllers import controller_for_hand
 
 PC_ADDRESS = ("127.0.0.1", 40000)
 SILENCE_TICK_S = 0.1
@@ -71,7 +73,7 @@ class Chain:
         robot_faults: dict[str, float] | None = None,
         deadman: tuple[str, ...] = ("left",),
         limits: ReferenceLimits | None = None,
-        arm: ArmFollower | None = None,
+        arm: ArmBody | None = None,
         egm: AbbEgmOptions | None = None,
         **controller: object,
     ) -> None:
@@ -80,9 +82,9 @@ class Chain:
         self.puck = SimulatedSpaceMouse(known, faults=self.hand_faults, jitter_lsb=1, seed=1)
         self.script = ScriptedHand(parse_script(hand, SCRIPT_VERBS), known)
         self.device = SpaceMouseCore(SpaceMouseOptions(), known)
-        self.engine = TeleopEngine(
-            TwistMapping(MappingOptions(deadman=deadman)),
-            Reference(limits or ReferenceLimits()),
+        self.core = controller_for_hand(
+            MappingOptions(deadman=deadman),
+            limits or ReferenceLimits(),
             Watchdogs(),
             arm=arm,
         )
@@ -119,7 +121,7 @@ class Chain:
         sample = Sample(now_s, self.controller.tcp.position, Phase.NO_ROBOT, "")
         if self.session_alive:
             sample.sent = self._answer(now_s)
-            status = self.engine.status()
+            status = self.core.status()
             sample.phase, sample.message = status.phase, status.message
         else:
             self.to_pc.pop(now_s)
@@ -154,7 +156,7 @@ class Chain:
             return 0
         self._heard_s = now_s
         self.states.append(state)
-        command = self.engine.tick(state, self.device.state(now_s), self.device.events())
+        command = self.core.tick(state, self.device.state(now_s), self.device.events())
         if not self.egm.owes_answer:
             return 0
         self.to_robot.push(now_s, self.egm.reply(command, now_s))

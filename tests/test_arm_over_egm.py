@@ -5,7 +5,7 @@ import math
 import pytest
 
 from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions
-from cardan.gateway.arm.engine import Phase
+from cardan.gateway.arm.status import Phase
 from cardan.gateway.session.assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.sim_peers.egm_controller import Mode
@@ -31,36 +31,36 @@ def chain(mode, hand=PUSH, **more):
 @pytest.mark.parametrize("mode", ["joint", "pose"])
 def test_the_hand_drives_the_robot(mode):
     run = chain(mode).run(4.0)
-    assert run.engine.phase is Phase.MOVING
+    assert run.core.phase is Phase.MOVING
     moved = run.samples[0].position.x - run.samples[-1].position.x
     assert moved == pytest.approx(0.05 * 2.9, abs=0.015)
     assert abs(run.samples[-1].position.z - run.samples[0].position.z) < 1e-3
     assert max(s.speed for s in run.samples) < 0.06
-    assert run.engine.status().trips == 0
+    assert run.core.status().trips == 0
 
 
 def test_the_end_of_reach_is_held_without_a_fault_and_left_again():
     """By its joints; a controller that is sent poses stops at its own singularities."""
     hand = INTO_THE_SINGULARITY + "9.0 axes -0.9 0 0 0 0 0 over 0.1\n"
     run = chain("joint", hand).run(9.0)
-    status = run.engine.status()
+    status = run.core.status()
     assert status.trips == 0
     assert status.leash_used < 0.5
     assert status.arm.path_speed < 0.2
     far = run.samples[-1].position
     run.run(2.0)
     assert far.x - run.samples[-1].position.x > 0.1
-    assert run.engine.status().trips == 0
+    assert run.core.status().trips == 0
 
 
 @pytest.mark.parametrize("mode", ["joint", "pose"])
 def test_a_silent_controller_needs_the_deliberate_act(mode):
     run = chain(mode, robot_faults={"drop": 0.2}).run(4.0)
-    assert run.engine.phase is Phase.MOVING  # one datagram in five lost each way is no fault
+    assert run.core.phase is Phase.MOVING  # one datagram in five lost each way is no fault
     run.session_alive = False
     run.run(1.0)
     here = run.samples[-1].position
     run.session_alive = True
     run.run(1.0)
     assert math.dist(here, run.samples[-1].position) < 5e-3
-    assert run.engine.phase is not Phase.MOVING
+    assert run.core.phase is not Phase.MOVING

@@ -6,7 +6,7 @@ anew at 6.5 s and pushes from 6.8 s on. All in virtual time.
 
 import pytest
 
-from cardan.gateway.arm.engine import Phase
+from cardan.gateway.arm.status import Phase
 from cardan.sim_peers.egm_controller import FAULTS as ROBOT_FAULTS
 from cardan.sim_peers.spacemouse import FAULTS as HAND_FAULTS
 from tests.chain import PC_ADDRESS, PUSH, PUSH_AND_REGRIP, Chain
@@ -60,7 +60,7 @@ def stays_until_regripped(chain, from_s, until_s=6.7):
 def test_no_fault():
     chain = within_limits(Chain(PUSH_AND_REGRIP).run(9.0))
     assert chain.travelled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=0.01)
-    assert chain.engine.status().trips == 0
+    assert chain.core.status().trips == 0
     assert sum(s.sent for s in chain.samples) == chain.cycles
 
 
@@ -69,7 +69,7 @@ def test_faulty_reports_do_not_show_at_the_robot(fault, value):
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={fault: value}).run(9.0))
     assert chain.travelled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=0.02)
     assert chain.travelled_m(6.3, 6.6) <= 2e-4
-    assert chain.engine.status().trips == 0
+    assert chain.core.status().trips == 0
 
 
 @pytest.mark.parametrize(("fault", "value"), HARMLESS_ROBOT.items())
@@ -78,7 +78,7 @@ def test_a_bad_network_is_ridden_out(fault, value):
     # a datagram of ours that comes twice is taken twice: one period late each time, at 5 %
     slowed = 0.06 if fault == "duplicate" else 0.02
     assert chain.travelled_m(2.0, 2.9) == pytest.approx(FIRST_PULL_M, rel=slowed)
-    assert chain.engine.status().trips == 0
+    assert chain.core.status().trips == 0
     counters = chain.egm.counters
     assert (counters.lost > 50) == (fault in ("drop", "reorder"))
     assert (counters.duplicates > 50) == (fault == "duplicate")
@@ -91,7 +91,7 @@ def test_unplugged_while_moving():
     assert chain.travelled_m(3.0, 9.0) <= 0.004
     assert chain.rests_from() <= 3.3
     assert "unplugged" in chain.messages()
-    assert chain.engine.phase is Phase.DISARMED
+    assert chain.core.phase is Phase.DISARMED
 
 
 def test_plugged_in_again_while_deflected():
@@ -112,7 +112,7 @@ def test_reports_that_stall_and_come_at_once():
     chain = within_limits(Chain(PUSH_AND_REGRIP, hand_faults={"burst": 0.5}).run(9.0))
     # the first stall takes the hand off; the flood after it does not give it back
     assert chain.travelled_m(2.0, 6.7) <= 3e-4
-    assert chain.engine.status().trips >= 1
+    assert chain.core.status().trips >= 1
 
 
 def test_seized_device():
@@ -204,7 +204,7 @@ def test_a_flooded_port(source):
     # noticed within a few cycles, then 50 ms of braking and the arm's own delay
     assert chain.travelled_m(3.1, 6.7) <= 0.003
     assert "is flooded with datagrams that are not the controller's" in chain.messages()
-    assert chain.engine.status().trips == 1
+    assert chain.core.status().trips == 1
     # every datagram of the controller was answered all the while
     assert sum(s.sent for s in chain.between(3.0, 6.0)) == len(chain.between(3.0, 6.0))
     assert chain.travelled_m(7.0, 8.5) == pytest.approx(0.071, rel=0.05)
@@ -228,7 +228,7 @@ def test_killed_gateway_and_a_new_one_needs_the_deliberate_act():
     chain.session_alive = False
     chain.run(1.0)
     fresh = Chain(PUSH)
-    chain.engine, chain.egm, chain.device = fresh.engine, fresh.egm, fresh.device
+    chain.core, chain.egm, chain.device = fresh.core, fresh.egm, fresh.device
     chain.device.on_opened(chain.now_s, chain.puck.model)
     chain.session_alive = True
     chain.run(5.0)

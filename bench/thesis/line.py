@@ -25,7 +25,7 @@ from bench.thesis.rig import (
     published_mechanism,
     quantiles_ms,
 )
-from cardan.gateway.arm.controller import ControllerOptions
+from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.types import IDENTITY, Pose, Vector3
 

@@ -18,13 +18,14 @@ import pinocchio as pin
 
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.sim_arm.options import SimArmOptions
-from cardan.gateway.arm.controller import CartesianController, ControllerOptions
+from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, to_pose, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
-from cardan.gateway.servo.follower import ArmFollower
 from cardan.gateway.servo.servo import Servo
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import SimulatedArmOptions
@@ -102,9 +103,7 @@ class Streams:
     ) -> None:
         """`stream` is a code: pose or twst; `timeout_s` the stream's."""
         model = load_arm(robot)
-        self.controller = CartesianController(
-            model, driver.capabilities, options, obstacles=obstacles
-        )
+        self.controller = ArmVerbs.alone(model, driver.capabilities, options, obstacles=obstacles)
         self.servo = self.controller.servo
         self._stream, self._timeout_s = stream, timeout_s
         self.refusals: list[str] = []
@@ -141,7 +140,7 @@ class Shaped:
         kinematics = ArmKinematics(load_arm(robot))
         collision = CollisionModel(kinematics, obstacles)
         self.servo = Servo(kinematics, collision, weights=kinematics.arm.task.weights)
-        self._follower = ArmFollower(self.servo, frozenset({CommandKind.JOINT}))
+        self._follower = ArmBody(self.servo, frozenset({CommandKind.JOINT}))
         self._shaper = PoseShaper(limits, damping=damping)
         self._home = np.array(kinematics.arm.home)
         self._twist = np.zeros((2, 3))
@@ -190,7 +189,7 @@ class Session:
         kinematics = ArmKinematics(load_arm(robot))
         collision = CollisionModel(kinematics, obstacles)
         self.servo = Servo(kinematics, collision, weights=kinematics.arm.task.weights)
-        self._follower = ArmFollower(self.servo, frozenset({CommandKind.JOINT}))
+        self._follower = ArmBody(self.servo, frozenset({CommandKind.JOINT}))
         self._reference = Reference(limits)
         self.target: Twist = ZERO_TWIST
         self._placed = False

@@ -147,7 +147,7 @@ def check(file: ConfigFile) -> None:
     config = load_config(file)
     mapping, limits = config.mapping, config.limits
     print(f"{file}: fine")
-    print(f"  device   {config.device.driver}")
+    print(f"  device   {config.device.driver if config.device else 'none: verbs and streams only'}")
     print(f"  robot    {config.robot.driver}")
     if mapping.mode is Mode.POSITION:
         print(f"  mapping  the TCP moves as the hand does, {mapping.frame.value} axes")

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from cardan.gateway.arm.engine import TeleopEngine, Watchdogs
-from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.hand.mapping import MappingOptions, Mode
+from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import (
     add,
     from_euler_zyx,
@@ -33,8 +33,11 @@ from cardan.types import (
     RobotState,
     Vector3,
 )
+from tests.controllers import controller_for_hand
 
 DT_S = 0.004
+LONGEST_PERIOD_S = 0.02
+"""Of the robots that the plans play: no time is lost to them."""
 START = Pose(Vector3(0.5, 0.0, 0.4), from_euler_zyx(math.pi, 0.0, 0.3))
 HAND = Pose(Vector3(0.1, -0.2, 0.3), from_euler_zyx(0.1, 0.2, 0.3))
 DEFLECTIONS = (0.3, -0.2, 0.1, 0.0, 0.4, 1.0)
@@ -70,11 +73,12 @@ class HandRig:
         if not options.get("deadman"):
             options.setdefault("clutch", "button_2")
         self.limits = limits or ReferenceLimits()
-        self.engine = TeleopEngine(
-            TwistMapping(MappingOptions(mode=mode, **options)),
-            Reference(self.limits),
+        self.core = controller_for_hand(
+            MappingOptions(mode=mode, **options),
+            self.limits,
             Watchdogs(),
             filters,
+            period_s=LONGEST_PERIOD_S,
         )
         self.start = start
         self.now_s = 100.0
@@ -129,17 +133,17 @@ class HandRig:
         if self.fresh:
             self._move_hand(dt_s)
             self.device = self.device._replace(stamp_s=self.now_s)
-        before, followed = self.command, self.engine.following
-        rested = self.engine.at_rest
+        before, followed = self.command, self.core.following
+        rested = self.core.at_rest
         events, self.events = self.events, []
-        self.command = self.engine.tick(self.robot, self.device, events)
+        self.command = self.core.tick(self.robot, self.device, events)
         if not isinstance(self.command, PoseCommand):
             self.command = self.velocity = None
             return
         if before is not None:
             self._check(before.pose, dt_s)
-            takes_up = self.engine.following and not followed
-            if takes_up and rested and self.engine.mapping.options.mode is Mode.POSITION:
+            takes_up = self.core.following and not followed
+            if takes_up and rested and self.core.hand.mapping.options.mode is Mode.POSITION:
                 assert self.command == before
         if not self.stuck:
             self.robot = self.robot._replace(pose=self.command.pose)
@@ -188,12 +192,12 @@ class HandRig:
 
     @property
     def message(self):
-        return self.engine.status().message
+        return self.core.status().message
 
     @property
     def mapped_hand(self):
         """Where the engine's map says that the TCP goes."""
-        world = self.engine.hand_map()
+        world = self.core.hand_map()
         x = self.device.pose.position
         rows = (world.linear[0:3], world.linear[3:6], world.linear[6:9])
         return Vector3(

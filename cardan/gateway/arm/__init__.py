@@ -1,19 +1,29 @@
-"""The uniform Cartesian interface: the verbs of the field's ICartesianControl, for any arm."""
+"""The one controller of an arm, whoever moves it, and the verbs of the Cartesian interface."""
 
-from cardan.gateway.arm.codes import Action, FrameCode, Parameter, State, Stream
-from cardan.gateway.arm.controller import (
-    CartesianController,
-    ControllerOptions,
-    ControllerStatus,
-    Motion,
-    Outcome,
-    Stat,
-)
-from cardan.gateway.arm.device import CartesianDevice, digital_output_gripper
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cardan.gateway.arm.codes import Action, FrameCode, Parameter, State, Stream
+    from cardan.gateway.arm.device import CartesianDevice, digital_output_gripper
+    from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
+    from cardan.gateway.arm.options import ControllerOptions
+    from cardan.gateway.arm.verbs import ArmVerbs
+
+_HOMES = {
+    "codes": ("Action", "FrameCode", "Parameter", "State", "Stream"),
+    "device": ("CartesianDevice", "digital_output_gripper"),
+    "motion": ("ControllerStatus", "Motion", "Outcome", "Stat"),
+    "options": ("ControllerOptions",),
+    "verbs": ("ArmVerbs",),
+}
+# Imported on demand: sessions without an arm's model do without Pinocchio.
 
 __all__ = [
     "Action",
-    "CartesianController",
+    "ArmVerbs",
     "CartesianDevice",
     "ControllerOptions",
     "ControllerStatus",
@@ -26,3 +36,10 @@ __all__ = [
     "Stream",
     "digital_output_gripper",
 ]
+
+
+def __getattr__(name: str) -> object:
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -54,6 +54,8 @@ class Stream(enum.IntEnum):
     POSE = vocab("pose")
     TWIST = vocab("twst")
     WRENCH = vocab("wrnc")
+    JOINT = vocab("jnts")
+    """Ours: speeds of single joints."""
 
 
 class State(enum.IntEnum):

@@ -8,19 +8,17 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import TracebackType
 
-from cardan.drivers.base import RobotDriver
+from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import CommandError, DriverError, MotionLoopError, MotionRefusedError
+from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.checks import Target
 from cardan.gateway.arm.codes import Action, Parameter, State
-from cardan.gateway.arm.controller import (
-    CartesianController,
-    ControllerOptions,
-    ControllerStatus,
-    Motion,
-    Outcome,
-    Stat,
-)
+from cardan.gateway.arm.loop import ArmLoop
+from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
+from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.parameters import Key, Value
+from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.robots import ArmModel, BodyShape, load_arm
 
@@ -104,21 +102,26 @@ class CartesianDevice:
         obstacles: Iterable[Obstacle] = (),
         tool_shapes: Iterable[BodyShape] = (),
         gripper: Callable[[Action], None] | None = None,
+        device: OperatorDevice | None = None,
+        mapping: MappingOptions | None = None,
     ) -> None:
-        """`arm`: a model, its name or its file. `gripper` is called in the loop's thread.
+        """`arm`: a model, its name or its file. `gripper` is called in the loop's thread. An
+        operator `device` moves the arm as `mapping` says, and takes it from the verbs.
 
         Raises ConfigurationError.
         """
         self.robot = robot
         model = load_arm(arm) if isinstance(arm, str) else arm
         self._act = gripper
-        self.controller = CartesianController(
+        self.device = device
+        self.verbs = ArmVerbs.alone(
             model,
             robot.capabilities,
             options,
             obstacles=obstacles,
             tool_shapes=tool_shapes,
             gripper=None if gripper is None else self._act_in_loop,
+            mapping=None if device is None else mapping or MappingOptions(),
         )
         self._actions: deque[tuple[Action, list[Exception | None]]] = deque()
         self._ticked = _Bell()
@@ -137,13 +140,20 @@ class CartesianDevice:
         """
         if self._thread is not None:
             return
-        self.robot.open()
+        if self.device is not None:
+            self.device.open()
+        try:
+            self.robot.open()
+        except BaseException:
+            if self.device is not None:
+                self.device.close()
+            raise
         self._closing.clear()
         self._failure = None
         self._thread = threading.Thread(target=self._loop, name="cartesian", daemon=True)
         self._thread.start()
         self._ticked.wait_for(
-            lambda: self.controller.stamp_s > -math.inf or not self._running, START_TIMEOUT_S
+            lambda: self.verbs.stamp_s > -math.inf or not self._running, START_TIMEOUT_S
         )
 
     def close(self) -> None:
@@ -151,11 +161,13 @@ class CartesianDevice:
         thread = self._thread
         if thread is None:
             return
-        self.controller.stop()
-        self._ticked.wait_for(lambda: self.controller.at_rest or not self._running, START_TIMEOUT_S)
+        self.verbs.stop()
+        self._ticked.wait_for(lambda: self.verbs.at_rest or not self._running, START_TIMEOUT_S)
         self._closing.set()
         thread.join(START_TIMEOUT_S)
         self.robot.close()
+        if self.device is not None:
+            self.device.close()
         self._thread = None
 
     def __enter__(self) -> CartesianDevice:
@@ -175,36 +187,36 @@ class CartesianDevice:
     def stat(self) -> Stat:
         """Measured pose of the TCP in the base, state code, time of the measurement."""
         self._require_loop()
-        return self.controller.stat()
+        return self.verbs.stat()
 
     def inv(self, xd: Target) -> tuple[float, ...]:
         """Joint positions (rad, m) with the TCP at `xd`, nearest to now."""
         self._require_loop()
-        return self.controller.inv(xd)
+        return self.verbs.inv(xd)
 
     def movj(self, xd: Target) -> Motion:
         """Start moving all joints to the pose `xd`; they arrive together."""
-        return self._start(lambda: self.controller.movj(xd))
+        return self._start(lambda: self.verbs.movj(xd))
 
     def relj(self, xd: Target) -> Motion:
         """Start the same to a pose relative to where the TCP is."""
-        return self._start(lambda: self.controller.relj(xd))
+        return self._start(lambda: self.verbs.relj(xd))
 
     def movl(self, xd: Target) -> Motion:
         """Start moving the TCP along a straight line to the pose `xd`."""
-        return self._start(lambda: self.controller.movl(xd))
+        return self._start(lambda: self.verbs.movl(xd))
 
     def movv(self, xdot: Sequence[float]) -> Motion:
         """Start moving the TCP with a constant twist, until something ends it."""
-        return self._start(lambda: self.controller.movv(xdot))
+        return self._start(lambda: self.verbs.movv(xdot))
 
     def gcmp(self) -> Motion:
         """Carry the arm's own weight; it can be led by hand."""
-        return self._start(self.controller.gcmp)
+        return self._start(self.verbs.gcmp)
 
     def forc(self, fd: Sequence[float]) -> Motion:
         """Exert a constant wrench on the world."""
-        return self._start(lambda: self.controller.forc(fd))
+        return self._start(lambda: self.verbs.forc(fd))
 
     def wait(self, timeout_s: float = 0.0) -> bool:
         """Block until the last movj, relj or movl has ended; True when it arrived.
@@ -214,66 +226,92 @@ class CartesianDevice:
         """
         if not 0.0 <= timeout_s < math.inf:
             raise MotionRefusedError(f"wait: a timeout is a number >= 0, not {timeout_s}")
-        controller = self.controller
-        motion = controller.waited_for
+        verbs = self.verbs
+        motion = verbs.waited_for
         if motion is None or not motion.ends:
             return True
-        began_s = controller.stamp_s
-        period_s = 1e-3 * controller.get_parameter(Parameter.WAIT_PERIOD)
+        began_s = verbs.stamp_s
+        period_s = 1e-3 * verbs.get_parameter(Parameter.WAIT_PERIOD)
         while not motion.over:
             self._require_loop()
-            if timeout_s > 0.0 and controller.stamp_s - began_s > timeout_s:
-                controller.stop()
+            if timeout_s > 0.0 and verbs.stamp_s - began_s > timeout_s:
+                verbs.stop()
                 return False
             self._ticked.wait(period_s)
         return motion.outcome is Outcome.DONE
 
     def stop(self) -> None:
         """Brake along the path, then hold. Always works."""
-        self.controller.stop()
+        self.verbs.stop()
 
     def tool(self, x: Target) -> None:
         """Fix a link to the arm's own TCP, in place of the one before; zeros take it off."""
         with self._requests:
             self._settle()
-            self.controller.tool(x)
+            self.verbs.tool(x)
 
     def act(self, code: Action | int | str) -> None:
         """Close, open or stop the gripper."""
         self._require_loop()
-        self.controller.act(code)
+        self.verbs.act(code)
 
     # -- streams ---------------------------------------------------------------------------------
 
     def pose(self, x: Target, *, owner: str = "", sequence: int | None = None) -> str:
         """Go to the pose `x` now. Answers why not, or ""."""
         self._require_loop()
-        return self.controller.pose(x, owner=owner, sequence=sequence)
+        return self.verbs.pose(x, owner=owner, sequence=sequence)
 
     def jog(self, dx: Target, *, owner: str = "", sequence: int | None = None) -> str:
         """Move the pose that is gone to by `dx`. Answers why not, or ""."""
         self._require_loop()
-        return self.controller.jog(dx, owner=owner, sequence=sequence)
+        return self.verbs.jog(dx, owner=owner, sequence=sequence)
 
     def twist(self, xdot: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
         """Move with the twist `xdot` now. Answers why not, or ""."""
         self._require_loop()
-        return self.controller.twist(xdot, owner=owner, sequence=sequence)
+        return self.verbs.twist(xdot, owner=owner, sequence=sequence)
 
     def wrench(self, w: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
         """Exert the wrench `w` now. Answers why not, or ""."""
         self._require_loop()
-        return self.controller.wrench(w, owner=owner, sequence=sequence)
+        return self.verbs.wrench(w, owner=owner, sequence=sequence)
+
+    def joints(
+        self, rates: Sequence[float], *, owner: str = "", sequence: int | None = None
+    ) -> str:
+        """Move the joints at `rates` (rad/s or m/s) now. Answers why not, or ""."""
+        self._require_loop()
+        return self.verbs.joints(rates, owner=owner, sequence=sequence)
+
+    # -- authority -------------------------------------------------------------------------------
+
+    def acknowledge(self) -> None:
+        """The deliberate act after measured joints were not believed, or the command did not come
+        together with its robot. Raises MotionRefusedError while it is too early."""
+        self._require_loop()
+        self.verbs.acknowledge()
+
+    def hand_over(self, to: str) -> None:
+        """Pass the authority over the arm on to the source `to`: "hand", or who streams.
+
+        Raises MotionRefusedError where it is not ours.
+        """
+        self.verbs.hand_over(to)
+
+    def release(self, owner: str = "") -> None:
+        """Give up the authority of whoever streams as `owner`, or, nameless, of the verbs."""
+        self.verbs.release(owner or VERBS)
 
     # -- parameters and status -------------------------------------------------------------------
 
     def get_parameter(self, key: Key) -> float:
         """A parameter by its code or name."""
-        return self.controller.get_parameter(key)
+        return self.verbs.get_parameter(key)
 
     def get_parameters(self) -> dict[str, float]:
         """All parameters by name."""
-        return self.controller.get_parameters()
+        return self.verbs.get_parameters()
 
     def set_parameter(self, key: Key, value: Value) -> None:
         """Set a parameter; waits for an arm that is coming to rest."""
@@ -283,11 +321,11 @@ class CartesianDevice:
         """Set all of `values`, or none where one is refused."""
         with self._requests:
             self._settle()
-            self.controller.set_parameters(values)
+            self.verbs.set_parameters(values)
 
     def status(self) -> ControllerStatus:
         """Flags and numbers of now."""
-        return self.controller.status()
+        return self.verbs.status()
 
     # -- the loop --------------------------------------------------------------------------------
 
@@ -296,10 +334,9 @@ class CartesianDevice:
         return self._thread is not None and self._thread.is_alive()
 
     def _loop(self) -> None:
-        robot, controller, ticked = self.robot, self.controller, self._ticked
+        ticked = self._ticked
         try:
-            for state in robot.cycles():
-                robot.send(controller.tick(state))
+            for _ in ArmLoop(self.robot, self.verbs.controller, self.device).cycles():
                 while self._actions:
                     self._do(*self._actions.popleft())
                 ticked.ring()
@@ -309,7 +346,7 @@ class CartesianDevice:
             self._failure = error
         finally:
             # Nobody drives any more, so nothing may seem to be under way.
-            controller.stop()
+            self.verbs.stop()
             while self._actions:
                 self._actions.popleft()[1].append(DriverError("the loop has ended"))
             ticked.ring()
@@ -347,7 +384,7 @@ class CartesianDevice:
             motion = verb()
             while motion.outcome is Outcome.WAITING:
                 self._require_loop()
-                if self.controller.start_pending() is None:
+                if self.verbs.start_pending() is None:
                     self._ticked.wait(POLL_S)
             if motion.error is not None:
                 raise motion.error
@@ -356,12 +393,12 @@ class CartesianDevice:
     def _settle(self) -> None:
         """Wait for an arm that is on its way to rest, so that what needs rest is not refused."""
         self._require_loop()
-        controller = self.controller
-        began_s = controller.stamp_s
+        verbs = self.verbs
+        began_s = verbs.stamp_s
         while (
-            controller.status().braking
-            and controller.state is State.NOT_CONTROLLING
-            and controller.stamp_s - began_s < REST_TIMEOUT_S
+            verbs.status().braking
+            and verbs.state is State.NOT_CONTROLLING
+            and verbs.stamp_s - began_s < REST_TIMEOUT_S
         ):
             self._require_loop()
             self._ticked.wait(POLL_S)

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from cardan.gateway.arm.engine import EngineStatus, Phase
 from cardan.spatial import norm
-from cardan.types import ZERO3, DeviceFeedback, RobotState
+from cardan.types import DeviceFeedback, RobotState
 
 FEEDBACK_PERIOD_S = 0.05
 """A hand feels no faster change of a motor that needs 50 ms to start and to stop."""
@@ -46,6 +46,18 @@ class FeedbackOptions:
     """Measured force that rumbles at full strength."""
 
 
+class Felt(NamedTuple):
+    """What of the arm's state an operator may be told."""
+
+    engaged: bool
+    """Whether the operator's hand is on the robot."""
+    trips: int
+    """How often it was taken off."""
+    limited: bool
+    """Whether the operator asks for what the workspace or the arm does not give."""
+    leash_used: float
+
+
 class HandFeedback:
     """Decides what to send; `channels` are those the device has."""
 
@@ -67,18 +79,14 @@ class HandFeedback:
         """Whether `update` has something to look at."""
         return now_s >= self._due_s
 
-    def update(
-        self, status: EngineStatus, robot: RobotState, now_s: float
-    ) -> DeviceFeedback | None:
+    def update(self, felt: Felt, robot: RobotState, now_s: float) -> DeviceFeedback | None:
         """What to send now; None: nothing new."""
         self._due_s = now_s + FEEDBACK_PERIOD_S
         led = rumble = None
-        if self._led_wanted:
-            on = status.phase in (Phase.HOLDING, Phase.MOVING)
-            if on is not self._led:
-                led = self._led = on
+        if self._led_wanted and felt.engaged is not self._led:
+            led = self._led = felt.engaged
         if self._sources:
-            level = self._level(status, robot, now_s)
+            level = self._level(felt, robot, now_s)
             changed = abs(level - self._rumble) >= STEP or (level == 0.0) is not (
                 self._rumble == 0.0
             )
@@ -94,25 +102,17 @@ class HandFeedback:
         self._led, self._rumble = (False if led is not None else self._led), 0.0
         return None if led is None and rumble is None else DeviceFeedback(led, rumble)
 
-    def _level(self, status: EngineStatus, robot: RobotState, now_s: float) -> float:
-        if status.trips != self._trips:
-            self._trips, self._tripped_s = status.trips, now_s
+    def _level(self, felt: Felt, robot: RobotState, now_s: float) -> float:
+        if felt.trips != self._trips:
+            self._trips, self._tripped_s = felt.trips, now_s
         level = 0.0
         sources = self._sources
         if "trip" in sources and now_s - self._tripped_s < TRIP_PULSE_S:
             return 1.0
-        if "limit" in sources and _limited(status):
+        if "limit" in sources and felt.limited:
             level = LIMIT_LEVEL
         if "leash" in sources:
-            level = max(level, (status.leash_used - LEASH_FROM) / (1.0 - LEASH_FROM))
+            level = max(level, (felt.leash_used - LEASH_FROM) / (1.0 - LEASH_FROM))
         if "force" in sources and robot.wrench is not None:
             level = max(level, norm(robot.wrench.force) / self._full_force_n)
         return min(1.0, level)
-
-
-def _limited(status: EngineStatus) -> bool:
-    """Whether the hand asks for what the workspace or the arm does not give."""
-    asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
-    return asked and (
-        status.at_workspace_limit or (status.arm is not None and bool(status.arm.in_words()))
-    )

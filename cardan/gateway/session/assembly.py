@@ -21,6 +21,9 @@ from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import ConfigurationError
+from cardan.gateway.arm.authority import Authority
+from cardan.gateway.arm.body import Body, FreeBody
+from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.common.tables import DriverTable
 from cardan.gateway.force.conditioning import Conditioner, Conditioning
 from cardan.gateway.force.fixtures import FixtureSet
@@ -36,8 +39,9 @@ from cardan.gateway.force.stability import fixture_warning, loop_warning
 from cardan.gateway.force.tables import ForceTable
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.gateway.hand.mapping import AXES, Mode
+from cardan.gateway.hand.mapping import AXES, Mode, TwistMapping
 from cardan.gateway.hand.position import mirrors, unfollowed
+from cardan.gateway.hand.source import HandSource
 from cardan.gateway.session.config import (
     ForceConfig,
     LimitsTable,
@@ -60,9 +64,9 @@ from cardan.types import (
 )
 
 if TYPE_CHECKING:
+    from cardan.gateway.arm.arm_body import ArmBody
     from cardan.gateway.kinematics.base import Kinematics
     from cardan.gateway.kinematics.collision import Obstacle
-    from cardan.gateway.servo.follower import ArmFollower
 
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
 """What a robot must take, one of them, for a session to drive it by the model of its arm."""
@@ -103,6 +107,7 @@ def make_driver(table: DriverTable, key: str) -> Driver:
 
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
     """The operator device that is configured, not opened yet."""
+    assert config.device is not None
     device = make_driver(config.device, "device")
     if not isinstance(device, OperatorDevice):
         raise ConfigurationError(
@@ -146,6 +151,27 @@ def make_robot(config: SessionConfig) -> RobotDriver:
     return robot
 
 
+def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
+    """The controller of a session's arm, with its operator device's share where there is one."""
+    limits, watchdogs = config.reference_limits(), config.watchdog_limits()
+    arm = make_arm(config, robot)
+    body: Body = FreeBody(limits) if arm is None else arm
+    hand = None
+    if config.device is not None:
+        mapping = TwistMapping(config.mapping_options())
+        hand = HandSource(mapping, limits, make_filters(config), watchdogs.device_age_s)
+    authority = config.authority
+    return ArmController(
+        body,
+        limits,
+        watchdogs,
+        hand,
+        Authority(authority.policy, authority.named, authority.lease_s),
+        period_s=robot.capabilities.period_s,
+        gate=None if arm is None else arm.gate_limits(robot.capabilities),
+    )
+
+
 def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
     """The filters of a session in their order, not opened yet."""
     made = []
@@ -161,7 +187,7 @@ def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
     return tuple(made)
 
 
-def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
+def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     """The arm's share of a session; None without an ``[arm]`` table.
 
     Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
@@ -170,10 +196,10 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
     table = config.arm
     if table is None:
         return None
+    from cardan.gateway.arm.arm_body import ArmBody
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.collision import CollisionModel
     from cardan.gateway.kinematics.soft_neck import SOFT_NECKS, SoftNeck, load_soft_neck
-    from cardan.gateway.servo.follower import ArmFollower
     from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
 
     kinematics: Kinematics
@@ -210,7 +236,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmFollower | None:
     )
     servo = Servo(kinematics, collision, options, weights)
     servo.posture = posture
-    return ArmFollower(servo, able.commands, able.lag_s)
+    return ArmBody(servo, able.commands, able.lag_s, tcp_tolerance_m=table.tcp_tolerance_m)
 
 
 def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
@@ -273,9 +299,10 @@ def make_force(
     """The force's share of a session, nothing opened yet; None for a device without force."""
     if not isinstance(device, HapticDevice):
         if config.gives_force:
+            name = config.device.driver if config.device else "no device"
             raise ConfigurationError(
                 "fixtures" if config.fixtures else "force.source",
-                f"{config.device.driver!r} gives no force back to the hand; leave [force] and "
+                f"{name!r} gives no force back to the hand; leave [force] and "
                 "[[fixtures]] out, or choose a haptic device",
             )
         return None
@@ -404,9 +431,10 @@ def load_force(path: Path) -> ForceConfig:
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
     config = parse_config(read_toml(path))
-    device, robot = make_device(config), make_robot(config)
-    check_mode(config.mapping, device)
-    make_arm(config, robot)
-    make_filters(config)
-    make_force(config, device, robot)
+    robot = make_robot(config)
+    make_controller(config, robot)
+    if config.device is not None:
+        device = make_device(config)
+        check_mode(config.mapping, device)
+        make_force(config, device, robot)
     return config

@@ -24,7 +24,8 @@ from pydantic import (
 )
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.arm.engine import Watchdogs
+from cardan.gateway.arm.authority import LEASE_S, AuthorityPolicy
+from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.common.tables import Bounds, DriverTable, Finite, Point, Positive, Share
 from cardan.gateway.force.tables import FixtureTable, ForceTable, check_fixtures
 from cardan.gateway.hand.feedback import RUMBLE_SOURCES, FeedbackOptions
@@ -250,6 +251,27 @@ class WatchdogTable(_Table):
     device_age_s: Annotated[float, Field(gt=0, le=LONGEST_DEVICE_AGE_S, strict=True)] = 0.1
     following_error_m: Positive = 0.1
     following_error_rad: Positive = 0.6
+    recovery: bool = True
+    """Whether a command that lost its robot is brought back to it, slowly and within the leash."""
+
+
+class AuthorityTable(_Table):
+    """``[authority]``: who may move the arm, and who may take it from whom."""
+
+    policy: AuthorityPolicy = AuthorityPolicy.HAND
+    named: str = ""
+    """The source that may have it, where `policy` is "named"."""
+    lease_s: Annotated[float, Field(gt=0, le=10.0, strict=True)] = LEASE_S
+    """For which a source that does not renew keeps it."""
+
+    @model_validator(mode="after")
+    def _names_whom(self) -> AuthorityTable:
+        if (self.policy is AuthorityPolicy.NAMED) is not bool(self.named):
+            raise ValueError(
+                'named: policy = "named" needs the source that it is for ("hand", "verbs", or the '
+                "owner of a stream); no other policy has one"
+            )
+        return self
 
 
 class ArmTable(_Table):
@@ -266,6 +288,9 @@ class ArmTable(_Table):
     collisions: bool = True
     """Whether the arm keeps away from itself and from the obstacles."""
     safety_distance_m: Positive = 0.01
+    tcp_tolerance_m: Positive | None = None
+    """Most that the controller's own TCP may differ from the model's before the arm is not moved;
+    None: 2 mm where poses are sent, 20 mm where joints are."""
 
     def tool(self) -> Pose:
         """The TCP in the model's own."""
@@ -347,9 +372,11 @@ class ForceConfig(BaseModel):
 class SessionConfig(_Table):
     """A whole configuration file."""
 
-    device: DriverTable
+    device: DriverTable | None = None
+    """None: only verbs and streams move the arm."""
     robot: DriverTable
     arm: ArmTable | None = None
+    authority: AuthorityTable = AuthorityTable()
     obstacles: tuple[ObstacleTable, ...] = ()
     mapping: MappingTable = MappingTable()
     filters: tuple[FilterTable, ...] = ()

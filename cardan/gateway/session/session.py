@@ -21,16 +21,17 @@ from typing import Any
 
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import CardanError, ConfigurationError, DriverError
-from cardan.gateway.arm.engine import Phase, TeleopEngine
+from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.loop import ArmLoop
+from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.force.rendering import ForceRenderer
-from cardan.gateway.hand.feedback import HandFeedback
-from cardan.gateway.hand.mapping import TwistMapping
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.hand.feedback import Felt, HandFeedback
+from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.session.assembly import (
     check_mode,
-    make_arm,
+    make_controller,
     make_device,
-    make_filters,
     make_force,
     make_robot,
 )
@@ -42,6 +43,7 @@ from cardan.realtime import ask_for_real_time
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,
+    ZERO3,
     DeviceFeedback,
     DeviceState,
     Pose,
@@ -58,14 +60,17 @@ BRAKE_TIMEOUT_S = 5.0
 """Longest a stopping session waits for its robot to come to rest before it lets go."""
 
 
+_IN_MOTION = (Phase.MOVING, Phase.BRAKING)
+
+
 class Session:
     """The loop. Build it from a configuration with :func:`make_session`."""
 
     def __init__(
         self,
-        device: OperatorDevice,
+        device: OperatorDevice | None,
         robot: RobotDriver,
-        engine: TeleopEngine,
+        controller: ArmController,
         config: SessionConfig,
         channel: socket.socket | None = None,
         force: ForceRenderer | None = None,
@@ -73,7 +78,7 @@ class Session:
         """`force`: what a haptic device renders."""
         self.device = device
         self.robot = robot
-        self.engine = engine
+        self.controller = controller
         self.snapshot = Snapshot()
         self._gripper = config.gripper
         self._mapping_table = config.mapping
@@ -99,22 +104,24 @@ class Session:
         Raises DriverError when the device, a filter or the robot cannot be opened.
         """
         with contextlib.ExitStack() as opened:
-            opened.enter_context(self.device)
-            self._check()
-            channels = self.device.capabilities.feedback
-            self._feedback = HandFeedback(self._feedback_options, channels)
-            for each in self.engine.filters:
+            device = self.device
+            if device is not None:
+                opened.enter_context(device)
+                self._check(device)
+                channels = device.capabilities.feedback
+                self._feedback = HandFeedback(self._feedback_options, channels)
+            for each in self._filters:
                 opened.enter_context(each)
             if self._force is not None:
                 opened.callback(self._force.stop)
                 if self._force.source is not None:
                     opened.enter_context(self._force.source)
                 self._force.start(self._tcp)
-            if (spnav := self._spnav_options) is not None:
+            if (spnav := self._spnav_options) is not None and device is not None:
                 self._spnav = SpnavService(
-                    lambda: self.device.capabilities.buttons,
+                    lambda: device.capabilities.buttons,
                     spnav,
-                    lambda: identity_of(self.device, spnav.name),
+                    lambda: identity_of(device, spnav.name),
                 )
                 self._spnav.start()
                 opened.callback(self._spnav.stop)
@@ -133,18 +140,20 @@ class Session:
                 self._give(self._feedback.last())
         return self.snapshot
 
-    def _check(self) -> None:
+    def _check(self, device: OperatorDevice) -> None:
+        hand = self.controller.hand
+        assert hand is not None
+        options = hand.mapping.options
         able, output = self.robot.capabilities, self._gripper.output
         outputs = able.digital_outputs if isinstance(output, str) else able.analog_outputs - output
-        if self.engine.mapping.options.gripper and outputs < 1:
+        if options.gripper and outputs < 1:
             raise ConfigurationError("gripper.output", f"the robot has no output {output!r}")
-        known = self.device.capabilities.buttons
-        options = self.engine.mapping.options
+        known = device.capabilities.buttons
         if options.enable and type(self.robot).enable is RobotDriver.enable:
             raise ConfigurationError(
                 "mapping.enable", "this robot is made ready at its own controller; leave it out"
             )
-        check_mode(self._mapping_table, self.device)
+        check_mode(self._mapping_table, device)
         for key, button in (
             *(("mapping.deadman", button) for button in options.deadman),
             ("mapping.clutch", options.clutch),
@@ -157,83 +166,87 @@ class Session:
                     key, f"the device has no button {button!r}; it has: {', '.join(known)}"
                 )
 
+    @property
+    def _filters(self) -> tuple[TwistFilter, ...]:
+        return () if self.controller.hand is None else self.controller.hand.filters
+
     def _loop(self, seconds: float) -> None:
-        robot, device, engine = self.robot, self.device, self.engine
-        mapping, hand_feedback, spnav = engine.mapping, self._feedback, self._spnav
-        force = self._force
+        robot, controller = self.robot, self.controller
+        mapping = None if controller.hand is None else controller.hand.mapping
+        hand_feedback, spnav, force = self._feedback, self._spnav, self._force
         monotonic, tick_cost = time.monotonic, self._ticks.add
-        gripper_closed = mapping.gripper_closed
+        gripper_closed = False
         start_s = monotonic()
         end_s = start_s + seconds
         next_snapshot_s = start_s
         give_up_s = math.inf
         snapshot = self.snapshot
         state: RobotState | None = None
-        for state in robot.cycles():
-            hand = device.state()
-            events = device.button_events()
-            command = engine.tick(state, hand, events)
-            if mapping.gripper_closed is not gripper_closed:
-                gripper_closed = mapping.gripper_closed
-                self._move_gripper(gripper_closed)
-            robot.send(command)
-            if events and mapping.asks_to_enable(hand, events, state.stamp_s):
-                robot.enable()
+        for state, hand, events in ArmLoop(robot, controller, self.device).cycles():
             now_s = monotonic()
+            # Everything from here on is bookkeeping: the answer has left.
             if state.ready:
                 tick_cost(now_s - state.stamp_s)
                 snapshot.cycles += 1
-                if engine.phase is Phase.MOVING or engine.phase is Phase.BRAKING:
+                if controller.phase in _IN_MOTION:
                     self._account(state)
-            # Everything below is bookkeeping: the answer has left.
-            if force is not None:
-                at_rest = engine.at_rest and not engine.following
-                objection = force.cycle(state, hand, engine.hand_map(), at_rest)
-                if objection:
-                    engine.trip(objection)
-                elif force.guard.in_doubt:
-                    engine.suspend()
-            if spnav is not None:
-                spnav.offer(hand, events)
-            if hand_feedback.useful and hand_feedback.due(now_s):
-                self._give(hand_feedback.update(engine.status(), state, now_s))
+            if mapping is not None and hand is not None:
+                if mapping.gripper_closed is not gripper_closed:
+                    gripper_closed = mapping.gripper_closed
+                    self._move_gripper(gripper_closed)
+                if events and mapping.asks_to_enable(hand, events, state.stamp_s):
+                    robot.enable()
+                if force is not None:
+                    at_rest = controller.at_rest and not controller.following
+                    objection = force.cycle(state, hand, controller.hand_map(), at_rest)
+                    if objection:
+                        controller.trip(objection)
+                    elif force.guard.in_doubt:
+                        controller.suspend()
+                if spnav is not None:
+                    spnav.offer(hand, events)
+                if hand_feedback.useful and hand_feedback.due(now_s):
+                    felt = felt_of(controller.status())
+                    self._give(hand_feedback.update(felt, state, now_s))
             if self._stop_reason or now_s >= end_s:
                 if give_up_s == math.inf:
                     snapshot.ending = self._stop_reason or "the session's time is over"
-                    engine.request_stop(snapshot.ending)
+                    controller.request_stop(snapshot.ending)
                     give_up_s = now_s + BRAKE_TIMEOUT_S
-                if engine.at_rest or not state.ready or now_s >= give_up_s:
+                if controller.at_rest or not state.ready or now_s >= give_up_s:
                     break
             if now_s >= next_snapshot_s:
                 next_snapshot_s = now_s + SNAPSHOT_PERIOD_S
                 self._publish(state, hand, now_s - start_s)
         if state is not None:
             snapshot.finished = True
-            self._publish(state, device.state(), monotonic() - start_s)
+            hand = None if self.device is None else self.device.state()
+            self._publish(state, hand, monotonic() - start_s)
 
     def _tcp(self, state: RobotState) -> Pose | None:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
         the robot reports joints alone."""
-        arm = self.engine.arm
-        if arm is None or (state.pose is not None and not self._tool_of_model):
+        body = self.controller.body
+        if isinstance(body, FreeBody) or (state.pose is not None and not self._tool_of_model):
             return state.pose
-        return arm.reported(state) if state.ready else None
+        return body.reported(state) if state.ready else None
 
     def _account(self, state: RobotState) -> None:
         """Keep the figures of the summary: path, and how well the robot is where it is told."""
-        reference = self.engine.reference
-        if self.engine.arm is not None:
+        controller = self.controller
+        reference, body = controller.reference, controller.body
+        if not isinstance(body, FreeBody):
             # An arm's model may have a tool that the robot's own pose does not know of.
             error_m = reference.ahead_m
-        elif reference.pose is not None and state.pose is not None:
-            error_m = norm(subtract(reference.pose.position, state.pose.position))
+        elif state.pose is not None:
+            error_m = norm(subtract(body.pose.position, state.pose.position))
         else:
             return
         self._square_sum_m2 += error_m * error_m
         self._moving_cycles += 1
         snapshot = self.snapshot
         snapshot.error_max_m = max(snapshot.error_max_m, error_m)
-        snapshot.path_m += norm(reference.linear) * state.period_s
+        snapshot.path_m += norm(body.twist.linear) * state.period_s
         snapshot.moving_s += state.period_s
 
     def _move_gripper(self, closed: bool) -> None:
@@ -249,17 +262,21 @@ class Session:
     def _give(self, feedback: DeviceFeedback | None) -> None:
         """To the hand. A light or motor that fails is no reason to stop: the link itself is
         watched elsewhere."""
-        if feedback is not None:
+        if feedback is not None and self.device is not None:
             with contextlib.suppress(DriverError):
                 self.device.feedback(feedback)
 
-    def _publish(self, state: RobotState, hand: DeviceState, elapsed_s: float) -> None:
-        status = self.engine.status()
+    def _publish(self, state: RobotState, hand: DeviceState | None, elapsed_s: float) -> None:
+        status = self.controller.status()
         s = self.snapshot
         s.elapsed_s = elapsed_s
         s.phase, s.message, s.trips = status.phase.value, status.message, status.trips
-        s.device_link, s.device_reason = hand.link.value, hand.reason
-        s.axes, s.buttons, s.battery = list(hand.axes), sorted(hand.buttons), hand.battery
+        if hand is not None:
+            s.device_link, s.device_reason = hand.link.value, hand.reason
+            s.axes, s.buttons, s.battery = list(hand.axes), sorted(hand.buttons), hand.battery
+        authority = status.authority
+        s.authority, s.authority_refused = authority.owner, authority.refused
+        s.authority_s = state.stamp_s - authority.since_s if authority.owner else None
         s.robot_link, s.hold_reason = state.link.value, state.hold_reason
         s.sequence, s.joints_rad = state.sequence, list(state.joints)
         pose = state.pose
@@ -285,8 +302,10 @@ class Session:
         s.tick_max_s = self._ticks.max
         s.metrics = self.robot.metrics()
         s.filters = list(status.filters)
-        s.diagnosis = [*self.robot.diagnosis(), *self.device.diagnosis()]
-        for each in self.engine.filters:
+        s.diagnosis = list(self.robot.diagnosis())
+        if self.device is not None:
+            s.diagnosis += self.device.diagnosis()
+        for each in self._filters:
             s.diagnosis += each.diagnosis()
         if self._spnav is not None:
             s.diagnosis += self._spnav.diagnosis()
@@ -311,16 +330,22 @@ class Session:
 def make_session(config: SessionConfig, channel: socket.socket | None = None) -> Session:
     """A session as configured, nothing opened yet."""
     robot = make_robot(config)
-    engine = TeleopEngine(
-        TwistMapping(config.mapping_options()),
-        Reference(config.reference_limits()),
-        config.watchdog_limits(),
-        make_filters(config),
-        make_arm(config, robot),
+    controller = make_controller(config, robot)
+    device = None if config.device is None else make_device(config)
+    force = None if device is None else make_force(config, device, robot)
+    return Session(device, robot, controller, config, channel, force)
+
+
+def felt_of(status: ArmStatus) -> Felt:
+    """What the operator's hand may feel of `status`."""
+    asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
+    held = status.arm is not None and bool(status.arm.in_words())
+    return Felt(
+        status.phase in (Phase.HOLDING, Phase.MOVING),
+        status.trips,
+        asked and (status.at_workspace_limit or held),
+        status.leash_used,
     )
-    device = make_device(config)
-    force = make_force(config, device, robot)
-    return Session(device, robot, engine, config, channel, force)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -27,6 +27,12 @@ class Snapshot:
     phase: str = ""
     message: str = ""
     trips: int = 0
+    authority: str = ""
+    """Who may move the arm: "hand", "verbs", or the owner of a stream; empty: nobody."""
+    authority_s: float | None = None
+    """For how long."""
+    authority_refused: str = ""
+    """Whom it was refused to last, and why."""
     device_link: str = ""
     device_reason: str = ""
     axes: list[float] = field(default_factory=list)

@@ -13,7 +13,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from cardan.gateway.arm.engine import Phase
+from cardan.gateway.arm.status import Phase
 from cardan.gateway.hand.mapping import AXES
 from cardan.gateway.session.snapshot import Snapshot
 
@@ -30,6 +30,7 @@ _PHASE_STYLES = {
     "moving": "bold green",
     "holding": "green",
     "braking": "yellow",
+    "recovering": "yellow",
     "disarmed": "yellow",
     "no robot": "red",
 }

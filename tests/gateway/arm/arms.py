@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cardan.gateway.arm.controller import CartesianController
+from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import load_arm
 from cardan.types import (
     CommandKind,
@@ -29,7 +29,7 @@ class World:
     def __init__(self, arm="ur5", commands=JOINT, options=None, start=None, **more):
         self.model = load_arm(arm)
         self.capabilities = RobotCapabilities(commands, DT_S, len(self.model.joints), None, 0, 0)
-        self.controller = CartesianController(self.model, self.capabilities, options, **more)
+        self.verbs = ArmVerbs.alone(self.model, self.capabilities, options, **more)
         self.q = np.array(self.model.home if start is None else start, dtype=float)
         self.v = np.zeros(len(self.q))
         self.now_s = 10.0
@@ -59,7 +59,7 @@ class World:
         for _ in range(count):
             self.now_s += DT_S
             self.sequence += 1
-            self.command = self.controller.tick(self.state())
+            self.command = self.verbs.controller.tick(self.state())
             self._obey()
             self._watch()
 
@@ -78,7 +78,7 @@ class World:
             self.q = self.q + (np.array(command.velocities) + self.creep_rad_s) * DT_S
         elif isinstance(command, PoseCommand):
             self.pose = command.pose
-            self.q = self.controller.servo.q.copy()
+            self.q = self.verbs.servo.q.copy()
         if isinstance(command, TorqueCommand):
             self.q, self.sag = self.q + self.sag, np.zeros(len(self.q))
             return
@@ -86,7 +86,7 @@ class World:
 
     def _watch(self):
         """Position, speed and acceleration of what is commanded, at every tick."""
-        servo = self.controller.servo
+        servo = self.verbs.servo
         kinematics = servo.kinematics
         driven = isinstance(self.command, (JointCommand, JointVelocityCommand, PoseCommand))
         assert np.all(np.abs(servo.v) <= kinematics.velocity + 1e-9)
@@ -111,13 +111,13 @@ class World:
     def tcp(self):
         """Of the commanded joints: position, rotation matrix."""
         commanded = isinstance(self.command, JointCommand)
-        q = self.controller.servo.q if commanded else self.q
-        placement = self.controller.servo.kinematics.forward(q)
+        q = self.verbs.servo.q if commanded else self.q
+        placement = self.verbs.servo.kinematics.forward(q)
         return placement.translation.copy(), placement.rotation.copy()
 
     def six(self):
         """The commanded pose as six numbers, or the measured one."""
-        return np.array(self.controller.stat().pose)
+        return np.array(self.verbs.stat().pose)
 
     def moved(self, *step):
         """The measured pose, shifted by x y z in m."""
@@ -126,7 +126,7 @@ class World:
     def run(self, motion, limit_s=60.0):
         """Tick until the motion is over."""
         for _ in range(int(limit_s / DT_S)):
-            self.controller.start_pending()
+            self.verbs.start_pending()
             if motion.over:
                 return motion
             self.tick()
@@ -135,7 +135,7 @@ class World:
     def rest(self, limit_s=20.0):
         """Tick until nothing moves."""
         for _ in range(int(limit_s / DT_S)):
-            if self.controller.at_rest:
+            if self.verbs.at_rest:
                 return
             self.tick()
         raise AssertionError("still moving")

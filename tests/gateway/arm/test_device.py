@@ -88,7 +88,10 @@ def test_streams_answer(arm):
     arm.set_parameter("cpsc", "twst")
     assert arm.get_parameter("streamingCommand") == arm.get_parameters()["streamingCommand"]
     assert arm.twist([0.0] * 6, owner="pendant", sequence=1) == ""
-    assert "owns" in arm.twist([0.0] * 6, owner="phone")
+    assert "'pendant' has authority" in arm.twist([0.0] * 6, owner="phone")
+    with pytest.raises(MotionRefusedError, match="'pendant' has authority"):
+        arm.set_parameter("cpsc", "pose")
+    arm.release("pendant")
     arm.set_parameter("cpsc", "pose")
     assert arm.pose(arm.stat().pose) == ""
     assert "pose" in arm.wrench([0.0] * 6)

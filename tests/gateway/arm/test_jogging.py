@@ -16,7 +16,7 @@ pytestmark = pytest.mark.once
 
 def streaming(kind, arm="ur5", **more):
     world = World(arm, **more)
-    world.controller.set_parameter("cpsc", kind)
+    world.verbs.set_parameter("cpsc", kind)
     world.tick()
     return world
 
@@ -25,39 +25,39 @@ def test_relative_steps_add_up_however_they_are_bunched():
     even, bunched = streaming("pose"), streaming("pose")
     begin = even.six()
     for tick in range(500):
-        assert even.controller.jog([0.0, 0.0002, -0.0002, 0.0, 0.0, 0.0004]) == ""
+        assert even.verbs.jog([0.0, 0.0002, -0.0002, 0.0, 0.0, 0.0004]) == ""
         if tick % 25 == 0:
             for _ in range(25):
-                assert bunched.controller.jog([0.0, 0.0002, -0.0002, 0.0, 0.0, 0.0004]) == ""
+                assert bunched.verbs.jog([0.0, 0.0002, -0.0002, 0.0, 0.0, 0.0004]) == ""
         else:
-            bunched.controller.jog([0.0] * 6)
+            bunched.verbs.jog([0.0] * 6)
         even.tick()
         bunched.tick()
     for world in (even, bunched):
         for _ in range(200):
-            world.controller.jog([0.0] * 6)
+            world.verbs.jog([0.0] * 6)
             world.tick()
         assert world.six()[:3] - begin[:3] == pytest.approx((0.0, 0.1, -0.1), abs=1e-4)
-        assert not world.controller.servo.moving
+        assert not world.verbs.servo.moving
 
 
 def test_relative_steps_are_along_the_tcp_in_its_frame():
     world = World()
-    world.controller.set_parameters({"cpf": "cpft", "cpsc": "pose"})
+    world.verbs.set_parameters({"cpf": "cpft", "cpsc": "pose"})
     world.tick()
     position, rotation = world.tcp
     for _ in range(200):
-        world.controller.jog([0.0, 0.0, 0.0002, 0.0, 0.0, 0.0])
+        world.verbs.jog([0.0, 0.0, 0.0002, 0.0, 0.0, 0.0])
         world.tick()
     for _ in range(200):
-        world.controller.jog([0.0] * 6)
+        world.verbs.jog([0.0] * 6)
         world.tick()
     assert world.tcp[0] - position == pytest.approx(rotation @ (0.0, 0.0, 0.04), abs=1e-4)
 
 
 def test_a_sum_that_runs_away_is_refused():
     world = streaming("pose")
-    answers = [world.controller.jog([0.0, 0.01, 0.0, 0.0, 0.0, 0.0]) for _ in range(40)]
+    answers = [world.verbs.jog([0.0, 0.01, 0.0, 0.0, 0.0, 0.0]) for _ in range(40)]
     assert answers[0] == ""
     assert "a step of 0.2" in answers[-1]
     world.tick(200)
@@ -66,9 +66,9 @@ def test_a_sum_that_runs_away_is_refused():
 @pytest.mark.parametrize("wrong", [[0.0] * 5, [math.nan] + [0.0] * 5, [math.inf] * 6])
 def test_a_wrong_step_changes_nothing(wrong):
     world = streaming("pose")
-    assert world.controller.jog(wrong) != ""
+    assert world.verbs.jog(wrong) != ""
     world.tick(50)
-    assert not world.controller.servo.moving
+    assert not world.verbs.servo.moving
 
 
 def test_damping_is_a_time_constant_and_not_a_share_of_a_message():
@@ -79,13 +79,13 @@ def test_damping_is_a_time_constant_and_not_a_share_of_a_message():
     left = {}
     for every in (1, 12):  # messages at 250 and at 21 per second
         world = World(options=options)
-        world.controller.set_parameters({"cpda": 0.5, "cpsc": "pose"})
+        world.verbs.set_parameters({"cpda": 0.5, "cpsc": "pose"})
         world.tick()
         target = world.moved(0.0, 0.05, 0.0)
         away = []
         for tick in range(200):
             if tick % every == 0:
-                assert world.controller.pose(target) == ""
+                assert world.verbs.pose(target) == ""
             world.tick()
             away.append(target[1] - world.six()[1])
         first, second = away[50], away[75]  # 0.1 s apart
@@ -109,10 +109,10 @@ def test_the_continuous_wrist_of_a_pr2_is_turned_by_poses_without_a_refusal():
         if tick % 5 == 0:
             turn = from_rotation_vector(Vector3(rate * tick * DT_S, 0.0, 0.0))
             target = Pose(Vector3(*begin[:3]), multiply(start, turn))
-            refused += world.controller.pose(target) != ""
+            refused += world.verbs.pose(target) != ""
         world.tick()
     assert refused == 0
-    turned = world.controller.servo.q[6] - world.model.home[6]
+    turned = world.verbs.servo.q[6] - world.model.home[6]
     assert turned == pytest.approx(10.0 * 2.0 * math.pi, abs=2.0)  # it counts its turns
 
 
@@ -127,10 +127,10 @@ def test_through_half_a_turn_the_way_goes_on():
         vector = to_rotation_vector(turn)
         signs.add(vector.x > 0.0)
         for _ in range(15):
-            assert world.controller.pose([*begin[:3], *vector]) == ""
-            before = world.controller.servo.q.copy()
+            assert world.verbs.pose([*begin[:3], *vector]) == ""
+            before = world.verbs.servo.q.copy()
             world.tick()
-            assert np.abs(world.controller.servo.q - before).max() < 0.02
+            assert np.abs(world.verbs.servo.q - before).max() < 0.02
     assert len(signs) == 2
 
 
@@ -141,12 +141,12 @@ def test_streams_slide_along_a_wall_and_never_jump_through_it():
         "pose", "ur5", obstacles=(wall,), options=ControllerOptions(stream_step_m=0.5)
     )
     beyond = world.moved(0.2, 0.08, 0.0)
-    collision = world.controller.servo.collision
+    collision = world.verbs.servo.collision
     nearest = math.inf
     for _ in range(1500):
-        world.controller.pose(beyond)
+        world.verbs.pose(beyond)
         world.tick()
-        distances = collision.at(world.controller.servo.q)
+        distances = collision.at(world.verbs.servo.q)
         nearest = min(
             nearest, *(d for d, p in zip(distances, collision.pairs, strict=True) if "wall" in p)
         )
@@ -155,7 +155,7 @@ def test_streams_slide_along_a_wall_and_never_jump_through_it():
     assert beyond[1] - world.six()[1] == pytest.approx(0.0, abs=2e-3)  # slid as far as asked
     begin = world.six()
     for _ in range(250):
-        world.controller.pose([*(begin[:3] - (0.05, 0.0, 0.0)), *begin[3:]])
+        world.verbs.pose([*(begin[:3] - (0.05, 0.0, 0.0)), *begin[3:]])
         world.tick()
     assert begin[0] - world.six()[0] == pytest.approx(0.05, abs=2e-3)
 
@@ -163,20 +163,20 @@ def test_streams_slide_along_a_wall_and_never_jump_through_it():
 def lag_m(options, speed=0.1, every=12):
     """How far behind a steadily moving hand the TCP is, poses coming 21 times a second."""
     world = World(options=options)
-    world.controller.set_parameter("cpsc", "pose")
+    world.verbs.set_parameter("cpsc", "pose")
     world.tick()
     begin, behind = world.six(), []
     for tick in range(600):
         hand = begin[1] + speed * tick * DT_S
         if tick % every == 0:
-            assert world.controller.pose([begin[0], hand, *begin[2:]]) == ""
+            assert world.verbs.pose([begin[0], hand, *begin[2:]]) == ""
         world.tick()
         behind.append(hand - world.six()[1])
     for _ in range(250):
-        world.controller.pose([begin[0], hand, *begin[2:]])
+        world.verbs.pose([begin[0], hand, *begin[2:]])
         world.tick()
     assert world.six()[1] == pytest.approx(hand, abs=1e-4)
-    assert not world.controller.servo.moving
+    assert not world.verbs.servo.moving
     return float(np.mean(behind[300:]))
 
 
@@ -192,15 +192,15 @@ def test_a_resting_pose_stream_may_be_silent():
     world = streaming("pose")
     target = world.moved(0.0, 0.03, 0.0)
     for _ in range(400):
-        world.controller.pose(target)
+        world.verbs.pose(target)
         world.tick()
     world.tick(300)
-    assert world.controller.pose(target) == ""
+    assert world.verbs.pose(target) == ""
 
 
 def test_a_senders_clock_that_is_set_back_ends_nothing():
     world = streaming("pose")
     for stamp_s in (5000.0, 5000.02, 1400.0, 1400.02):
-        assert world.controller.pose(world.moved(0.0, 0.0005, 0.0), stamp_s=stamp_s) == ""
+        assert world.verbs.pose(world.moved(0.0, 0.0005, 0.0), stamp_s=stamp_s) == ""
         world.tick(5)
-    assert "sent at 1400.010000 s" in world.controller.pose(world.six(), stamp_s=1400.01)
+    assert "sent at 1400.010000 s" in world.verbs.pose(world.six(), stamp_s=1400.01)

@@ -96,7 +96,7 @@ def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
                 before = None
         for _ in range(ticks):
             rig.run()
-            world = rig.engine.hand_map()
+            world = rig.core.hand_map()
             if world is None:
                 glide.release()
                 before = None
@@ -119,14 +119,14 @@ def test_after_a_recapture_the_glide_ends_at_the_true_map():
         if k == 30:
             rig.press("button_1")
         rig.run()
-        rendered = glide.follow(rig.engine.hand_map(), rig.device.pose.position, rig.now_s)
+        rendered = glide.follow(rig.core.hand_map(), rig.device.pose.position, rig.now_s)
         if k == 30:
-            leap = subtract(rendered.offset, rig.engine.hand_map().offset)
+            leap = subtract(rendered.offset, rig.core.hand_map().offset)
             assert norm(leap) > 0.02
     # what the hand moved on since, the TCP has slipped
-    assert rig.engine.following
+    assert rig.core.following
     while glide.left != ZERO3:
         rig.run()
-        rendered = glide.follow(rig.engine.hand_map(), rig.device.pose.position, rig.now_s)
+        rendered = glide.follow(rig.core.hand_map(), rig.device.pose.position, rig.now_s)
         assert rig.now_s < 130.0
-    assert rendered == rig.engine.hand_map()
+    assert rendered == rig.core.hand_map()

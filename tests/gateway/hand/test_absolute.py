@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cardan.gateway.arm.engine import Phase
+from cardan.gateway.arm.status import Phase
 from cardan.gateway.hand.mapping import Mode, Orientation
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import add, from_euler_zyx, multiply, norm, rotate, rotation_between, subtract
@@ -28,7 +28,7 @@ def absolute(**options):
 def test_nothing_moves_before_the_clutch():
     rig = absolute().send_hand(displaced(x=0.1)).run(1.0)
     assert rig.moved == (0, 0, 0)
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
 
 
 @settings(max_examples=15, deadline=None)
@@ -84,7 +84,7 @@ def test_taking_the_hand_up_elsewhere_goes_there_and_letting_go_brakes():
     rig.tap("button_2").run(0.5)
     assert 0.01 < rig.tcp.position.y - where.position.y < 0.03
     rig.press("button_2").run(0.2)
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
     assert rig.tcp.position.y - where.position.y < 0.03
 
 
@@ -93,7 +93,7 @@ def test_a_hand_outside_the_workspace_is_met_at_its_edge():
     rig = absolute(limits=limits, orientation=Orientation.FIXED)
     rig.send_hand(displaced(x=0.2, y=0.05, z=0.5)).run(0.5).tap("button_2").run(15.0)
     assert rig.message == "the hand is outside the workspace: the TCP stays at its edge"
-    assert rig.engine.reference.at_workspace_limit
+    assert rig.core.reference.at_workspace_limit
     expected = (0.5, rig.mapped_hand.y, 0.6)
     assert close(rig.tcp.position, expected, 1e-4)
     assert rig.tcp.position.x <= 0.5 + 1e-9
@@ -127,14 +127,14 @@ def test_a_relative_orientation_beside_an_absolute_place():
 
 def test_a_lost_hand_brakes_and_a_leap_is_not_followed():
     rig = absolute().tap("button_2").run(6.0).put_hand(displaced(x=0.3)).run(0.5)
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
     assert "leapt" in rig.message
     rig.tap("button_2").run(0.3)
-    assert rig.engine.following
+    assert rig.core.following
     rig.device = rig.device._replace(link=DeviceLink.LOST)
     rig.run(0.5)
-    assert rig.engine.at_rest
-    assert not rig.engine.following
+    assert rig.core.at_rest
+    assert not rig.core.following
 
 
 @settings(max_examples=50, deadline=None)

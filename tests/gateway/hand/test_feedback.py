@@ -2,7 +2,8 @@
 
 import pytest
 
-from cardan.gateway.arm.engine import EngineStatus, Phase
+from cardan.gateway.arm.authority import AuthorityState
+from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.hand.feedback import (
     FEEDBACK_PERIOD_S,
     LIMIT_LEVEL,
@@ -10,7 +11,9 @@ from cardan.gateway.hand.feedback import (
     FeedbackOptions,
     HandFeedback,
 )
+from cardan.gateway.session.session import felt_of
 from cardan.types import (
+    NEVER_S,
     ZERO3,
     ZERO_TWIST,
     DeviceFeedback,
@@ -23,7 +26,8 @@ from cardan.types import (
 
 BOTH = {"led", "rumble"}
 ROBOT = RobotState(0.0, RobotLink.LIVE, 1, 0, 0.004, (), (), None, "")
-REST = EngineStatus(Phase.HOLDING, "", ZERO_TWIST, ZERO_TWIST, None, 0.0, False, False, 0)
+NOBODY = AuthorityState("", NEVER_S, "")
+REST = ArmStatus(Phase.HOLDING, "", ZERO_TWIST, ZERO_TWIST, None, 0.0, False, False, 0, NOBODY)
 MOVING = REST._replace(phase=Phase.MOVING, target=Twist(Vector3(0.1, 0.0, 0.0), ZERO3))
 
 
@@ -31,7 +35,7 @@ def played(hand, status, robot=ROBOT, start_s=0.0, seconds=1.0):
     """Everything that is sent while nothing changes."""
     sent, now_s = [], start_s
     while now_s < start_s + seconds:
-        if hand.due(now_s) and (feedback := hand.update(status, robot, now_s)):
+        if hand.due(now_s) and (feedback := hand.update(felt_of(status), robot, now_s)):
             sent.append(feedback)
         now_s += 0.004
     return sent

@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from cardan.gateway.arm.engine import Phase, TeleopEngine, Watchdogs
-from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.hand.mapping import MappingOptions, Mode
+from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import (
     add,
     from_euler_zyx,
@@ -31,6 +32,7 @@ from cardan.types import (
     RobotState,
     Vector3,
 )
+from tests.controllers import controller_for_hand
 
 DT_S = 0.004
 START = Pose(Vector3(0.5, 0.0, 0.4), from_euler_zyx(math.pi, 0.0, 0.3))
@@ -52,7 +54,7 @@ class Rig:
     def __init__(self, limits=None, **options):
         options = MappingOptions(mode=Mode.POSITION, deadman=("clutch",), **options)
         self.limits = limits or ReferenceLimits()
-        self.engine = TeleopEngine(TwistMapping(options), Reference(self.limits), Watchdogs(), ())
+        self.core = controller_for_hand(options, self.limits, Watchdogs(), ())
         self.now_s = 100.0
         self.robot = RobotState(self.now_s, RobotLink.LIVE, 1, 0, DT_S, (0.0,) * 6, (), START, "")
         self.device = DeviceState(self.now_s, DeviceLink.LIVE, NEUTRAL, frozenset(), HAND)
@@ -96,12 +98,12 @@ class Rig:
                 self.move_hand()
                 self.device = self.device._replace(stamp_s=self.now_s)
             before = self.tcp.position
-            linear = self.engine.reference.linear
-            command = self.engine.tick(self.robot, self.device)
+            linear = self.core.reference.linear
+            command = self.core.tick(self.robot, self.device)
             self.robot = self.robot._replace(pose=command.pose)
             speed = norm(subtract(self.tcp.position, before)) / DT_S
             assert speed <= self.limits.linear_speed_m_s * (1 + 1e-9)
-            change = norm(subtract(self.engine.reference.linear, linear))
+            change = norm(subtract(self.core.reference.linear, linear))
             assert change <= self.limits.linear_acceleration_m_s2 * DT_S * (1 + 1e-9)
             self.fastest = max(self.fastest, speed)
         return self
@@ -125,7 +127,7 @@ def close(a, b, tolerance=1e-6):
 def test_pressing_the_clutch_moves_nothing():
     rig = Rig().engage()
     assert rig.moved == (0, 0, 0)
-    assert rig.engine.phase is Phase.HOLDING
+    assert rig.core.phase is Phase.HOLDING
 
 
 def test_the_tcp_moves_as_the_hand_did():
@@ -187,7 +189,7 @@ def test_letting_go_brakes_at_once():
     rig.hand(displaced(x=0.14)).run(0.3)
     speed = rig.fastest
     rig.hand(displaced(x=0.14), clutch=False).run(speed / 1.0 + 2 * DT_S)
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
     x = rig.moved.x
     assert 0.0 < x < 0.13
     rig.run(0.5)
@@ -200,9 +202,9 @@ def test_a_hand_too_far_ahead_slips():
     while rig.device.pose.position.y < HAND.position.y + 0.5 - 1e-9:
         rig.run()
     when_the_hand_stopped = rig.moved.y
-    assert "slips" in rig.engine.status().message
+    assert "slips" in rig.core.status().message
     rig.run(3.0)
-    assert rig.engine.status().message == ""
+    assert rig.core.status().message == ""
     assert rig.moved.y == pytest.approx(when_the_hand_stopped + 0.1, abs=2e-3)
     assert 0.2 <= rig.turned.z < 0.4
     before = rig.moved
@@ -234,14 +236,14 @@ def test_a_hand_that_is_lost_takes_itself_off_the_robot(change):
     rig.hand_goal = good.pose
     rig.device = good
     rig.run(0.4)
-    assert rig.engine.at_rest
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.at_rest
+    assert rig.core.phase is Phase.DISARMED
     where = rig.moved  # The same grip, as if nothing had been, does not count.
     rig.run(0.5)
     assert rig.moved == where
     rig.hand(clutch=False).run().hand(displaced(x=0.3)).run(0.5)
     assert close(rig.moved, where)  # A new one does, from here.
-    assert rig.engine.phase is Phase.HOLDING
+    assert rig.core.phase is Phase.HOLDING
 
 
 def test_a_clutch_held_in_silence_does_not_count():
@@ -249,8 +251,8 @@ def test_a_clutch_held_in_silence_does_not_count():
     rig.hand(displaced(x=0.1)).run(0.1)
     rig.fresh = False
     rig.run(0.5)
-    assert rig.engine.at_rest
-    assert "silent" in rig.engine.status().message
+    assert rig.core.at_rest
+    assert "silent" in rig.core.status().message
 
 
 @pytest.mark.parametrize("frame", list(Frame))
@@ -263,7 +265,7 @@ def test_a_slip_moves_neither_axes_nor_anything_later(frame):
     assert close(rig.moved, before, 1e-6)
     turned = rig.turned
     rig.run(10.0)
-    assert rig.engine.phase is Phase.HOLDING
+    assert rig.core.phase is Phase.HOLDING
     assert close(rig.turned, turned, 1e-6)
 
 
@@ -286,7 +288,7 @@ def test_a_clutch_tapped_between_two_ticks_is_a_new_grip():
     rig.hand_goal = device.pose
     tap = [ButtonEvent(rig.now_s, "clutch", False), ButtonEvent(rig.now_s, "clutch", True)]
     robot = rig.robot._replace(stamp_s=rig.now_s + DT_S)
-    rig.engine.tick(robot, device, tap)
+    rig.core.tick(robot, device, tap)
     rig.device = device
     rig.run(1.0)
     assert rig.moved == (0, 0, 0)
@@ -306,4 +308,4 @@ def test_a_time_to_come_is_not_believed():
     rig.device = rig.device._replace(stamp_s=rig.now_s + 1000.0, pose=displaced(x=0.2))
     rig.run(0.5)
     assert norm(rig.moved) == 0.0
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED

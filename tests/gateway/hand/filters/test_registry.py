@@ -18,7 +18,9 @@ def test_ours_are_complete(name):
 
 def test_filters_of_other_packages_are_found_by_their_entry_point(monkeypatch):
     points = [
-        EntryPoint("theirs", "tests.gateway.arm.test_engine:Rule", registry.ENTRY_POINT_GROUP),
+        EntryPoint(
+            "theirs", "tests.gateway.arm.test_controller_hand:Rule", registry.ENTRY_POINT_GROUP
+        ),
         EntryPoint("wrong", "cardan.types:Twist", registry.ENTRY_POINT_GROUP),
     ]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)

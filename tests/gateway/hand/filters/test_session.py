@@ -39,7 +39,7 @@ def test_without_its_sensor_nothing_moves_and_everyone_is_told(port):
     assert last.path_m == 0.0
     assert last.filters == ["no proximity reading yet: stopped"]
     assert any("nothing was heard" in line for line in last.diagnosis)
-    assert not made.engine.filters[0].listener.is_open
+    assert not made.controller.hand.filters[0].listener.is_open
     again = Snapshot.from_bytes(last.to_bytes())
     assert again.filters == last.filters
     assert "no proximity reading yet: stopped" in plain(again)
@@ -61,7 +61,7 @@ def test_datagrams_decide_how_fast_it_moves(port, level, share):
 
         made.robot.send = sense_and_send
         made.run()
-    assert made.engine.reference.linear.x == pytest.approx(0.1 * share)
+    assert made.controller.reference.linear.x == pytest.approx(0.1 * share)
 
 
 @pytest.mark.usefixtures("fake_drivers")

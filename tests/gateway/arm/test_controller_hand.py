@@ -4,10 +4,12 @@ import math
 
 import pytest
 
-from cardan.gateway.arm.engine import Phase, TeleopEngine, Watchdogs
+from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.supervision import LONGEST_STEP_PERIODS, TRUST_AFTER_S, Watchdogs
 from cardan.gateway.hand.filters import TwistFilter
-from cardan.gateway.hand.mapping import GripperAction, MappingOptions, TwistMapping
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.hand.mapping import GripperAction, MappingOptions
+from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY,
@@ -24,6 +26,7 @@ from cardan.types import (
     Twist,
     Vector3,
 )
+from tests.controllers import controller_for_hand
 
 DT_S = 0.004
 START = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
@@ -34,14 +37,15 @@ REST = (0.0,) * 6
 class Rig:
     """An engine, a device set by hand and an ideal robot that is where it is told."""
 
-    def __init__(self, deadman=("left",), gripper=(), limits=None, filters=()):
-        self.engine = TeleopEngine(
-            TwistMapping(MappingOptions(deadman=deadman, gripper=gripper)),
-            Reference(limits or ReferenceLimits()),
-            Watchdogs(),
+    def __init__(self, deadman=("left",), gripper=(), limits=None, filters=(), watchdogs=None):
+        self.core = controller_for_hand(
+            MappingOptions(deadman=deadman, gripper=gripper),
+            limits or ReferenceLimits(),
+            watchdogs,
             filters,
         )
         self.now_s = 100.0
+        self.session = None
         self.robot = RobotState(
             stamp_s=self.now_s,
             link=RobotLink.LIVE,
@@ -71,11 +75,11 @@ class Rig:
             )
             if self.fresh:
                 self.device = self.device._replace(stamp_s=self.now_s)
-            before = self.engine.reference.linear
-            session = self.engine._session
-            self.command = self.engine.tick(self.robot, self.device, events)
+            before = self.status.twist.linear
+            session, self.session = self.session, self.robot.session
+            self.command = self.core.tick(self.robot, self.device, events)
             events = ()
-            after = self.engine.reference.linear
+            after = self.status.twist.linear
             self.speeds.append(norm(after))
             if isinstance(self.command, PoseCommand):
                 # a new session starts at rest: there is no speed to take over
@@ -95,19 +99,19 @@ class Rig:
         self.arm()
         self.hand(FORWARD, "left")
         self.run(seconds)
-        assert self.engine.phase is Phase.MOVING
+        assert self.core.phase is Phase.MOVING
         return self
 
     @property
     def status(self):
-        return self.engine.status()
+        return self.core.status()
 
     def braked_within(self, speed, acceleration=1.0):
         """Runs until rest and checks that the ramp was neither a jump nor longer than needed."""
         first = self.speeds[-1]
         assert first > 0
         self.run(speed / acceleration + 2 * DT_S)
-        assert self.engine.at_rest
+        assert self.core.at_rest
         return self
 
 
@@ -120,36 +124,36 @@ def test_moves_only_while_the_deadman_is_held():
     rig = Rig().arm()
     rig.hand(FORWARD)
     rig.run(0.2)
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
     rig.hand(FORWARD, "left")
     rig.run(0.5)
-    assert rig.engine.phase is Phase.MOVING
-    assert rig.engine.reference.linear == pytest.approx((0.1, 0, 0))
+    assert rig.core.phase is Phase.MOVING
+    assert rig.core.reference.linear == pytest.approx((0.1, 0, 0))
     rig.hand(FORWARD)
     rig.run()
-    assert rig.engine.phase is Phase.BRAKING
+    assert rig.core.phase is Phase.BRAKING
     rig.braked_within(0.1)
-    assert rig.engine.phase is Phase.HOLDING
+    assert rig.core.phase is Phase.HOLDING
 
 
 def test_regripping_needs_no_ceremony_and_makes_no_step():
     rig = Rig().drive()
     rig.hand(FORWARD)
     rig.run(0.5)
-    where = rig.engine.reference.pose
+    where = rig.core.reference.pose
     rig.hand(FORWARD, "left")
     rig.run()
-    assert norm(subtract(rig.engine.reference.pose.position, where.position)) < 1e-4
+    assert norm(subtract(rig.core.reference.pose.position, where.position)) < 1e-4
     rig.run(0.3)
-    assert rig.engine.phase is Phase.MOVING
+    assert rig.core.phase is Phase.MOVING
 
 
 def test_a_deadman_held_from_the_start_does_not_count():
     rig = Rig()
     rig.hand(FORWARD, "left")
     rig.run(0.5)
-    assert rig.engine.phase is Phase.DISARMED
-    assert rig.engine.at_rest
+    assert rig.core.phase is Phase.DISARMED
+    assert rig.core.at_rest
     assert "let go" in rig.status.message
 
 
@@ -159,19 +163,19 @@ def test_a_deadman_released_while_deflected_does_not_arm():
     rig.run(0.1)
     rig.hand(FORWARD, "left")
     rig.run(0.1)
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
 
 
 def test_without_a_deadman_the_device_must_have_been_at_rest():
     rig = Rig(deadman=())
     rig.hand(FORWARD)
     rig.run(0.2)
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
     rig.hand(REST)
     rig.run()
     rig.hand(FORWARD)
     rig.run(0.2)
-    assert rig.engine.phase is Phase.MOVING
+    assert rig.core.phase is Phase.MOVING
 
 
 @pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.CLOSED])
@@ -179,20 +183,20 @@ def test_a_lost_device_brakes_and_needs_the_deliberate_act(link):
     rig = Rig().drive()
     rig.hand(REST, link=link, reason="the SpaceMouse was unplugged")
     rig.run()
-    assert rig.engine.phase is Phase.BRAKING
+    assert rig.core.phase is Phase.BRAKING
     rig.braked_within(0.1)
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
     assert "unplugged" in rig.status.message
     assert rig.status.trips == 1
     # back again, still deflected and with the button held: not enough
     rig.hand(FORWARD, "left")
     rig.run(0.2)
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
     rig.hand()
     rig.run()
     rig.hand(FORWARD, "left")
     rig.run(0.2)
-    assert rig.engine.phase is Phase.MOVING
+    assert rig.core.phase is Phase.MOVING
     assert rig.status.message == ""
 
 
@@ -200,9 +204,9 @@ def test_silence_while_deflected_trips_even_if_the_driver_does_not_say_so():
     rig = Rig().drive()
     rig.fresh = False
     rig.run(0.096)
-    assert rig.engine.phase is Phase.MOVING
+    assert rig.core.phase is Phase.MOVING
     rig.run(0.008)
-    assert rig.engine.phase is Phase.BRAKING
+    assert rig.core.phase is Phase.BRAKING
     assert "silent" in rig.status.message
 
 
@@ -210,7 +214,7 @@ def test_silence_at_rest_is_no_fault():
     rig = Rig().arm()
     rig.fresh = False
     rig.run(5.0)
-    assert rig.engine.phase is Phase.HOLDING
+    assert rig.core.phase is Phase.HOLDING
     assert rig.status.trips == 0
 
 
@@ -219,25 +223,31 @@ def test_values_that_are_not_numbers_never_reach_the_reference(bad):
     rig = Rig().drive()
     rig.hand((bad, 0, 0, 0, 0, 0), "left")
     rig.run().braked_within(0.1)
-    assert rig.engine.phase is Phase.DISARMED
-    assert all(map(math.isfinite, rig.engine.reference.pose.position))
+    assert rig.core.phase is Phase.DISARMED
+    assert all(map(math.isfinite, rig.core.reference.pose.position))
     rig.hand((bad, 0, 0, 0, 0, 0))
     rig.run()
     rig.hand(FORWARD, "left")
     rig.run()
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
 
 
-def test_a_robot_that_stops_acting_is_followed_not_dragged():
+def test_a_robot_that_stops_acting_is_braked_and_then_followed_not_dragged():
     rig = Rig().drive()
     moved = Pose(Vector3(0.4, 0.1, 0.7), IDENTITY)
     rig.run(hold_reason="motors are off", pose=moved)
+    # As long as it is heard it may still obey: the command ramps down, it does not break off.
+    assert isinstance(rig.command, PoseCommand)
+    assert rig.core.phase is Phase.BRAKING
+    assert rig.status.message == "motors are off"
+    for _ in range(50):
+        rig.run(hold_reason="motors are off", pose=moved)
     assert rig.command == HoldCommand()
-    assert rig.engine.phase is Phase.NO_ROBOT
+    assert rig.core.phase is Phase.NO_ROBOT
     assert rig.status.message == "motors are off"
     rig.run(hold_reason="", pose=moved)
     assert rig.command.pose == moved
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
     rig.run(0.2)
     assert rig.command.pose == moved
 
@@ -247,7 +257,7 @@ def test_a_silent_robot_disarms():
     rig.run(link=RobotLink.LOST, hold_reason="no datagram for 0.1 s")
     assert rig.command == HoldCommand()
     rig.run(0.1, link=RobotLink.LIVE, hold_reason="")
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
     assert "silent" in rig.status.message
 
 
@@ -256,18 +266,18 @@ def test_a_restarted_controller_voids_the_reference():
     elsewhere = Pose(Vector3(0.3, 0.3, 0.6), IDENTITY)
     rig.run(session=2, pose=elsewhere)
     assert rig.command == PoseCommand(elsewhere, ZERO_TWIST)
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
     assert "new session" in rig.status.message
 
 
 def test_a_late_tick_does_not_make_the_reference_leap():
     rig = Rig().drive()
-    before = rig.engine.reference.pose.position
+    before = rig.core.reference.pose.position
     rig.now_s += 0.06
     rig.run(period_s=0.06)
-    moved = norm(subtract(rig.engine.reference.pose.position, before))
-    assert moved <= 0.1 * Watchdogs().longest_step_s + 1e-9
-    assert rig.engine.phase is Phase.MOVING
+    moved = norm(subtract(rig.core.reference.pose.position, before))
+    assert moved <= 0.1 * LONGEST_STEP_PERIODS * DT_S + 1e-9
+    assert rig.core.phase is Phase.MOVING
 
 
 def test_after_a_stall_the_reference_is_where_the_robot_is():
@@ -276,8 +286,8 @@ def test_after_a_stall_the_reference_is_where_the_robot_is():
     rig.now_s += 0.6
     state = rig.robot._replace(stamp_s=rig.now_s, pose=elsewhere, period_s=0.6)
     device = rig.device._replace(stamp_s=rig.now_s)
-    assert rig.engine.tick(state, device) == PoseCommand(elsewhere, ZERO_TWIST)
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.tick(state, device) == PoseCommand(elsewhere, ZERO_TWIST)
+    assert rig.core.phase is Phase.DISARMED
     assert "stalled for 0.6 s" in rig.status.message
 
 
@@ -285,13 +295,13 @@ def test_gripper_needs_the_dead_man():
     rig = Rig(gripper=(("right", GripperAction.TOGGLE),)).arm()
     rig.hand()
     rig.run(events=[ButtonEvent(0.0, "right", True)])
-    assert rig.engine.phase is Phase.HOLDING
+    assert rig.core.phase is Phase.HOLDING
     assert not rig.status.gripper_closed
 
 
 def test_gravity_sag_does_not_creep_into_the_reference():
     rig = Rig().arm()
-    where = rig.engine.reference.pose
+    where = rig.core.reference.pose
     for _ in range(100):
         # the robot hangs 2 mm below what it is told, and the operator grips again and again
         sagged = Pose(subtract(where.position, Vector3(0, 0, 0.002)), IDENTITY)
@@ -299,21 +309,127 @@ def test_gravity_sag_does_not_creep_into_the_reference():
         rig.run(pose=sagged)
         rig.hand(REST, "left")
         rig.run(pose=sagged)
-    assert rig.engine.reference.pose == where
+    assert rig.core.reference.pose == where
+
+
+def pushed_away(rig, way_m=0.2):
+    """Somebody pushes the arm sideways at 1 m/s; returns where it stays."""
+    here = rig.robot.pose
+    for step in range(1, round(way_m / DT_S) + 1):
+        away = Pose(subtract(here.position, Vector3(0.0, step * DT_S, 0.0)), IDENTITY)
+        rig.run(pose=away)
+    return away
+
+
+def stays(rig, seconds, pose):
+    """The robot is held at `pose`; returns the fastest that was commanded meanwhile, m/s."""
+    fastest = 0.0
+    for _ in range(round(seconds / DT_S)):
+        rig.run(pose=pose)
+        fastest = max(fastest, rig.speeds[-1])
+    return fastest
 
 
 def test_a_robot_held_by_something_else_gets_its_reference_back_gently():
     rig = Rig().drive()
-    away = Pose(Vector3(0.5, -0.2, 0.8), IDENTITY)
-    rig.run(pose=away)
-    assert rig.engine.phase is Phase.BRAKING
+    away = pushed_away(rig, 0.12)
     assert "something else holds it" in rig.status.message
-    for _ in range(1000):
+    stays(rig, 0.1, away)
+    assert rig.core.phase is Phase.RECOVERING
+    before = rig.core.body.pose.position
+    assert stays(rig, 4.0, away) <= 0.05 * (1 + 1e-9)
+    went = norm(subtract(rig.core.body.pose.position, before))
+    assert went <= ReferenceLimits().leash_m
+    assert rig.core.phase is Phase.DISARMED
+    assert rig.status.trips == 1
+
+
+def test_no_recovery_goes_farther_than_the_leash_without_a_deliberate_act():
+    rig = Rig().drive()
+    away = pushed_away(rig)
+    leash_m = ReferenceLimits().leash_m
+    stays(rig, 5.0, away)
+    assert rig.core.phase is Phase.DISARMED
+    assert "does not come together" in rig.status.message
+    start = rig.core.body.pose.position
+    assert stays(rig, 5.0, away) == 0.0  # Not by itself, however long it takes.
+    for _ in range(4):
+        rig.hand()
         rig.run(pose=away)
-    error = norm(subtract(rig.engine.reference.pose.position, away.position))
-    assert error <= 0.5 * ReferenceLimits().leash_m
-    assert rig.engine.phase is Phase.DISARMED
-    assert max(rig.speeds) <= ReferenceLimits().linear_speed_m_s * (1 + 1e-9)
+        rig.hand(REST, "left")
+        before = rig.core.body.pose.position
+        assert stays(rig, 5.0, away) <= 0.05 * (1 + 1e-9)
+        assert norm(subtract(rig.core.body.pose.position, before)) <= 1.1 * leash_m
+    assert norm(subtract(rig.core.body.pose.position, start)) > 2.0 * leash_m
+    assert norm(subtract(rig.core.body.pose.position, away.position)) < 0.2 * leash_m
+    rig.hand()
+    rig.run(pose=away)
+    rig.hand(REST, "left")
+    rig.run(pose=away)
+    assert rig.core.phase is Phase.HOLDING
+
+
+def test_any_button_ends_a_recovery():
+    rig = Rig().drive()
+    away = pushed_away(rig, 0.12)
+    stays(rig, 0.1, away)
+    assert rig.core.phase is Phase.RECOVERING
+    rig.run(events=[ButtonEvent(rig.now_s, "right", True)], pose=away)
+    stays(rig, 0.1, away)
+    assert rig.core.phase is Phase.DISARMED
+    assert "ended by a button" in rig.status.message
+    assert stays(rig, 1.0, away) == 0.0
+
+
+def test_a_stop_ends_a_recovery():
+    rig = Rig().drive()
+    away = pushed_away(rig, 0.12)
+    stays(rig, 0.1, away)
+    rig.core.request_stop("stopped")
+    stays(rig, 0.1, away)
+    assert stays(rig, 1.0, away) == 0.0
+
+
+def test_a_recovery_can_be_switched_off():
+    rig = Rig(watchdogs=Watchdogs(recovery=False)).drive()
+    away = pushed_away(rig, 0.12)
+    stays(rig, 0.2, away)
+    assert stays(rig, 1.0, away) == 0.0
+    assert "recovery is switched off" in rig.status.message
+
+
+@pytest.mark.parametrize("leap_m", [0.2, 1e9])
+@pytest.mark.parametrize("driven", [False, True])
+def test_a_pose_that_leaps_is_not_believed_and_moves_nothing(leap_m, driven):
+    rig = Rig().arm()
+    if driven:
+        rig.hand(FORWARD, "left")
+        rig.run(0.5)
+    else:
+        rig.hand()
+        rig.run(0.1)
+    here = rig.robot.pose
+    there = Pose(subtract(here.position, Vector3(0.0, leap_m, 0.0)), IDENTITY)
+    trips = rig.status.trips
+    stays(rig, 0.15, there)
+    rested = rig.core.body.pose
+    assert norm(subtract(rested.position, here.position)) < 0.006  # A braking way, if any.
+    assert stays(rig, 5.0, there) == 0.0
+    assert rig.core.body.pose == rested
+    assert rig.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
+    assert ("leapt by" if leap_m < 1.0 else "farther than any") in rig.status.message
+    assert rig.status.trips == trips + 1
+    # Held through it, the dead-man is no deliberate act; and the reading comes back.
+    stays(rig, TRUST_AFTER_S + 0.1, rested)
+    rig.hand()
+    rig.run(pose=rested)
+    rig.hand(REST, "left")
+    rig.run(pose=rested)
+    rig.hand()
+    rig.run(pose=rested)
+    rig.hand(REST, "left")
+    rig.run(pose=rested)
+    assert rig.core.phase is Phase.HOLDING
 
 
 def test_an_arm_that_lags_stops_when_the_hand_lets_go():
@@ -325,20 +441,20 @@ def test_an_arm_that_lags_stops_when_the_hand_lets_go():
     rig.hand(FORWARD)
     for _ in range(300):
         rig.run(pose=stuck)
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
     assert rig.status.leash_used < 0.15
     assert rig.status.trips == 0
 
 
 def test_stopping_brakes_and_stays():
     rig = Rig().drive()
-    rig.engine.request_stop("stopped by SIGTERM")
+    rig.core.request_stop("stopped by SIGTERM")
     rig.run().braked_within(0.1)
     rig.hand()
     rig.run()
     rig.hand(FORWARD, "left")
     rig.run(0.2)
-    assert rig.engine.at_rest
+    assert rig.core.at_rest
     assert rig.status.message == "stopped by SIGTERM"
 
 
@@ -398,7 +514,7 @@ def halved(twist):
 def test_filters_are_applied_in_their_order_and_shown():
     first, second = Rule(sideways), Rule(halved)
     rig = Rig(filters=(first, second)).drive()
-    assert rig.engine.reference.linear == pytest.approx((0, 0.05, 0))
+    assert rig.core.reference.linear == pytest.approx((0, 0.05, 0))
     assert second.given[-1].linear == pytest.approx((0, 0.1, 0))
     assert rig.status.target.linear == pytest.approx((0, 0.05, 0))
     assert rig.status.filters == ()
@@ -423,8 +539,8 @@ def test_a_filter_cannot_start_a_motion():
     rig = Rig(filters=(Rule(faster),))
     rig.run(0.1)
     rig.arm().run(0.5)
-    assert rig.engine.phase is Phase.HOLDING
-    assert rig.engine.at_rest
+    assert rig.core.phase is Phase.HOLDING
+    assert rig.core.at_rest
     assert rig.command.pose == START
 
 
@@ -433,13 +549,13 @@ def test_a_filter_that_stops_brakes_in_a_ramp_and_lets_go_on():
     rig = Rig(filters=(rule,)).drive()
     rule.rule = lambda twist: ZERO_TWIST
     rig.run()
-    assert rig.engine.phase is Phase.BRAKING
+    assert rig.core.phase is Phase.BRAKING
     rig.braked_within(0.1)
-    assert rig.engine.phase is Phase.HOLDING
+    assert rig.core.phase is Phase.HOLDING
     assert rig.status.trips == 0
     rule.rule = lambda twist: twist
     rig.run(0.5)
-    assert rig.engine.phase is Phase.MOVING
+    assert rig.core.phase is Phase.MOVING
 
 
 def raises(_twist):
@@ -460,18 +576,18 @@ def test_a_filter_that_fails_takes_the_hand_off_the_robot(rule, words):
     rig = Rig(filters=(good, bad, last)).drive()
     bad.rule = rule
     rig.run()
-    assert rig.engine.phase is Phase.BRAKING
+    assert rig.core.phase is Phase.BRAKING
     assert last.given[-1] == ZERO_TWIST
     rig.braked_within(0.05)
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
     assert rig.status.message.startswith("the filter mine ")
     assert words in rig.status.message
     rig.arm().run(0.1)
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
     assert rig.status.trips == 1
     bad.rule = lambda t: t
     rig.run(0.1)
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
     rig.drive()
 
 
@@ -483,36 +599,19 @@ def test_without_a_deadman_a_failing_filter_trips_once():
     assert rig.status.trips == 1
     rule.rule = halved
     rig.run()
-    assert rig.engine.phase is Phase.DISARMED
+    assert rig.core.phase is Phase.DISARMED
     rig.run()
-    assert rig.engine.phase is Phase.HOLDING
+    assert rig.core.phase is Phase.HOLDING
 
 
-class Model:
-    """An arm's model that is at START whatever its joints, and moves as the reference does."""
+class Model(FreeBody):
+    """An arm's model that is at START whatever the robot reports."""
 
-    moving = False
-
-    def obstacle(self, robot, new):
+    def obstacle(self, state, new):
         return ""
 
-    def measured(self, robot):
+    def measured(self, state):
         return START
-
-    def place(self, robot):
-        pass
-
-    def worst_joint(self, robot):
-        return "joint 1", 0.0
-
-    def advance(self, reference, dt_s, rates):
-        pass
-
-    def steps(self, dt_s):
-        return [dt_s]
-
-    def command(self, robot, meeting=False):
-        return HoldCommand()
 
 
 def test_filters_see_the_pose_of_the_arms_model_where_there_is_one():
@@ -520,6 +619,6 @@ def test_filters_see_the_pose_of_the_arms_model_where_there_is_one():
     rule = Rule(halved)
     rule.apply = lambda twist, robot: seen.append(robot.pose) or twist
     rig = Rig(filters=(rule,))
-    rig.engine.arm = Model()
+    rig.core.body = Model(ReferenceLimits())
     rig.run(pose=None)
     assert seen == [START]

@@ -1,0 +1,74 @@
+"""The interface of an activity, and how one ends."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+from cardan.gateway.arm.codes import State
+from cardan.gateway.motion.reference import Reference
+from cardan.types import RobotCommand, RobotState
+
+
+class Deceleration(NamedTuple):
+    """Of a braking ramp."""
+
+    linear_m_s2: float
+    angular_rad_s2: float
+    joint_share: float
+    """Of the acceleration of each joint."""
+
+
+class Progress(NamedTuple):
+    """How an activity stands after a tick."""
+
+    over: bool
+    reason: str = ""
+    """Why it did not arrive; empty when it did, or goes on."""
+
+
+GOING = Progress(False)
+ARRIVED = Progress(True)
+
+
+class Activity(ABC):
+    """What moves the commanded arm. Every activity begins at rest and ends at rest."""
+
+    state = State.NOT_CONTROLLING
+    """What the Cartesian interface calls it."""
+    reference: Reference | None = None
+    """The point that the TCP follows; None where joints follow a path."""
+    command: RobotCommand | None = None
+    """What the robot is sent in place of the body's command."""
+    fault = ""
+    """Why it must not go on, in words; empty while it may."""
+    heard_s = math.inf
+    """When whoever streams was heard last; infinite where nobody has to be heard."""
+    silence_s = math.inf
+    """For how long silence may let it go on."""
+    in_one_step = False
+    """Whether a long period must not be divided for it."""
+    outlives_silence = False
+    """Whether silence only takes away what is driven, and the activity goes on."""
+
+    @property
+    def driven(self) -> bool:
+        """True while silence of whoever asks for it would let something go on."""
+        return False
+
+    @property
+    def idle(self) -> bool:
+        """True while nothing moves and nothing is asked for."""
+        return False
+
+    @abstractmethod
+    def tick(self, robot: RobotState, dt_s: float) -> Progress:
+        """Move on by one period."""
+
+    @abstractmethod
+    def brake(self) -> None:
+        """Come to rest from now on; `tick` says when that is done."""
+
+    def release(self) -> None:  # noqa: B027 - only one of them outlives silence
+        """Drive nothing from the next tick on, where it outlives silence."""

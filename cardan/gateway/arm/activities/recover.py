@@ -1,0 +1,77 @@
+"""Brings a command back to a robot that is not where it was told to be."""
+
+from __future__ import annotations
+
+from cardan.gateway.arm.activities.base import GOING, Activity, Progress
+from cardan.gateway.arm.body import (
+    APPROACH_SPEED_M_S,
+    APPROACH_SPEED_RAD_S,
+    APPROACH_TIME_S,
+    Body,
+    FollowingError,
+)
+from cardan.gateway.motion.reference import Reference
+from cardan.spatial import norm, rotation_between, subtract
+from cardan.types import RobotState
+
+SETTLING_TIMES = 5.0
+"""Time constants of the approach after which it is near, beside the way at full speed."""
+
+MARGIN_M, MARGIN_RAD = 0.01, 0.05
+"""A command goes no farther than the distance to its robot, and a little: one that goes on chases
+a robot that goes along."""
+
+MARGIN_SHARE = 1.5
+"""Of that distance, likewise."""
+
+
+class Recover(Activity):
+    """The command moves slowly to where the robot is measured; the robot need not move.
+
+    It ends near the robot, or after a leash's length, or when it is told to: then `near` is False.
+    """
+
+    def __init__(
+        self, body: Body, reference: Reference, near: FollowingError, error: FollowingError
+    ) -> None:
+        """Done when the following error, now `error`, is inside `near`."""
+        self._body = body
+        self.reference: Reference = reference
+        self._limit = near
+        limits = reference.limits
+        # Less what braking from its own speed takes.
+        self._way_m = min(limits.leash_m, MARGIN_SHARE * error.linear_m + MARGIN_M) - (
+            APPROACH_SPEED_M_S**2 / limits.linear_acceleration_m_s2
+        )
+        self._way_rad = min(limits.leash_rad, MARGIN_SHARE * error.angular_rad + MARGIN_RAD) - (
+            APPROACH_SPEED_RAD_S**2 / limits.angular_acceleration_rad_s2
+        )
+        self._left_s = SETTLING_TIMES * APPROACH_TIME_S + max(
+            limits.leash_m / APPROACH_SPEED_M_S, limits.leash_rad / APPROACH_SPEED_RAD_S
+        )
+        self._braking = False
+        self.near = False
+        """Whether the command is back at its robot."""
+
+    def brake(self) -> None:
+        """End it where it is."""
+        self._braking = True
+
+    def tick(self, robot: RobotState, dt_s: float) -> Progress:
+        """Move on by one period."""
+        body, reference = self._body, self.reference
+        error = body.following_error(robot, reference)
+        self.near = not error.exceeds(self._limit)
+        self._left_s -= dt_s
+        if self.near or self._left_s <= 0.0 or self._way_m <= 0.0 or self._way_rad <= 0.0:
+            self._braking = True
+        before = body.pose
+        if self._braking:
+            body.brake(dt_s)
+        else:
+            body.approach(robot, dt_s)
+        after = body.pose
+        reference.pose = after
+        self._way_m -= norm(subtract(after.position, before.position))
+        self._way_rad -= norm(rotation_between(before.orientation, after.orientation))
+        return Progress(True) if self._braking and not body.moving else GOING

@@ -1,0 +1,88 @@
+"""What activities share in which the TCP follows a reference point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cardan.gateway.arm.activities.base import Activity, Deceleration
+from cardan.gateway.arm.body import Body
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.types import ZERO_TWIST, Twist
+
+
+class ReferenceMotion(Activity):
+    """A TCP that follows a reference point, which begins where the TCP is commanded to be."""
+
+    slides = True
+    """Whether an obstacle leaves the part of the motion that goes along it."""
+
+    def __init__(
+        self, body: Body, reference: Reference, deceleration: Deceleration | None = None
+    ) -> None:
+        """`deceleration`: for stops, where it is more than the reference's own acceleration."""
+        self._body = body
+        self.reference: Reference = reference
+        if not body.moving:
+            reference.place(body.pose)
+        limits = reference.limits
+        self._stopping = limits
+        if deceleration is not None:
+            self._stopping = ReferenceLimits(
+                linear_speed_m_s=limits.linear_speed_m_s,
+                linear_acceleration_m_s2=max(
+                    deceleration.linear_m_s2, limits.linear_acceleration_m_s2
+                ),
+                angular_speed_rad_s=limits.angular_speed_rad_s,
+                angular_acceleration_rad_s2=max(
+                    deceleration.angular_rad_s2, limits.angular_acceleration_rad_s2
+                ),
+                leash_m=limits.leash_m,
+                leash_rad=limits.leash_rad,
+                workspace_m=limits.workspace_m,
+            )
+        self.braking = False
+        self._resting = False
+        self.share = 1.0
+        """Of the wanted speed that the arm managed in the last tick."""
+
+    def brake(self) -> None:
+        """Ramp to zero speed."""
+        self.braking = True
+        self.reference.limits = self._stopping
+
+    @property
+    def idle(self) -> bool:
+        return not self.driven and not self.reference.moving and not self._body.moving
+
+    def _advance(
+        self,
+        wanted: Twist,
+        dt_s: float,
+        smooth: bool = True,
+        rates: Mapping[str, float] | None = None,
+    ) -> bool:
+        """Move reference and arm for `dt_s`; True once a brake has come to rest."""
+        body, reference = self._body, self.reference
+        if self._resting:
+            body.brake(dt_s)
+            return not body.moving
+        if (
+            not reference.moving
+            and (self.braking or wanted == ZERO_TWIST)
+            and not rates
+            and body.settled
+        ):
+            # Nothing is asked for, so nothing is solved for: no creeping on rounding errors.
+            if body.moving:
+                body.brake(dt_s)
+            self._resting = self.braking
+            return False
+        if self.braking:
+            reference.shape(ZERO_TWIST, dt_s, smooth=False)
+            rates = None
+        else:
+            reference.shape(wanted, dt_s, smooth=smooth)
+        self.share = body.follow(reference, dt_s, rates, self.slides)
+        if self.braking and not reference.moving:
+            self._resting = True
+        return False

@@ -1,0 +1,351 @@
+"""The body of a robot whose arm has a model: every joint moves inside its own limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from cardan.gateway.arm.body import (
+    APPROACH_SPEED_M_S,
+    APPROACH_SPEED_RAD_S,
+    APPROACH_TIME_S,
+    FASTEST_TCP_M_S,
+    FASTEST_TCP_RAD_S,
+    Body,
+    FollowingError,
+)
+from cardan.gateway.arm.gate import GateLimits
+from cardan.gateway.kinematics.base import FloatArray, Kinematics, to_pose, to_se3
+from cardan.gateway.motion.reference import Reference
+from cardan.gateway.servo.lag import ResponseLag
+from cardan.gateway.servo.servo import SINGULAR, SLOWED, Servo, ServoStatus, servo_steps
+from cardan.spatial import is_finite, norm, rotation_between, subtract
+from cardan.types import (
+    CommandKind,
+    Frame,
+    JointCommand,
+    JointVelocityCommand,
+    Pose,
+    PoseCommand,
+    RobotCapabilities,
+    RobotCommand,
+    RobotState,
+    Twist,
+    Vector3,
+)
+
+PREFERRED = (CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE)
+"""What a robot is sent, best first: joint positions leave nothing to anybody else's kinematics."""
+
+APPROACH_SHARE = 0.1
+"""Of the joints' speeds, at most, while commanded joints are brought back to measured ones: no
+operator steers that motion."""
+
+CORRECTION_SHARE = 0.2
+"""Of the joints' speeds that a robot of velocities may be corrected with: an arm that was pushed
+away comes back, it does not spring."""
+
+VELOCITY_GAIN_1_S = 10.0
+"""Of the position error of a robot that only takes velocities. It is what keeps such an arm from
+sinking under its own weight; higher gains ring with the delay of real velocity loops."""
+
+POSE_TCP_TOLERANCE_M, JOINT_TCP_TOLERANCE_M = 0.002, 0.02
+"""Most that the robot's own TCP may differ from the model's. A robot that is sent poses would go to
+wrong ones; one that is sent joints goes right, but walls, obstacles and figures would be off."""
+
+TCP_TOLERANCE_RAD = 0.02
+
+LEAP_SHARE = 2.0
+"""Of the joints' speeds that a measured joint may move with before it is not believed."""
+
+LEAP_NOISE_RAD = 0.05
+"""Allowed beside that (m for a prismatic joint): a reading may be late, and the next one early."""
+
+AT_REST_RAD_S = 2e-4
+"""All joints slower than this can stop within one period."""
+
+
+class ArmBody(Body):
+    """The commanded joints of one arm."""
+
+    def __init__(
+        self,
+        servo: Servo,
+        kinds: frozenset[CommandKind],
+        lag_s: float = 0.0,
+        *,
+        sent_as: Kinematics | None = None,
+        tcp_tolerance_m: float | None = None,
+    ) -> None:
+        """`kinds` are the commands that the robot takes, at least one of PREFERRED; `lag_s` is how
+        far it may be behind them in good order. `sent_as`: the kinematics whose TCP the robot's
+        own controller knows, where that is not the servo's. `tcp_tolerance_m`: most that the
+        robot's TCP may differ from the model's; None: by the kind of command.
+        """
+        self.servo = servo
+        self.kind = next((kind for kind in PREFERRED if kind in kinds), None)
+        self.velocity_gain_1_s = VELOCITY_GAIN_1_S
+        if tcp_tolerance_m is None:
+            sends_poses = self.kind is CommandKind.POSE
+            tcp_tolerance_m = POSE_TCP_TOLERANCE_M if sends_poses else JOINT_TCP_TOLERANCE_M
+        self._tolerance_m = tcp_tolerance_m
+        self._sent_as = sent_as or servo.kinematics
+        self._highest = servo.kinematics.velocity
+        self._twist = np.zeros((2, 3))
+        self._still = np.zeros(servo.joints)
+        self._sent: FloatArray | None = None
+        self._relaxed = getattr(servo.kinematics, "relaxed", None)
+        self._lag = ResponseLag(lag_s, servo.kinematics.continuous)
+
+    # -- what is commanded -----------------------------------------------------------------------
+
+    @property
+    def pose(self) -> Pose:
+        return to_pose(self.servo.placement)
+
+    @property
+    def twist(self) -> Twist:
+        linear, angular = self.servo.twist.tolist()
+        return Twist(Vector3(*linear), Vector3(*angular), Frame.BASE)
+
+    @property
+    def moving(self) -> bool:
+        return self.servo.moving
+
+    @property
+    def settled(self) -> bool:
+        return float(np.abs(self.servo.v).max()) < AT_REST_RAD_S
+
+    def status(self) -> ServoStatus:
+        return self.servo.status()
+
+    def gate_limits(self, capabilities: RobotCapabilities) -> GateLimits:
+        """What commands of this body may be: its joints' limits, and its robot's of the TCP."""
+        bounds = self.servo.kinematics
+        return GateLimits(
+            capabilities.linear_speed_m_s or FASTEST_TCP_M_S,
+            math.inf,
+            capabilities.angular_speed_rad_s or FASTEST_TCP_RAD_S,
+            math.inf,
+            tuple(bounds.lower.tolist()),
+            tuple(bounds.upper.tolist()),
+            tuple(bounds.velocity.tolist()),
+            tuple(bounds.acceleration.tolist()),
+        )
+
+    # -- what is measured ------------------------------------------------------------------------
+
+    def obstacle(self, state: RobotState, new: bool) -> str:
+        joints = self.servo.joints
+        if len(state.joints) != joints:
+            return f"the robot reports {len(state.joints)} joints, the arm's model has {joints}"
+        if not is_finite(state.joints):
+            return "the robot reports joints that are not numbers"
+        if new and state.pose is not None and self.kind is not None:
+            return self._misfit(state, state.pose)
+        return ""
+
+    def _misfit(self, state: RobotState, reported: Pose) -> str:
+        """Why the robot's own TCP contradicts its joints by the model, in words."""
+        model = to_pose(self._sent_as.forward(np.array(state.joints)))
+        apart_m = norm(subtract(reported.position, model.position))
+        apart_rad = 0.0
+        if self.kind is CommandKind.POSE:
+            apart_rad = norm(rotation_between(model.orientation, reported.orientation))
+        if apart_m <= self._tolerance_m and apart_rad <= TCP_TOLERANCE_RAD:
+            return ""
+        turned = f" and {apart_rad:.3f} rad" if apart_rad > TCP_TOLERANCE_RAD else ""
+        x, y, z = (1e3 * value for value in reported.position)
+        u, v, w = (1e3 * value for value in model.position)
+        return (
+            f"the tool or the model does not fit: the controller's TCP is {apart_m * 1e3:.1f} mm"
+            f"{turned} away from the arm model's ({x:.0f}, {y:.0f}, {z:.0f} against {u:.0f}, "
+            f"{v:.0f}, {w:.0f} mm): set [arm] tool to the controller's tool, and use its base frame"
+        )
+
+    def measured(self, state: RobotState) -> Pose:
+        return to_pose(self.servo.kinematics.forward(self._joints(state)))
+
+    def reported(self, state: RobotState) -> Pose:
+        return to_pose(self.servo.kinematics.forward(np.array(state.joints)))
+
+    def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
+        most = LEAP_NOISE_RAD + (LEAP_SHARE * time_s) * self._highest
+        away = np.abs(self._short(np.array(state.joints) - np.array(before.joints)))
+        excess = away - most
+        worst = int(excess.argmax())
+        if excess[worst] <= 0.0:
+            return ""
+        return (
+            f"the measured {self.servo.kinematics.names[worst]} leapt by {away[worst]:.2f} rad in "
+            f"{time_s * 1e3:.0f} ms"
+        )
+
+    def _joints(self, state: RobotState) -> FloatArray:
+        return self._lag.expected(np.array(state.joints), self.servo.q)
+
+    def _short(self, difference: FloatArray) -> FloatArray:
+        """Joint differences without the whole turns of continuous joints."""
+        turns = np.rint(difference / (2.0 * math.pi))
+        return np.where(
+            self.servo.kinematics.continuous, difference - 2.0 * math.pi * turns, difference
+        )
+
+    def _error(self, state: RobotState) -> FloatArray:
+        """Commanded less measured joints."""
+        return self._short(self.servo.q - self._joints(state))
+
+    def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
+        error = np.abs(self._error(state))
+        worst = int(error.argmax())
+        linear, angular = 0.0, 0.0
+        if reference is not None:
+            linear, angular = reference.ahead_m, reference.ahead_rad
+        return FollowingError(
+            linear, angular, float(error[worst]), self.servo.kinematics.names[worst]
+        )
+
+    # -- motion ----------------------------------------------------------------------------------
+
+    def place(
+        self, state: RobotState, before: RobotState | None = None, time_s: float = 0.0
+    ) -> None:
+        servo = self.servo
+        last = servo.v
+        servo.place(np.array(state.joints))
+        servo.twist[:] = 0.0
+        self._lag.reset()
+        self._sent = None
+        self.placed = True
+        if before is None or time_s <= 0.0 or len(before.joints) != servo.joints:
+            return
+        if self.leap(before, state, time_s):
+            return
+        v = self._short(np.array(state.joints) - np.array(before.joints)) / time_s
+        v = np.where(v * last > 0.0, np.sign(v) * np.minimum(np.abs(v), np.abs(last)), 0.0)
+        self._set_velocities(v)
+
+    def catch(self, q: FloatArray, velocities: FloatArray) -> None:
+        """Take over an arm that moves at `velocities` from `q` without being led by positions."""
+        self.servo.place(q)
+        self._lag.reset()
+        self._set_velocities(np.clip(velocities, -self._highest, self._highest))
+
+    def _set_velocities(self, v: FloatArray) -> None:
+        servo = self.servo
+        servo.v[:] = v
+        self._sent = v.copy()
+        kinematics = servo.kinematics
+        lines = (kinematics.jacobian @ v).reshape(2, 3)
+        np.dot(lines, kinematics.placement.rotation.T, out=servo.twist)
+
+    @staticmethod
+    def steps(dt_s: float) -> list[float]:
+        return servo_steps(dt_s)
+
+    def follow(
+        self,
+        reference: Reference,
+        dt_s: float,
+        rates: Mapping[str, float] | None = None,
+        slide: bool = True,
+    ) -> float:
+        assert reference.pose is not None
+        twist = self._twist
+        twist[0], twist[1] = reference.linear, reference.angular
+        servo = self.servo
+        if self._relaxed is not None:
+            servo.posture = self._relaxed(servo.q)
+        joint_rates = None
+        if rates:
+            joint_rates = np.array([rates.get(name, 0.0) for name in servo.kinematics.names])
+        share = servo.tick(to_se3(reference.pose), twist, dt_s, joint_rates, slide=slide)
+        if servo.reachable is not None:
+            reference.pose = to_pose(servo.reachable)
+        linear, angular = servo.twist.tolist()
+        reference.move(Vector3(*linear), Vector3(*angular), dt_s)
+        return share
+
+    def brake(self, dt_s: float) -> None:
+        self.servo.brake(dt_s)
+
+    def halt(self) -> None:
+        self.servo.v[:] = 0.0
+        self.servo.twist[:] = 0.0
+
+    def approach(self, state: RobotState, dt_s: float) -> None:
+        servo = self.servo
+        kinematics = servo.kinematics
+        rate = self._error(state) / -APPROACH_TIME_S
+        kinematics.update(servo.q)
+        twist = kinematics.jacobian.dot(rate)
+        over = max(
+            float((np.abs(rate) / self._highest).max()) / APPROACH_SHARE,
+            float(np.linalg.norm(twist[:3])) / APPROACH_SPEED_M_S,
+            float(np.linalg.norm(twist[3:])) / APPROACH_SPEED_RAD_S,
+            1.0,
+        )
+        servo.tick_joints(servo.q.copy(), rate / over, dt_s)
+
+    # -- what is sent ----------------------------------------------------------------------------
+
+    def command(
+        self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False
+    ) -> RobotCommand:
+        servo = self.servo
+        self._lag.note(servo.q, state.stamp_s)
+        # One that is commanded by velocities would keep its distance for ever.
+        v = self._still if approaching else servo.v
+        if self.kind is CommandKind.JOINT:
+            return JointCommand(tuple(servo.q.tolist()), tuple(v.tolist()))
+        if self.kind is CommandKind.JOINT_VELOCITY:
+            v = self._velocities(None if blind else state, v, dt_s, approaching)
+            return JointVelocityCommand(tuple(v.tolist()))
+        kinematics = self._sent_as
+        kinematics.update(servo.q)
+        lines = kinematics.placement.rotation @ (kinematics.jacobian @ servo.v).reshape(2, 3).T
+        linear, angular = lines.T.tolist()
+        return PoseCommand(
+            to_pose(kinematics.placement), Twist(Vector3(*linear), Vector3(*angular))
+        )
+
+    def _velocities(
+        self, state: RobotState | None, wanted: FloatArray, dt_s: float, approaching: bool
+    ) -> FloatArray:
+        """`wanted` and what brings the robot back to its positions, within limits."""
+        servo, highest = self.servo, self._highest
+        most = CORRECTION_SHARE * highest
+        v = wanted
+        if state is not None:
+            v = wanted + np.clip(self.velocity_gain_1_s * self._error(state), -most, most)
+        if approaching:
+            # No operator steers the correction either.
+            kinematics = servo.kinematics
+            kinematics.update(servo.q)
+            speed = float(np.linalg.norm(kinematics.jacobian[:3].dot(v)))
+            v = v / max(1.0, speed / APPROACH_SPEED_M_S)
+        v = np.clip(v, -highest, highest)
+        if self._sent is None:
+            self._sent = np.zeros(servo.joints)
+        step = servo.kinematics.acceleration * dt_s
+        self._sent = np.clip(v, self._sent - step, self._sent + step)
+        return self._sent
+
+    def held_by(self) -> str:
+        status = self.servo.status()
+        if status.active_pairs and status.distance_m < self.servo.options.influence_distance_m:
+            first, second = status.nearest_pair
+            return f"{first} is {status.distance_m * 1e3:.0f} mm from {second}"
+        servo = self.servo
+        bounds = servo.kinematics
+        margin = np.minimum(servo.q - bounds.lower, bounds.upper - servo.q)
+        nearest = int(np.argmin(margin))
+        if margin[nearest] < 0.02:
+            return f"{bounds.names[nearest]} is at its limit, {servo.q[nearest]:.3f} rad"
+        if status.smallest_singular_value < 2.0 * SINGULAR:
+            return "the arm is at the edge of its reach"
+        if status.path_speed < SLOWED:
+            return ", ".join(status.in_words())
+        return ""

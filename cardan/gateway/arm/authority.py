@@ -1,0 +1,109 @@
+"""Who may move the arm: one source at a time."""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+from cardan.types import NEVER_S
+
+HAND = "hand"
+"""The operator device beside the session."""
+
+VERBS = "verbs"
+"""The verbs and nameless streams of this process."""
+
+LEASE_S = 2.0
+"""For which a source that does not renew keeps its authority: longer than any network's pause that
+an operator would sit out, shorter than anybody waits for a colleague's forgotten window."""
+
+
+class AuthorityPolicy(enum.Enum):
+    """Who may take the authority from whom. Stop needs none."""
+
+    HAND = "hand"
+    """The operator device's deliberate act takes it from anybody; others when it is free."""
+    FIRST = "first"
+    """Everybody takes it when it is free, the operator device too."""
+    NAMED = "named"
+    """Only the source that is named may have it, and whom it hands it to."""
+
+
+class AuthorityState(NamedTuple):
+    """Who has the authority, since when, and whom it was refused to last."""
+
+    owner: str
+    """Empty: nobody."""
+    since_s: float
+    """Local monotonic time."""
+    refused: str
+    """The last refusal, in words; empty before the first."""
+
+
+class Authority:
+    """The one source that may move the arm, and its lease. All times are the robot's stamps, s."""
+
+    def __init__(
+        self,
+        policy: AuthorityPolicy = AuthorityPolicy.HAND,
+        named: str = "",
+        lease_s: float = LEASE_S,
+    ) -> None:
+        self.policy, self.named, self.lease_s = policy, named, lease_s
+        self._owner = ""
+        self._since_s = self._renewed_s = NEVER_S
+        self._entrusted = ""
+        """Whom the authority was handed to, who has not used it yet."""
+        self._refused = ""
+
+    @property
+    def owner(self) -> str:
+        """Who has it; empty: nobody."""
+        return self._owner
+
+    def state(self) -> AuthorityState:
+        """For status, snapshot and log."""
+        return AuthorityState(self._owner, self._since_s, self._refused)
+
+    def expire(self, now_s: float, busy: bool) -> None:
+        """Free the authority of an owner that has not renewed it; one whose motion is `busy`
+        keeps it."""
+        if not self._owner:
+            return
+        if busy:
+            self._renewed_s = now_s
+        elif now_s - self._renewed_s > self.lease_s:
+            self._owner = self._entrusted = ""
+
+    def refuses(self, source: str) -> str:
+        """Why `source` may not take it now, in words; empty when it may."""
+        if source == self._owner:
+            return ""
+        if self._owner and not (self.policy is AuthorityPolicy.HAND and source == HAND):
+            return f"{self._owner!r} has authority over the arm"
+        if self.policy is AuthorityPolicy.NAMED and source not in (self.named, self._entrusted):
+            return f"authority over the arm is reserved for {self.named!r}"
+        return ""
+
+    def take(self, source: str, now_s: float) -> str:
+        """Give it to `source`, or renew it; answers why not, in words, or ""."""
+        refusal = self.refuses(source)
+        if refusal:
+            self._refused = f"{source}: {refusal}"
+            return refusal
+        if source != self._owner:
+            self._owner, self._since_s, self._entrusted = source, now_s, ""
+        self._renewed_s = now_s
+        return ""
+
+    def hand_over(self, source: str, to: str, now_s: float) -> str:
+        """Pass it from `source`, who has it, on to `to`; answers why not, in words, or ""."""
+        if source != self._owner:
+            return f"{source!r} has no authority over the arm to hand over"
+        self._owner, self._since_s, self._renewed_s, self._entrusted = to, now_s, now_s, to
+        return ""
+
+    def release(self, source: str) -> None:
+        """`source` needs it no more; without effect where it has none."""
+        if source == self._owner:
+            self._owner = self._entrusted = ""

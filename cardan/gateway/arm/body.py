@@ -1,0 +1,336 @@
+"""What carries out motions and makes the robot's commands of them.
+
+A robot whose arm has a model is moved joint by joint (:mod:`cardan.gateway.arm.arm_body`); one
+that is sent poses and has no model moves as a free pose.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.spatial import (
+    add,
+    dot,
+    from_rotation_vector,
+    is_finite,
+    limit_norm,
+    multiply,
+    norm,
+    normalized,
+    rotation_between,
+    scale,
+    subtract,
+)
+from cardan.types import (
+    IDENTITY_POSE,
+    ZERO3,
+    ZERO_TWIST,
+    Frame,
+    Pose,
+    PoseCommand,
+    RobotCommand,
+    RobotState,
+    Twist,
+    Vector3,
+)
+
+if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
+    from cardan.gateway.servo.servo import ServoStatus
+
+FARTHEST_M = 100.0
+"""No TCP is farther from its base, the longest gantries included: such a reading is no position."""
+
+FASTEST_TCP_M_S = 5.0
+FASTEST_TCP_RAD_S = 15.0
+"""No industrial arm's TCP is faster, with or without a person who pushes it. A reading that moves
+faster is a mistake, or of another tool or frame."""
+
+READING_NOISE_M, READING_NOISE_RAD = 0.01, 0.05
+"""Allowed beside the speed: a reading may be late, and the next one early."""
+
+APPROACH_TIME_S = 0.2
+"""Time constant with which a command that lost its robot is brought back to it."""
+
+APPROACH_SPEED_M_S, APPROACH_SPEED_RAD_S = 0.05, 0.3
+"""Highest TCP speed of a motion that no operator asks for (invariant 5 of the design)."""
+
+
+class FollowingError(NamedTuple):
+    """How far a robot is from where it is commanded to be."""
+
+    linear_m: float
+    angular_rad: float
+    joint_error: float = 0.0
+    """Of the worst joint: rad, or m for a prismatic one; 0 without an arm's model."""
+    joint: str = ""
+    """That joint's name."""
+
+    def exceeds(self, limit: FollowingError, share: float = 1.0) -> bool:
+        """True when one of the three is larger than `share` of that of `limit`."""
+        return (
+            self.linear_m > share * limit.linear_m
+            or self.angular_rad > share * limit.angular_rad
+            or self.joint_error > share * limit.joint_error
+        )
+
+    def in_words(self, relation: str) -> str:
+        """For example "the robot is 12 mm and 0.10 rad behind its reference (joint_2 by 0.10)"."""
+        if not self.linear_m and not self.angular_rad and self.joint:
+            return f"{self.joint} is {self.joint_error:.3f} rad {relation} where it was told to be"
+        joint = f" ({self.joint} by {self.joint_error:.2f})" if self.joint else ""
+        return (
+            f"the robot is {self.linear_m * 1e3:.0f} mm and {self.angular_rad:.2f} rad {relation} "
+            f"its reference{joint}"
+        )
+
+
+class Body(ABC):
+    """The commanded state of one robot, moved one control period at a time."""
+
+    placed = False
+    """True since the first `place`."""
+
+    @property
+    @abstractmethod
+    def pose(self) -> Pose:
+        """Where the TCP is commanded to be, base frame. Only once placed."""
+
+    @property
+    @abstractmethod
+    def twist(self) -> Twist:
+        """With which the commanded TCP moved in the last period, base axes."""
+
+    @property
+    @abstractmethod
+    def moving(self) -> bool:
+        """True until the commanded motion is at rest."""
+
+    @property
+    @abstractmethod
+    def settled(self) -> bool:
+        """True when what is left of the motion can be stopped within one period."""
+
+    @abstractmethod
+    def obstacle(self, state: RobotState, new: bool) -> str:
+        """Why the robot cannot be commanded by this body, in words; empty when it can.
+
+        `new`: the robot was not commanded before, so tool and model are compared as well.
+        """
+
+    @abstractmethod
+    def measured(self, state: RobotState) -> Pose:
+        """The measured TCP, base frame; of a robot that lags: where it will have caught up."""
+
+    @abstractmethod
+    def reported(self, state: RobotState) -> Pose | None:
+        """The TCP just as the robot reports it now, base frame."""
+
+    @abstractmethod
+    def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
+        """What moved farther in `time_s` than an arm can, in words; empty when nothing did."""
+
+    @abstractmethod
+    def place(
+        self, state: RobotState, before: RobotState | None = None, time_s: float = 0.0
+    ) -> None:
+        """Start from where the robot is measured, at rest.
+
+        With the state `before`, `time_s` ago, at the speed that the robot had meanwhile, no higher
+        than the one commanded last and only in its direction: to be braked from.
+        """
+
+    @abstractmethod
+    def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
+        """How far the robot is from its command; the TCP's part where a `reference` observes it."""
+
+    @abstractmethod
+    def follow(
+        self,
+        reference: Reference,
+        dt_s: float,
+        rates: Mapping[str, float] | None = None,
+        slide: bool = True,
+    ) -> float:
+        """Move for `dt_s` with the reference's twist, and the reference as far as that is possible.
+
+        `rates` of joints by name, rad/s or m/s, are wanted beside it. With `slide` an obstacle
+        takes away only the part of the twist that points into it. Returns the share of the wanted
+        speed that was possible.
+        """
+
+    @abstractmethod
+    def brake(self, dt_s: float) -> None:
+        """Slow down as fast as limits allow."""
+
+    @abstractmethod
+    def halt(self) -> None:
+        """Be at rest at once: for a robot that obeys no command any more."""
+
+    @abstractmethod
+    def approach(self, state: RobotState, dt_s: float) -> None:
+        """Move slowly towards where the robot is measured."""
+
+    @abstractmethod
+    def steps(self, dt_s: float) -> list[float]:
+        """`dt_s` in steps that are short enough for `follow`."""
+
+    @abstractmethod
+    def command(
+        self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False
+    ) -> RobotCommand:
+        """What the robot is sent for this period of `dt_s`.
+
+        `approaching`: it is not to go along with the motion. `blind`: what `state` measures
+        counts for nothing.
+        """
+
+    def status(self) -> ServoStatus | None:
+        """What the servo met in the last tick; None without an arm's model."""
+        return None
+
+    def held_by(self) -> str:
+        """What keeps the body from going on, in words; empty when nothing is known."""
+        return ""
+
+
+class FreeBody(Body):
+    """The TCP of a robot that is sent poses: moves freely within the reference's limits."""
+
+    def __init__(self, limits: ReferenceLimits) -> None:
+        self.limits = limits
+        self._pose = IDENTITY_POSE
+        self._twist = ZERO_TWIST
+
+    @property
+    def pose(self) -> Pose:
+        return self._pose
+
+    @property
+    def twist(self) -> Twist:
+        return self._twist
+
+    @property
+    def moving(self) -> bool:
+        return self._twist != ZERO_TWIST
+
+    @property
+    def settled(self) -> bool:
+        return True
+
+    def obstacle(self, state: RobotState, new: bool) -> str:
+        pose = state.pose
+        if pose is None:
+            return "the robot reports no pose"
+        if not is_finite((*pose.position, *pose.orientation)):
+            return "the robot reports a pose that is not numbers"
+        if norm(pose.position) > FARTHEST_M:
+            return f"the robot reports a TCP {norm(pose.position):.3g} m away, farther than any is"
+        return ""
+
+    def measured(self, state: RobotState) -> Pose:
+        assert state.pose is not None
+        return state.pose
+
+    def reported(self, state: RobotState) -> Pose | None:
+        return state.pose
+
+    def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
+        if before.pose is None or state.pose is None:
+            return ""
+        way_m = norm(subtract(state.pose.position, before.pose.position))
+        turn_rad = norm(rotation_between(before.pose.orientation, state.pose.orientation))
+        if (
+            way_m <= READING_NOISE_M + FASTEST_TCP_M_S * time_s
+            and turn_rad <= READING_NOISE_RAD + FASTEST_TCP_RAD_S * time_s
+        ):
+            return ""
+        return (
+            f"the measured pose leapt by {way_m * 1e3:.0f} mm and {turn_rad:.2f} rad in "
+            f"{time_s * 1e3:.0f} ms"
+        )
+
+    def place(
+        self, state: RobotState, before: RobotState | None = None, time_s: float = 0.0
+    ) -> None:
+        measured = self.measured(state)
+        last, self._twist = self._twist, ZERO_TWIST
+        self._pose = Pose(measured.position, normalized(measured.orientation), Frame.BASE)
+        self.placed = True
+        if (
+            before is None
+            or before.pose is None
+            or time_s <= 0.0
+            or self.leap(before, state, time_s)
+        ):
+            return
+        way = scale(subtract(measured.position, before.pose.position), 1.0 / time_s)
+        turn = scale(rotation_between(before.pose.orientation, measured.orientation), 1.0 / time_s)
+        self._twist = Twist(_along(way, last.linear), _along(turn, last.angular), Frame.BASE)
+
+    def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
+        if reference is None:
+            return FollowingError(0.0, 0.0)
+        return FollowingError(reference.ahead_m, reference.ahead_rad)
+
+    def follow(
+        self,
+        reference: Reference,
+        dt_s: float,
+        rates: Mapping[str, float] | None = None,
+        slide: bool = True,
+    ) -> float:
+        reference.move(reference.linear, reference.angular, dt_s)
+        assert reference.pose is not None
+        self._pose, self._twist = reference.pose, reference.twist
+        return 1.0
+
+    def brake(self, dt_s: float) -> None:
+        self._approach(ZERO_TWIST, dt_s)
+
+    def halt(self) -> None:
+        self._twist = ZERO_TWIST
+
+    def approach(self, state: RobotState, dt_s: float) -> None:
+        pose, measured = self._pose, self.measured(state)
+        way = scale(subtract(measured.position, pose.position), 1.0 / APPROACH_TIME_S)
+        turn = scale(
+            rotation_between(pose.orientation, measured.orientation), 1.0 / APPROACH_TIME_S
+        )
+        self._approach(
+            Twist(limit_norm(way, APPROACH_SPEED_M_S), limit_norm(turn, APPROACH_SPEED_RAD_S)), dt_s
+        )
+
+    def _approach(self, wanted: Twist, dt_s: float) -> None:
+        pose, twist, limits = self._pose, self._twist, self.limits
+        most_m_s = limits.linear_acceleration_m_s2 * dt_s
+        most_rad_s = limits.angular_acceleration_rad_s2 * dt_s
+        linear = add(twist.linear, limit_norm(subtract(wanted.linear, twist.linear), most_m_s))
+        angular = add(
+            twist.angular, limit_norm(subtract(wanted.angular, twist.angular), most_rad_s)
+        )
+        self._twist = Twist(linear, angular, Frame.BASE)
+        self._pose = Pose(
+            add(pose.position, scale(linear, dt_s)),
+            normalized(multiply(from_rotation_vector(scale(angular, dt_s)), pose.orientation)),
+            Frame.BASE,
+        )
+
+    def steps(self, dt_s: float) -> list[float]:
+        return [dt_s] if dt_s > 0.0 else []
+
+    def command(
+        self, state: RobotState, dt_s: float, approaching: bool = False, blind: bool = False
+    ) -> RobotCommand:
+        return PoseCommand(self._pose, self._twist)
+
+
+def _along(velocity: Vector3, commanded: Vector3) -> Vector3:
+    """The part of `velocity` along `commanded`, no faster than that."""
+    fastest = norm(commanded)
+    if fastest == 0.0:
+        return ZERO3
+    share = dot(velocity, commanded) / (fastest * fastest)
+    return scale(commanded, min(1.0, max(0.0, share)))

@@ -1,0 +1,45 @@
+"""The loop of one arm: the robot is the clock, and each of its states is answered at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from cardan.drivers.base import OperatorDevice, RobotDriver
+from cardan.gateway.arm.controller import ArmController
+from cardan.types import ButtonEvent, DeviceState, RobotState
+
+
+class Cycle(NamedTuple):
+    """One control instant, after its command has left."""
+
+    robot: RobotState
+    device: DeviceState | None
+    """None without an operator device."""
+    events: Sequence[ButtonEvent]
+
+
+class ArmLoop:
+    """Joins a robot, its controller and an operator device, where there is one."""
+
+    def __init__(
+        self, robot: RobotDriver, controller: ArmController, device: OperatorDevice | None = None
+    ) -> None:
+        """All opened and closed by whoever runs the loop."""
+        self.robot, self.controller, self.device = robot, controller, device
+
+    def cycles(self) -> Iterator[Cycle]:
+        """Answer each of the robot's states, then yield it: what is done with it there delays
+        no command but the next."""
+        robot, controller, device = self.robot, self.controller, self.device
+        tick, send = controller.tick, robot.send
+        if device is None:
+            for state in robot.cycles():
+                send(tick(state))
+                yield Cycle(state, None, ())
+            return
+        for state in robot.cycles():
+            hand = device.state()
+            events = device.button_events()
+            send(tick(state, hand, events))
+            yield Cycle(state, hand, events)

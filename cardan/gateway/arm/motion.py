@@ -1,0 +1,93 @@
+"""What a verb started and how it stands; what the verbs answer."""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import NamedTuple
+
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.authority import AuthorityState
+from cardan.gateway.arm.checks import Six
+from cardan.gateway.arm.codes import State, Stream
+from cardan.gateway.servo.servo import ServoStatus
+
+
+class Outcome(enum.Enum):
+    """How a motion stands."""
+
+    WAITING = "waiting"
+    """Accepted; what moved before is still coming to rest."""
+    RUNNING = "running"
+    DONE = "done"
+    REFUSED = "refused"
+    """Impossible from where the motion before it came to rest."""
+    ABORTED = "aborted"
+
+
+class Motion:
+    """What a verb started."""
+
+    def __init__(self, verb: str, ends: bool) -> None:
+        self.verb = verb
+        self.ends = ends
+        """True for movj, relj and movl, which `wait` waits for."""
+        self.outcome = Outcome.WAITING
+        self.reason = ""
+        """Why it was aborted or refused."""
+        self.note = ""
+        """What was changed of what was asked for, in words; empty when nothing was."""
+        self.duration_s = math.inf
+        """As planned; infinite for a motion without end."""
+        self.error: MotionRefusedError | None = None
+
+    @property
+    def over(self) -> bool:
+        """True when nothing more will come of it."""
+        return self.outcome not in (Outcome.WAITING, Outcome.RUNNING)
+
+    def __repr__(self) -> str:
+        return f"Motion({self.verb}, {self.outcome.value}{f': {self.reason}' * bool(self.reason)})"
+
+
+class Stat(NamedTuple):
+    """Where the TCP is."""
+
+    pose: Six
+    """Measured, in the base: m, rotation vector in rad."""
+    state: State
+    stamp_s: float
+    """Local monotonic time of the measurement."""
+
+
+class ControllerStatus(NamedTuple):
+    """The controller's flags and numbers."""
+
+    state: State
+    stream: Stream
+    """The streaming command that is chosen."""
+    ready: bool
+    """True when the robot would act on a command."""
+    moving: bool
+    braking: bool
+    torque: bool
+    recovering: bool
+    """After a trip, until the command is back at the arm."""
+    message: str
+    """What last ended a motion or a stream, in words."""
+    stream_owner: str
+    stream_age_s: float
+    """Since the newest streamed command; infinite before the first."""
+    stream_late: int
+    """Streamed commands that came late or twice."""
+    stream_scaled: int
+    """Streamed twists that were faster than allowed and were slowed, direction kept."""
+    following_error_rad: float
+    following_joint: str
+    trips: int
+    refusals: int
+    last_refusal: str
+    pose: Six | None
+    """Where the TCP is told to be; None before anything was commanded."""
+    servo: ServoStatus
+    authority: AuthorityState

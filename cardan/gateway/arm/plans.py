@@ -1,0 +1,266 @@
+"""What the motions of the verbs are made of: from numbers and parameters to an activity."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.activities.base import Activity, Deceleration
+from cardan.gateway.arm.activities.joint_path import FollowJoints
+from cardan.gateway.arm.activities.line import FollowLine
+from cardan.gateway.arm.activities.torque import TorqueLimits, TorqueMotion
+from cardan.gateway.arm.activities.twist import FollowTwist
+from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
+from cardan.gateway.arm.checks import check_workspace
+from cardan.gateway.arm.codes import FrameCode, Parameter, ProfileCode, State
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.planner import Planner
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import FloatArray, to_pose
+from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
+from cardan.robots import ArmModel
+from cardan.spatial import (
+    compose,
+    limit_norm,
+    multiply,
+    norm,
+    normalized,
+    rotate,
+    rotation_between,
+    subtract,
+)
+from cardan.types import CommandKind, Frame, Pose, RobotCapabilities, Twist, Vector3, Wrench
+
+ALREADY_THERE_RAD = 1e-6
+
+
+class Plan(NamedTuple):
+    """A motion that was worked out. No activity: the arm is there already."""
+
+    activity: Activity | None
+    duration_s: float
+    note: str = ""
+
+
+class Plans:
+    """Works motions out, with the parameters as they are now. May take milliseconds."""
+
+    def __init__(
+        self,
+        controller: ArmController,
+        body: ArmBody,
+        model: ArmModel,
+        planner: Planner,
+        capabilities: RobotCapabilities,
+        options: ControllerOptions,
+        parameters: dict[Parameter, float],
+    ) -> None:
+        self.model, self.planner, self.capabilities = model, planner, capabilities
+        self.options, self.parameters = options, parameters
+        self.measuring = ArmKinematics(model)
+        """With the tool, for measured joints."""
+        self.deceleration = Deceleration(
+            options.stop_deceleration_m_s2, options.stop_deceleration_rad_s2, 0.5
+        )
+        self._controller, self._body = controller, body
+        self.servo = body.servo
+
+    @property
+    def tcp_frame(self) -> bool:
+        return self.parameters[Parameter.FRAME] == FrameCode.TCP
+
+    def in_base(self, target: Pose, start: FloatArray) -> Pose:
+        if not self.tcp_frame:
+            return target
+        return compose(to_pose(self.planner.forward(start)), target)
+
+    def joints(self, verb: str, target: Pose, start: FloatArray) -> Plan:
+        target = self.in_base(target, start)
+        return self._joints_to(verb, target, start)
+
+    def relative(self, step: Pose, start: FloatArray) -> Plan:
+        now = to_pose(self.planner.forward(start))
+        if self.tcp_frame:
+            target = compose(now, step)
+        else:
+            target = Pose(
+                Vector3(*(a + b for a, b in zip(now.position, step.position, strict=True))),
+                normalized(multiply(step.orientation, now.orientation)),
+            )
+        return self._joints_to("relj", target, start)
+
+    def _joints_to(self, verb: str, target: Pose, start: FloatArray) -> Plan:
+        self.require_drive(verb)
+        check_workspace(verb, target.position, self.options.workspace_m)
+        kinematics = self.planner.kinematics
+        speeds = self.parameters[Parameter.JOINT_SPEED] * kinematics.velocity
+        accelerations = self.parameters[Parameter.JOINT_ACCELERATION] * kinematics.acceleration
+        goal = self.planner.joint_goal(verb, target, start, speeds)
+        if float(np.abs(goal - start).max()) < ALREADY_THERE_RAD:
+            return Plan(None, 0.0, "the arm is there already")
+        # Not `continuous`: the goal's turns are chosen already.
+        path = JointPath(start, goal, speeds, accelerations)
+        return Plan(FollowJoints(self.servo, path, self.deceleration), path.duration_s)
+
+    def line(self, target: Pose, start: FloatArray) -> Plan:
+        self.require_drive("movl")
+        begin = to_pose(self.planner.forward(start))
+        target = compose(begin, target) if self.tcp_frame else target
+        check_workspace("movl", target.position, self.options.workspace_m)
+        if (
+            norm(subtract(target.position, begin.position)) < 1e-7
+            and norm(rotation_between(begin.orientation, target.orientation)) < 1e-6
+        ):
+            return Plan(None, 0.0, "the arm is there already")
+        path, note = self._path(begin, target)
+        rehearsed = self.planner.dry_run("movl", path, start)
+        if rehearsed.pace < 1.0:
+            slow = f"{rehearsed.slowest} allows {rehearsed.pace:.0%} of the speed in places"
+            note = f"{note}; {slow}" if note else slow
+        activity = FollowLine(self.servo, path, self.planner.followed, self.deceleration)
+        return Plan(activity, path.duration_s, note)
+
+    def _path(self, begin: Pose, target: Pose) -> tuple[LinePath, str]:
+        """The line at the reference speeds, or slower where a longer duration is set."""
+        values = self.parameters
+        jerk = values[Parameter.PROFILE] == ProfileCode.JERK
+        cap_m_s = self.capabilities.linear_speed_m_s or math.inf
+        cap_rad_s = self.capabilities.angular_speed_rad_s or math.inf
+        limits = PathLimits(
+            linear_speed_m_s=min(values[Parameter.TRAJECTORY_SPEED], cap_m_s),
+            linear_acceleration_m_s2=values[Parameter.TRAJECTORY_ACCELERATION],
+            linear_jerk_m_s3=values[Parameter.TRAJECTORY_JERK],
+            angular_speed_rad_s=min(values[Parameter.ROTATION_SPEED], cap_rad_s),
+            angular_acceleration_rad_s2=values[Parameter.ROTATION_ACCELERATION],
+            angular_jerk_rad_s3=values[Parameter.ROTATION_JERK],
+        )
+        profile: Literal["jerk", "trapezoid"] = "jerk" if jerk else "trapezoid"
+        path = LinePath(begin, target, limits, profile=profile)
+        wanted_s = values[Parameter.TRAJECTORY_DURATION]
+        if wanted_s > path.duration_s:
+            path = LinePath(begin, target, limits, profile=profile, duration_s=wanted_s)
+        elif wanted_s > 0.0:
+            return path, f"{wanted_s:g} s is too short: it takes {path.duration_s:.2f} s"
+        return path, ""
+
+    def twist(self, linear: Vector3, angular: Vector3, start: FloatArray) -> Plan:
+        self.require_drive("movv")
+        now = to_pose(self.planner.forward(start))
+        if self.tcp_frame:
+            linear, angular = rotate(now.orientation, linear), rotate(now.orientation, angular)
+        linear, angular, share = self.slowed(linear, angular)
+        note = f"slowed to {share:.0%}, the fastest allowed" if share < 1.0 else ""
+        if not any((*linear, *angular)):
+            raise MotionRefusedError("movv: a twist of zero moves nothing")
+        reference = self.reference(
+            self.parameters[Parameter.TRAJECTORY_ACCELERATION],
+            self.parameters[Parameter.ROTATION_ACCELERATION],
+        )
+        twist = Twist(linear, angular, Frame.BASE)
+        controller = self._controller
+        with controller.lock:
+            if controller.idle:
+                controller.engage()
+            activity = FollowTwist(self._body, reference, self.deceleration, twist)
+        return Plan(activity, math.inf, note)
+
+    def torque(self, state: State, wrench: Wrench | None, start: FloatArray) -> Plan:
+        verb = "gcmp" if wrench is None else "forc"
+        self.require_torque(verb)
+        try:
+            activity = self.torque_motion(state)
+            activity.check_weight(start)
+            if wrench is not None:
+                activity.set_wrench(wrench)
+        except MotionRefusedError as error:
+            raise MotionRefusedError(f"{verb}: {error}") from None
+        return Plan(activity, math.inf)
+
+    def torque_motion(self, state: State) -> TorqueMotion:
+        options = self.options
+        limits = TorqueLimits(
+            options.force_n,
+            options.torque_nm,
+            options.force_slew_n_s,
+            options.torque_slew_nm_s,
+            options.torque_speed_share,
+        )
+        return TorqueMotion(state, self.model, self._body, self.measuring, limits)
+
+    def reference(self, linear_m_s2: float, angular_rad_s2: float) -> Reference:
+        """A reference for streams and movv with these accelerations."""
+        options = self.options
+        limits = ReferenceLimits(
+            linear_speed_m_s=self._fastest_m_s,
+            linear_acceleration_m_s2=linear_m_s2,
+            angular_speed_rad_s=self._fastest_rad_s,
+            angular_acceleration_rad_s2=angular_rad_s2,
+            linear_jerk_m_s3=options.stream_jerk_m_s3,
+            angular_jerk_rad_s3=options.stream_rotation_jerk_rad_s3,
+            leash_m=options.leash_m,
+            leash_rad=options.leash_rad,
+            workspace_m=options.workspace_m,
+        )
+        return Reference(limits)
+
+    def pose_shaper(self, limits: ReferenceLimits) -> PoseShaper:
+        return PoseShaper(
+            PoseShaperLimits(
+                linear_speed_m_s=limits.linear_speed_m_s,
+                linear_acceleration_m_s2=limits.linear_acceleration_m_s2,
+                linear_jerk_m_s3=self.options.stream_jerk_m_s3,
+                angular_speed_rad_s=limits.angular_speed_rad_s,
+                angular_acceleration_rad_s2=limits.angular_acceleration_rad_s2,
+                angular_jerk_rad_s3=self.options.stream_rotation_jerk_rad_s3,
+            ),
+            damping=self.parameters[Parameter.DAMPING],
+        )
+
+    @property
+    def _fastest_m_s(self) -> float:
+        most = self.capabilities.linear_speed_m_s
+        return min(self.options.stream_speed_m_s, math.inf if most is None else most)
+
+    @property
+    def _fastest_rad_s(self) -> float:
+        most = self.capabilities.angular_speed_rad_s
+        return min(self.options.stream_rotation_speed_rad_s, math.inf if most is None else most)
+
+    def slowed(self, linear: Vector3, angular: Vector3) -> tuple[Vector3, Vector3, float]:
+        """The twist inside the speed limits, both parts slowed alike, and by how much."""
+        share = 1.0
+        for part, fastest in ((linear, self._fastest_m_s), (angular, self._fastest_rad_s)):
+            speed = norm(part)
+            if speed * share > fastest:
+                share = fastest / speed
+        if share == 1.0:
+            return linear, angular, share
+        return (
+            limit_norm(Vector3(*(share * c for c in linear)), self._fastest_m_s),
+            limit_norm(Vector3(*(share * c for c in angular)), self._fastest_rad_s),
+            share,
+        )
+
+    def require_drive(self, verb: str) -> None:
+        if self._body.kind is None:
+            raise MotionRefusedError(
+                f"{verb}: the robot takes {kinds_in_words(self.capabilities)}; "
+                f"a motion needs one of {', '.join(kind.value for kind in PREFERRED)}"
+            )
+
+    def require_torque(self, verb: str) -> None:
+        if CommandKind.TORQUE not in self.capabilities.commands:
+            raise MotionRefusedError(
+                f"{verb}: the robot takes {kinds_in_words(self.capabilities)}; this needs torque"
+            )
+        self.require_drive(verb)
+
+
+def kinds_in_words(capabilities: RobotCapabilities) -> str:
+    return ", ".join(sorted(kind.value for kind in capabilities.commands)) or "nothing"

@@ -1,0 +1,316 @@
+"""Streaming commands: poses, jogs, twists, wrenches and joint speeds, each valid for a moment.
+
+A stream has to be chosen first (parameter streamingCommand). Its freshness is judged by local
+reception; numbers and stamps of the sender only sort out what is late.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.activities.base import Activity
+from cardan.gateway.arm.activities.joint_stream import FollowJointStream
+from cardan.gateway.arm.activities.pose_stream import FollowPoseStream
+from cardan.gateway.arm.activities.torque import TorqueMotion
+from cardan.gateway.arm.activities.twist_stream import FollowTwistStream
+from cardan.gateway.arm.arm_body import ArmBody
+from cardan.gateway.arm.authority import VERBS
+from cardan.gateway.arm.checks import Target, check_workspace, checked_pose, six_numbers
+from cardan.gateway.arm.codes import Parameter, State, Stream, vocab_text
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.plans import Plans
+from cardan.gateway.kinematics.base import FloatArray, to_pose
+from cardan.spatial import (
+    add,
+    compose,
+    multiply,
+    norm,
+    normalized,
+    rotation_between,
+    subtract,
+)
+from cardan.types import NEVER_S, ZERO_TWIST, Frame, Pose, Twist, Vector3, Wrench
+
+CLOCK_SET_BACK_S = 1.0
+"""A sender's stamp that is older by more than any network delays is from a clock that was set."""
+
+QUEUED_S = 0.3
+"""A command that is this much older than the freshest one of its sender, by the sender's own clock
+against ours, waited in a queue: it is dropped, not executed late."""
+
+
+class _Link:
+    """Who streams, and how far it has come."""
+
+    def __init__(self, kind: Stream) -> None:
+        self.kind = kind
+        self.owner: str | None = None
+        self.sequence: int | None = None
+        self.sent_s = NEVER_S
+        self.quickest_s = math.inf
+        """The smallest difference seen between reception here and the sender's stamp."""
+
+
+class Streams:
+    """The streaming commands of one arm. Each answers with the reason why not, "" when taken."""
+
+    def __init__(self, controller: ArmController, body: ArmBody, plans: Plans) -> None:
+        self._controller, self._body, self._plans = controller, body, plans
+        self._link: _Link | None = None
+        self._ended = ""
+        self.late = 0
+        """Streamed commands that came late or twice."""
+        self.scaled = 0
+        """Streamed twists that were faster than allowed and were slowed, direction kept."""
+
+    @property
+    def kind(self) -> Stream:
+        """The streaming command that is chosen."""
+        return Stream.NONE if self._link is None else self._link.kind
+
+    @property
+    def owner(self) -> str:
+        """Who streams; empty before the first command, or without a name."""
+        return "" if self._link is None else self._link.owner or ""
+
+    @property
+    def age_s(self) -> float:
+        """Since the newest streamed command; infinite before the first."""
+        activity = self._controller.activity
+        if self._link is None or self._link.owner is None or activity is None:
+            return math.inf
+        return self._controller.stamp_s - activity.heard_s
+
+    def end(self, reason: str) -> bool:
+        """No streaming command is chosen any more; False when none was."""
+        if self._link is None:
+            return False
+        self._link, self._ended = None, reason
+        return True
+
+    def choose(self, kind: Stream, start: Callable[[str], FloatArray]) -> None:
+        """Make `kind` the streaming command; `start` checks that a motion can begin.
+
+        Raises MotionRefusedError. Whoever streams first then gets the authority.
+        """
+        controller, plans = self._controller, self._plans
+        verb = f"streaming {vocab_text(kind)}"
+        if kind is Stream.NONE:
+            self.end("no streaming command is chosen")
+            controller.drop()
+            return
+        if kind is Stream.WRENCH:
+            plans.require_torque(verb)
+        else:
+            plans.require_drive(verb)
+        at = start(verb)
+        activity = self._activity(kind, at)
+        activity.silence_s = plans.parameters[Parameter.STREAM_TIMEOUT]
+        activity.heard_s = NEVER_S
+        controller.begin(activity)
+        controller.authority.release(VERBS)
+        self._link, self._ended = _Link(kind), ""
+
+    def _activity(self, kind: Stream, at: FloatArray) -> Activity:
+        plans, options, body = self._plans, self._plans.options, self._body
+        if kind is Stream.WRENCH:
+            torque = plans.torque_motion(State.NOT_CONTROLLING)
+            torque.check_weight(at)
+            self._controller.engage()
+            return torque
+        self._controller.engage()
+        if kind is Stream.JOINT:
+            return FollowJointStream(
+                body,
+                plans.parameters[Parameter.JOINT_SPEED],
+                plans.parameters[Parameter.JOINT_ACCELERATION],
+            )
+        reference = plans.reference(
+            options.stream_acceleration_m_s2, options.stream_rotation_acceleration_rad_s2
+        )
+        if kind is Stream.POSE:
+            return FollowPoseStream(
+                body,
+                reference,
+                plans.deceleration,
+                plans.pose_shaper(reference.limits),
+                options.stream_prediction_s,
+            )
+        return FollowTwistStream(body, reference, plans.deceleration)
+
+    # -- commands --------------------------------------------------------------------------------
+
+    def pose(self, x: Target, owner: str, sequence: int | None, stamp_s: float | None) -> None:
+        """Go to the pose `x` now. Raises MotionRefusedError, as all of these do."""
+
+        def of(given: Pose, now: Pose, _before: Pose) -> Pose:
+            return compose(now, given) if self._plans.tcp_frame else given
+
+        self._aim("pose", x, of, owner, sequence, stamp_s)
+
+    def jog(self, dx: Target, owner: str, sequence: int | None, stamp_s: float | None) -> None:
+        """Move the pose that is gone to by `dx` (m, rotation vector in rad)."""
+
+        def of(given: Pose, _now: Pose, before: Pose) -> Pose:
+            if self._plans.tcp_frame:
+                return compose(before, given)
+            return Pose(
+                add(before.position, given.position),
+                normalized(multiply(given.orientation, before.orientation)),
+                Frame.BASE,
+            )
+
+        self._aim("jog", dx, of, owner, sequence, stamp_s)
+
+    def _aim(
+        self,
+        verb: str,
+        given: Target,
+        of: Callable[[Pose, Pose, Pose], Pose],
+        owner: str,
+        sequence: int | None,
+        stamp_s: float | None,
+    ) -> None:
+        """Aim the pose stream at `of` what is given, the commanded pose and the target before."""
+        controller, plans = self._controller, self._plans
+        pose = checked_pose(verb, given)
+        with controller.lock:
+            activity = self._streaming(Stream.POSE, owner, sequence, stamp_s)
+            assert isinstance(activity, FollowPoseStream)
+            start = self._body.servo.q.copy()
+            now = to_pose(self._body.servo.placement)
+            target = of(pose, now, activity.target or now)
+        check_workspace(verb, target.position, plans.options.workspace_m)
+        self._check_step(now, target)
+        plans.planner.inverse_nearby(verb, target, start)
+        with controller.lock:
+            if controller.activity is not activity or self._link is None:
+                raise MotionRefusedError(f"{verb}: {self._ended}")
+            activity.aim(target, controller.stamp_s)
+            self._hear(activity, owner, sequence, stamp_s)
+
+    def _check_step(self, now: Pose, target: Pose) -> None:
+        options = self._plans.options
+        step_m = norm(subtract(target.position, now.position))
+        step_rad = norm(rotation_between(now.orientation, target.orientation))
+        if step_m > options.stream_step_m or step_rad > options.stream_step_rad:
+            raise MotionRefusedError(
+                f"pose: a step of {step_m:.3f} m and {step_rad:.3f} rad; allowed: "
+                f"{options.stream_step_m:.3f} m and {options.stream_step_rad:.3f} rad"
+            )
+
+    def twist(
+        self, xdot: Sequence[float], owner: str, sequence: int | None, stamp_s: float | None
+    ) -> None:
+        """Move with the twist `xdot` (m/s, rad/s) now. Too fast a one is slowed."""
+        with self._controller.lock:
+            x, y, z, rx, ry, rz = six_numbers("twist", xdot)
+            activity = self._streaming(Stream.TWIST, owner, sequence, stamp_s)
+            assert isinstance(activity, FollowTwistStream)
+            linear, angular, share = self._plans.slowed(Vector3(x, y, z), Vector3(rx, ry, rz))
+            self.scaled += share < 1.0
+            frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
+            asked = any((*linear, *angular))
+            activity.target = Twist(linear, angular, frame) if asked else ZERO_TWIST
+            self._hear(activity, owner, sequence, stamp_s)
+
+    def wrench(
+        self, w: Sequence[float], owner: str, sequence: int | None, stamp_s: float | None
+    ) -> None:
+        """Exert the wrench `w` (N, N·m, at the TCP) on the world now."""
+        with self._controller.lock:
+            numbers = six_numbers("wrench", w)
+            activity = self._streaming(Stream.WRENCH, owner, sequence, stamp_s)
+            assert isinstance(activity, TorqueMotion)
+            frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
+            activity.set_wrench(Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), frame))
+            self._hear(activity, owner, sequence, stamp_s)
+
+    def joints(
+        self, rates: Sequence[float], owner: str, sequence: int | None, stamp_s: float | None
+    ) -> None:
+        """Move the joints at `rates` (rad/s or m/s, one a joint) now. Too fast ones are slowed."""
+        with self._controller.lock:
+            count = self._body.servo.joints
+            try:
+                values = np.array([float(rate) for rate in rates])
+            except (TypeError, ValueError, OverflowError):
+                raise MotionRefusedError(f"joints takes {count} numbers, not {rates!r}") from None
+            if len(values) != count or not np.all(np.isfinite(values)):
+                raise MotionRefusedError(
+                    f"joints takes {count} finite numbers, not {tuple(values.tolist())}"
+                )
+            activity = self._streaming(Stream.JOINT, owner, sequence, stamp_s)
+            assert isinstance(activity, FollowJointStream)
+            self.scaled += activity.aim(values)
+            self._hear(activity, owner, sequence, stamp_s)
+
+    # -- who may stream --------------------------------------------------------------------------
+
+    def _streaming(
+        self, kind: Stream, owner: str, sequence: int | None, stamp_s: float | None
+    ) -> Activity:
+        """The activity of the stream, if this command may act on it."""
+        controller = self._controller
+        name, link, activity = vocab_text(kind), self._link, controller.activity
+        if link is None or activity is None:
+            why = f": {self._ended}" if self._ended else ""
+            raise MotionRefusedError(
+                f"{name}: choose this streaming command first (parameter cpsc){why}"
+            )
+        if link.kind is not kind:
+            raise MotionRefusedError(f"{name}: the streaming command is {vocab_text(link.kind)}")
+        if sequence is not None and (isinstance(sequence, bool) or not isinstance(sequence, int)):
+            raise MotionRefusedError(f"{name}: the sequence number {sequence!r} is not an integer")
+        if stamp_s is not None and not (
+            isinstance(stamp_s, (int, float)) and math.isfinite(stamp_s)
+        ):
+            raise MotionRefusedError(f"{name}: the stamp {stamp_s!r} is not a time in seconds")
+        refusal = controller.authority.refuses(owner or VERBS)
+        if refusal:
+            controller.authority.take(owner or VERBS, controller.stamp_s)  # Notes the refusal.
+            raise MotionRefusedError(f"{name}: {refusal}")
+        if link.owner == owner:
+            self._check_order(name, link, sequence, stamp_s)
+        return activity
+
+    def _check_order(
+        self, name: str, link: _Link, sequence: int | None, stamp_s: float | None
+    ) -> None:
+        if sequence is not None and link.sequence is not None and sequence <= link.sequence:
+            self.late += 1
+            raise MotionRefusedError(f"{name}: number {sequence} came after number {link.sequence}")
+        if stamp_s is None:
+            return
+        if 0.0 <= link.sent_s - stamp_s < CLOCK_SET_BACK_S:
+            self.late += 1
+            raise MotionRefusedError(
+                f"{name}: sent at {stamp_s:.6f} s, after one of {link.sent_s:.6f} s"
+            )
+        waited_s = self._controller.stamp_s - stamp_s - link.quickest_s
+        if QUEUED_S < waited_s < CLOCK_SET_BACK_S * 60.0:
+            self.late += 1
+            raise MotionRefusedError(
+                f"{name}: it waited for {waited_s:.2f} s on its way; more than {QUEUED_S:g} s is "
+                "too late to act on"
+            )
+
+    def _hear(
+        self, activity: Activity, owner: str, sequence: int | None, stamp_s: float | None
+    ) -> None:
+        link, now_s = self._link, self._controller.stamp_s
+        assert link is not None
+        if link.owner != owner:
+            link.owner, link.sequence, link.sent_s = owner, None, NEVER_S
+            link.quickest_s = math.inf
+        self._controller.authority.take(owner or VERBS, now_s)
+        activity.heard_s = now_s
+        if sequence is not None:
+            link.sequence = sequence
+        if stamp_s is not None:
+            link.sent_s = stamp_s
+            link.quickest_s = min(link.quickest_s, now_s - stamp_s)

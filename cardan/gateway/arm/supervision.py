@@ -1,0 +1,169 @@
+"""Why an arm is stopped: everything that is watched, in one place.
+
+Once a tick, before anybody's request is looked at, `look` judges what the robot reports: whether a
+command acts, whether the robot is where it was, whether it follows. What it finds is one
+:class:`Finding`, the gravest; the controller acts on it in one place. The operator device is
+judged by its own source (:mod:`cardan.gateway.hand.source`), the streams by their silence limit.
+All by local monotonic time.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cardan.gateway.arm.activities.base import Activity
+from cardan.gateway.arm.body import Body, FollowingError
+from cardan.gateway.motion.reference import Reference
+from cardan.types import NEVER_S, RobotLink, RobotState
+
+LONGEST_STEP_PERIODS = 2.5
+"""Of the robot's period: the longest that one tick advances. A datagram that is lost, or two that
+come at once, are made up for, as the robot itself went on meanwhile; time beyond that is lost."""
+
+TRUST_AFTER_S = 0.5
+"""For which readings must have been plausible before a deliberate act makes them believed again."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watchdogs:
+    """Limits on age and error; each trips into a braking ramp. All by local monotonic time."""
+
+    device_age_s: float = 0.1
+    """Oldest report that may still drive motion: six missed reports of a 62 Hz device."""
+    stall_s: float = 0.1
+    """Longest time between two ticks: after more, the robot is no longer where it was left."""
+    following_error_m: float = 0.1
+    """Distance between reference and robot beyond which something else holds the arm."""
+    following_error_rad: float = 0.6
+    following_error_joint: float = 0.5
+    """rad or m; between commanded and measured joints, where joints are commanded. At the full
+    speed of an arm's wrist a position loop lags by 0.3 rad."""
+    heartbeat_s: float = 0.5
+    """Longest silence of the process that supervises a session's own."""
+    recovery: bool = True
+    """Whether a command that lost its robot is brought back to it, slowly and within the leash."""
+
+    def error_limit(self) -> FollowingError:
+        """The following error that trips."""
+        return FollowingError(
+            self.following_error_m, self.following_error_rad, self.following_error_joint
+        )
+
+
+class Cause(enum.Enum):
+    """What a look at the robot found."""
+
+    FIRST = "the robot is ready for the first time"
+    LOST = "the controller fell silent"
+    NOT_READY = "the controller is heard, but does not act on commands, or reports nonsense"
+    RETURNED = "the robot is ready again"
+    NEW_SESSION = "the controller started a new session"
+    STALLED = "this computer stood still"
+    LEAPT = "the robot was measured where it cannot be"
+    ALARM = "the driver says that nobody should be driving"
+    HELD = "the robot is not where it is told to be"
+    SILENT = "whoever streams fell silent"
+
+
+class Finding(NamedTuple):
+    """What was found, and the reason in words, for people."""
+
+    cause: Cause
+    reason: str
+
+
+class Supervision:
+    """Watches one robot from tick to tick."""
+
+    def __init__(self, watchdogs: Watchdogs) -> None:
+        self.watchdogs = watchdogs
+        self.limit = watchdogs.error_limit()
+        self.error = FollowingError(0.0, 0.0)
+        """Of the last tick in which the robot was ready."""
+        self.distrust = ""
+        """Why the readings are not believed, in words; empty while they are."""
+        self.newest: RobotState | None = None
+        """The newest state whose reading was looked at."""
+        self.previous: RobotState | None = None
+        """The one before."""
+        self.gap_s = 0.0
+        """Time between the last two ticks."""
+        self._ticked_s = NEVER_S
+        self._session: int | None = None
+        self._ready = False
+        self._plausible_s = NEVER_S
+        """Since when readings make no leap."""
+
+    @property
+    def trustworthy(self) -> bool:
+        """Whether readings that were not believed have been plausible for long enough."""
+        return self._ticked_s - self._plausible_s >= TRUST_AFTER_S
+
+    def trust(self) -> None:
+        """Believe the readings again: after a deliberate act."""
+        self.distrust = ""
+
+    def look(self, state: RobotState, body: Body) -> Finding | None:
+        """The gravest thing about this state before the command is compared with it; None when
+        all is well."""
+        self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
+        new_session = state.session != self._session
+        began, self._ready = not self._ready, False
+        if state.link is not RobotLink.LIVE:
+            return Finding(Cause.LOST, state.hold_reason)
+        wrong = state.hold_reason or body.obstacle(state, new_session or began)
+        if wrong:
+            if new_session and self._session is not None:
+                return Finding(Cause.NEW_SESSION, wrong)
+            return Finding(Cause.NOT_READY, wrong)
+        self._ready = True
+        first, self._session = self._session is None, state.session
+        self.previous = before = self.newest
+        self.newest = state
+        if new_session:
+            self.distrust = ""
+            self._plausible_s = state.stamp_s
+            return Finding(Cause.FIRST if first else Cause.NEW_SESSION, "")
+        if before is not None:
+            # The longer of the two clocks: what waited in a queue was measured earlier.
+            time_s = max(state.stamp_s - before.stamp_s, state.period_s, 0.0)
+            leap = body.leap(before, state, time_s)
+            if leap:
+                self._plausible_s = state.stamp_s
+                self.distrust = leap
+                return Finding(Cause.LEAPT, leap)
+        if began:
+            return Finding(Cause.RETURNED, "")
+        if self.gap_s > self.watchdogs.stall_s:
+            return Finding(Cause.STALLED, f"this computer stalled for {self.gap_s:.1f} s")
+        return None
+
+    def compare(
+        self,
+        state: RobotState,
+        body: Body,
+        reference: Reference | None,
+        activity: Activity | None,
+    ) -> Finding | None:
+        """The gravest thing about the robot and what it is told; None when all is well."""
+        self.error = body.following_error(state, reference)
+        if self.error.exceeds(self.limit):
+            return Finding(
+                Cause.HELD, f"{self.error.in_words('away from')}: something else holds it"
+            )
+        if state.alarm:
+            return Finding(Cause.ALARM, state.alarm)
+        if activity is not None and activity.driven:
+            age_s = state.stamp_s - activity.heard_s
+            if age_s > activity.silence_s:
+                return Finding(Cause.SILENT, f"the stream was silent for {age_s:.3f} s")
+        return None
+
+
+def step_s(state: RobotState, period_s: float) -> float:
+    """By how much a tick advances: lost time is lost. `period_s` is the robot's own."""
+    longest_s = LONGEST_STEP_PERIODS * period_s if period_s > 0.0 else math.inf
+    return min(max(state.period_s, 0.0), longest_s)

@@ -1,0 +1,702 @@
+"""The verbs of the Cartesian interface: each checks, works out and starts a motion of the arm.
+
+Verbs may be called from any thread: what takes long (inverse kinematics, dry runs) is worked out
+beside the loop, which only ever holds the controller's lock for a moment.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
+from cardan.gateway.arm import parameters as prm
+from cardan.gateway.arm.activities.torque import TorqueMotion
+from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
+from cardan.gateway.arm.authority import VERBS, Authority
+from cardan.gateway.arm.checks import (
+    Target,
+    check_workspace,
+    checked_pose,
+    six_numbers,
+    six_of,
+)
+from cardan.gateway.arm.codes import Action, Parameter, PolicyCode, State, Stream, vocab, vocab_text
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.planner import Planner
+from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
+from cardan.gateway.arm.streams import Streams
+from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
+from cardan.gateway.hand.source import HandSource
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import FloatArray, to_pose
+from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.servo.servo import Policy, Servo
+from cardan.robots import ArmModel, BodyShape
+from cardan.spatial import is_finite
+from cardan.types import (
+    CommandKind,
+    Frame,
+    RobotCapabilities,
+    RobotState,
+    Vector3,
+    Wrench,
+)
+
+AT_REST_SHARE = 0.02
+"""Of each joint's speed: a robot that reports more moves by somebody else's will."""
+
+_TO_POLICY = {PolicyCode.PATH: Policy.PATH, PolicyCode.REACH: Policy.REACH}
+
+_Prepare = Callable[[FloatArray], Plan]
+
+
+class ArmVerbs:
+    """The verbs of the Cartesian interface for one arm, a source beside the others.
+
+    Positions in m, angles in rad; `frame` (parameter cpf) means the same in every verb: base, or
+    relative to the TCP. A verb that is refused raises MotionRefusedError and changes nothing; a
+    streamed command answers with the reason, "" when it was taken.
+    """
+
+    def __init__(
+        self,
+        controller: ArmController,
+        body: ArmBody,
+        model: ArmModel,
+        capabilities: RobotCapabilities,
+        options: ControllerOptions | None = None,
+        *,
+        obstacles: Iterable[Obstacle] = (),
+        tool_shapes: Iterable[BodyShape] = (),
+        gripper: Callable[[Action], None] | None = None,
+    ) -> None:
+        """For a controller that exists; `alone` makes one. `gripper` passes an action on; without
+        it `act` is refused."""
+        self.options = options = options or ControllerOptions()
+        self.controller, self.body, self.model = controller, body, model
+        self.servo = body.servo
+        self.capabilities = capabilities
+        self.planner = Planner(
+            model,
+            obstacles=tuple(obstacles),
+            tool_shapes=tuple(tool_shapes),
+            workspace=options.workspace_m,
+            margins=options.margins,
+        )
+        self.parameters = prm.defaults()
+        self.plans = Plans(
+            controller, body, model, self.planner, capabilities, options, self.parameters
+        )
+        self.streams = Streams(controller, body, self.plans)
+        self._gripper = gripper
+        self._planning = threading.RLock()
+        """Held by whoever uses `planner`; always taken before the controller's lock."""
+        self._motion: Motion | None = None
+        self._waited_for: Motion | None = None
+        self._pending: tuple[Motion, _Prepare] | None = None
+        self._message = ""
+        self._refusals = 0
+        self._last_refusal = ""
+        controller.listener = self
+
+    @classmethod
+    def alone(
+        cls,
+        model: ArmModel,
+        capabilities: RobotCapabilities,
+        options: ControllerOptions | None = None,
+        *,
+        obstacles: Iterable[Obstacle] = (),
+        tool_shapes: Iterable[BodyShape] = (),
+        gripper: Callable[[Action], None] | None = None,
+        mapping: MappingOptions | None = None,
+    ) -> ArmVerbs:
+        """Verbs with a controller of their own; with a `mapping` an operator device moves the
+        arm, too.
+
+        Raises ConfigurationError where arm and robot do not fit together.
+        """
+        options = options or ControllerOptions()
+        model = _narrowed(model, capabilities)
+        drive = _drive(options.drive, capabilities)
+        obstacles, tool_shapes = tuple(obstacles), tuple(tool_shapes)
+        kinematics = ArmKinematics(model)
+        servo = Servo(
+            kinematics,
+            CollisionModel(kinematics, obstacles, tool_shapes),
+            options.servo,
+            model.task.weights,
+        )
+        if len(model.joints) > 6:
+            servo.posture = np.array(model.home)
+        body = ArmBody(
+            servo,
+            frozenset() if drive is None else frozenset({drive}),
+            capabilities.lag_s,
+            sent_as=ArmKinematics(model),
+            tcp_tolerance_m=options.tcp_tolerance_m,
+        )
+        values = prm.defaults()
+        body.velocity_gain_1_s = prm.feedback_gain_1_s(
+            values[Parameter.GAIN], values[Parameter.CONTROL_PERIOD]
+        )
+        limits = ReferenceLimits(
+            linear_speed_m_s=options.stream_speed_m_s,
+            linear_acceleration_m_s2=options.stream_acceleration_m_s2,
+            angular_speed_rad_s=options.stream_rotation_speed_rad_s,
+            angular_acceleration_rad_s2=options.stream_rotation_acceleration_rad_s2,
+            leash_m=options.leash_m,
+            leash_rad=options.leash_rad,
+            workspace_m=options.workspace_m,
+        )
+        age_s = options.watchdogs.device_age_s
+        hand = None
+        if mapping is not None:
+            hand = HandSource(TwistMapping(mapping), limits, (), age_s)
+        controller = ArmController(
+            body,
+            limits,
+            options.watchdogs,
+            hand,
+            Authority(options.authority, options.authority_named, options.authority_lease_s),
+            period_s=capabilities.period_s,
+            gate=body.gate_limits(capabilities),
+        )
+        return cls(
+            controller,
+            body,
+            model,
+            capabilities,
+            options,
+            obstacles=obstacles,
+            tool_shapes=tool_shapes,
+            gripper=gripper,
+        )
+
+    # -- what it is doing ------------------------------------------------------------------------
+
+    @property
+    def state(self) -> State:
+        """What is being done; NOT_CONTROLLING as soon as it is told to stop."""
+        activity = self.controller.activity
+        if activity is None or self.controller.braking:
+            return State.NOT_CONTROLLING
+        return activity.state
+
+    @property
+    def at_rest(self) -> bool:
+        """True when nothing moves by command and nothing is about to."""
+        with self.controller.lock:
+            return self.controller.idle and self._pending is None
+
+    @property
+    def waited_for(self) -> Motion | None:
+        """The motion that `wait` is about: the newest, if it is one that ends by itself."""
+        return self._waited_for
+
+    @property
+    def stamp_s(self) -> float:
+        """Time of the newest robot state, s; NEVER_S before the first."""
+        return self.controller.stamp_s
+
+    def status(self) -> ControllerStatus:
+        """Flags and numbers of now."""
+        controller, streams = self.controller, self.streams
+        with controller.lock:
+            robot, error = controller.robot, controller.following_error
+            return ControllerStatus(
+                state=self.state,
+                stream=streams.kind,
+                ready=robot is not None and robot.ready,
+                moving=self.body.moving,
+                braking=controller.braking,
+                torque=isinstance(controller.activity, TorqueMotion),
+                recovering=controller.recovering,
+                message=self._message,
+                stream_owner=streams.owner,
+                stream_age_s=streams.age_s,
+                stream_late=streams.late,
+                stream_scaled=streams.scaled,
+                following_error_rad=error.joint_error,
+                following_joint=error.joint,
+                trips=controller.trips,
+                refusals=self._refusals,
+                last_refusal=self._last_refusal,
+                pose=six_of(self.body.pose) if controller.engaged else None,
+                servo=self.servo.status(),
+                authority=controller.authority.state(),
+            )
+
+    # -- what becomes of motions -----------------------------------------------------------------
+
+    def void(self, reason: str) -> None:
+        """Whatever was under way or planned is over (called by the controller)."""
+        self._drop_pending(reason)
+        self._end_stream(reason)
+        self._end_motion(Outcome.ABORTED, reason)
+
+    def finished(self, reason: str) -> None:
+        """The activity came to its end (called by the controller)."""
+        self._end_motion(Outcome.ABORTED if reason else Outcome.DONE, reason)
+
+    # -- requests --------------------------------------------------------------------------------
+
+    def stat(self) -> Stat:
+        """Measured pose of the TCP in the base, state and time of the measurement."""
+        with self.controller.lock, self._counted():
+            robot = self._require_joints("stat")
+            pose = to_pose(self.plans.measuring.forward(np.array(robot.joints)))
+            return Stat(six_of(pose), self.state, robot.stamp_s)
+
+    def inv(self, xd: Target) -> tuple[float, ...]:
+        """Joint positions (rad, m) that put the TCP at `xd`, on the branch nearest to now.
+
+        Raises OutOfReachError or JointLimitError.
+        """
+        with self._planning, self._counted():
+            target = checked_pose("inv", xd)
+            start = self._start("inv")
+            target = self.plans.in_base(target, start)
+            check_workspace("inv", target.position, self.options.workspace_m)
+            return tuple(self.planner.inverse("inv", target, start).tolist())
+
+    def movj(self, xd: Target) -> Motion:
+        """Move all joints to the pose `xd`, arriving together; the way of the TCP is free.
+
+        The quickest branch whose whole way is free of collisions is taken.
+        """
+        with self._counted():
+            target = checked_pose("movj", xd)
+        return self._launch("movj", True, lambda q: self.plans.joints("movj", target, q))
+
+    def relj(self, xd: Target) -> Motion:
+        """The same, relative to where the TCP is: in base axes (translate, R' = exp(dr)·R), or,
+        where the frame is tcp, in its own (H·X)."""
+        with self._counted():
+            step = checked_pose("relj", xd)
+        return self._launch("relj", True, lambda q: self.plans.relative(step, q))
+
+    def movl(self, xd: Target) -> Motion:
+        """Move the TCP to the pose `xd` along a straight line, turning about one fixed axis."""
+        with self._counted():
+            target = checked_pose("movl", xd)
+        return self._launch("movl", True, lambda q: self.plans.line(target, q))
+
+    def movv(self, xdot: Sequence[float]) -> Motion:
+        """Move the TCP with the constant twist `xdot` (m/s, rad/s) until something ends it."""
+        with self._counted():
+            x, y, z, rx, ry, rz = six_numbers("movv", xdot)
+        linear, angular = Vector3(x, y, z), Vector3(rx, ry, rz)
+        return self._launch("movv", False, lambda q: self.plans.twist(linear, angular, q))
+
+    def gcmp(self) -> Motion:
+        """Carry the arm's own weight and nothing more: it can be led by hand."""
+        return self._launch("gcmp", False, lambda q: self.plans.torque(State.GRAVITY, None, q))
+
+    def forc(self, fd: Sequence[float]) -> Motion:
+        """Exert the wrench `fd` (N, N·m; base axes, at the TCP) on the world."""
+        with self._counted():
+            numbers = six_numbers("forc", fd)
+            if self.plans.tcp_frame:
+                raise MotionRefusedError("forc: wrenches are taken in the base frame only")
+            wrench = Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), Frame.BASE)
+            with self.controller.lock:
+                activity = self.controller.activity
+                if isinstance(activity, TorqueMotion) and activity.state is State.FORCE:
+                    activity.set_wrench(wrench)
+                    assert self._motion is not None
+                    return self._motion
+        return self._launch("forc", False, lambda q: self.plans.torque(State.FORCE, wrench, q))
+
+    def stop(self) -> None:
+        """Brake along the path, then hold. Always works, also without a robot."""
+        with self.controller.lock:
+            self.controller.stop("stopped")
+
+    def motion_done(self, motion: Motion) -> bool:
+        """True when `motion` is over, however it ended."""
+        return motion.over
+
+    def tool(self, x: Target) -> None:
+        """Fix a link to the arm's own TCP: it replaces the one before, zeros take it off.
+
+        All later poses, twists and wrenches refer to the new TCP.
+        """
+        with self._planning, self.controller.lock, self._counted():
+            tool = checked_pose("tool", x)
+            self._require_idle("tool")
+            self._end_stream("the tool was changed")
+            self.controller.drop()
+            self.planner.set_tool(tool)
+            for kinematics in (self.servo.kinematics, self.plans.measuring):
+                assert isinstance(kinematics, ArmKinematics)
+                kinematics.set_tool(tool)
+
+    def act(self, code: Action | int | str) -> None:
+        """Tell the gripper to close, open or stop."""
+        with self._counted():
+            try:
+                action = Action(vocab(code) if isinstance(code, str) else code)
+            except ValueError:
+                action = Action.NONE
+            if action not in (Action.CLOSE, Action.OPEN, Action.STOP):
+                allowed = "accg (close), acog (open), acsg (stop)"
+                raise MotionRefusedError(f"act: allowed are {allowed}, not {code!r}")
+            if self._gripper is None:
+                raise MotionRefusedError("act: this arm has no gripper")
+            try:
+                self._gripper(action)
+            except CardanError as error:
+                raise MotionRefusedError(f"act: {error}") from error
+
+    def start_pending(self) -> Motion | None:
+        """Work out and start the motion that waited for the arm to rest; None if there is none.
+
+        To be called beside the loop until the motion is no longer WAITING, because it takes
+        milliseconds. Raises nothing: a motion that turns out impossible is REFUSED.
+        """
+        with self._planning:
+            with self.controller.lock:
+                if self._pending is None or not self.controller.idle:
+                    return None
+                motion, prepare = self._pending
+                generation = self.controller.generation
+            try:
+                with self._counted():
+                    plan = prepare(self._start(motion.verb))
+                    with self.controller.lock:
+                        self._require_generation(generation)
+                        if self._pending is not None and self._pending[0] is motion:
+                            self._pending = None
+                            self._begin(motion, plan)
+            except MotionRefusedError as error:
+                with self.controller.lock:
+                    if not motion.over:
+                        motion.outcome, motion.reason = Outcome.REFUSED, str(error)
+                        motion.error = error
+                    if self._pending is not None and self._pending[0] is motion:
+                        self._pending = None
+            return motion
+
+    def hand_over(self, to: str) -> None:
+        """Pass the authority over the arm on to the source `to`, after a stop.
+
+        Raises MotionRefusedError where it is not ours.
+        """
+        with self.controller.lock, self._counted():
+            refusal = self.controller.authority.hand_over(VERBS, to, self.controller.stamp_s)
+            if refusal:
+                raise MotionRefusedError(f"hand_over: {refusal}")
+            self.controller.stop(f"authority was handed over to {to!r}")
+
+    def release(self, source: str = VERBS) -> None:
+        """Give up the authority of `source`, so that others need not wait until its lease ends."""
+        with self.controller.lock:
+            self.controller.authority.release(source)
+
+    def acknowledge(self) -> None:
+        """The deliberate act after measured joints were not believed, or the command did not come
+        together with its robot: go on from here. Raises MotionRefusedError while it is too early.
+        """
+        with self._counted():
+            why = self.controller.acknowledge()
+            if why:
+                raise MotionRefusedError(f"acknowledge: {why}")
+
+    # -- parameters ------------------------------------------------------------------------------
+
+    def get_parameter(self, key: prm.Key) -> float:
+        """A parameter by its code or name; codes as doubles. Raises ConfigurationError."""
+        rule = prm.find_rule(key)
+        if rule.key is Parameter.STREAM:
+            return float(self.streams.kind)
+        return self.parameters[rule.key]
+
+    def get_parameters(self) -> dict[str, float]:
+        """All parameters by name."""
+        return {rule.name: self.get_parameter(rule.key) for rule in prm.RULES}
+
+    def set_parameter(self, key: prm.Key, value: prm.Value) -> None:
+        """Set a parameter by its code or name. Refused while a motion is under way.
+
+        Raises ConfigurationError for what is not accepted, MotionRefusedError for the moment.
+        """
+        self.set_parameters({key: value})
+
+    def set_parameters(self, values: Mapping[prm.Key, prm.Value]) -> None:
+        """Set all of `values`, or, where one of them is refused, none."""
+        with self._planning, self.controller.lock, self._counted():
+            found = prm.checked_group(values)
+            names = ", ".join(vocab_text(key) for key in found)
+            self._require_idle(f"setting {names}")
+            stream = found.pop(Parameter.STREAM, None)
+            self._require_authority(f"setting {names}")
+            before = dict(self.parameters)
+            self.parameters.update(found)
+            try:
+                if stream is not None:
+                    self.streams.choose(Stream(int(stream)), self._start)
+            except MotionRefusedError:
+                self.parameters.update(before)
+                raise
+            self.body.velocity_gain_1_s = prm.feedback_gain_1_s(
+                self.parameters[Parameter.GAIN], self.parameters[Parameter.CONTROL_PERIOD]
+            )
+            self.servo.policy = _TO_POLICY[PolicyCode(int(self.parameters[Parameter.POLICY]))]
+
+    # -- streams ---------------------------------------------------------------------------------
+
+    def pose(
+        self,
+        x: Target,
+        *,
+        owner: str = "",
+        sequence: int | None = None,
+        stamp_s: float | None = None,
+    ) -> str:
+        """Go to the pose `x` now. Answers why not, or "".
+
+        `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
+        grow.
+        """
+        with self._planning:
+            return self._answer(lambda: self.streams.pose(x, owner, sequence, stamp_s))
+
+    def jog(
+        self,
+        dx: Target,
+        *,
+        owner: str = "",
+        sequence: int | None = None,
+        stamp_s: float | None = None,
+    ) -> str:
+        """Move the pose that is gone to by `dx` (m, rotation vector in rad); see `pose`.
+
+        Relative jogging: the deltas of a stream add up, so none is lost, however they are
+        bunched. In base axes p + d and exp(dr)·R, with the TCP frame H·X. Needs the stream
+        command `pose`, follows the parameter poseDamping, and is refused where the sum would run
+        away from the arm.
+        """
+        with self._planning:
+            return self._answer(lambda: self.streams.jog(dx, owner, sequence, stamp_s))
+
+    def twist(
+        self,
+        xdot: Sequence[float],
+        *,
+        owner: str = "",
+        sequence: int | None = None,
+        stamp_s: float | None = None,
+    ) -> str:
+        """Move with the twist `xdot` (m/s, rad/s) now; see `pose`. Too fast a one is slowed."""
+        return self._answer(lambda: self.streams.twist(xdot, owner, sequence, stamp_s))
+
+    def wrench(
+        self,
+        w: Sequence[float],
+        *,
+        owner: str = "",
+        sequence: int | None = None,
+        stamp_s: float | None = None,
+    ) -> str:
+        """Exert the wrench `w` (N, N·m, at the TCP) on the world now; see `pose`."""
+        return self._answer(lambda: self.streams.wrench(w, owner, sequence, stamp_s))
+
+    def joints(
+        self,
+        rates: Sequence[float],
+        *,
+        owner: str = "",
+        sequence: int | None = None,
+        stamp_s: float | None = None,
+    ) -> str:
+        """Move the joints at `rates` (rad/s or m/s, one a joint) now; see `pose`. Speeds are
+        bounded by the parameter jointSpeedShare, all slowed alike."""
+        return self._answer(lambda: self.streams.joints(rates, owner, sequence, stamp_s))
+
+    def _answer(self, command: Callable[[], None]) -> str:
+        try:
+            with self._counted():
+                command()
+        except MotionRefusedError as error:
+            return str(error)
+        return ""
+
+    # -- starting and ending ---------------------------------------------------------------------
+
+    def _launch(self, verb: str, ends: bool, prepare: _Prepare) -> Motion:
+        """Work the motion out and start it, or have it wait until the arm is at rest."""
+        with self._planning, self._counted():
+            with self.controller.lock:
+                start = self._start(verb)
+                generation = self.controller.generation
+            plan = prepare(start)
+            with self.controller.lock:
+                self._require_generation(generation)
+                motion = Motion(verb, ends)
+                self._drop_pending(f"{verb} took over")
+                if self.controller.idle:
+                    self._begin(motion, plan)
+                else:
+                    # It was worked out from where the arm was, to refuse early what is wrong;
+                    # it starts from where the arm comes to rest.
+                    self._end_stream(f"{verb} took over")
+                    self._end_motion(Outcome.ABORTED, f"{verb} took over")
+                    self.controller.brake()
+                    self._pending = motion, prepare
+                    self._waited_for = motion
+                return motion
+
+    def _begin(self, motion: Motion, plan: Plan) -> None:
+        self._waited_for = motion
+        motion.duration_s, motion.note = plan.duration_s, plan.note
+        if plan.activity is None:
+            motion.outcome = Outcome.DONE
+            return
+        self._end_stream(f"{motion.verb} took over")
+        self.controller.engage()
+        self.controller.begin(plan.activity)
+        motion.outcome = Outcome.RUNNING
+        self._motion, self._message = motion, ""
+
+    def _end_stream(self, reason: str) -> None:
+        if self.streams.end(reason):
+            self._message = reason
+
+    def _end_motion(self, outcome: Outcome, reason: str) -> None:
+        motion, self._motion = self._motion, None
+        if motion is not None:
+            motion.outcome, motion.reason = outcome, reason
+            self._message = reason
+
+    def _drop_pending(self, reason: str) -> None:
+        if self._pending is not None:
+            motion = self._pending[0]
+            motion.outcome, motion.reason = Outcome.ABORTED, reason
+            self._pending = None
+
+    # -- what has to be so -----------------------------------------------------------------------
+
+    def _counted(self) -> _Counted:
+        return _Counted(self)
+
+    def _require_joints(self, verb: str) -> RobotState:
+        robot = self.controller.robot
+        if robot is None:
+            raise MotionRefusedError(f"{verb}: nothing was heard of the robot yet")
+        if len(robot.joints) != self.servo.joints:
+            raise MotionRefusedError(
+                f"{verb}: the robot reports {len(robot.joints)} joint positions, "
+                f"{self.model.name} has {self.servo.joints} joints"
+            )
+        if not is_finite(robot.joints):
+            raise MotionRefusedError(f"{verb}: the robot reports joints that are not numbers")
+        return robot
+
+    def _start(self, verb: str) -> FloatArray:
+        """Joint positions that a motion would start from: the commanded ones, or, where nothing
+        is commanded, the measured ones."""
+        with self.controller.lock:
+            robot = self._require_joints(verb)
+            if verb != "inv":
+                why = robot.hold_reason or self.controller.not_ready
+                if why or not robot.ready:
+                    raise MotionRefusedError(f"{verb}: {why or 'the robot is not ready'}")
+                if robot.alarm:
+                    raise MotionRefusedError(f"{verb}: {robot.alarm}")
+                self._require_authority(verb)
+            if self.controller.engaged:
+                commanded: FloatArray = self.servo.q.copy()
+                return commanded
+            if verb != "inv":
+                self._check_measured(verb, robot)
+            return np.array(robot.joints)
+
+    def _check_measured(self, verb: str, robot: RobotState) -> None:
+        """Before the first command: the robot rests, and is what its model says."""
+        misfit = self.body.obstacle(robot, True)
+        if misfit:
+            raise MotionRefusedError(f"{verb}: {misfit}")
+        if robot.velocities:
+            share = np.abs(robot.velocities) / self.servo.kinematics.velocity
+            fastest = int(np.argmax(share))
+            if share[fastest] > AT_REST_SHARE:
+                raise MotionRefusedError(
+                    f"{verb}: {self.servo.kinematics.names[fastest]} moves already, at "
+                    f"{robot.velocities[fastest]:.3f} rad/s"
+                )
+
+    def _require_idle(self, verb: str) -> None:
+        if self.state is not State.NOT_CONTROLLING:
+            raise MotionRefusedError(f"{verb}: refused while in {vocab_text(self.state)}")
+        if self._pending is not None or (
+            not self.controller.idle and not isinstance(self.controller.activity, TorqueMotion)
+        ):
+            raise MotionRefusedError(f"{verb}: the arm is still moving")
+        if isinstance(self.controller.activity, TorqueMotion):
+            raise MotionRefusedError(f"{verb}: refused while torques are commanded; stop first")
+
+    def _require_authority(self, verb: str) -> None:
+        controller = self.controller
+        refusal = controller.barred or controller.authority.take(VERBS, controller.stamp_s)
+        if refusal:
+            raise MotionRefusedError(f"{verb}: {refusal}")
+
+    def _require_generation(self, generation: int) -> None:
+        robot = self.controller.robot
+        if generation != self.controller.generation or robot is None or not robot.ready:
+            why = self._message or "the robot is not ready"
+            raise MotionRefusedError(f"overtaken while it was worked out: {why}")
+
+
+class _Counted:
+    """Counts refusals on their way out."""
+
+    def __init__(self, verbs: ArmVerbs) -> None:
+        self._verbs = verbs
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
+        if isinstance(error, (MotionRefusedError, ConfigurationError)):
+            self._verbs._refusals += 1
+            self._verbs._last_refusal = str(error)
+
+
+def _drive(wanted: CommandKind | None, capabilities: RobotCapabilities) -> CommandKind | None:
+    if wanted is None:
+        return next((kind for kind in PREFERRED if kind in capabilities.commands), None)
+    if wanted not in PREFERRED or wanted not in capabilities.commands:
+        raise ConfigurationError(
+            "drive", f"{wanted.value}: the robot takes {kinds_in_words(capabilities)}"
+        )
+    return wanted
+
+
+def _narrowed(model: ArmModel, capabilities: RobotCapabilities) -> ArmModel:
+    """The arm with the limits of its robot driver, where those are tighter."""
+    n = len(model.joints)
+    if capabilities.joints != n:
+        raise ConfigurationError(
+            "arm", f"{model.name} has {n} joints, the robot has {capabilities.joints}"
+        )
+    limits = capabilities.limits
+    if limits is None:
+        return model
+    joints = tuple(
+        joint._replace(
+            lower=max(joint.lower, limits.lower[i]),
+            upper=min(joint.upper, limits.upper[i]),
+            velocity=min(joint.velocity, limits.velocity[i]),
+            acceleration=min(joint.acceleration, limits.acceleration[i]),
+        )
+        for i, joint in enumerate(model.joints)
+    )
+    return model._replace(joints=joints)

@@ -1,0 +1,40 @@
+"""Controllers as sessions make them, for tests in virtual time."""
+
+from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
+from cardan.gateway.hand.source import HandSource
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.types import RobotCapabilities
+
+PERIOD_S = 0.004
+
+
+def controller_for_hand(
+    mapping=None,
+    limits=None,
+    watchdogs=None,
+    filters=(),
+    arm=None,
+    period_s=PERIOD_S,
+    authority=None,
+):
+    """The controller of a robot that one operator device moves; `arm`: its body, by a model."""
+    limits, watchdogs = limits or ReferenceLimits(), watchdogs or Watchdogs()
+    hand = HandSource(
+        TwistMapping(mapping or MappingOptions()), limits, filters, watchdogs.device_age_s
+    )
+    gate = None
+    if arm is not None:
+        joints = arm.servo.joints
+        gate = arm.gate_limits(RobotCapabilities(frozenset(), period_s, joints, None, 0, 0))
+    return ArmController(
+        arm or FreeBody(limits),
+        limits,
+        watchdogs,
+        hand,
+        authority,
+        period_s=period_s,
+        gate=gate,
+    )
