@@ -217,7 +217,7 @@ def test_the_robot_brakes_when_the_force_is_lost_and_says_so():
         if k == 300:
             s.device.told = HapticState(state=OperatingState.FAULT, reason="fault: it flew")
         places.append(place.x)
-        messages.append(s.core.status().message)
+        messages.append(s.controller.status().message)
         return {}
 
     s = session(500, fault, fixtures=[SPHERE])
