@@ -1,6 +1,7 @@
 """Dependencies point one way; protocols keep no clock and open nothing."""
 
 import ast
+import graphlib
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,7 @@ EXCEPTIONS = {
 gateway serves spacenavd's protocol itself, to programs instead of a robot."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
+FREE_OF_CIRCLES = ("drivers", "protocols", "sim_peers", "dissect")
 
 
 def imported(path):
@@ -47,6 +49,29 @@ def imported(path):
             yield node.module
             if node.module == "cardan":
                 yield from (f"cardan.{alias.name}" for alias in node.names)
+
+
+def module_name(path):
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imported_modules(path, modules):
+    """The modules of `modules` that one imports by name, under TYPE_CHECKING and in functions too.
+
+    ``from package import module`` imports the module; the package only for names of its own.
+    """
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            submodules = names & modules
+            found |= submodules
+            if names - submodules:
+                found.add(node.module)
+    return found & modules
 
 
 def room(path):
@@ -74,3 +99,13 @@ def test_protocols_do_no_io_and_keep_no_clock(path):
 def test_only_the_command_line_knows_everything():
     unknown = {room(path) for path in MODULES} - MAY_IMPORT.keys()
     assert unknown == {"cli", "__main__"}
+
+
+@pytest.mark.parametrize("name", FREE_OF_CIRCLES)
+def test_no_import_circles(name):
+    paths = {module_name(path): path for path in (PACKAGE / name).rglob("*.py")}
+    graph = {module: imported_modules(path, set(paths)) for module, path in paths.items()}
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))

@@ -3,12 +3,12 @@
 import os
 import shutil
 
-from cardan.drivers.omni import tick
+from cardan.drivers.omni import native
 from cardan.sim_peers import omni
 
 
 def test_the_c_parts_were_compiled():
     if shutil.which(os.environ.get("CC", "cc")) is None:
         return  # Then the package is built without, and says so; the other tests skip aloud.
-    assert tick.available(), "run tools/native"
+    assert native.available(), "run tools/native"
     assert omni.available(), "run tools/native"

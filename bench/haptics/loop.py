@@ -17,7 +17,9 @@ import numpy.typing as npt
 
 from cardan.drivers.omni import library as libhd
 from cardan.drivers.omni.limits import TickLimits
-from cardan.drivers.omni.tick import Servo, Tick, kinematics
+from cardan.drivers.omni.native import kinematics
+from cardan.drivers.omni.servo import Servo
+from cardan.drivers.omni.tick import Tick
 from cardan.haptics import OperatingState
 from cardan.protocols.hdapi.constants import Capability
 from cardan.sim_peers.omni.library import SimulatedOmni

@@ -27,7 +27,8 @@ import numpy as np
 from bench.haptics.loop import Array
 from cardan.drivers.omni import library as libhd
 from cardan.drivers.omni.limits import TickLimits
-from cardan.drivers.omni.tick import Servo, Tick
+from cardan.drivers.omni.servo import Servo
+from cardan.drivers.omni.tick import Tick
 from cardan.gateway.session.demo import DEMOS, demo_config, simulated_peer
 from cardan.gateway.session.supervisor import supervise
 from cardan.haptics import Fixture, HapticCommand, MeasuredForce, Plane

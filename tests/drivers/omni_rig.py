@@ -2,7 +2,8 @@
 
 from cardan.drivers.omni.core import Identity, OmniCore
 from cardan.drivers.omni.options import OmniOptions
-from cardan.drivers.omni.tick import StylusSample, Tick
+from cardan.drivers.omni.tick import Tick
+from cardan.drivers.omni.values import StylusSample
 from cardan.haptics import Calibration
 from cardan.types import ZERO3, DeviceLink, Vector3
 

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cardan.drivers.motoros.feedback import StateFeed
+from cardan.drivers.motoros.motion_control import Phase
 from cardan.drivers.motoros.options import MotorosOptions
-from cardan.drivers.motoros.session import MotorosSession, Phase
+from cardan.drivers.motoros.session import MotorosSession
 from cardan.errors import CommandError
 from cardan.protocols.simple_message import (
     ZEROS,

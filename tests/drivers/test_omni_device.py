@@ -14,7 +14,8 @@ import pytest
 
 from cardan import spatial
 from cardan.drivers.omni import BUTTONS, Omni, OmniOptions, device, library
-from cardan.drivers.omni.tick import Servo, Tick
+from cardan.drivers.omni.servo import Servo
+from cardan.drivers.omni.tick import Tick
 from cardan.drivers.udev import udev_rules
 from cardan.errors import (
     CommandError,

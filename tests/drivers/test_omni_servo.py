@@ -18,7 +18,9 @@ import numpy as np
 import pytest
 
 from cardan.drivers.omni.limits import UncheckedLimits
-from cardan.drivers.omni.tick import FUNCTIONS, Servo, Tick, kinematics
+from cardan.drivers.omni.native import kinematics
+from cardan.drivers.omni.servo import FUNCTIONS, Servo
+from cardan.drivers.omni.tick import Tick
 from cardan.errors import DriverError
 from cardan.haptics import Calibration, HapticCommand, HapticState, OperatingState, Plane
 from cardan.protocols.hdapi import Error, Info, State

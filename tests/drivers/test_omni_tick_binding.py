@@ -8,14 +8,10 @@ from typing import Any
 
 import pytest
 
-from cardan.drivers.omni import tick as tick_module
+from cardan.drivers.omni import native, structures
 from cardan.drivers.omni.limits import TickLimits
-from cardan.drivers.omni.tick import (
-    NativeMissingError,
-    Tick,
-    available,
-    library_path,
-)
+from cardan.drivers.omni.native import NativeMissingError, available, library_path
+from cardan.drivers.omni.tick import Tick
 from cardan.errors import DriverError
 from cardan.haptics import (
     IDENTITY3,
@@ -28,7 +24,7 @@ from tests.drivers.tick_rig import (
 def test_nothing_is_ever_read_half_written() -> None:
     """Three threads without the interpreter's lock: one commands, one steps, one reads."""
     free: Any = ctypes.CDLL(str(library_path()))
-    limits = tick_module._c_limits(TickLimits(**ROOM))
+    limits = structures.c_limits(TickLimits(**ROOM))
     free.tick_create.restype = ctypes.c_void_p
     tick = ctypes.c_void_p(free.tick_create(ctypes.byref(limits)))
     stop = threading.Event()
@@ -36,7 +32,7 @@ def test_nothing_is_ever_read_half_written() -> None:
     seen: set[int] = set()
 
     def command() -> None:
-        c = tick_module._Command()
+        c = structures.CCommand()
         c.linear[:] = c.rotation[:] = IDENTITY3
         c.fixture_count, c.force_scale = 8, 1.0
         sequence = 0
@@ -53,10 +49,10 @@ def test_nothing_is_ever_read_half_written() -> None:
             free.tick_command(tick, ctypes.byref(c))
 
     def step() -> None:
-        s = tick_module._Sample()
+        s = structures.CSample()
         s.rotation[:] = s.jacobian[:] = IDENTITY3
         s.calibrated = 1
-        output = tick_module._Output()
+        output = structures.COutput()
         k = 0
         while not stop.is_set():
             k += 1
@@ -65,7 +61,7 @@ def test_nothing_is_ever_read_half_written() -> None:
             free.tick_step(tick, ctypes.byref(s), ctypes.byref(output))
 
     def read() -> None:
-        snapshot = tick_module._Snapshot()
+        snapshot = structures.CSnapshot()
         while len(seen) < 1000 and not torn:
             free.tick_snapshot(tick, ctypes.byref(snapshot))
             if not snapshot.ticks:
@@ -94,37 +90,35 @@ def test_nothing_is_ever_read_half_written() -> None:
 
 def test_both_languages_agree_on_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
     assert available()
-    right = tick_module._expected_layout()
-    monkeypatch.setattr(tick_module, "_expected_layout", lambda: [*right[:-1], right[-1] + 4])
-    tick_module._library.cache_clear()
+    right = structures.expected_layout()
+    monkeypatch.setattr(native, "expected_layout", lambda: [*right[:-1], right[-1] + 4])
+    native.tick_library.cache_clear()
     try:
         with pytest.raises(NativeMissingError, match="tools/native"):
             Tick()
         assert not available()
     finally:
-        tick_module._library.cache_clear()
+        native.tick_library.cache_clear()
 
 
 def test_without_the_compiled_part_it_says_what_to_do(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Any
 ) -> None:
-    monkeypatch.setattr(tick_module, "library_path", lambda: tmp_path / "libcardan_omni.so")
-    tick_module._library.cache_clear()
+    monkeypatch.setattr(native, "library_path", lambda: tmp_path / "libcardan_omni.so")
+    native.tick_library.cache_clear()
     try:
         assert not available()
         with pytest.raises(NativeMissingError, match="gcc"):
             Tick()
     finally:
-        tick_module._library.cache_clear()
+        native.tick_library.cache_clear()
 
 
 def test_packed_and_declared_structures_are_the_same() -> None:
-    assert tick_module._COMMAND.size == tick_module._Command.fixtures.offset
-    assert tick_module._FIXTURE.size == ctypes.sizeof(tick_module._Fixture)
-    assert tick_module._SAMPLE.size + tick_module._SAMPLE_REST.size == ctypes.sizeof(
-        tick_module._Sample
-    )
-    assert tick_module._SNAPSHOT.size == ctypes.sizeof(tick_module._Snapshot)
+    assert structures.COMMAND.size == structures.CCommand.fixtures.offset
+    assert structures.FIXTURE.size == ctypes.sizeof(structures.CFixture)
+    assert structures.SAMPLE.size + structures.SAMPLE_REST.size == ctypes.sizeof(structures.CSample)
+    assert structures.SNAPSHOT.size == ctypes.sizeof(structures.CSnapshot)
 
 
 def test_after_close_it_says_so() -> None:

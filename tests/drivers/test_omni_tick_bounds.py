@@ -11,9 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cardan.drivers.omni.tick import (
-    Tick,
-)
+from cardan.drivers.omni.tick import Tick
 from cardan.errors import CommandError
 from cardan.haptics import (
     Calibration,

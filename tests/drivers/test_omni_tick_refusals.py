@@ -9,11 +9,9 @@ from typing import Any
 
 import pytest
 
-from cardan.drivers.omni import tick as tick_module
+from cardan.drivers.omni import native, structures
 from cardan.drivers.omni.limits import RANGES, TickLimits, UncheckedLimits
-from cardan.drivers.omni.tick import (
-    Tick,
-)
+from cardan.drivers.omni.tick import Tick
 from cardan.errors import CommandError
 from cardan.haptics import (
     Box,
@@ -170,7 +168,7 @@ def test_both_languages_refuse_what_a_device_may_not_be_driven_with(name: str, e
     wide: dict[str, Any] = {"slew_fall_n_s": 3300.0, "release_s": 0.05, "pause_s": 0.9}
     wide |= {"pause_gap_s": 0.09, "overrun_gap_s": 0.0012, "hold_s": 0.001}
     for value, taken in ((edge, True), (beyond, False)):
-        limits = tick_module._c_limits(TickLimits(**wide))
+        limits = structures.c_limits(TickLimits(**wide))
         setattr(limits, name, value)
         if name == "pause_s":
             limits.hold_s = min(limits.hold_s, value)
@@ -178,10 +176,10 @@ def test_both_languages_refuse_what_a_device_may_not_be_driven_with(name: str, e
             continue  # Too slow for any release, whatever the range.
         elif name == "release_s" and not end:
             limits.clamp_n = 2.0
-        pointer = tick_module._library().tick_create(ctypes.byref(limits))
+        pointer = native.tick_library().tick_create(ctypes.byref(limits))
         assert bool(pointer) is taken, (name, value)
         if pointer:
-            tick_module._library().tick_destroy(pointer)
+            native.tick_library().tick_destroy(pointer)
 
 
 def test_experiments_may_go_beyond_and_say_so() -> None:
@@ -209,9 +207,7 @@ def test_every_limit_arrives(name: str) -> None:
         change = 0.9 * value
     if name == "temperature_limit":
         change = 0.8
-    a, b = (
-        tick_module._c_limits(limits) for limits in (TickLimits(), TickLimits(**{name: change}))
-    )
+    a, b = (structures.c_limits(limits) for limits in (TickLimits(), TickLimits(**{name: change})))
     for field, *_ in a._fields_:
         first, second = (getattr(x, field) for x in (a, b))
         if isinstance(value, tuple) and field == name:

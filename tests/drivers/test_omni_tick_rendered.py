@@ -9,9 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from cardan.drivers.omni.tick import (
-    kinematics,
-)
+from cardan.drivers.omni.native import kinematics
 from cardan.haptics import (
     Box,
     Cylinder,

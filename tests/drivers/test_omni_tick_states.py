@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cardan.drivers.omni import tick as tick_module
+from cardan.drivers.omni import values
 from cardan.errors import CommandError
 from cardan.haptics import (
     Calibration,
@@ -168,5 +168,5 @@ def test_every_orientation_survives(q: list[float]) -> None:
         2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
         2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
     )  # fmt: skip
-    again = tick_module._quaternion(matrix)
+    again = values.quaternion_of(matrix)
     assert abs(sum(a * b for a, b in zip(again, (w, x, y, z), strict=True))) == pytest.approx(1.0)

@@ -11,10 +11,8 @@ import pytest
 from hypothesis import strategies as st
 
 from cardan.drivers.omni.limits import UncheckedLimits
-from cardan.drivers.omni.tick import (
-    StylusSample,
-    Tick,
-)
+from cardan.drivers.omni.tick import Tick
+from cardan.drivers.omni.values import StylusSample
 from cardan.haptics import (
     Box,
     Cylinder,

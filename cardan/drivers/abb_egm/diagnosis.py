@@ -3,79 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from cardan.drivers.abb_egm.counters import EgmCounters
+from cardan.drivers.abb_egm.options import AbbEgmOptions
+from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import ADVICE
+from cardan.histogram import LatencyHistogram
 from cardan.protocols.egm import EgmRobot
-from cardan.types import NEVER_S
+from cardan.types import RobotState
 
-if TYPE_CHECKING:
-    from cardan.drivers.abb_egm.session import EgmSession
-
-_WAITING_WORTH_A_WORD_S = 0.5
-_LOSS_WORTH_A_WORD = 0.001
-"""Share of the datagrams."""
-
-_LOOK_EVERY = 25
-"""Answers between two looks at the progress: 0.1 s at 250 Hz."""
-_LOOKS_TO_SAY_SO = 5
-"""0.5 s: longer than a ramp-in takes to let go."""
-_NOTICEABLE = 0.003
-"""rad or m per look; slower commands tell nothing."""
-_ERROR_SHARE = 0.15
-"""Of a distance that stays, the least a position gain of 1.5 per s makes good between looks."""
-_CLEARLY_LESS = 0.5
-
-
-class SlowMotionWatch:
-    """Notices that the controller's own reference stays far behind what it was told.
-
-    That is what \\MaxSpeedDeviation does, whose default of 1 deg/s all but stops a robot.
-    """
-
-    __slots__ = ("_countdown", "_looks", "_made", "_s", "_told", "commanded", "done")
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget what was seen: a session, or a state of the controller, begins."""
-        self._countdown = _LOOK_EVERY
-        self._looks = 0
-        self._told: tuple[float, ...] | None = None
-        self._made: tuple[float, ...] = ()
-        self._s = NEVER_S
-        self.commanded = 0.0
-        """Speed asked for at the last look, rad/s or m/s."""
-        self.done = 0.0
-        """Speed made of it, rad/s or m/s."""
-
-    @property
-    def capped(self) -> bool:
-        """True when the motion has been far too slow for 0.5 s."""
-        return self._looks >= _LOOKS_TO_SAY_SO
-
-    def due(self) -> bool:
-        """Whether it is time for a look; to be asked once per answer."""
-        self._countdown -= 1
-        return self._countdown <= 0
-
-    def look(self, progress: tuple[Sequence[float], Sequence[float]] | None, now_s: float) -> None:
-        """Compare the reference that was sent with the one the controller follows."""
-        self._countdown = _LOOK_EVERY
-        if progress is None:
-            return
-        told, made = tuple(progress[0]), tuple(progress[1])
-        if self._told is not None and now_s > self._s:
-            asked = max(math.dist(told, self._told), _ERROR_SHARE * math.dist(told, made))
-            went = math.dist(made, self._made)
-            slow = asked > _NOTICEABLE and went < _CLEARLY_LESS * asked
-            self._looks = self._looks + 1 if slow else 0
-            self.commanded = asked / (now_s - self._s)
-            self.done = went / (now_s - self._s)
-        self._told, self._made, self._s = told, made, now_s
-
+_REPORTED_WAITING_S = 0.5
+"""A shorter wait for the first datagram is not reported."""
+_REPORTED_LOSS = 0.001
+"""Share of the datagrams; less is not reported."""
 
 OLDEST = "before 6.07.01"
 
@@ -99,8 +40,44 @@ def robotware(message: EgmRobot) -> str:
     return OLDEST
 
 
-def diagnose(session: EgmSession, now_s: float) -> tuple[str, ...]:
-    """Everything worth a word about `session`, worst first."""
+class Diagnosed(Protocol):
+    """What `diagnose` reads of a session."""
+
+    counters: EgmCounters
+    slow_motion: SlowMotionWatch
+    reply_latency: LatencyHistogram
+    port: int
+    last_cause: str
+    last_malformed: str
+    last_foreign: str
+    last_send_error: str
+
+    @property
+    def options(self) -> AbbEgmOptions: ...
+
+    @property
+    def peer(self) -> tuple[str, int] | None: ...
+
+    @property
+    def state(self) -> RobotState | None: ...
+
+    @property
+    def message(self) -> EgmRobot | None: ...
+
+    @property
+    def sessions(self) -> int: ...
+
+    @property
+    def hold_reason(self) -> str: ...
+
+    @property
+    def silent(self) -> bool: ...
+
+    def silence_s(self, now_s: float) -> float: ...
+
+
+def diagnose(session: Diagnosed, now_s: float) -> tuple[str, ...]:
+    """Everything to report about `session`, worst first."""
     words: list[str] = []
     words += _silence(session, now_s)
     if session.state is not None and not session.silent:
@@ -111,12 +88,12 @@ def diagnose(session: EgmSession, now_s: float) -> tuple[str, ...]:
     return tuple(words)
 
 
-def _silence(session: EgmSession, now_s: float) -> list[str]:
+def _silence(session: Diagnosed, now_s: float) -> list[str]:
     options = session.options
     silence_s = session.silence_s(now_s)
     port = session.port
     if session.state is None:
-        if silence_s < _WAITING_WORTH_A_WORD_S:
+        if silence_s < _REPORTED_WAITING_S:
             return []
         words = (
             f"no EGM datagram on UDP port {port} of {options.listen_host} for {silence_s:.1f} s: "
@@ -146,7 +123,7 @@ def _silence(session: EgmSession, now_s: float) -> list[str]:
     return [words]
 
 
-def _standing(session: EgmSession) -> list[str]:
+def _standing(session: Diagnosed) -> list[str]:
     words = []
     reason = session.hold_reason
     if reason:
@@ -165,7 +142,7 @@ def _standing(session: EgmSession) -> list[str]:
     return words
 
 
-def _refused(session: EgmSession) -> list[str]:
+def _refused(session: Diagnosed) -> list[str]:
     counters = session.counters
     words = []
     if counters.foreign:
@@ -190,7 +167,7 @@ def _refused(session: EgmSession) -> list[str]:
     return words
 
 
-def _quality(session: EgmSession) -> list[str]:
+def _quality(session: Diagnosed) -> list[str]:
     counters = session.counters
     words = []
     latency = session.reply_latency
@@ -204,7 +181,7 @@ def _quality(session: EgmSession) -> list[str]:
             "Shorten the loop, or let stream() answer for it"
         )
     expected = counters.accepted + counters.lost
-    if counters.lost > _LOSS_WORTH_A_WORD * expected:
+    if counters.lost > _REPORTED_LOSS * expected:
         words.append(
             f"{counters.lost} of {expected} datagrams were lost "
             f"({100.0 * counters.lost / expected:.1f} %)"
@@ -222,7 +199,7 @@ def _quality(session: EgmSession) -> list[str]:
     return words
 
 
-def _setup(session: EgmSession) -> list[str]:
+def _setup(session: Diagnosed) -> list[str]:
     options = session.options
     message = session.message
     words = []

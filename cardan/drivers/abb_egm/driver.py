@@ -62,7 +62,6 @@ class AbbEgm(RobotDriver):
         """When nothing was waiting; what comes out of the socket now came in after that."""
         self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s
-        """The command that the datagram last yielded was answered with."""
         self._loop = 0
         """Counts calls of cycles(); only the newest loop goes on."""
         self._loop_thread = 0

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
-from cardan.drivers.abb_egm.diagnosis import SlowMotionWatch, diagnose
+from cardan.drivers.abb_egm.counters import EgmCounters
+from cardan.drivers.abb_egm.diagnosis import diagnose
 from cardan.drivers.abb_egm.guidance import LONGEST_STEP_PERIODS, guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import SILENT_PERIODS, AbbEgmOptions
+from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
 from cardan.errors import CommandError
 from cardan.histogram import LatencyHistogram
@@ -66,31 +66,6 @@ _LATE_MAX = 250
 FLOOD_DATAGRAMS = 50
 """So many more datagrams refused than accepted are somebody's doing and not a bad line: a tenth of
 all cycles with garbage never gets there, a flood does within a cycle or two."""
-
-
-@dataclass(slots=True)
-class EgmCounters:
-    """What happened since the driver was opened."""
-
-    accepted: int = 0
-    answers: int = 0
-    superseded: int = 0
-    """Accepted, but a newer one was there before it could be answered."""
-    lost: int = 0
-    """Missing in the controller's sequence."""
-    duplicates: int = 0
-    old: int = 0
-    foreign: int = 0
-    """From another address than the controller's."""
-    malformed: Counter[str] = field(default_factory=Counter)
-    """By kind."""
-    late_commands: int = 0
-    """Pauses between answers above the command timeout."""
-    driver_holds: int = 0
-    """Datagrams that got no command from the application; the driver answered with a hold."""
-    send_errors: int = 0
-    ended_by_convergence: int = 0
-    """Runs that ended while the robot stood in its convergence window."""
 
 
 class EgmSession:

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Generator
 from contextlib import closing
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from cardan.drivers.abb_egm.options import AbbEgmOptions
+from cardan.drivers.abb_egm.session import EgmSession
 from cardan.errors import DriverError
 from cardan.types import HoldCommand, RobotCommand, RobotState
 
-if TYPE_CHECKING:
-    from cardan.drivers.abb_egm.driver import AbbEgm
-
 _JOIN_S = 2.0
-"""A wake-up and a braking ramp, with room to spare."""
+"""Longer than a wake-up and a braking ramp take."""
+
+
+class StreamedRobot(Protocol):
+    """What a stream needs of an open driver."""
+
+    options: AbbEgmOptions
+
+    @property
+    def session(self) -> EgmSession: ...
+
+    def cycles(self) -> Generator[RobotState, None, None]: ...
+
+    def send(self, command: RobotCommand) -> None: ...
 
 
 class EgmStream:
@@ -25,7 +38,7 @@ class EgmStream:
     until the controller begins a new session; then the robot is braked within its limits.
     """
 
-    def __init__(self, driver: AbbEgm) -> None:
+    def __init__(self, driver: StreamedRobot) -> None:
         self._driver = driver
         self._timeout_s = driver.options.late_after_s
         self._thread: threading.Thread | None = None

@@ -15,8 +15,9 @@ from collections.abc import Generator
 from cardan.drivers.base import RobotDriver
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.io_client import IoClient
+from cardan.drivers.motoros.motion_control import Task
 from cardan.drivers.motoros.options import MotorosOptions
-from cardan.drivers.motoros.session import MotorosSession, Task
+from cardan.drivers.motoros.session import MotorosSession
 from cardan.errors import AddressError, CardanError, NotOpenError
 from cardan.protocols.simple_message import ByteOrder
 from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState

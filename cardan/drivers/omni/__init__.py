@@ -3,6 +3,6 @@
 from cardan.drivers.omni.core import BUTTONS, Identity, OmniCore
 from cardan.drivers.omni.device import Omni
 from cardan.drivers.omni.options import OmniOptions
-from cardan.drivers.omni.tick import TickDetails
+from cardan.drivers.omni.values import TickDetails
 
 __all__ = ["BUTTONS", "Identity", "Omni", "OmniCore", "OmniOptions", "TickDetails"]

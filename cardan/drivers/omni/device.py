@@ -23,7 +23,9 @@ from cardan.drivers.omni.core import BUTTONS, Identity, OmniCore
 from cardan.drivers.omni.library import LibHD, error_words
 from cardan.drivers.omni.limits import WORKSPACE_LOWER_M, WORKSPACE_UPPER_M, TickLimits
 from cardan.drivers.omni.options import OmniOptions
-from cardan.drivers.omni.tick import Servo, Tick, TickDetails
+from cardan.drivers.omni.servo import Servo
+from cardan.drivers.omni.tick import Tick
+from cardan.drivers.omni.values import TickDetails
 from cardan.drivers.reading import ReadDevice
 from cardan.errors import CommandError, DeviceAccessError, DriverError, NotOpenError
 from cardan.haptics import HapticCommand, HapticState, OperatingState

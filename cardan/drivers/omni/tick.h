@@ -3,8 +3,8 @@
  * Pure C11: no library of a device, no clock (time is an argument), no allocation and no lock in
  * the step. SI units; hand frame (x forward, y left, z up, m) unless a name says world.
  *
- * Threads. tick_begin, tick_step, tick_error and tick_fatal belong to the device's thread. tick_command and
- * tick_set_limits belong to one other thread at a time, tick_snapshot too; tick_request to any.
+ * Threads. tick_begin, tick_step, tick_error and tick_fatal belong to the device's thread. tick_command
+ * and tick_set_limits belong to one other thread at a time, tick_snapshot too; tick_request to any.
  * All three exchanges are triple buffers: the writer fills a buffer of its own and swaps it with
  * the middle one, the reader swaps the middle one with its own. Neither waits, and nothing is
  * ever read that is half written.

@@ -32,6 +32,7 @@ from cardan.protocols.egm.messages import (
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run, Setup, StopMode
 from cardan.sim_peers.egm_controller.contact import Surface, tcp_velocity, touch
+from cardan.sim_peers.egm_controller.events import Event
 from cardan.sim_peers.egm_controller.faults import (
     CLOCK_STEP_AT_S,
     PAUSE_EVERY_S,
@@ -40,7 +41,7 @@ from cardan.sim_peers.egm_controller.faults import (
 from cardan.sim_peers.egm_controller.kinematics import AXES, GOFA, forward
 from cardan.sim_peers.egm_controller.motion import Servo
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
-from cardan.sim_peers.egm_controller.rapid import EgmState, Event, RapidTask
+from cardan.sim_peers.egm_controller.rapid import EgmState, RapidTask
 from cardan.sim_peers.egm_controller.scripts import (
     SCRIPT_VERBS,
     SCRIPTS,

@@ -10,7 +10,6 @@ import enum
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 from cardan.protocols.egm.messages import (
     EgmRapidData,
@@ -19,6 +18,18 @@ from cardan.protocols.egm.messages import (
     MCIState,
 )
 from cardan.sim_peers.egm_controller.arguments import Act, Mode, PathMove, Run, Setup, StopMode
+from cardan.sim_peers.egm_controller.events import (
+    EMERGENCY_STOP,
+    MODE_MISMATCH,
+    MOTION_SUPERVISION,
+    MOTORS_OFF,
+    MOTORS_ON,
+    MOVE_NOT_ALLOWED,
+    NO_DATA,
+    PROGRAM_STARTED,
+    PROGRAM_STOPPED,
+    Event,
+)
 from cardan.sim_peers.egm_controller.guidance import (
     JOINT_OUT_OF_RANGE,
     UNNUMBERED,
@@ -29,19 +40,10 @@ from cardan.sim_peers.egm_controller.guidance import (
     PoseGuidance,
     Tuning,
 )
-from cardan.sim_peers.egm_controller.kinematics import AXES
-from cardan.sim_peers.egm_controller.motion import JointMove, RampDown, Servo
+from cardan.sim_peers.egm_controller.motion import Servo
+from cardan.sim_peers.egm_controller.movements import Movements
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
-
-MOTORS_OFF = 10010
-MOTORS_ON = 10011
-EMERGENCY_STOP = 10013
-PROGRAM_STOPPED = 10125
-PROGRAM_STARTED = 10151
-NO_DATA = 41822
-MODE_MISMATCH = 41826
-MOTION_SUPERVISION = 50204
-MOVE_NOT_ALLOWED = 50453
+from cardan.sim_peers.egm_controller.program import Program
 
 _LEVEL_1_DELAY_CYCLES = 2
 """Level 1 filters and so acts later than Level 0; the manual says that, but not how much."""
@@ -53,7 +55,6 @@ _ECHO_AFTER_S = 0.024
 """How long a RAPID loop takes to read an input and set an output."""
 
 _COLLISION_SHOWN_S = 0.2
-_STILL = [0.0] * AXES
 
 
 class EgmState(enum.IntEnum):
@@ -73,16 +74,6 @@ class OnError(enum.Enum):
     """The program's error handler runs EGM again; it gets recoverable errors only."""
     RESTART = "restart"
     """An operator moves the program pointer to main and starts the program."""
-
-
-class Event(NamedTuple):
-    """A line of the controller's event log."""
-
-    time_s: float
-    """Since the start of the controller."""
-    code: int
-    """0 where the number is not published."""
-    text: str
 
 
 class RapidTask:
@@ -119,9 +110,7 @@ class RapidTask:
         self._act: Act | None = None
         self._run: Run | None = None
         self._path: PathMove | None = None
-        self._main: dict[str, Callable[[], None]] = {}
-        self._replaying = False
-        self._pending: deque[Callable[[], None]] = deque()
+        self._program = Program()
         self._at_main = False
         self._interrupted = False
         self._no_restart = False
@@ -129,8 +118,7 @@ class RapidTask:
         self._heard = False
         self._converged_since_s: float | None = None
         self._start_joints: list[float] = list(servo.planned)
-        self._motion: RampDown | JointMove | None = None
-        self._next_motions: deque[Callable[[], RampDown | JointMove]] = deque()
+        self._movements = Movements(servo)
         self._tail_until_s: float | None = None
         self._moved = False
         self._on_error = OnError.STOP
@@ -196,7 +184,7 @@ class RapidTask:
         if not self.program_running:
             self.log(UNNUMBERED, "an instruction is not reached: the program is stopped")
             return
-        self._pending.append(instruction)
+        self._program.append(instruction)
         self._advance()
 
     def get_id(self) -> None:
@@ -210,7 +198,7 @@ class RapidTask:
         if self._runs("EGMSetupUC") and self._needs("EGMSetupUC", self._identity, "EGMGetId"):
             self._setup = arguments
             self._act = None
-            self._record("setup", lambda: self.setup(arguments))
+            self._program.record("setup", lambda: self.setup(arguments))
 
     def act(self, arguments: Act) -> None:
         """EGMActJoint, EGMActPose or EGMActMove; the last one counts."""
@@ -220,20 +208,20 @@ class RapidTask:
             self._rapid_error(UNNUMBERED, f"SampleRate {rate} is not a multiple of 24 ms")
             return
         self._act = arguments
-        self._record("act", lambda: self.act(arguments))
+        self._program.record("act", lambda: self.act(arguments))
         if arguments.stream_start:
             self._start_streaming()
 
     def stream_start(self) -> None:
         """EGMStreamStart."""
         if self._runs("EGMStreamStart") and self._needs("EGMStreamStart", self._act, "EGMAct"):
-            self._record("stream", self.stream_start)
+            self._program.record("stream", self.stream_start)
             self._start_streaming()
 
     def stream_stop(self) -> None:
         """EGMStreamStop."""
         if self._runs("EGMStreamStop"):
-            self._main.pop("stream", None)
+            self._program.forget("stream")
             self.streaming = False
 
     def run(self, arguments: Run) -> None:
@@ -243,7 +231,7 @@ class RapidTask:
             return
         if not self._ready_to_move("EGMRun", arguments.mode):
             return
-        self._record("motion", lambda: self.run(arguments))
+        self._program.record("motion", lambda: self.run(arguments))
         if arguments.axes:
             self._run, self._path = arguments, None
             self._start_joints = list(self.servo.planned)
@@ -253,7 +241,7 @@ class RapidTask:
         """EGMMoveL with path correction."""
         if not self._ready_to_move("EGMMoveL", Mode.PATH):
             return
-        self._record("motion", lambda: self.egm_move(arguments))
+        self._program.record("motion", lambda: self.egm_move(arguments))
         self._run, self._path = None, arguments
         self._start_joints = list(self.servo.planned)
         self._begin()
@@ -283,7 +271,7 @@ class RapidTask:
         if not self.motors_on:
             self._rapid_error(UNNUMBERED, "MoveAbsJ: motors are off")
             return
-        self._record("move", lambda: self.move(joints))
+        self._program.record("move", lambda: self.move(joints))
         self._moved = True
         here = self.servo.planned
         if joints is not None and any(abs(b - a) > 1e-9 for a, b in zip(here, joints, strict=True)):
@@ -371,7 +359,7 @@ class RapidTask:
             return False
         self._needs_jog = False
         self._moved = True
-        if self.sending or self._motion is not None or self._next_motions:
+        if self.sending or self._movements.busy:
             self._go(joints)
         else:
             self.servo.place(joints)
@@ -380,7 +368,7 @@ class RapidTask:
     def power_cycle(self) -> None:
         """The controller restarts: nothing is left but the program itself."""
         self._release()
-        self._stop_moving()
+        self._movements.clear()
         self.servo.place(self.servo.actual)
         self._tail_until_s = None
         self._then = None
@@ -471,14 +459,7 @@ class RapidTask:
 
     def _follow_up(self) -> None:
         """One cycle without guidance: come to rest, go where told, then go on."""
-        if self._motion is None and self._next_motions:
-            self._motion = self._next_motions.popleft()()
-        if self._motion is None:
-            self.servo.drive(_STILL)
-        elif self._motion.tick():
-            self._motion = None
-        standing = self._motion is None and not self._next_motions and self.servo.at_rest
-        if not standing:
+        if not self._movements.tick():
             return
         if self._tail_until_s is not None and self._now_s >= self._tail_until_s:
             self._tail_until_s = None
@@ -526,41 +507,19 @@ class RapidTask:
 
     def _stop_program(self) -> None:
         self.program_running = False
-        self._pending.clear()
-        self._replaying = False
+        self._program.stop()
         self.log(PROGRAM_STOPPED, "Program stopped")
 
     def _advance(self) -> None:
         """Execute what is next in the program, as far as it goes without waiting."""
-        while (
-            self._pending
-            and self.program_running
-            and self._motion is None
-            and not self._next_motions
-        ):
-            self._pending.popleft()()
-
-    def _record(self, name: str, instruction: Callable[[], None]) -> None:
-        """Remember the program for `_run_main`; each EGMSetupUC begins it anew."""
-        if self._replaying:
-            return
-        if name == "setup":
-            self._main = {key: step for key, step in self._main.items() if key == "move"}
-        self._main[name] = instruction
+        while not self._program.finished and self.program_running and not self._movements.busy:
+            self._program.step()
 
     def _run_main(self) -> None:
         """Execute the program from its first instruction, as far as it came so far."""
         self._release()
-        main = self._main
-        steps = [main[name] for name in ("setup", "act", "stream", "motion") if name in main]
-        if "move" in main:
-            self._pending.append(main["move"])
-        self._pending.extend([self.get_id, *steps, self._replayed])
-        self._replaying = True
+        self._program.restart(self.get_id)
         self._advance()
-
-    def _replayed(self) -> None:
-        self._replaying = False
 
     def _ready_to_move(self, instruction: str, mode: Mode) -> bool:
         if not self._runs(instruction) or not self._needs(instruction, self._act, "EGMAct"):
@@ -581,7 +540,7 @@ class RapidTask:
             obstacle = "EGM is running already"
         elif not self._moved:
             obstacle = "the first movement after a controller start must not be EGM"
-        elif not self.servo.at_rest or self._motion is not None or self._next_motions:
+        elif not self.servo.at_rest or self._movements.busy:
             obstacle = "the robot does not stand in a fine point"
         elif (self._level() == _PATH_LEVEL) is not (mode is Mode.PATH):
             obstacle = f"Level {self._level()} is not for mode {mode.value}"
@@ -640,15 +599,14 @@ class RapidTask:
 
     def _end(self, mode: StopMode, brake_s: float, return_s: float) -> None:
         """Guidance ends as planned: convergence, EGMStop, end of the path."""
-        self._stop_moving()
+        self._movements.clear()
         self.guidance = None
         self.streaming = False
         self.converged = False
-        self._next_motions.append(lambda: RampDown(self.servo, brake_s))
+        self._movements.brake(brake_s)
         if mode is StopMode.RAMP_DOWN:
             self.move_index += 1
-            start = self._start_joints
-            self._next_motions.append(lambda: JointMove(self.servo, start, return_s))
+            self._movements.go(self._start_joints, return_s)
         if brake_s > 0.0 or mode is StopMode.RAMP_DOWN:
             self._tail_until_s = self._now_s
         if self._loop:
@@ -658,11 +616,11 @@ class RapidTask:
         """Guidance is interrupted, to go on when the program does."""
         if self.guidance is None:
             return
-        self._stop_moving()
+        self._movements.clear()
         self.guidance = None
         self.converged = False
         self._interrupted = True
-        self._next_motions.append(lambda: RampDown(self.servo, ramp_s))
+        self._movements.brake(ramp_s)
         self._tail_until_s = self._now_s + self.options.ramp_time_s
 
     def _motors_off(self) -> None:
@@ -674,7 +632,7 @@ class RapidTask:
         guided = self.guidance is not None
         self._interrupt(0.0)
         if not guided:
-            self._stop_moving()
+            self._movements.clear()
         if self.program_running:
             self._stop_program()
 
@@ -684,14 +642,14 @@ class RapidTask:
             self.log(error.code, error.text)
         recoverable = error.code == NO_DATA and self._run is not None and not self._run.no_wait
         self._interrupted = self.guidance is not None
-        self._stop_moving()
+        self._movements.clear()
         self.guidance = None
         self.streaming = False
         self.converged = False
         self._failed = True
         self._needs_jog = self._needs_jog or error.needs_jog
         ramp_s = self.options.ramp_time_s if error.code == NO_DATA else 0.0
-        self._next_motions.append(lambda: RampDown(self.servo, ramp_s))
+        self._movements.brake(ramp_s)
         self._tail_until_s = self._now_s + self.options.ramp_time_s
         if error.motors_off:
             self.motors_on = False
@@ -730,12 +688,7 @@ class RapidTask:
 
     def _go(self, joints: Sequence[float]) -> None:
         self.move_index += 1
-        self._next_motions.append(lambda: JointMove(self.servo, joints))
-
-    def _stop_moving(self) -> None:
-        """Forget programmed movements; what still moves brakes."""
-        self._motion = None
-        self._next_motions.clear()
+        self._movements.go(joints)
 
     def _when_standing(self, action: Callable[[], None], after_s: float = 0.0) -> None:
         """Do `action` once the arm stands, the session's end is sent and `after_s` is over."""

@@ -1,0 +1,31 @@
+"""What is counted of an EGM session."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+
+@dataclass(slots=True)
+class EgmCounters:
+    """What happened since the driver was opened."""
+
+    accepted: int = 0
+    answers: int = 0
+    superseded: int = 0
+    """Accepted, but a newer one was there before it could be answered."""
+    lost: int = 0
+    """Missing in the controller's sequence."""
+    duplicates: int = 0
+    old: int = 0
+    foreign: int = 0
+    """From another address than the controller's."""
+    malformed: Counter[str] = field(default_factory=Counter)
+    """By kind."""
+    late_commands: int = 0
+    """Pauses between answers above the command timeout."""
+    driver_holds: int = 0
+    """Datagrams that got no command from the application; the driver answered with a hold."""
+    send_errors: int = 0
+    ended_by_convergence: int = 0
+    """Runs that ended while the robot stood in its convergence window."""

@@ -1,0 +1,67 @@
+"""Whether the controller follows commands much slower than they ask."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from cardan.types import NEVER_S
+
+_LOOK_EVERY = 25
+"""Answers between two comparisons: 0.1 s at 250 Hz."""
+_LOOKS_TO_REPORT = 5
+"""Comparisons in a row, 0.5 s: longer than the controller ramps in."""
+_NOTICEABLE = 0.003
+"""rad or m per comparison; slower commands are not judged."""
+_ERROR_SHARE = 0.15
+"""Of a constant distance, what a position gain of 1.5 per s covers at least between comparisons."""
+_CLEARLY_LESS = 0.5
+
+
+class SlowMotionWatch:
+    """Notices that the controller's own reference stays far behind the commanded one.
+
+    \\MaxSpeedDeviation does that: its default of 1 deg/s all but stops a robot.
+    """
+
+    __slots__ = ("_countdown", "_looks", "_made", "_s", "_told", "commanded", "done")
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Start anew, with a session or a state of the controller."""
+        self._countdown = _LOOK_EVERY
+        self._looks = 0
+        self._told: tuple[float, ...] | None = None
+        self._made: tuple[float, ...] = ()
+        self._s = NEVER_S
+        self.commanded = 0.0
+        """Commanded speed at the last comparison, rad/s or m/s."""
+        self.done = 0.0
+        """Speed of the controller's reference then, rad/s or m/s."""
+
+    @property
+    def capped(self) -> bool:
+        """True when the motion has been far too slow for 0.5 s."""
+        return self._looks >= _LOOKS_TO_REPORT
+
+    def due(self) -> bool:
+        """Whether it is time for `look`; to be called once per answer."""
+        self._countdown -= 1
+        return self._countdown <= 0
+
+    def look(self, progress: tuple[Sequence[float], Sequence[float]] | None, now_s: float) -> None:
+        """Compare the reference that was sent with the one the controller follows."""
+        self._countdown = _LOOK_EVERY
+        if progress is None:
+            return
+        told, made = tuple(progress[0]), tuple(progress[1])
+        if self._told is not None and now_s > self._s:
+            asked = max(math.dist(told, self._told), _ERROR_SHARE * math.dist(told, made))
+            went = math.dist(made, self._made)
+            slow = asked > _NOTICEABLE and went < _CLEARLY_LESS * asked
+            self._looks = self._looks + 1 if slow else 0
+            self.commanded = asked / (now_s - self._s)
+            self.done = went / (now_s - self._s)
+        self._told, self._made, self._s = told, made, now_s

@@ -1,0 +1,36 @@
+"""Limits that hold for a motion: ours, and the controller's where they are narrower."""
+
+from __future__ import annotations
+
+import math
+
+from cardan.protocols.simple_message import VelocityInfo
+from cardan.types import JointLimits
+
+FLOAT32_SHARE = 1.0 - 1e-6
+"""Factor on a limit that came as float32, so that a value sent as float32 does not exceed it."""
+
+
+def agreed_limits(limits: JointLimits, info: VelocityInfo) -> JointLimits:
+    """`limits` narrowed by those that the controller gives for its velocity mode."""
+    lower, upper = [], []
+    for a, b, low, high in zip(
+        limits.lower, limits.upper, info.pos_min, info.pos_max, strict=False
+    ):
+        known = low < high and max(a, low) < min(b, high)
+        lower.append(max(a, low) if known else a)
+        upper.append(min(b, high) if known else b)
+    return JointLimits(
+        tuple(lower),
+        tuple(upper),
+        _narrower(limits.velocity, info.v_max),
+        _narrower(limits.acceleration, info.a_max),
+    )
+
+
+def _narrower(ours: tuple[float, ...], theirs: tuple[float, ...]) -> tuple[float, ...]:
+    """The lesser of each pair; values that are not positive and finite are no limits."""
+    return tuple(
+        min(a, FLOAT32_SHARE * b) if 0.0 < b < math.inf else a
+        for a, b in zip(ours, theirs, strict=False)
+    )

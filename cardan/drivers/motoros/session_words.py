@@ -1,0 +1,59 @@
+"""Plain words for the state of a MotoROS session."""
+
+from __future__ import annotations
+
+from cardan.drivers.motoros.connections import Connection
+from cardan.drivers.motoros.diagnosis import status_in_words
+from cardan.drivers.motoros.feedback import StateFeed
+from cardan.drivers.motoros.motion_control import MotionControl
+from cardan.drivers.motoros.options import MotorosOptions
+
+
+def no_motion_connection(options: MotorosOptions, link: Connection, end_reason: str) -> str:
+    """Why there is no motion connection, and why motion ended before."""
+    end = f"{end_reason}; " if end_reason else ""
+    port = options.motion_port
+    return f"{end}no connection to port {port}" + (f": {link.reason}" if link.reason else "")
+
+
+def silence(options: MotorosOptions, feed: StateFeed, link: Connection, now_s: float) -> str:
+    """Why no fresh state is known; `link` is the state port's."""
+    if link.reason:
+        return f"no connection to port {options.state_port}: {link.reason}"
+    if not link.up:
+        return f"connecting to {options.host}:{options.state_port}"
+    heard_s = max(min(feed.status_s, feed.feedback_s), link.since_s)
+    # Where the status comes and the feedback does not, the controller lacks the group.
+    missing = "state"
+    if feed.status_s > feed.feedback_s:
+        missing = f"feedback of group {options.group}"
+    return f"no {missing} for {now_s - heard_s:.1f} s"
+
+
+def findings(control: MotionControl, quiet: str, hold_reason: str) -> tuple[str, ...]:
+    """What stands in the way or deserves attention, worst first.
+
+    `quiet` says why no fresh state is known; empty when one is.
+    """
+    found: list[str] = []
+    feed = control.feed
+    if quiet:
+        found.append(quiet)
+    else:
+        status = feed.status
+        if hold_reason:
+            found.append(hold_reason)
+        words = "" if status is None or control.enabled else status_in_words(status)
+        if words and words not in found:
+            found.append(words)
+    if control.answer:
+        found.append(control.answer)
+    underruns = control.counters.underruns
+    if underruns:
+        found.append(
+            f"the controller's queue ran empty in motion {underruns} times: this computer is "
+            "late; raise queue_low"
+        )
+    found += [f"{count} messages ignored: {why}" for why, count in feed.ignored.most_common(5)]
+    found += [f"motion ended {n} times: {why}" for why, n in control.ends.most_common(3) if n > 1]
+    return tuple(found)

@@ -1,0 +1,66 @@
+"""Order of a RAPID program's instructions: what is next, and what running it again means."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Literal
+
+Instruction = Callable[[], None]
+Part = Literal["move", "setup", "act", "stream", "motion"]
+
+
+class Program:
+    """Instructions that were not reached yet, and those that the program has executed so far.
+
+    Instructions note themselves by `record` when they are executed; `restart` executes them again.
+    """
+
+    def __init__(self) -> None:
+        self._pending: deque[Instruction] = deque()
+        self._main: dict[Part, Instruction] = {}
+        self._replaying = False
+
+    @property
+    def finished(self) -> bool:
+        """True when no instruction is left to execute."""
+        return not self._pending
+
+    def append(self, instruction: Instruction) -> None:
+        """Add an instruction to the end."""
+        self._pending.append(instruction)
+
+    def step(self) -> None:
+        """Execute the next instruction."""
+        self._pending.popleft()()
+
+    def stop(self) -> None:
+        """Drop the instructions that were not reached."""
+        self._pending.clear()
+        self._replaying = False
+
+    def record(self, part: Part, instruction: Instruction) -> None:
+        """Note an executed instruction for `restart`; each EGMSetupUC begins the program anew."""
+        if self._replaying:
+            return
+        if part == "setup":
+            self._main = {key: step for key, step in self._main.items() if key == "move"}
+        self._main[part] = instruction
+
+    def forget(self, part: Part) -> None:
+        """Leave out of `restart` what was recorded as `part`."""
+        self._main.pop(part, None)
+
+    def restart(self, get_id: Instruction) -> None:
+        """Queue the program from its first instruction, as far as it came so far."""
+        main = self._main
+        parts: tuple[Part, ...] = ("setup", "act", "stream", "motion")
+        if "move" in main:
+            self._pending.append(main["move"])
+        self._pending.append(get_id)
+        self._pending.extend(main[part] for part in parts if part in main)
+        self._pending.append(self._replayed)
+        self._replaying = True
+
+    def _replayed(self) -> None:
+        self._replaying = False
