@@ -4,12 +4,7 @@ from cardan.sim_peers.egm_controller.arguments import Mode
 from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.controller import Counters, EgmController
 from cardan.sim_peers.egm_controller.faults import FAULTS
-from cardan.sim_peers.egm_controller.options import (
-    FORCE_FRAMES,
-    FORCE_SENSES,
-    ROBOTWARE,
-    EgmControllerOptions,
-)
+from cardan.sim_peers.egm_controller.options import ROBOTWARE, EgmControllerOptions
 from cardan.sim_peers.egm_controller.rapid import EgmState, Event
 from cardan.sim_peers.egm_controller.scripts import SCRIPT_VERBS, SCRIPTS
 from cardan.sim_peers.egm_controller.udp import EgmControllerPeer
@@ -17,8 +12,6 @@ from cardan.sim_peers.link import FaultyLink
 
 __all__ = [
     "FAULTS",
-    "FORCE_FRAMES",
-    "FORCE_SENSES",
     "ROBOTWARE",
     "SCRIPTS",
     "SCRIPT_VERBS",
