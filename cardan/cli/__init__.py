@@ -16,7 +16,6 @@ from rich.table import Table
 from rich.text import Text
 
 from cardan import __version__
-from cardan.cli import sim_devices, sim_robots
 from cardan.cli.common import (
     EXIT_CANNOT_OPEN,
     EXIT_FAILED,
@@ -31,8 +30,6 @@ from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import DeviceLink, RobotLink
-
-__all__ = ["app", "main", "sim_devices", "sim_robots"]  # The latter two give `sim` its commands.
 
 EPILOG = (
     "Exit codes: 0 done as asked; 1 failed inside; 2 wrong configuration or usage; "

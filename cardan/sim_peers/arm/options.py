@@ -12,6 +12,7 @@ from cardan.protocols.joint_stream import MAX_JOINTS
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import FAULTS
 from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.command import numbers, option
 from cardan.types import ZERO3, Vector3
 
 DRIVES = ("dynamic", "ideal")
@@ -26,6 +27,12 @@ class Plane(NamedTuple):
     normal: Vector3
     """Any length but zero."""
 
+    @classmethod
+    def read(cls, text: str) -> Plane:
+        """``X,Y,Z,NX,NY,NZ``; ValueError."""
+        x, y, z, *normal = numbers(text, 6)
+        return cls(Vector3(x, y, z), Vector3(*normal))
+
 
 class Ball(NamedTuple):
     """A solid sphere to touch."""
@@ -33,6 +40,12 @@ class Ball(NamedTuple):
     centre: Vector3
     """m, base frame."""
     radius_m: float
+
+    @classmethod
+    def read(cls, text: str) -> Ball:
+        """``X,Y,Z,R``; ValueError."""
+        x, y, z, radius_m = numbers(text, 4)
+        return cls(Vector3(x, y, z), radius_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +56,8 @@ class PlantOptions:
     it is largest, rotor included), so that one number suits a shoulder and a wrist.
     """
 
-    drive: Literal["dynamic", "ideal"] = "dynamic"
-    """ideal: the joints are exactly where they are commanded to be, without any dynamics."""
+    drive: Literal["dynamic", "ideal"] = option("dynamic", "ideal: exactly where commanded.")
+    """The joints of an ideal one have no dynamics at all."""
     step_s: float = 0.0005
     """Integration step."""
     position_bandwidth_rad_s: float = 60.0
@@ -55,7 +68,7 @@ class PlantOptions:
     velocity_leak_1_s: float = 0.5
     """How fast the velocity servo forgets its position error: under gravity the arm creeps down
     at leak · gravity torque / stiffness."""
-    gravity_feedforward: bool = False
+    gravity_feedforward: bool = option(False, "Its servo knows gravity.")
     """Servo torques contain the model's gravity torque (payload unknown to it)."""
     viscous_friction_1_s: float = 2.0
     coulomb_friction_rad_s2: float = 1.0
@@ -64,14 +77,28 @@ class PlantOptions:
     rotor_inertia: float = 0.1
     """Of each drive, seen from the joint: kg·m² (kg for a prismatic joint). Keeps the mass matrix
     well-conditioned however light the last links are."""
-    payload_kg: float = 0.0
-    """A point mass at the TCP."""
+    payload_kg: float = option(0.0, "A mass at the TCP.")
+    """A point."""
     gravity_m_s2: Vector3 = STANDARD_GRAVITY_M_S2
     """In the base frame."""
     start: tuple[float, ...] | None = None
     """Joints at the start, rad or m; None: the arm's home."""
-    planes: tuple[Plane, ...] = ()
-    balls: tuple[Ball, ...] = ()
+    planes: tuple[Plane, ...] = option(
+        (),
+        "Solid below this plane, m (repeatable).",
+        name="plane",
+        metavar="X,Y,Z,NX,NY,NZ",
+        read=Plane.read,
+        repeatable=True,
+    )
+    balls: tuple[Ball, ...] = option(
+        (),
+        "A solid sphere, m (repeatable).",
+        name="sphere",
+        metavar="X,Y,Z,R",
+        read=Ball.read,
+        repeatable=True,
+    )
     contact_radius_m: float = 0.02
     """Of the sphere about the TCP that touches."""
     contact_stiffness_n_m: float = 1e4
@@ -126,14 +153,19 @@ class PlantOptions:
 class SimulatedArmOptions:
     """The controller around the plant, and where it listens."""
 
-    robot: str = "ur5"
-    """A name or file as :func:`cardan.robots.load_arm` takes it."""
+    robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
+    """As :func:`cardan.robots.load_arm` takes it."""
     plant: PlantOptions = field(default_factory=PlantOptions)
-    host: str = "127.0.0.1"
+    host: str = option(
+        "127.0.0.1",
+        "Where it takes commands; port 0: any.",
+        name="listen",
+        metavar="HOST:PORT",
+        port_field="port",
+    )
     port: int = 6520
-    """UDP; 0: any free one."""
-    period_s: float = 0.002
-    """A state is sent this often."""
+    """UDP."""
+    period_s: float = option(0.002, "A state is sent this often.")
     command_timeout_s: float = 0.1
     """Without a command for so long the arm brakes and holds."""
     following_error_rad: float = 0.2

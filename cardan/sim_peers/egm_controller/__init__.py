@@ -5,12 +5,7 @@ from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.controller import Counters, EgmController
 from cardan.sim_peers.egm_controller.events import Event
 from cardan.sim_peers.egm_controller.faults import FAULTS
-from cardan.sim_peers.egm_controller.options import (
-    FORCE_FRAMES,
-    FORCE_SENSES,
-    ROBOTWARE,
-    EgmControllerOptions,
-)
+from cardan.sim_peers.egm_controller.options import ROBOTWARE, EgmControllerOptions
 from cardan.sim_peers.egm_controller.rapid import EgmState
 from cardan.sim_peers.egm_controller.scripts import SCRIPT_VERBS, SCRIPTS
 from cardan.sim_peers.egm_controller.udp import EgmControllerPeer
@@ -18,8 +13,6 @@ from cardan.sim_peers.link import FaultyLink
 
 __all__ = [
     "FAULTS",
-    "FORCE_FRAMES",
-    "FORCE_SENSES",
     "ROBOTWARE",
     "SCRIPTS",
     "SCRIPT_VERBS",

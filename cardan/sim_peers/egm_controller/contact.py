@@ -28,6 +28,17 @@ class Surface(NamedTuple):
     friction: float = 0.2
     """Coulomb's coefficient along the surface."""
 
+    @classmethod
+    def read(cls, text: str) -> Surface:
+        """``HEIGHT[:STIFFNESS[:DAMPING[:FRICTION]]]``, SI units; ValueError."""
+        try:
+            height_m, *others = [float(word) for word in text.split(":")]
+            return cls(height_m, *others)
+        except (ValueError, TypeError):
+            raise ValueError(
+                f"{text!r} is not HEIGHT[:STIFFNESS[:DAMPING[:FRICTION]]], as 0.28:500"
+            ) from None
+
 
 def touch(surface: Surface, position: Vector3, velocity: Vector3) -> Vector3:
     """The force that the TCP exerts on `surface`; zero without contact, never upwards."""

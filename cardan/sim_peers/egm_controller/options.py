@@ -9,13 +9,16 @@ from typing import Literal, NamedTuple
 
 from cardan.errors import ConfigurationError
 from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.command import numbers, option
 from cardan.sim_peers.egm_controller.arguments import Mode
 from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.faults import FAULTS
 from cardan.sim_peers.egm_controller.kinematics import AXES, GOFA
 
 REAL_PERIOD_S = 0.004032
-"""Control period of a real controller; a virtual one runs at about 0.004 s."""
+"""Control period of a real controller."""
+VIRTUAL_PERIOD_S = 0.004
+"""That of RobotStudio's virtual controller."""
 
 
 class Profile(NamedTuple):
@@ -58,33 +61,45 @@ FORCE_SENSES = ("exerted", "felt")
 class EgmControllerOptions:
     """How the simulated controller is set up. None means: as the script says."""
 
-    pc_host: str = "127.0.0.1"
-    """Remote Address of the UDP Unicast Device: where the PC is."""
+    pc_host: str = option(
+        "127.0.0.1",
+        "The PC to send to, as the controller's UdpUc.",
+        name="to",
+        metavar="HOST:PORT",
+        port_field="pc_port",
+    )
+    """Remote Address of the UDP Unicast Device."""
     pc_port: int = 6510
     """Remote Port Number."""
-    robotware: str = "7"
-    """"6", "7" or a release of PROFILES."""
-    mode: Mode = Mode.POSE
-    """For script lines that name none."""
+    robotware: str = option("7", "What its datagrams contain.", metavar="6|7|RELEASE")
+    """A key of ROBOTWARE."""
+    mode: Mode = option(Mode.POSE, "What its RAPID program runs.")
+    """Of script lines that name none."""
     script: str = "teleop"
     """A built-in name or a file; in mode PATH "teleop" is "path"."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by name, from `cardan.sim_peers.base.parse_faults`."""
     seed: int = 0
-    joints_deg: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 30.0, 0.0)
-    """Where the arm stands at the start."""
+    joints_deg: tuple[float, ...] = option(
+        (0.0, 0.0, 0.0, 0.0, 30.0, 0.0),
+        "Where the arm stands at first, deg.",
+        metavar="J1,...,J6",
+        read=lambda text: numbers(text, AXES),
+    )
 
-    comm_timeout_s: float | None = None
-    max_speed_deviation_deg_s: float | None = None
+    comm_timeout_s: float | None = option(None, "RAPID's \\CommTimeout.")
+    max_speed_deviation_deg_s: float | None = option(None, "RAPID's \\MaxSpeedDeviation.")
     max_pos_deviation_deg: float | None = None
-    lp_filter_hz: float | None = None
+    lp_filter_hz: float | None = option(None, "RAPID's \\LpFilter.")
     sample_rate_ms: int | None = None
     cond_time_s: float | None = None
     ramp_in_s: float | None = None
-    pos_corr_gain: float | None = None
+    pos_corr_gain: float | None = option(
+        None, "RAPID's \\PosCorrGain; 0: speed only.", metavar="0..1"
+    )
 
-    k: float = 5.0
-    """System parameter Default Proportional Position Gain, 1/s."""
+    k: float = option(5.0, "Default Proportional Position Gain.", name="gain", metavar="1/S")
+    """A system parameter."""
     level: int | None = None
     """System parameter Level: 0 raw, 1 filtering, 2 path; None is 1, for path correction 2."""
     default_lp_filter_hz: float = 20.0
@@ -93,7 +108,9 @@ class EgmControllerOptions:
     """System parameter Default Ramp Time."""
     do_not_restart_after_motors_off: bool = False
 
-    period_s: float = REAL_PERIOD_S
+    virtual: bool = option(False, "4.000 ms cycle, as RobotStudio's controller.")
+    """`period_s` is VIRTUAL_PERIOD_S."""
+    period_s: float = option(REAL_PERIOD_S, "Another cycle, for a computer too slow for it.")
     servo_delay_s: float = 0.016
     """How far the arm is behind the reference; real arms: 10 to 20 ms."""
     encoder_noise_deg: float = 1e-4
@@ -125,15 +142,22 @@ class EgmControllerOptions:
     """Poses carry Euler angles beside the quaternion."""
     force: bool = True
     """measuredForce is sent."""
-    force_control: bool = False
-    """Force control is active: forces are compensated; else the raw sensor is sent."""
-    surface: Surface | None = None
+    force_control: bool = option(False, "Measured force is compensated, not raw.")
+    """As while force control is active."""
+    surface: Surface | None = option(
+        None,
+        "A table to press on: height, stiffness, damping, friction.",
+        metavar="M[:N/M[:N.S/M[:MU]]]",
+        read=Surface.read,
+    )
     """What the TCP can touch; felt in measuredForce."""
-    force_frame: Literal["tool", "base"] = "tool"
-    """Along whose axes measuredForce gives contact forces; ABB's manual does not say."""
-    force_sense: Literal["exerted", "felt"] = "exerted"
-    """Whether contact forces in it are what the tool exerts on the world, or what it feels from
-    it; ABB's manual does not say. Exerted is what `RobotState.wrench` is everywhere here."""
+    force_frame: Literal["tool", "base"] = option("tool", "Whose axes the measured force is along.")
+    """Of contact forces; ABB's manual does not say."""
+    force_sense: Literal["exerted", "felt"] = option(
+        "exerted", "Force of the tool on the world, or back."
+    )
+    """Of contact forces; ABB's manual does not say. Exerted is what `RobotState.wrench` is
+    everywhere here."""
     collision_force_n: float = 150.0
     """A contact force at which the motion supervision sees a collision; 0: never. The order of
     magnitude at which collaborative arms stop; the real one depends on load and speed."""
@@ -150,6 +174,12 @@ class EgmControllerOptions:
         if not isinstance(self.mode, Mode):
             check("mode", self.mode in {m.value for m in Mode}, "joint, pose or path")
             object.__setattr__(self, "mode", Mode(self.mode))
+        if self.virtual:
+            if self.period_s not in (REAL_PERIOD_S, VIRTUAL_PERIOD_S):
+                raise ConfigurationError(
+                    "period_s", f"{self.period_s!r}: virtual is a period, too: give one of them"
+                )
+            object.__setattr__(self, "period_s", VIRTUAL_PERIOD_S)
         check("robotware", self.robotware in ROBOTWARE, f"one of {', '.join(ROBOTWARE)}")
         check("pc_port", 1 <= self.pc_port <= 65535, "a port, 1 to 65535")
         check("joints_deg", len(self.joints_deg) == AXES, f"{AXES} joint values")

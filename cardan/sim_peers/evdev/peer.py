@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import load_script
+from cardan.sim_peers.command import option
 from cardan.sim_peers.evdev.carriers import Carrier, SocketCarrier, UinputCarrier
 from cardan.sim_peers.evdev.core import SimulatedInput
 from cardan.sim_peers.evdev.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand, play
@@ -24,10 +25,15 @@ class EvdevPeerOptions:
 
     kind: str = "gamepad"
     """gamepad or keyboard."""
-    path: str = ""
-    """The socket to create (AF_UNIX, SOCK_SEQPACKET)."""
-    uinput: bool = False
-    """Instead of a socket, a device of the kernel's by /dev/uinput."""
+    path: str = option(
+        "",
+        "Unix seqpacket socket: packets of struct input_event.",
+        name="events",
+        metavar="PATH",
+    )
+    """Created when the peer opens."""
+    uinput: bool = option(False, "An input device of this machine's kernel (/dev/uinput).")
+    """Instead of a socket."""
     model: str = ""
     """Key of the model; empty: the first of its kind."""
     script: str = "demo"

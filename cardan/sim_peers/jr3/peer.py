@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from cardan.errors import ConfigurationError
 from cardan.protocols.jr3_can import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, Frame, Six
 from cardan.sim_peers.base import SimulatedPeer, check_faults, load_script
+from cardan.sim_peers.command import option
 from cardan.sim_peers.jr3.can_bus import PythonCanBus
 from cardan.sim_peers.jr3.core import SimulatedJr3
 from cardan.sim_peers.jr3.faults import FAULTS
@@ -30,28 +31,37 @@ _log = logging.getLogger(__name__)
 class Jr3PeerOptions:
     """What to simulate and on which bus."""
 
-    interface: str = "udp_multicast"
-    """python-can's name of the way to the bus."""
-    channel: str = UDP_MULTICAST_GROUP
-    serve_socketcand: bool = False
-    """Serve a bus of its own at `host` and `port`, as socketcand does, instead of joining one;
-    needs no python-can."""
-    host: str = "127.0.0.1"
-    """Of socketcand, served or joined."""
-    port: int | None = None
-    """Of udp_multicast (None: 43113) and socketcand (None: 29536; served: 0 is any)."""
+    interface: str = option(
+        "udp_multicast", "The way to the bus, as python-can calls it.", metavar="NAME"
+    )
+    channel: str = option(
+        UDP_MULTICAST_GROUP,
+        "The bus; that of udp_multicast is its group.",
+        metavar="NAME",
+    )
+    serve_socketcand: bool = option(False, "Serve a bus of its own, by socketcand's protocol.")
+    """Instead of joining one: at `host` and `port`; needs no python-can."""
+    host: str = option("127.0.0.1", "Of socketcand, served or joined.", metavar="HOST")
+    port: int | None = option(
+        None, "Of udp_multicast or socketcand; default: theirs.", metavar="PORT"
+    )
+    """Theirs are 43113 and 29536; for socketcand that is served 0 is any."""
     hop_limit: int = 0
     """Of udp_multicast; 0: frames stay on this computer."""
     bitrate: int = 1_000_000
     """Of a bus by hardware other than socketcan."""
-    sensor: str = "right-hand"
-    """Whose full scales: one of TEO's four sensors."""
-    node_id: int = 0
-    """0: that of TEO's sensor."""
+    sensor: str = option(
+        "right-hand",
+        "Whose full scales; see --list-sensors.",
+        metavar="NAME",
+        listed=[(name, f"node {TEO_NODE_IDS[name]}") for name in TEO_SENSORS],
+    )
+    """One of TEO's four sensors."""
+    node_id: int = option(0, "Node id; 0: that of the sensor on TEO.", name="node", metavar="ID")
     script: str = "demo"
     """A built-in script or a file."""
-    boot_s: float = 2.0
-    """From power to BOOTUP."""
+    boot_s: float = option(2.0, "From power to its first message.")
+    """That message is BOOTUP."""
     offset: Six = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
     """What the sensor shows before it is zeroed: its own zero and what is mounted on it."""
     noise_n: float = 0.05

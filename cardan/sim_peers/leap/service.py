@@ -20,6 +20,7 @@ from websockets.server import ServerProtocol
 from cardan.errors import AddressError, ConfigurationError
 from cardan.protocols.leap import HEARTBEAT_VERSIONS, PORT, ClientOptions, version_of
 from cardan.sim_peers.base import SimulatedPeer, load_script
+from cardan.sim_peers.command import option
 from cardan.sim_peers.leap.core import DEFAULT_JITTER, DEFAULT_RATE_HZ, SimulatedLeapService
 from cardan.sim_peers.leap.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHands, play
 
@@ -41,15 +42,13 @@ _protocol_log.setLevel(logging.WARNING)
 class LeapPeerOptions:
     """What to simulate and where. Raises ConfigurationError for a value that is not allowed."""
 
-    host: str = "127.0.0.1"
-    port: int = PORT
-    """0: any free one."""
+    host: str = option("127.0.0.1", "The address it listens on.", metavar="HOST")
+    port: int = option(PORT, "Its port; 0: any.", metavar="PORT")
     script: str = "demo"
     """A built-in script or a file."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of `FAULTS`; times count from the start of the script."""
-    rate_hz: float = DEFAULT_RATE_HZ
-    """Frames a second."""
+    rate_hz: float = option(DEFAULT_RATE_HZ, "Frames a second.")
     jitter: float = DEFAULT_JITTER
     """How late a frame may be, as a share of the period."""
     seed: int = 0

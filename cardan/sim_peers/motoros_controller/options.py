@@ -11,6 +11,7 @@ from cardan.errors import ConfigurationError
 from cardan.protocols.simple_message import MAX_GROUPS, MOTION_PORT, ValidFields
 from cardan.robots import ArmModel, JointKind, load_arm
 from cardan.sim_peers.base import check_faults
+from cardan.sim_peers.command import option
 from cardan.sim_peers.motoros_controller.faults import ROBOT_FAULTS
 from cardan.sim_peers.motoros_controller.plant import PLANTS, PlantModel
 from cardan.sim_peers.motoros_controller.server_faults import SERVER_FAULTS
@@ -29,16 +30,18 @@ class MotorosControllerOptions:
 
     robot: str = "gp8"
     """A name or file as :func:`cardan.robots.load_arm` takes it."""
-    groups: int = 1
-    """Control groups, each with the same arm."""
-    host: str = "127.0.0.1"
-    base_port: int = MOTION_PORT
-    """TCP port of motion; state and inputs/outputs follow it. 0: any free ones."""
-    big_endian: bool = False
-    """As an FS100; the other controllers are little-endian."""
-    velocity_mode: bool = True
-    """False: as MotoROS without the velocity mode."""
-    plant: Literal["ideal", "paper"] | PlantModel = "ideal"
+    groups: int = option(1, "Control groups, each with such an arm.", metavar="1..4")
+    host: str = option("127.0.0.1", "The address it listens on.", metavar="HOST")
+    base_port: int = option(
+        MOTION_PORT, "Motion; state and I/O are the two after it. 0: any three.", metavar="PORT"
+    )
+    big_endian: bool = option(False, "As an FS100; others are little-endian.")
+    velocity_mode: bool = option(
+        True, "As MotoROS is, with trajectories only.", name="no-velocity-mode"
+    )
+    plant: Literal["ideal", "paper"] | PlantModel = option(
+        "ideal", "paper: the arm lags as in Baklouti et al. 2021."
+    )
     """How the arm follows its command: one of PLANTS, or one's own."""
     ipc_s: float = 0.004
     """Interpolation period, whole ms."""
@@ -66,15 +69,15 @@ class MotorosControllerOptions:
     """Of each axis in velocity mode, rad/s²; None: the arm model's."""
     speed_limits: tuple[float, ...] | None = None
     """Of each axis, rad/s; None: the arm model's."""
-    servo_on: bool = False
-    """At the start, as the three below."""
+    servo_on: bool = option(False, "Its drives have power from the start.")
     play: bool = True
+    """At the start, as the one below."""
     remote: bool = True
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by name, from `cardan.sim_peers.base.parse_faults`."""
     seed: int = 0
-    log: str = ""
-    """A file for one CSV row a tick; empty: none is kept."""
+    log: str = option("", "A CSV row for each interpolation cycle.", metavar="FILE")
+    """Empty: none is kept."""
 
     def __post_init__(self) -> None:
         def check(key: str, good: bool, allowed: str) -> None:

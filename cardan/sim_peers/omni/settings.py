@@ -41,6 +41,7 @@ from typing import NamedTuple
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import FaultSwitch, check_faults
+from cardan.sim_peers.command import option
 from cardan.types import ZERO3, Vector3
 
 MODELS = {"omni": "PHANTOM Omni", "touch": "Touch"}
@@ -93,10 +94,11 @@ class OmniFault(NamedTuple):
 
 def parse_omni_faults(words: Iterable[str]) -> tuple[OmniFault, ...]:
     """Read ``NAME[=VALUE][@SECONDS]``; ScriptError says what is wrong and what there is."""
-    return tuple(_parse_fault(word) for word in words)
+    return tuple(parse_omni_fault(word) for word in words)
 
 
-def _parse_fault(word: str) -> OmniFault:
+def parse_omni_fault(word: str) -> OmniFault:
+    """One of them."""
     what, at, from_s = word.partition("@")
     name, equals, value = what.partition("=")
     defaults = {switch.name: switch.default for switch in FAULTS}
@@ -171,10 +173,8 @@ class OmniSettings:
     """Time passes in simStep only; otherwise the clock of this machine and a thread."""
     seed: int = 0
     rate_hz: int = 1000
-    cold: bool = False
-    """Powered up without having been in the inkwell."""
-    model: str = "omni"
-    """One of MODELS."""
+    cold: bool = option(False, "It needs the inkwell before it knows where it is.")
+    model: str = option("omni", "Which of the two it says it is.", metavar="|".join(MODELS))
     serial: str = "60907300123"
     device: str = ""
     """A name for hdInitDevice beside the default ones."""
@@ -194,9 +194,16 @@ class OmniSettings:
     """Without waypoints, which say it themselves, as they do of the grip."""
     gripped: bool = True
     motion: HandMotion = STILL
-    faults: tuple[OmniFault, ...] = ()
-    log: str = ""
-    """Where the truth of each tick is written to, at most 50 ms later; empty: nowhere."""
+    faults: tuple[OmniFault, ...] = option(
+        (),
+        "A fault to have (repeatable), from so many s on; see --list-faults.",
+        name="fault",
+        metavar="NAME[=VALUE][@SECONDS]",
+        read=parse_omni_fault,
+        repeatable=True,
+    )
+    log: str = option("", "Write true values there as they come (CSV).", metavar="FILE")
+    """A row for each tick, at most 50 ms later."""
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from cardan.errors import ScriptError
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.sim_peers.base import load_script
+from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.spacemouse.core import ONE_PERIOD_S, SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.hand import (
@@ -47,8 +48,8 @@ class PuckOptions:
     """Key of the model."""
     script: str = "demo"
     """A built-in script or a file."""
-    keyboard: bool = False
-    """The terminal's keys move the puck instead of the script."""
+    keyboard: bool = option(False, "Move it with this terminal's keys.")
+    """Instead of the script."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of `FAULTS`; times count from the start of the script."""
     jitter_lsb: int = 1

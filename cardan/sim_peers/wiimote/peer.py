@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from cardan.errors import ScriptError
 from cardan.protocols.wiimote import SET_REPORT_HEADER, WIIMOTE, WIIMOTE_TR
 from cardan.sim_peers.base import load_script
+from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.wiimote.carriers import (
     BluetoothChannels,
@@ -31,20 +32,21 @@ _log = logging.getLogger(__name__)
 class WiimotePeerOptions:
     """What to simulate and where. Exactly one of `l2cap`, `bluetooth` and `uhid` must be given."""
 
-    l2cap: str = ""
-    """Directory for the sockets psm11 (control) and psm13 (interrupt), AF_UNIX, SOCK_SEQPACKET."""
-    bluetooth: str = ""
-    """Address of the Bluetooth adapter to serve on; 00:00:00:00:00:00: any."""
-    uhid: bool = False
-    """Be a HID device of this machine."""
-    address: str = "00:1F:32:5A:10:2B"
-    """The remote's own Bluetooth address, which the kernel shows with `uhid`."""
-    extension: str = ""
-    """"nunchuk" or ""."""
-    motion_plus: bool = False
-    """A MotionPlus is plugged in (with `tr`: built in)."""
-    tr: bool = False
-    """The late model, RVL-CNT-01-TR."""
+    l2cap: str = option("", "Folder for the Unix seqpacket sockets psm11 and psm13.", metavar="DIR")
+    """The first is the control channel's, the second the interrupt channel's."""
+    bluetooth: str = option(
+        "", "Real L2CAP, on the Bluetooth adapter of this address.", metavar="ADDRESS"
+    )
+    """00:00:00:00:00:00: any adapter."""
+    uhid: bool = option(False, "A HID device of this machine's kernel (/dev/uhid).")
+    address: str = option(
+        "00:1F:32:5A:10:2B", "The remote's own, shown with --uhid.", metavar="ADDRESS"
+    )
+    extension: str = option("", "What is plugged in.", metavar="nunchuk")
+    """Empty: nothing."""
+    motion_plus: bool = option(False, "It has a MotionPlus.")
+    """Plugged in; with `tr` built in."""
+    tr: bool = option(False, "The late model, RVL-CNT-01-TR.")
     script: str = "demo"
     """A built-in script or a file."""
     faults: Mapping[str, float] = field(default_factory=dict)

@@ -1,0 +1,21 @@
+"""The simulated arm as ``cardan sim arm`` has it."""
+
+from __future__ import annotations
+
+from cardan.sim_peers.arm.faults import FAULTS
+from cardan.sim_peers.arm.options import SimulatedArmOptions
+from cardan.sim_peers.arm.udp import SimulatedArmPeer
+from cardan.sim_peers.base import serve
+from cardan.sim_peers.command import PeerCommand
+
+
+class Arm(PeerCommand[SimulatedArmOptions]):
+    """An arm with rigid-body dynamics and joint control (joint stream on UDP, 500 Hz)."""
+
+    Options = SimulatedArmOptions
+    epilog = "Prints READY and the address it listens on once it serves."
+    faults = FAULTS
+
+    @staticmethod
+    def run(options: SimulatedArmOptions, seconds: float | None) -> None:
+        serve(SimulatedArmPeer(options), seconds)

@@ -1,0 +1,22 @@
+"""The controller as ``cardan sim motoman-gp8`` has it."""
+
+from __future__ import annotations
+
+from cardan.sim_peers.base import serve
+from cardan.sim_peers.command import PeerCommand
+from cardan.sim_peers.motoros_controller.faults import ROBOT_FAULTS
+from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
+from cardan.sim_peers.motoros_controller.server_faults import SERVER_FAULTS
+from cardan.sim_peers.motoros_controller.tcp import MotorosControllerPeer
+
+
+class MotomanGp8(PeerCommand[MotorosControllerOptions]):
+    """A Yaskawa Motoman GP8 that runs MotoROS (simple message on three TCP ports)."""
+
+    Options = MotorosControllerOptions
+    epilog = "Prints READY and the address of motion once it serves."
+    faults = (*ROBOT_FAULTS, *SERVER_FAULTS)
+
+    @staticmethod
+    def run(options: MotorosControllerOptions, seconds: float | None) -> None:
+        serve(MotorosControllerPeer(options), seconds)

@@ -1,0 +1,249 @@
+"""Every simulated peer has its command, and the command offers what the peer declares."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint
+from typing import Any, Literal
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+from cardan.cli.sim import sim
+from cardan.errors import ConfigurationError, ScriptError
+from cardan.sim_peers import registry, spacemouse
+from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.command import PeerCommand, name_and_unit, numbers, option
+
+WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
+
+
+def said(*words: str, code: int = 0) -> str:
+    """What ``cardan sim`` with these words prints."""
+    outcome = CliRunner().invoke(sim, words, env=WIDE, catch_exceptions=False)
+    assert outcome.exit_code == code, outcome.output
+    return outcome.output
+
+
+def flags(name: str) -> set[str]:
+    parameters = typer.main.get_command(sim).commands[name].params
+    return {flag for parameter in parameters for flag in parameter.opts}
+
+
+# -- those there are ------------------------------------------------------------------------------
+
+
+def test_the_help_lists_every_peer_with_its_summary():
+    lines = said("--help").splitlines()
+    for name in registry.names():
+        summary = " ".join(registry.load(name).__doc__.split())
+        assert any(f" {name} " in line and summary in line for line in lines), name
+
+
+@pytest.mark.parametrize("name", registry.BUILT_IN)
+def test_what_a_peer_declares_is_offered(name):
+    peer = registry.load(name)
+    told = said(name, "--help")
+    assert peer.epilog in told
+    assert all(flag in told for flag in flags(name) if flag.startswith("--"))
+    listed = said(name, "--list-faults")
+    assert peer.faults
+    for fault in peer.faults:
+        assert f"{fault.name:16} {fault.help} (default {fault.default:g})\n" in listed
+    assert ("--list-scripts" in flags(name)) == bool(peer.scripts)
+    if peer.scripts:
+        lines = said(name, "--list-scripts").splitlines()
+        assert {line.split()[0] for line in lines[: lines.index("")]} == set(peer.scripts)
+        assert lines[-len(peer.verbs) :] == [f"  {usage}" for usage in peer.verbs.values()]
+
+
+@pytest.mark.parametrize(
+    ("name", "flag", "key", "count"),
+    [
+        ("spacemouse", "--list-models", "spacenavigator", 31),
+        ("gamepad", "--list-models", "xbox-360", 3),
+        ("jr3", "--list-sensors", "right-hand", 4),
+    ],
+)
+def test_the_values_of_an_option_are_listed(name, flag, key, count):
+    lines = said(name, flag).splitlines()
+    assert len(lines) == count
+    assert [line.split()[0] for line in lines].count(key) == 1
+
+
+def test_a_serial_device_lists_its_own_faults():
+    listed = said("spacemouse", "--serial", "port", "--list-faults")
+    assert [line.split()[0] for line in listed.splitlines()] == [
+        fault.name for fault in spacemouse.SERIAL_FAULTS
+    ]
+
+
+def test_a_peer_is_imported_when_its_command_is_asked_for(monkeypatch):
+    asked = []
+    load = registry.load
+    monkeypatch.setattr(registry, "load", lambda name: (asked.append(name), load(name))[1])
+    said("gamepad", "--help")
+    assert asked == ["gamepad"]
+
+
+def test_an_unknown_peer_is_refused():
+    assert "No such command 'toaster'" in said("toaster", code=2)
+
+
+# -- somebody else's ------------------------------------------------------------------------------
+
+
+class Colour(enum.Enum):
+    RED = "red"
+    BLUE = "blue"
+
+
+@dataclass(frozen=True)
+class Oven:
+    power_kg: float = option(1.0, "How heavy.")
+    slots: tuple[tuple[float, ...], ...] = option(
+        (), "Where bread goes.", name="slot", read=lambda text: numbers(text, 2), repeatable=True
+    )
+    seed: int = 7
+    """Its own, which nobody can set."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToasterOptions:
+    host: str = option("::1", "Where.", name="at", metavar="HOST:PORT", port_field="port")
+    port: int = 80
+    colour: Colour = option(Colour.RED, "Which.")
+    size: Literal["big", "small"] | None = option(None, "How big.")
+    lid: bool = option(True, "Without a lid.", name="no-lid")
+    warm: bool = option(False, "Warm.")
+    speed_limit_deg_s: float | None = option(None, "Of the lever.")
+    oven: Oven = field(default_factory=Oven)
+    script: str = "toast"
+    faults: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+    hidden: int = 3
+
+    def __post_init__(self) -> None:
+        if self.hidden != 3:
+            raise AssertionError
+
+
+MADE: list[tuple[Any, float | None]] = []
+
+
+class Toaster(PeerCommand[ToasterOptions]):
+    """A toaster."""
+
+    Options = ToasterOptions
+    epilog = "Prints READY when the bread is up."
+    faults = (FaultSwitch("burn", "burns at VALUE s", 5.0),)
+    scripts = {"toast": "# one slice\n0 push"}  # noqa: RUF012
+    verbs = {"push": "push"}  # noqa: RUF012
+
+    @staticmethod
+    def run(options: ToasterOptions, seconds: float | None) -> int | None:
+        MADE.append((options, seconds))
+        return 9 if options.warm else None
+
+
+@pytest.fixture
+def toaster(monkeypatch):
+    points = [EntryPoint("toaster", f"{__name__}:Toaster", registry.ENTRY_POINT_GROUP)]
+    groups = {registry.ENTRY_POINT_GROUP: points}
+    monkeypatch.setattr(registry, "entry_points", lambda group: groups[group])
+    MADE.clear()
+
+
+def made(*words: str, code: int = 0) -> ToasterOptions:
+    said("toaster", *words, code=code)
+    return MADE.pop()[0]
+
+
+@pytest.mark.usefixtures("toaster")
+class TestSomebodyElsesPeer:
+    def test_gets_its_command(self):
+        assert "A toaster." in said("--help")
+        told = said("toaster", "--help")
+        for words in ("--at", "HOST:PORT", "::1:80", "red|blue", "big|small", "DEG/S", "KG"):
+            assert words in told
+        assert "hidden" not in told
+        assert flags("toaster") == {
+            *("--at", "--colour", "--size", "--no-lid", "--warm", "--speed-limit", "--power"),
+            *("--slot", "--seconds", "--script", "--fault", "--seed"),
+            *("--list-faults", "--list-scripts"),
+        }
+
+    def test_has_its_defaults_where_nothing_is_given(self):
+        said("toaster")
+        assert MADE.pop() == (ToasterOptions(), None)
+
+    def test_is_given_what_the_options_say(self):
+        said(
+            *("toaster", "--seconds", "2", "--at", "toast:8080", "--colour", "blue"),
+            *("--size", "small", "--no-lid", "--speed-limit", "4", "--power", "2"),
+            *("--slot", "1,2", "--slot", "3,4", "--script", "mine", "--seed", "5"),
+            *("--fault", "burn"),
+        )
+        assert MADE.pop() == (
+            ToasterOptions(
+                host="toast",
+                port=8080,
+                colour=Colour.BLUE,
+                size="small",
+                lid=False,
+                speed_limit_deg_s=4.0,
+                oven=Oven(2.0, ((1.0, 2.0), (3.0, 4.0))),
+                script="mine",
+                faults={"burn": 5.0},
+                seed=5,
+            ),
+            2.0,
+        )
+
+    def test_gives_the_exit_code(self):
+        assert made("--warm", code=9).warm
+
+    @pytest.mark.parametrize(
+        ("words", "message"),
+        [
+            (("--at", "nowhere"), "--at: 'nowhere' is not HOST:PORT, as ::1:80"),
+            (("--at", "x:65536"), "--at: 'x:65536' is not HOST:PORT"),
+            (("--colour", "pink"), "--colour: 'pink' is none; allowed: red, blue"),
+            (("--size", "huge"), "--size: 'huge' is none; allowed: big, small"),
+            (("--slot", "1"), "--slot: '1' is not 2 numbers with commas"),
+            (("--slot", "1,two"), "--slot: '1,two' is not 2 numbers with commas"),
+        ],
+    )
+    def test_wrong_words_are_told_with_the_option(self, words, message):
+        with pytest.raises(ConfigurationError, match=message):
+            said("toaster", *words)
+
+    def test_an_unknown_fault_is_told(self):
+        with pytest.raises(ScriptError, match="there is no fault 'melt'; there are: burn"):
+            said("toaster", "--fault", "melt")
+
+
+def test_what_is_no_peer_is_refused(monkeypatch):
+    monkeypatch.setitem(registry.BUILT_IN, "toaster", f"{__name__}:Oven")
+    with pytest.raises(ConfigurationError, match="is not a cardan simulated peer"):
+        said("toaster")
+
+
+# -- names ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("field_name", "expected"),
+    [
+        ("boot_s", ("boot", "S")),
+        ("max_speed_deviation_deg_s", ("max-speed-deviation", "DEG/S")),
+        ("payload_kg", ("payload", "KG")),
+        ("force_control", ("force-control", "")),
+        ("k", ("k", "")),
+    ],
+)
+def test_a_fields_name_has_the_options_name_and_its_unit(field_name, expected):
+    assert name_and_unit(field_name) == expected
