@@ -7,6 +7,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 LEAVES = {
+    "bounds",
     "types",
     "errors",
     "spatial",

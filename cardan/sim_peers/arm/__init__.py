@@ -2,7 +2,14 @@
 
 from cardan.sim_peers.arm.controller import CLIENT_SILENT_S, Counters, SimulatedArm
 from cardan.sim_peers.arm.faults import FAULTS
-from cardan.sim_peers.arm.options import DRIVES, Ball, Plane, PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.arm.options import (
+    DRIVES,
+    PERIOD_S,
+    Ball,
+    Plane,
+    PlantOptions,
+    SimulatedArmOptions,
+)
 from cardan.sim_peers.arm.plant import ArmPlant, DriveMode, build_model
 from cardan.sim_peers.arm.udp import SimulatedArmPeer
 
@@ -10,6 +17,7 @@ __all__ = [
     "CLIENT_SILENT_S",
     "DRIVES",
     "FAULTS",
+    "PERIOD_S",
     "ArmPlant",
     "Ball",
     "Counters",

@@ -146,7 +146,7 @@ def test_survives_the_way_to_the_session_process():
         ({"mapping": {"frame": "world"}}, "mapping.frame", "'base', 'tool' or 'mixed'"),
         ({"mapping": {"axes": ["x"]}}, "mapping.axes", "at least 6"),
         ({"mapping": {"axes": ["x", "y", "z", "rx", "ry", "w"]}}, "mapping.axes", "'w' is not"),
-        ({"mapping": {"linear_speed_m_s": -1}}, "mapping.linear_speed_m_s", "greater than 0"),
+        ({"mapping": {"linear_speed_m_s": -1}}, "mapping.linear_speed_m_s", "equal to 0.0001"),
         ({"mapping": {"yaw_deg": float("nan")}}, "mapping.yaw_deg", "finite"),
         ({"limits": {"workspace_x_m": [1, 0]}}, "limits.workspace_x_m", "lower bound first"),
         ({"limits": {"leash_rad": 3}}, "limits.leash_rad", "1.5"),
