@@ -45,7 +45,7 @@ class Range:
         if self.zero:
             low += f" ({self.zero})"
         if self.above:
-            return f"above {low}, at most {high}{unit}"
+            return f"above {low}, {'below' if self.below else 'at most'} {high}{unit}"
         return f"{low} to {'below ' if self.below else ''}{high}{unit}"
 
 
@@ -158,7 +158,7 @@ PAYLOAD_KG = Range(0.0, 1000.0, "kg", "the largest arms lift a tonne, no more")
 
 # -- shares, factors, counts -----------------------------------------------------------------------
 
-SHARE = Range(0.0, 1.0, "", "a share of the whole", above=True)
+SHARE = Range(0.001, 1.0, "", "of the whole; at less than a thousandth nothing moves")
 SHARE_OR_NONE = Range(0.0, 1.0, "", "a share of the whole")
 DEAD_ZONE = Range(0.0, 1.0, "", "with all of the deflection at rest nothing would move", below=True)
 MOTION_SCALE = Range(-100.0, 100.0, "", "a millimetre of the hand is ten centimetres of the TCP")
