@@ -40,7 +40,10 @@ class Range:
         return high_enough and (value < self.highest if self.below else value <= self.highest)
 
     def __str__(self) -> str:
-        low, high = f"{self.lowest:.7g}", f"{self.highest:.7g}"
+        low, high = (
+            f"{end:.10g}" if end == round(end) else f"{end:.5g}"
+            for end in (self.lowest, self.highest)
+        )
         unit = f" {self.unit}" if self.unit else ""
         if self.zero:
             low += f" ({self.zero})"

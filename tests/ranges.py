@@ -1,14 +1,41 @@
-"""What the ranges of options and tables let tests draw from."""
+"""The ranges in the annotations of options and tables, and what tests draw from them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from hypothesis import strategies as st
+from pydantic.fields import FieldInfo
 
 from cardan.bounds import Range
 
 Strategy = st.SearchStrategy[Any]
+
+
+def _found(hint: Any) -> Iterator[tuple[Range, bool]]:
+    """Each range in an annotation, and whether its numbers are whole."""
+    inner = get_args(hint)
+    if get_origin(hint) is Annotated:
+        for note in inner[1:]:
+            if isinstance(note, Range):
+                yield note, inner[0] is int
+            elif isinstance(note, FieldInfo):
+                ends = {type(end).__name__: end for end in note.metadata}
+                if "Le" in ends:
+                    low = ends["Gt"].gt if "Gt" in ends else ends["Ge"].ge
+                    yield Range(low, ends["Le"].le, "", "", above="Gt" in ends), inner[0] is int
+    for each in inner:
+        yield from _found(each)
+
+
+def ranges(kind: type[Any]) -> dict[str, Range]:
+    """The first range of each field that has one, by the field's name."""
+    found = {
+        name: next(_found(hint), None)
+        for name, hint in get_type_hints(kind, include_extras=True).items()
+    }
+    return {name: each[0] for name, each in found.items() if each is not None}
 
 
 def numbers(allowed: Range, whole: bool = False) -> Strategy:
@@ -24,17 +51,9 @@ def numbers(allowed: Range, whole: bool = False) -> Strategy:
     )
 
 
-def range_of(options: type[Any], name: str) -> tuple[Range, bool]:
-    """The range in the annotation of a field, and whether its numbers are whole."""
-    hint = get_type_hints(options, include_extras=True)[name]
-    while get_origin(hint) is not Annotated:
-        hint = get_args(hint)[0]
-    kind, *notes = get_args(hint)
-    return next(note for note in notes if isinstance(note, Range)), kind is int
-
-
-def drawn(options: type[Any], *names: str) -> Strategy:
+def drawn(kind: type[Any], *names: str) -> Strategy:
     """Values of some or all of these fields."""
+    hints = get_type_hints(kind, include_extras=True)
     return st.fixed_dictionaries(
-        {}, optional={name: numbers(*range_of(options, name)) for name in names}
+        {}, optional={name: numbers(*next(_found(hints[name]))) for name in names}
     )
