@@ -62,14 +62,14 @@ _MAX_JOINT_SPEED_RAD_S = 8.0 * math.pi
 
 _TCP_FAST = "no serial arm's TCP is faster, and what is slower stands still"
 _TCP_QUICK = "five times gravity: no serial arm's TCP speeds up or brakes faster"
-_TURNS_FAST = "two turns in a second, which no tool is turned by in a hand's motion"
+_TURNS_FAST = "two turns in a second: no hand turns a tool faster"
 _TURNS_QUICK = "to two turns in a second within 40 ms; no serial arm's wrist is quicker"
 _JOINT_FAST = "four turns in a second: the fastest wrists have three"
 
 LINEAR_SPEED_M_S = Range(1e-4, _MAX_LINEAR_SPEED_M_S, "m/s", _TCP_FAST)
 LINEAR_ACCELERATION_M_S2 = Range(1e-3, _MAX_LINEAR_ACCELERATION_M_S2, "m/s²", _TCP_QUICK)
 LINEAR_JERK_M_S3 = Range(
-    1e-2, 10_000.0, "m/s³", "the highest acceleration within 5 ms: a softer start is not felt"
+    1e-2, 10_000.0, "m/s³", "full acceleration within 5 ms: nobody tells that from at once"
 )
 ANGULAR_SPEED_RAD_S = Range(1e-4, _MAX_ANGULAR_SPEED_RAD_S, "rad/s", _TURNS_FAST)
 ANGULAR_SPEED_DEG_S = Range(0.01, math.degrees(_MAX_ANGULAR_SPEED_RAD_S), "deg/s", _TURNS_FAST)
@@ -78,7 +78,7 @@ ANGULAR_ACCELERATION_DEG_S2 = Range(
     0.1, math.degrees(_MAX_ANGULAR_ACCELERATION_RAD_S2), "deg/s²", _TURNS_QUICK
 )
 ANGULAR_JERK_RAD_S3 = Range(
-    1e-2, 63_000.0, "rad/s³", "the highest acceleration within 5 ms: a softer start is not felt"
+    1e-2, 63_000.0, "rad/s³", "full acceleration within 5 ms: nobody tells that from at once"
 )
 JOINT_SPEED_RAD_S = Range(1e-4, _MAX_JOINT_SPEED_RAD_S, "rad/s or m/s", _JOINT_FAST)
 JOINT_SPEED_DEG_S = Range(0.01, math.degrees(_MAX_JOINT_SPEED_RAD_S), "deg/s", _JOINT_FAST)
@@ -106,7 +106,7 @@ LEASH_M = Range(
 LEASH_RAD = Range(
     0.0, 1.5, "rad", "a tool a quarter turn from what it is told is not being followed", above=True
 )
-ANGLE_DEG = Range(-360.0, 360.0, "deg", "a whole turn is none")
+ANGLE_DEG = Range(-360.0, 360.0, "deg", "after a whole turn it is as before")
 JOINT_ANGLE_DEG = Range(-3600.0, 3600.0, "deg", "no joint with cables turns ten times")
 JOINT_POSITION = Range(-100.0, 100.0, "rad or m", "no joint turns so often or is so long")
 DIRECTION = Range(-1e6, 1e6, "", "only its direction counts")
@@ -133,11 +133,7 @@ ROBOT_FORCE_N = Range(0.0, 10_000.0, "N", "the largest arms lift a tonne, no mor
 ROBOT_TORQUE_NM = Range(0.0, 10_000.0, "N·m", "ten kilonewtons on a metre", above=True)
 DEADBAND_N = Range(0.0, 10_000.0, "N", "a force that the largest arms do not exert")
 FORCE_RATE_S = Range(
-    0.0,
-    1e6,
-    "per s",
-    "the largest force within 10 ms; beyond, all is steady",
-    above=True,
+    0.0, 1e6, "per s", "the largest force within 10 ms; beyond, all is steady", above=True
 )
 HAND_FORCE_N = Range(0.0, 100.0, "N", "no hand holds against more for long", above=True)
 HAND_STIFFNESS_N_M = Range(
@@ -147,11 +143,7 @@ FIXTURE_STIFFNESS_N_M = Range(
     0.0, 100_000.0, "N/m", "a hand feels no difference to a rigid wall", above=True
 )
 ENVIRONMENT_STIFFNESS_N_M = Range(
-    0.0,
-    1e7,
-    "N/m",
-    "ten newtons for a micrometre: stiffer than any arm",
-    above=True,
+    0.0, 1e7, "N/m", "ten newtons for a micrometre: stiffer than any arm", above=True
 )
 DAMPING_N_S_M = Range(0.0, 10_000.0, "N·s/m", "honey, all round: nothing moves in it")
 FRICTION = Range(0.0, 2.0, "", "rubber on rubber has less")

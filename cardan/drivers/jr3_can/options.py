@@ -79,7 +79,8 @@ class Jr3Options:
     steady_nm_s: Annotated[float, bounds.FORCE_RATE_S] = 1.0
     """Zero is taken only while no torque changes faster than this."""
     force_dead_band_n: Annotated[float, bounds.ROBOT_FORCE_N] = 1.0
-    """Subtracted from each force before it deflects an axis: the hand is off below it."""
+    """Subtracted from each force before it deflects an axis: the hand is off below it. Never 0: the
+    sensor's noise would drive the arm, and rest would not be seen."""
     torque_dead_band_nm: Annotated[float, bounds.ROBOT_TORQUE_NM] = 0.1
     """The same of torques."""
     force_full_n: Annotated[float, bounds.ROBOT_FORCE_N] = 10.0

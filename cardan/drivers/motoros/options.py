@@ -110,6 +110,13 @@ class MotorosOptions:
             f"two interpolation periods ({2.0 * self.ipc_s:g} s) or more",
         )
         _require(
+            "queue_low",
+            self.queue_low,
+            self.queue_low * self.ipc_s <= LONGEST_BLIND_S,
+            f"at most {LONGEST_BLIND_S / self.ipc_s:.0f}: more takes longer than "
+            f"{LONGEST_BLIND_S:g} s to drive, without us",
+        )
+        _require(
             "watchdog_ms",
             self.watchdog_ms,
             self.watchdog_ms >= 3e3 * self.command_period_s,
