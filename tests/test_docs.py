@@ -14,17 +14,22 @@ import pytest
 import typer.main
 
 from cardan import cli
+from cardan.bounds import Range
 from cardan.drivers import registry
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.gamepad import GamepadOptions
 from cardan.drivers.jr3_can import Jr3Options
 from cardan.drivers.keyboard import KeyboardOptions
 from cardan.drivers.leap import LeapOptions
+from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.omni import OmniOptions
+from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavOptions
 from cardan.drivers.wiimote import WiimoteOptions
 from cardan.gateway.force.tables import FixtureTable, ForceTable
+from cardan.gateway.hand.filters.camera import CameraOptions
+from cardan.gateway.hand.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
 from cardan.protocols import connexion, egm
 from cardan.protocols import simple_message as sm
@@ -39,6 +44,7 @@ from cardan.sim_peers import (
     wiimote,
 )
 from cardan.types import Pose, Quaternion, Vector3
+from tests.ranges import ranges
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -102,20 +108,20 @@ def written(default: Any) -> str:
     return f'`"{default}"`' if isinstance(default, str) else str(default)
 
 
-@pytest.mark.parametrize(
-    ("page", "options"),
-    [
-        ("abb-egm.md", AbbEgmOptions),
-        ("spacemouse.md", SpaceMouseOptions),
-        ("spnav.md", SpnavOptions),
-        ("wiimote.md", WiimoteOptions),
-        ("leap.md", LeapOptions),
-        ("gamepad.md", GamepadOptions),
-        ("keyboard.md", KeyboardOptions),
-        ("jr3.md", Jr3Options),
-        ("omni.md", OmniOptions),
-    ],
-)
+DRIVER_PAGES = [
+    ("abb-egm.md", AbbEgmOptions),
+    ("spacemouse.md", SpaceMouseOptions),
+    ("spnav.md", SpnavOptions),
+    ("wiimote.md", WiimoteOptions),
+    ("leap.md", LeapOptions),
+    ("gamepad.md", GamepadOptions),
+    ("keyboard.md", KeyboardOptions),
+    ("jr3.md", Jr3Options),
+    ("omni.md", OmniOptions),
+]
+
+
+@pytest.mark.parametrize(("page", "options"), DRIVER_PAGES)
 def test_every_driver_option_is_there_with_its_default(page, options):
     table = rows(section(text(page), "Options"))
     defaults = {field.name: written(field.default) for field in dataclasses.fields(options)}
@@ -136,6 +142,45 @@ def test_every_configuration_key_is_there_with_its_default(name):
         for key, field in fields.items()
     }
     assert {key: cells[0] for key, cells in table.items()} == defaults
+
+
+def said(bounds: Range) -> str:
+    """A range as the pages write it: what 0 means and the unit stand elsewhere in the row."""
+    return str(dataclasses.replace(bounds, zero="", unit=""))
+
+
+@pytest.mark.parametrize(
+    ("page", "options"),
+    [
+        *DRIVER_PAGES,
+        ("motoman.md", MotorosOptions),
+        ("simulated-arm.md", SimArmOptions),
+        ("shared-control.md", ProximityOptions),
+        ("shared-control.md", CameraOptions),
+    ],
+)
+def test_every_range_of_an_option_is_there(page, options):
+    heading = {ProximityOptions: "Proximity", CameraOptions: "Camera"}.get(options, "Options")
+    table = rows(section(text(page), heading))
+    missing = {
+        name: str(bounds)
+        for name, bounds in ranges(options).items()
+        if said(bounds) not in " | ".join(table[name])
+    }
+    assert missing == {}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_range_of_a_configuration_key_is_there(name):
+    page = text("configuration.md")
+    heading = f"`[{name}]`" if f"## `[{name}]`" in page else f"`[[{name}]]`"
+    table = rows(section(page, heading))
+    missing = {
+        key: str(bounds)
+        for key, bounds in ranges(TABLES[name]).items()
+        if said(bounds) not in " | ".join(table[key])
+    }
+    assert missing == {}
 
 
 def test_every_table_of_the_configuration_has_its_section():

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
+
+from cardan import bounds
 
 DEAD_ZONE_SHAPES = ("axis", "radial")
 
@@ -24,11 +26,11 @@ DOMINANCE_MARGIN = 1.1
 class ShapingOptions:
     """Options of every driver with deflections. Raises ValueError for what is not allowed."""
 
-    dead_zone: float = 0.05
+    dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.05
     """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
     dead_zone_shape: Literal["axis", "radial"] = "axis"
     """axis: each axis by itself; radial: the lengths of translation and rotation."""
-    curve: float = 0.0
+    curve: Annotated[float, bounds.SHARE_OR_NONE] = 0.0
     """Response: 0 linear to 1 cubic, which gives fine control near rest."""
     translation: bool = True
     """False: translation is locked at zero."""
@@ -38,11 +40,8 @@ class ShapingOptions:
     """Only the axis that is deflected most acts."""
 
     def __post_init__(self) -> None:
+        bounds.check_ranges(self)
         check_choice("dead_zone_shape", self.dead_zone_shape, DEAD_ZONE_SHAPES)
-        if not 0.0 <= self.dead_zone < 1.0:
-            raise ValueError(f"dead_zone is {self.dead_zone!r}; allowed: from 0 to below 1")
-        if not 0.0 <= self.curve <= 1.0:
-            raise ValueError(f"curve is {self.curve!r}; allowed: from 0 (linear) to 1 (cubic)")
 
 
 def check_choice(name: str, value: object, allowed: Collection[str]) -> None:

@@ -427,7 +427,7 @@ def test_it_never_asks_to_be_polled_in_vain():
         ({"torque_full_nm": 0.0}, "above 0"),
         ({"steady_n_s": math.inf}, "above 0"),
         ({"sensor_rpy_deg": (0.0, 0.0)}, "three numbers"),
-        ({"sensor_xyz_m": (0.0, 0.0, math.nan)}, "three lengths"),
+        ({"sensor_xyz_m": (0.0, 0.0, math.nan)}, "-10 to 10 m"),
         ({"force_full_scales_n": (0, 1, 1)}, "1 to 65535"),
         ({"torque_full_scales_nm": (0.0, 1.0, 1.0)}, "6553.5"),
     ],

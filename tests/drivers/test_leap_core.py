@@ -353,8 +353,8 @@ class TestOptions:
             ("min_visible_s", -1.0, "allowed: 0 to 10"),
             ("cutoff_hz", math.nan, "cutoff_hz is nan"),
             ("cutoff_rise_1_m", -1.0, "cutoff_rise_1_m is -1.0"),
-            ("max_speed_m_s", 0.0, "a finite number above 0"),
-            ("max_speed_m_s", math.inf, "a finite number above 0"),
+            ("max_speed_m_s", 0.0, "allowed: above 0, at most 10 m/s"),
+            ("max_speed_m_s", math.inf, "allowed: above 0, at most 10 m/s"),
         ],
     )
     def test_what_is_not_allowed(self, field, value, words):

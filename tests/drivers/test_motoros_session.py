@@ -609,6 +609,7 @@ def test_capabilities():
         ({"host": ""}, "host"),
         ({"lag_s": 3.0}, "lag_s"),
         ({"queue_low": True}, "queue_low"),
+        ({"queue_low": 60, "ipc_s": 0.01, "point_spacing_s": 0.02}, "queue_low"),
     ],
 )
 def test_options_that_cannot_be_are_named(options, key):

@@ -98,7 +98,7 @@ def test_continuous_and_monotonic(dead_zone, curve, shape):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"dead_zone": 1.0}, r"dead_zone is 1\.0; allowed: from 0"),
+        ({"dead_zone": 1.0}, r"dead_zone is 1\.0; allowed: 0 to below 1"),
         ({"dead_zone": float("nan")}, "dead_zone is nan"),
         ({"curve": 1.5}, r"curve is 1\.5"),
         ({"full_scale": 0.0}, r"full_scale is 0\.0"),

@@ -5,9 +5,11 @@ from __future__ import annotations
 import ipaddress
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
+from cardan import bounds
+from cardan.bounds import Range, outside
 from cardan.protocols.egm.messages import DNUM_MAX
 from cardan.robots import arm_names, load_arm
 from cardan.types import JointLimits
@@ -21,6 +23,14 @@ CONTROLLER_PERIOD_S = 0.004032
 SILENT_PERIODS = 3
 """So many missed datagrams are not a hiccup of the network any more."""
 
+ANY_PORT = Range(0, 65535, "", "ports have 16 bits", zero="any free one")
+SAMPLE_RATE_MS = Range(
+    4, 160, "ms", "three periods that are missed may take half a second, no longer"
+)
+JOINTS = Range(6, 7, "", "EGM has six joints, and a seventh among the external axes")
+EXTERNAL_AXES = Range(0, 6, "", "EGM has six external axes")
+EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
+
 
 @dataclass(frozen=True)
 class AbbEgmOptions:
@@ -28,7 +38,7 @@ class AbbEgmOptions:
 
     listen_host: str = "127.0.0.1"
     """This computer's address on the robot's network (RobotStudio on this machine: 127.0.0.1)."""
-    listen_port: int = 6510
+    listen_port: Annotated[int, ANY_PORT] = 6510
     """UDP port; the controller's UdpUc device names it as Remote Port Number. 0: any free one."""
     controller_host: str | None = None
     """The only address to accept. None: the first that sends a valid datagram, then only that."""
@@ -36,78 +46,59 @@ class AbbEgmOptions:
     """What the RAPID program runs: EGMRunPose, EGMRunJoint or EGMMoveL/EGMMoveC."""
     speed_reference: Literal["matched", "none", "only"] = "matched"
     """matched: position with its speed; none: position; only: speed (RAPID: PosCorrGain 0)."""
-    sample_rate_ms: int | None = None
+    sample_rate_ms: Annotated[int, SAMPLE_RATE_MS] | None = None
     """\\SampleRate of the RAPID program, nominal ms; None: 4, in path correction 48."""
-    joints: int = 6
+    joints: Annotated[int, JOINTS] = 6
     """6, or 7 for an arm whose third axis travels as an external one (joint mode only)."""
-    external_axes: int = 0
+    external_axes: Annotated[int, EXTERNAL_AXES] = 0
     """How many external axes are guided along with the arm."""
-    linear_external_axes: tuple[int, ...] = ()
+    linear_external_axes: tuple[Annotated[int, EXTERNAL_AXIS], ...] = ()
     """Which external axes, counted from 0, are linear (mm on the wire) and not rotary."""
     force_frame: Literal["tool", "base"] = "tool"
     """The frame that measured forces are given in; ABB's manual does not say."""
     robot: str | None = None
     """A robot whose joint range and speed are known; None: only the limits below."""
-    joint_lower_deg: tuple[float, ...] = ()
+    joint_lower_deg: tuple[Annotated[float, bounds.JOINT_ANGLE_DEG], ...] = ()
     """Own lower ends of the joint range; empty: the robot's."""
-    joint_upper_deg: tuple[float, ...] = ()
+    joint_upper_deg: tuple[Annotated[float, bounds.JOINT_ANGLE_DEG], ...] = ()
     """Own upper ends of the joint range; empty: the robot's."""
-    joint_speed_deg_s: float = 90.0
+    joint_speed_deg_s: Annotated[float, bounds.JOINT_SPEED_DEG_S] = 90.0
     """Highest joint speed in joint mode; joints that are slower by `robot` stay so."""
-    joint_acceleration_deg_s2: float = 720.0
-    external_axis_speed: float = 0.1
+    joint_acceleration_deg_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_DEG_S2] = 720.0
+    external_axis_speed: Annotated[float, bounds.JOINT_SPEED_RAD_S] = 0.1
     """rad/s or m/s."""
-    external_axis_acceleration: float = 0.5
+    external_axis_acceleration: Annotated[float, bounds.JOINT_ACCELERATION_RAD_S2] = 0.5
     """rad/s² or m/s²."""
-    linear_speed_m_s: float = 0.25
+    linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 0.25
     """Highest speed of the TCP in pose mode and of the offset in path correction."""
-    linear_acceleration_m_s2: float = 2.0
-    angular_speed_deg_s: float = 90.0
-    angular_acceleration_deg_s2: float = 720.0
-    workspace_lower_m: tuple[float, ...] = ()
+    linear_acceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 2.0
+    angular_speed_deg_s: Annotated[float, bounds.ANGULAR_SPEED_DEG_S] = 90.0
+    angular_acceleration_deg_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_DEG_S2] = 720.0
+    workspace_lower_m: tuple[Annotated[float, bounds.COORDINATE_M], ...] = ()
     """Lower corner of a box the commanded TCP position stays in; empty: no box."""
-    workspace_upper_m: tuple[float, ...] = ()
+    workspace_upper_m: tuple[Annotated[float, bounds.COORDINATE_M], ...] = ()
     """Upper corner of that box."""
-    path_offset_m: float = 0.02
+    path_offset_m: Annotated[float, bounds.PATH_OFFSET_M] = 0.02
     """Largest path correction along y and along z."""
-    max_speed_deviation_deg_s: float | None = None
+    max_speed_deviation_deg_s: Annotated[float, bounds.JOINT_SPEED_DEG_S] | None = None
     """\\MaxSpeedDeviation of the RAPID program where it is known, for the diagnosis."""
-    silence_s: float = 0.1
+    silence_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Without a datagram for so long (or three periods, if that is longer) the link is LOST."""
-    command_timeout_s: float = 0.1
+    command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
     """A command this late (or three periods, if that is longer) ends in a braking ramp."""
     digital_output: bool | None = None
     """RAPIDtoRobot.digVal at the start (RobotWare 7.7 and later); None: not sent."""
-    output_values: tuple[float, ...] = ()
+    output_values: tuple[Annotated[float, bounds.OUTPUT_VALUE], ...] = ()
     """RAPIDtoRobot.dnum at the start; empty: not sent."""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if field.name not in _WHOLE:
-                _check_finite(field.name, getattr(self, field.name))
+        for name, value, allowed in outside(self):
+            _require(name, value, False, allowed)
         for name, choice in _CHOICES.items():
             _require(name, getattr(self, name), getattr(self, name) in choice, _one_of(choice))
-        for name, (lowest, highest) in _WHOLE.items():
-            value = getattr(self, name)
-            if value is None and name == "sample_rate_ms":
-                continue
-            whole = isinstance(value, int) and not isinstance(value, bool)
-            _require(
-                name, value, whole and lowest <= value <= highest, f"{lowest} to {highest}, whole"
-            )
-        for name in _POSITIVE:
-            value = getattr(self, name)
-            _require(name, value, _is_number(value) and value > 0.0, "above 0")
         self._check_addresses()
         self._check_axes()
         self._check_ranges()
-        hint = self.max_speed_deviation_deg_s
-        _require(
-            "max_speed_deviation_deg_s",
-            hint,
-            hint is None or (_is_number(hint) and hint > 0.0),
-            "above 0, or absent",
-        )
         _require(
             "digital_output",
             self.digital_output,
@@ -140,13 +131,6 @@ class AbbEgmOptions:
         if self.joints == 7:
             _require("joints", 7, self.mode == "joint", "6 unless mode is joint")
             _require("external_axes", self.external_axes, self.external_axes <= 5, "0 to 5")
-        linear = self.linear_external_axes
-        _require(
-            "linear_external_axes",
-            linear,
-            all(isinstance(axis, int) and 0 <= axis < 6 for axis in linear),
-            "axis numbers from 0 to 5",
-        )
         if self.mode == "path-correction":
             _require(
                 "speed_reference",
@@ -230,29 +214,6 @@ _CHOICES: dict[str, tuple[Any, ...]] = {
     "force_frame": ("tool", "base"),
     "robot": (None, *arm_names()),
 }
-_WHOLE = {
-    "listen_port": (0, 65535),
-    "sample_rate_ms": (4, 4000),
-    "joints": (6, 7),
-    "external_axes": (0, 6),
-}
-_POSITIVE = (
-    "joint_speed_deg_s",
-    "joint_acceleration_deg_s2",
-    "external_axis_speed",
-    "external_axis_acceleration",
-    "linear_speed_m_s",
-    "linear_acceleration_m_s2",
-    "angular_speed_deg_s",
-    "angular_acceleration_deg_s2",
-    "path_offset_m",
-    "silence_s",
-    "command_timeout_s",
-)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _one_of(choice: Iterable[object]) -> str:
@@ -262,14 +223,6 @@ def _one_of(choice: Iterable[object]) -> str:
 def _require(name: str, value: object, good: bool, allowed: str) -> None:
     if not good:
         raise ValueError(f"{name}: {value!r} is not allowed; it must be {allowed}")
-
-
-def _check_finite(name: str, value: object) -> None:
-    if isinstance(value, (list, tuple)):
-        _require(name, value, all(_is_number(v) for v in value), "numbers")
-        _require(name, value, all(map(math.isfinite, value)), "finite")
-    elif isinstance(value, float):
-        _require(name, value, math.isfinite(value), "finite")
 
 
 def _is_wildcard(host: str) -> bool:

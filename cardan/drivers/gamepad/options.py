@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
 from cardan.drivers.evdev.device import check_way
 from cardan.drivers.shaping import ShapingOptions, check_choice
 from cardan.protocols.evdev import PAD_CODES
 
 LAYOUTS = ("sticks", "swapped", "triggers")
+
+STALE_AFTER_S = bounds.Range(0.0, 60.0, "s", "no hand keeps a stick so still", zero="off")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +30,9 @@ class GamepadOptions(ShapingOptions):
     triggers: left stick x and y, triggers z, right stick pitch and yaw."""
     shift: str = "right-shoulder"
     """Button to hold for the other rotations; empty: none."""
-    dead_zone: float = 0.1
+    dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.1
     """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
-    stale_after_s: float = 0.0
+    stale_after_s: Annotated[float, STALE_AFTER_S] = 0.0
     """For pads that never fall silent in the hand: deflected without any event for so long, the
     pad is taken for lost, s. 0: off."""
     wait_for_device: bool = False
@@ -40,5 +43,3 @@ class GamepadOptions(ShapingOptions):
         check_way(self)
         check_choice("layout", self.layout, LAYOUTS)
         check_choice("shift", self.shift, ("", *PAD_CODES))
-        if not 0.0 <= self.stale_after_s <= 60.0:
-            raise ValueError(f"stale_after_s is {self.stale_after_s!r}; allowed: 0 (off) to 60 s")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
 from cardan.drivers.evdev.device import check_way
 from cardan.drivers.shaping import ShapingOptions, check_choice
 
 LAYOUTS = ("letters", "arrows")
+
+RAMP_S = bounds.Range(0.0, 5.0, "s", "a key that takes longer seems dead")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,12 +27,12 @@ class KeyboardOptions(ShapingOptions):
     layout: Literal["letters", "arrows"] = "letters"
     """letters: a z, s x, d c along x, y, z; f v, g b, h n about them. arrows: the arrow keys and
     page up and down along, the number pad about them."""
-    ramp_s: float = 0.3
+    ramp_s: Annotated[float, RAMP_S] = 0.3
     """From pressing a key to full deflection; letting go is at once."""
     grab: bool = False
     """No other program gets the keys while the keyboard is read: Esc gives it back, F12 takes it
     again."""
-    dead_zone: float = 0.0
+    dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.0
     """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
     wait_for_device: bool = False
     """open() succeeds without a keyboard, which is picked up once it is plugged in."""
@@ -38,5 +41,3 @@ class KeyboardOptions(ShapingOptions):
         super().__post_init__()
         check_way(self)
         check_choice("layout", self.layout, LAYOUTS)
-        if not 0.0 <= self.ramp_s <= 5.0:
-            raise ValueError(f"ramp_s is {self.ramp_s!r}; allowed: 0 to 5 s")

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
 from cardan.protocols.leap import PORT
 
 HAND_CHOICES = ("first", "left", "right")
 CLUTCHES = ("still", "open", "grab", "pinch")
 HIGHEST_VERSION = 7
 """Some bridges of newer tracking software offer one more version of the same frames."""
+
+VERSION = bounds.Range(1, HIGHEST_VERSION, "", "there are no later frames of this form")
+MIN_VISIBLE_S = bounds.Range(0.0, 10.0, "s", "a hand that waits longer takes it for broken")
+CUTOFF_HZ = bounds.Range(0.0, 1000.0, "Hz", "beyond its frame rate it filters nothing", zero="none")
+CUTOFF_RISE_1_M = bounds.Range(
+    0.0, 1000.0, "Hz per m/s", "the slowest hand would not be filtered either"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,24 +27,24 @@ class LeapOptions:
 
     host: str = "127.0.0.1"
     """Where the tracking service runs."""
-    port: int = PORT
+    port: Annotated[int, bounds.PORT] = PORT
     """Its WebSocket port."""
-    version: int = 6
+    version: Annotated[int, VERSION] = 6
     """Protocol version to ask for, 1 to 7; a service that does not know it is asked for less."""
     hand: Literal["first", "left", "right"] = "first"
     """Whose hand counts; first: the one that has been in view longest."""
     clutch: Literal["still", "open", "grab", "pinch"] = "still"
     """What holds the button "clutch": a hand kept still once, until it leaves; an open hand kept
     still, until it closes; a fist; a pinch."""
-    min_confidence: float = 0.3
+    min_confidence: Annotated[float, bounds.SHARE_OR_NONE] = 0.3
     """Less confidence than this, 0 to 1, is no measurement of the hand."""
-    min_visible_s: float = 0.2
+    min_visible_s: Annotated[float, MIN_VISIBLE_S] = 0.2
     """A hand must have been in view for so long before it counts, s."""
-    cutoff_hz: float = 4.0
+    cutoff_hz: Annotated[float, CUTOFF_HZ] = 4.0
     """Cut-off of the low-pass filter on the pose while the hand rests, Hz; 0: no filter."""
-    cutoff_rise_1_m: float = 20.0
+    cutoff_rise_1_m: Annotated[float, CUTOFF_RISE_1_M] = 20.0
     """How much the cut-off rises with the hand's speed, Hz per m/s (1 Euro filter)."""
-    max_speed_m_s: float = 1.5
+    max_speed_m_s: Annotated[float, bounds.HAND_SPEED_M_S] = 1.5
     """The pose follows the hand no faster than this, m/s."""
     optimize_hmd: bool = False
     """The tracker is worn on the forehead, looking forward."""
@@ -45,24 +52,10 @@ class LeapOptions:
     """open() succeeds without the service, which is picked up once it runs."""
 
     def __post_init__(self) -> None:
+        bounds.check_ranges(self)
         for name, allowed in (("hand", HAND_CHOICES), ("clutch", CLUTCHES)):
             value = getattr(self, name)
             if value not in allowed:
                 raise ValueError(f"{name} is {value!r}; allowed: {', '.join(allowed)}")
         if not self.host:
             raise ValueError("host is ''; allowed: a host name or an address")
-        for name, lowest, highest in (
-            ("port", 1, 65535),
-            ("version", 1, HIGHEST_VERSION),
-            ("min_confidence", 0.0, 1.0),
-            ("min_visible_s", 0.0, 10.0),
-            ("cutoff_hz", 0.0, 1000.0),
-            ("cutoff_rise_1_m", 0.0, 1000.0),
-        ):
-            value = getattr(self, name)
-            if not lowest <= value <= highest:
-                raise ValueError(f"{name} is {value!r}; allowed: {lowest:g} to {highest:g}")
-        if not (self.max_speed_m_s > 0.0 and math.isfinite(self.max_speed_m_s)):
-            raise ValueError(
-                f"max_speed_m_s is {self.max_speed_m_s!r}; allowed: a finite number above 0"
-            )

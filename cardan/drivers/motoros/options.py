@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
+from cardan.bounds import LONGEST_BLIND_S, Range, outside
 from cardan.errors import CardanError
 from cardan.protocols.simple_message import (
     IO_PORT,
@@ -21,10 +22,18 @@ from cardan.types import JointLimits
 STATE_PERIOD_S = 0.025
 """The controller publishes its state so often."""
 
-WATCHDOG_MS = (20, 500)
-"""What a controller in velocity mode accepts for its watchdog."""
-
-LONGEST_SPACING_S = 0.2
+WATCHDOG_MS = Range(20, 500, "ms", "a controller in velocity mode accepts no other watchdog")
+GROUP = Range(0, MAX_GROUPS - 1, "", "a controller has no more groups, counted from 0")
+QUEUE_LOW = Range(2, 100, "", "an interpolation period each: what is queued is driven without us")
+REPLY_EVERY = Range(1, 10_000, "", "of later answers nobody is told in time")
+COMMAND_PERIOD_S = Range(0.001, 0.05, "s", "slower commands are steps, faster ones are not taken")
+SPACING_S = Range(0.002, 0.2, "s", "a stream of later points answers the hand too late")
+IPC_S = Range(0.001, 0.02, "s", "no controller interpolates in other steps")
+STATE_TIMEOUT_S = Range(
+    STATE_PERIOD_S, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen"
+)
+REQUEST_TIMEOUT_S = Range(0.01, 10.0, "s", "a controller that answers later is taken for dead")
+START_TIMEOUT_S = Range(0.1, 60.0, "s", "servos are on and a job is started sooner")
 
 
 @dataclass(frozen=True)
@@ -33,18 +42,18 @@ class MotorosOptions:
 
     host: str = "127.0.0.1"
     """The robot controller."""
-    motion_port: int = MOTION_PORT
-    state_port: int = STATE_PORT
-    io_port: int = IO_PORT
+    motion_port: Annotated[int, bounds.PORT] = MOTION_PORT
+    state_port: Annotated[int, bounds.PORT] = STATE_PORT
+    io_port: Annotated[int, bounds.PORT] = IO_PORT
     robot: str = "gp8"
     """An arm's name, or the path of a .toml or .urdf file; number of joints and limits are its."""
-    velocity_rad_s: tuple[float, ...] = ()
+    velocity_rad_s: tuple[Annotated[float, bounds.JOINT_SPEED_RAD_S], ...] = ()
     """Own highest joint speeds; empty: the arm's."""
-    acceleration_rad_s2: tuple[float, ...] = ()
+    acceleration_rad_s2: tuple[Annotated[float, bounds.JOINT_ACCELERATION_RAD_S2], ...] = ()
     """Own highest joint accelerations; empty: the arm's. MotoROS itself limits none."""
-    speed_share: float = 1.0
+    speed_share: Annotated[float, bounds.SHARE] = 1.0
     """Share of the highest speeds that is used, above 0 to 1."""
-    group: int = 0
+    group: Annotated[int, GROUP] = 0
     """Control group, counted from 0."""
     mode: Literal["auto", "velocity", "stream", "standard"] = "auto"
     """velocity: joint speeds to a controller with the velocity mode. stream: one endless
@@ -55,45 +64,37 @@ class MotorosOptions:
     """at-start: motion is enabled once, after the first connection; never by itself again."""
     byte_order: Literal["auto", "little", "big"] = "auto"
     """auto: from the first message on the state port. FS100 is big, all others are little."""
-    command_period_s: float = 0.004
+    command_period_s: Annotated[float, COMMAND_PERIOD_S] = 0.004
     """Time between two commands in velocity mode."""
-    watchdog_ms: int = 100
+    watchdog_ms: Annotated[int, WATCHDOG_MS] = 100
     """In velocity mode the controller brakes after so long without a command."""
-    point_spacing_s: float = 0.020
+    point_spacing_s: Annotated[float, SPACING_S] = 0.020
     """Time between two points of a stream; rounded to a whole number of `ipc_s`."""
-    queue_low: int = 3
+    queue_low: Annotated[int, QUEUE_LOW] = 3
     """The next point is sent when so many increments are left in the controller's queue."""
-    ipc_s: float = 0.004
+    ipc_s: Annotated[float, IPC_S] = 0.004
     """The controller's interpolation period: whole ms, usually 4."""
-    reply_every: int = 25
+    reply_every: Annotated[int, REPLY_EVERY] = 25
     """In velocity mode every so many commands one asks what the controller had to limit."""
-    state_timeout_s: float = 3.0 * STATE_PERIOD_S
+    state_timeout_s: Annotated[float, STATE_TIMEOUT_S] = 3.0 * STATE_PERIOD_S
     """The link is LOST after so long without a state."""
-    request_timeout_s: float = 0.5
-    start_timeout_s: float = 12.0
+    request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 0.5
+    start_timeout_s: Annotated[float, START_TIMEOUT_S] = 12.0
     """The controller may have to switch its servos on and to start a job."""
     trust_velocity: bool = False
     """Report the controller's own joint speeds, which lag and have had wrong signs."""
-    lag_s: float = 0.4
+    lag_s: Annotated[float, bounds.LAG_S] = 0.4
     """The longest that the arm is behind its command in good order: the controller's filter and
     servos, and what the mode adds ("standard" needs 1.2)."""
     record: str = ""
     """A CSV file for commands and feedback, written at close; empty: none."""
 
     def __post_init__(self) -> None:
+        for name, value, allowed in outside(self):
+            _require(name, value, False, allowed)
         for name, choice in _CHOICES.items():
-            value = getattr(self, name)
-            _require(name, value, value in choice, "one of " + ", ".join(choice))
-        for name, (low, high) in _WHOLE.items():
-            value = getattr(self, name)
-            whole = isinstance(value, int) and not isinstance(value, bool)
-            _require(name, value, whole and low <= value <= high, f"{low} to {high}")
-        for name, (least, most) in _RANGES.items():
-            value = getattr(self, name)
-            good = _is_number(value) and least <= value <= most
-            _require(name, value, good, f"{least:g} to {most:g}")
-        share = self.speed_share
-        _require("speed_share", share, _is_number(share) and 0.0 < share <= 1.0, "above 0 to 1")
+            chosen = getattr(self, name)
+            _require(name, chosen, chosen in choice, "one of " + ", ".join(choice))
         _require("host", self.host, isinstance(self.host, str) and bool(self.host), "a host")
         path = isinstance(self.record, str) and "\0" not in self.record
         _require("record", self.record, path, "a file's path or empty")
@@ -107,6 +108,13 @@ class MotorosOptions:
             spacing,
             2.0 * self.ipc_s <= spacing + 1e-9,
             f"two interpolation periods ({2.0 * self.ipc_s:g} s) or more",
+        )
+        _require(
+            "queue_low",
+            self.queue_low,
+            self.queue_low * self.ipc_s <= LONGEST_BLIND_S,
+            f"at most {LONGEST_BLIND_S / self.ipc_s:.0f}: more takes longer than "
+            f"{LONGEST_BLIND_S:g} s to drive, without us",
         )
         _require(
             "watchdog_ms",
@@ -123,10 +131,8 @@ class MotorosOptions:
         _require("robot", self.robot, joints <= JOINTS, f"an arm of at most {JOINTS} joints")
         for name in ("velocity_rad_s", "acceleration_rad_s2"):
             values = getattr(self, name)
-            good = isinstance(values, (tuple, list)) and all(
-                _is_number(value) and 0.0 < value < math.inf for value in values
-            )
-            _require(name, values, good and len(values) in (0, joints), f"{joints} above 0")
+            good = isinstance(values, (tuple, list)) and len(values) in (0, joints)
+            _require(name, values, good, f"{joints} numbers, or none")
 
     @property
     def joints(self) -> int:
@@ -168,28 +174,6 @@ _CHOICES: dict[str, tuple[str, ...]] = {
     "enable": ("on-request", "at-start"),
     "byte_order": ("auto", "little", "big"),
 }
-_WHOLE = {
-    "motion_port": (1, 65535),
-    "state_port": (1, 65535),
-    "io_port": (1, 65535),
-    "group": (0, MAX_GROUPS - 1),
-    "watchdog_ms": WATCHDOG_MS,
-    "queue_low": (2, 100),
-    "reply_every": (1, 10_000),
-}
-_RANGES = {
-    "command_period_s": (0.001, 0.05),
-    "point_spacing_s": (0.002, LONGEST_SPACING_S),
-    "ipc_s": (0.001, 0.02),
-    "state_timeout_s": (STATE_PERIOD_S, 10.0),
-    "request_timeout_s": (0.01, 60.0),
-    "start_timeout_s": (0.1, 60.0),
-    "lag_s": (0.0, 2.0),
-}
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _require(name: str, value: object, good: bool, allowed: str) -> None:

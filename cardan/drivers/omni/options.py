@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.shaping import ShapingOptions, check_choice
 
 FORCE_MODES = ("cartesian", "joint")
 DRIVES = ("force", "joint_torques")
+
+CALIBRATION_WAIT_S = bounds.Range(0.0, 600.0, "s", "who has not calibrated it by then has left")
+STALE_AFTER_S = bounds.Range(0.005, 0.1, "s", "ticks come every 1 ms; a hand moves 10 cm in 0.1 s")
+RANGE_M = bounds.Range(0.001, 1.0, "m", "a hand on a desk reaches no farther")
+RANGE_DEG = bounds.Range(1.0, 180.0, "deg", "half a turn to either side is all there is")
+
+_Desk = Annotated[float, bounds.DESK_M]
+_Angle = Annotated[float, bounds.ANGLE_DEG]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,20 +46,20 @@ class OmniOptions(ShapingOptions, TickLimits):
     not look at the switch (of a unit where it is broken); the tick still gives no force."""
     status_light: bool = True
     """Feedback "led" sets the device's status light, where it has one that can be set."""
-    calibration_wait_s: float = 0.0
+    calibration_wait_s: Annotated[float, CALIBRATION_WAIT_S] = 0.0
     """open() waits at most so long until the device is calibrated, s, and succeeds either way."""
-    stale_after_s: float = 0.02
+    stale_after_s: Annotated[float, STALE_AFTER_S] = 0.02
     """Without a tick for so long the pose is not believed any more, s."""
-    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre_m: tuple[_Desk, _Desk, _Desk] = (0.0, 0.0, 0.0)
     """Rate mode: where the axes are zero, hand frame, m."""
-    range_m: float = 0.06
+    range_m: Annotated[float, RANGE_M] = 0.06
     """Rate mode: the displacement from there that is a full deflection, m."""
-    centre_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre_rpy_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
     """Rate mode: the orientation in which the axes of rotation are zero: Rz(yaw)·Ry(pitch)·Rx(roll)
     of the hand frame."""
-    range_deg: float = 35.0
+    range_deg: Annotated[float, RANGE_DEG] = 35.0
     """Rate mode: the turn from there that is a full deflection."""
-    dead_zone: float = 0.15
+    dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.15
     """Rate mode: share of the full deflection that counts as rest."""
     dead_zone_shape: Literal["axis", "radial"] = "radial"
     """axis: each axis by itself; radial: the lengths of translation and rotation."""
@@ -67,33 +74,13 @@ class OmniOptions(ShapingOptions, TickLimits):
         ShapingOptions.__post_init__(self)
         TickLimits.__post_init__(self)
 
-        def check(key: str, good: Callable[[float], bool], allowed: str) -> None:
-            value = getattr(self, key)
-            values = value if isinstance(value, tuple) else (value,)
-            if not all(
-                isinstance(each, (int, float))
-                and not isinstance(each, bool)
-                and math.isfinite(each)
-                and good(each)
-                for each in values
-            ):
-                raise ValueError(f"{key} is {value!r}; allowed: {allowed}")
-
         if "\0" in self.device:
             raise ValueError(f"device is {self.device!r}; allowed: a name, or nothing")
         check_choice("force_mode", self.force_mode, FORCE_MODES)
         check_choice("drive_by", self.drive_by, DRIVES)
-        check("calibration_wait_s", lambda t: 0.0 <= t <= 600.0, "0 to 600 s")
-        check("stale_after_s", lambda t: 0.005 <= t <= 0.1, "0.005 to 0.1 s")
-        check("range_m", lambda x: 0.001 <= x <= 1.0, "0.001 to 1 m")
-        check("range_deg", lambda a: 1.0 <= a <= 180.0, "1 to 180")
-        for key, good, allowed in (
-            ("centre_m", lambda x: abs(x) <= 1.0, "three lengths, -1 to 1 m"),
-            ("centre_rpy_deg", lambda a: abs(a) <= 360.0, "three angles, -360 to 360"),
-        ):
+        for key in ("centre_m", "centre_rpy_deg"):
             if len(getattr(self, key)) != 3:
                 raise ValueError(f"{key} is {getattr(self, key)!r}; it needs three numbers")
-            check(key, good, allowed)
 
     def limits(self) -> TickLimits:
         """The limits of the tick."""

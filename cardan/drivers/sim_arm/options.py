@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
+from cardan.bounds import outside
 from cardan.errors import CardanError
 from cardan.robots import load_arm
-from cardan.sim_peers.arm import FAULTS, Ball, Plane, PlantOptions, SimulatedArmOptions
+from cardan.sim_peers.arm import (
+    FAULTS,
+    PERIOD_S,
+    Ball,
+    Plane,
+    PlantOptions,
+    SimulatedArmOptions,
+)
 from cardan.sim_peers.base import parse_faults
 from cardan.types import JointLimits, Vector3
 
 SILENT_PERIODS = 3
 """So many missed states are not a hiccup any more."""
+
+_Metre = Annotated[float, bounds.COORDINATE_M]
+_Radius = Annotated[float, bounds.LENGTH_M]
+_Component = Annotated[float, bounds.DIRECTION]
 
 
 @dataclass(frozen=True)
@@ -30,33 +42,31 @@ class SimArmOptions:
     pacing: Literal["real-time", "virtual"] = "real-time"
     """virtual: cycles come as fast as they are taken, with stamps that count from 0 s; for tests
     and benchmarks whose other parts take their time from the states. In-process only."""
-    period_s: float = 0.002
+    period_s: Annotated[float, PERIOD_S] = 0.002
     drive: Literal["dynamic", "ideal"] = "dynamic"
     """ideal: the joints are exactly where they are commanded to be."""
     gravity_feedforward: bool = False
     """The servo knows gravity: hardly any sag."""
-    planes: tuple[tuple[float, float, float, float, float, float], ...] = ()
+    planes: tuple[tuple[_Metre, _Metre, _Metre, _Component, _Component, _Component], ...] = ()
     """Solid half spaces: x y z of a point in m and the outward normal, base frame."""
-    spheres: tuple[tuple[float, float, float, float], ...] = ()
+    spheres: tuple[tuple[_Metre, _Metre, _Metre, _Radius], ...] = ()
     """Solid spheres: centre x y z and radius, m, base frame."""
-    payload_kg: float = 0.0
-    start: tuple[float, ...] = ()
+    payload_kg: Annotated[float, bounds.PAYLOAD_KG] = 0.0
+    start: tuple[Annotated[float, bounds.JOINT_POSITION], ...] = ()
     """Joints at the start, rad or m; empty: the arm's home."""
     faults: tuple[str, ...] = ()
     """NAME or NAME=VALUE, as `cardan sim arm --list-faults` names them."""
-    seed: int = 0
-    command_timeout_s: float = 0.1
+    seed: Annotated[int, bounds.SEED] = 0
+    command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
     """The simulated controller brakes after so long without a command."""
-    silence_s: float = 0.1
+    silence_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Without a state for so long (or three periods, if that is longer) the link is LOST."""
 
     def __post_init__(self) -> None:
         _choice("transport", self.transport, ("in-process", "udp"))
         _choice("pacing", self.pacing, ("real-time", "virtual"))
-        for name in ("period_s", "command_timeout_s", "silence_s"):
-            value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and 0.0 < value < math.inf):
-                raise ValueError(f"{name}: {value!r} is not allowed; it must be above 0")
+        for name, value, allowed in outside(self):
+            raise ValueError(f"{name}: {value!r} is not allowed; it must be {allowed}")
         for name, length in (("planes", 6), ("spheres", 4)):
             for values in getattr(self, name):
                 if len(values) != length:
@@ -69,8 +79,6 @@ class SimArmOptions:
             raise ValueError(str(error)) from None
         if self.start and len(self.start) != joints:
             raise ValueError(f"start: {self.start!r} is not allowed; it must be {joints} joints")
-        if not all(map(math.isfinite, self.start)):
-            raise ValueError(f"start: {self.start!r} is not allowed; it must be finite")
         if self.transport == "udp":
             if self.pacing == "virtual":
                 raise ValueError("pacing: 'virtual' is not allowed; over udp it must be real-time")

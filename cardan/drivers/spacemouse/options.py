@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
 from cardan.drivers.shaping import ShapingOptions, check_choice
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.connexion_serial import SERIAL_MODELS
@@ -37,7 +37,7 @@ class SpaceMouseOptions(ShapingOptions):
     """USB port of the device to open ("1-2.3", as in /sys/bus/usb/devices). Empty: any."""
     slot: Literal["", "0", "1", "2", "3", "4"] = ""
     """Interface of a receiver on which the device speaks. Empty: the first that speaks."""
-    full_scale: float | None = None
+    full_scale: Annotated[float, bounds.COUNTS] | None = None
     """Counts of a full deflection; None: from the report descriptor, else the model's."""
     led: Literal["keep", "on", "off"] = "keep"
     """What the LED shows from opening until the gateway says otherwise."""
@@ -53,12 +53,6 @@ class SpaceMouseOptions(ShapingOptions):
             ("model", _SERIAL_MODEL_KEYS if self.transport == "serial" else _MODEL_KEYS),
         ):
             check_choice(name, getattr(self, name), allowed)
-        if self.full_scale is not None and not (
-            self.full_scale > 0.0 and math.isfinite(self.full_scale)
-        ):
-            raise ValueError(
-                f"full_scale is {self.full_scale!r}; allowed: a number of counts above 0"
-            )
         for name in ("port", "slot"):
             if self.transport in ("serial", "socket") and getattr(self, name):
                 raise ValueError(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Annotated
 
+from cardan import bounds
 from cardan.drivers.shaping import ShapingOptions
 
 
@@ -14,16 +15,12 @@ class SpnavOptions(ShapingOptions):
 
     socket: str = ""
     """Path of the socket; empty: what SPNAV_SOCKET says, else /var/run/spnav.sock."""
-    full_scale: float | None = None
+    full_scale: Annotated[float, bounds.COUNTS] | None = None
     """Counts of a full deflection; None: what the daemon's device usually gives, 350 or 500."""
     wait_for_device: bool = False
     """open() succeeds without the daemon, which is found once it runs."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.full_scale is not None and not 0.0 < self.full_scale < math.inf:
-            raise ValueError(
-                f"full_scale is {self.full_scale!r}; allowed: a number of counts above 0"
-            )
         if "\0" in self.socket:
             raise ValueError(f"socket is {self.socket!r}; allowed: a path")

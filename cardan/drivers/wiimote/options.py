@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
 from cardan.drivers.shaping import ShapingOptions, check_choice
 
 TRANSPORTS = ("auto", "hidraw", "l2cap", "socket")
@@ -14,6 +15,10 @@ NEUTRALS = ("level", "press")
 MOTION_PLUS = ("auto", "on", "off")
 
 _ADDRESS = re.compile(r"([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}")
+FULL_TILT_DEG = bounds.Range(5.0, 90.0, "deg", "beyond upright a tilt gets smaller again")
+LOW_PASS_HZ = bounds.Range(0.5, 50.0, "Hz", "lower is seconds late; it measures 100 times a second")
+RECONNECT_AFTER_S = bounds.Range(0.3, 60.0, "s", "a silence of a moment is no loss, a minute is")
+
 _FULL_TILT_DEG = {"paper": 90.0, "tilt": 45.0, "gyro": 90.0}
 
 
@@ -21,7 +26,7 @@ _FULL_TILT_DEG = {"paper": 90.0, "tilt": 45.0, "gyro": 90.0}
 class WiimoteOptions(ShapingOptions):
     """Options of :class:`Wiimote`. Raises ValueError for a value that is not allowed."""
 
-    dead_zone: float = 0.07
+    dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.07
     """Share of the full scale that counts as rest; 0.07 of 1 g are 4 degrees."""
     transport: Literal["auto", "hidraw", "l2cap", "socket"] = "auto"
     """auto: hidraw. l2cap: Bluetooth channels of our own, past the kernel's drivers. socket: a
@@ -33,13 +38,13 @@ class WiimoteOptions(ShapingOptions):
     """Bluetooth address of the remote, "00:1F:32:AA:BB:CC"; must be given for l2cap, empty: any."""
     roles: Literal["paper", "tilt", "gyro"] = "paper"
     """What the remote's motion means while a clutch button is held."""
-    full_tilt_deg: float | None = None
+    full_tilt_deg: Annotated[float, FULL_TILT_DEG] | None = None
     """Tilt that is full deflection, 5 to 90; None: 90 (roles "paper"), 45 ("tilt")."""
     neutral: Literal["level", "press"] = "level"
     """Tilt that counts as none: level, or how the remote is held when the clutch is pressed."""
-    low_pass_hz: float = 7.0
+    low_pass_hz: Annotated[float, LOW_PASS_HZ] = 7.0
     """Cut-off frequency of the filter on the accelerometer."""
-    gyro_full_scale_rad_s: float = 3.0
+    gyro_full_scale_rad_s: Annotated[float, bounds.HAND_TURN_RAD_S] = 3.0
     """Turning speed of the hand that is full deflection (roles "gyro")."""
     motion_plus: Literal["auto", "on", "off"] = "auto"
     """Whether to use a MotionPlus; auto: where the roles need it."""
@@ -47,7 +52,7 @@ class WiimoteOptions(ShapingOptions):
     """True: the camera is on; where the remote points stands in the metrics."""
     led: int = 1
     """The LED, 1 to 4, that is lit from opening until the gateway says otherwise; 0: none."""
-    reconnect_after_s: float = 0.5
+    reconnect_after_s: Annotated[float, RECONNECT_AFTER_S] = 0.5
     """A remote that was silent for so long is opened anew; after 0.1 s it is not trusted anyway."""
     wait_for_device: bool = False
     """open() succeeds without a remote, which is picked up once it is there."""
@@ -61,16 +66,6 @@ class WiimoteOptions(ShapingOptions):
             ("motion_plus", MOTION_PLUS),
         ):
             check_choice(name, getattr(self, name), allowed)
-        for name, low, high in (
-            ("low_pass_hz", 0.5, 50.0),
-            ("gyro_full_scale_rad_s", 0.1, 30.0),
-            ("reconnect_after_s", 0.3, 60.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ValueError(f"{name} is {value!r}; allowed: {low:g} to {high:g}")
-        if self.full_tilt_deg is not None and not 5.0 <= self.full_tilt_deg <= 90.0:
-            raise ValueError(f"full_tilt_deg is {self.full_tilt_deg!r}; allowed: 5 to 90")
         if not isinstance(self.led, int) or self.led not in range(5):
             raise ValueError(f"led is {self.led!r}; allowed: 1 to 4, and 0 for none")
         if self.address and not _ADDRESS.fullmatch(self.address):

@@ -5,19 +5,26 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
-from cardan.gateway.common.tables import DriverTable, NotNegative, Point, Positive, Table
+from cardan import bounds
+from cardan.gateway.common.tables import Angles, Direction, DriverTable, Length, Table, within
 from cardan.haptics import MAX_FIXTURES
 
-Coordinate = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False, strict=True)]
-Place = tuple[Coordinate, Coordinate, Coordinate]
-"""m; no arm on a table reaches farther than 10 m."""
+Near = Annotated[float, within(bounds.NEAR_M)]
+Place = tuple[Near, Near, Near]
+"""m"""
+
+Stiffness = Annotated[float, within(bounds.FIXTURE_STIFFNESS_N_M)]
+Damping = Annotated[float, within(bounds.DAMPING_N_S_M)]
 
 MAX_SOCKET_PATH_BYTES = 107
 """Of a Unix socket on Linux."""
 
 MAX_CONTACTS = 8
+
+SHORTEST_DIRECTION = 1e-9
+"""A vector that is shorter has no direction that rounding leaves."""
 
 _NEEDED = {
     "sphere": ("centre_m", "radius_m", "stiffness_n_m"),
@@ -40,8 +47,8 @@ _PLACED = {"plane": "point_m", "spring": "target_m"}
 """The shapes that may begin where the TCP is, and the key that says where else."""
 
 
-def _one_of_length(direction: Point | None) -> Point | None:
-    if direction is not None and not math.sqrt(sum(c * c for c in direction)) > 1e-9:
+def _one_of_length(direction: Direction | None) -> Direction | None:
+    if direction is not None and not math.sqrt(sum(c * c for c in direction)) > SHORTEST_DIRECTION:
         raise ValueError(f"{list(direction)} has no direction")
     return direction
 
@@ -51,17 +58,17 @@ class FixtureTable(Table):
 
     shape: Literal["sphere", "plane", "box", "cylinder", "spring", "viscous"]
     centre_m: Place | None = None
-    radius_m: Positive | None = None
-    half_sides_m: tuple[Positive, Positive, Positive] | None = None
-    rpy_deg: Point | None = None
+    radius_m: Length | None = None
+    half_sides_m: tuple[Length, Length, Length] | None = None
+    rpy_deg: Angles | None = None
     point_m: Place | None = None
-    normal: Point | None = None
-    axis: Point | None = None
+    normal: Direction | None = None
+    axis: Direction | None = None
     target_m: Place | None = None
     at: Literal["start", "clutch-in"] | None = None
-    stiffness_n_m: Positive | None = None
-    damping_n_s_m: NotNegative = 0.0
-    cap_n: Positive = 3.0
+    stiffness_n_m: Stiffness | None = None
+    damping_n_s_m: Damping = 0.0
+    cap_n: Annotated[float, within(bounds.HAND_FORCE_N)] = 3.0
     inside: bool = False
 
     _directions = field_validator("normal", "axis")(_one_of_length)
@@ -92,12 +99,12 @@ class ContactTable(Table):
 
     shape: Literal["plane", "sphere"]
     point_m: Place | None = None
-    normal: Point | None = None
+    normal: Direction | None = None
     centre_m: Place | None = None
-    radius_m: Positive | None = None
-    stiffness_n_m: Positive
-    damping_n_s_m: NotNegative = 0.0
-    friction: Annotated[float, Field(ge=0, le=2, strict=True)] = 0.0
+    radius_m: Length | None = None
+    stiffness_n_m: Annotated[float, within(bounds.ENVIRONMENT_STIFFNESS_N_M)]
+    damping_n_s_m: Damping = 0.0
+    friction: Annotated[float, within(bounds.FRICTION)] = 0.0
 
     _direction = field_validator("normal")(_one_of_length)
 
@@ -117,15 +124,17 @@ class ForceTable(Table):
 
     source: Literal["none", "measured", "sensor", "contact", "remote"] = "none"
     sense: Literal["exerted", "felt"] | None = None
-    scale: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False, strict=True)] = 0.02
-    deadband_n: NotNegative = 0.1
-    cutoff_hz: Annotated[float, Field(ge=0.1, le=200, strict=True)] = 40.0
+    scale: Annotated[float, within(bounds.FORCE_SCALE)] = 0.02
+    deadband_n: Annotated[float, within(bounds.DEADBAND_N)] = 0.1
+    cutoff_hz: Annotated[float, within(bounds.FORCE_CUTOFF_HZ)] = 40.0
     tare: bool = True
-    max_age_s: Annotated[float, Field(gt=0, le=0.5, strict=True)] = 0.1
-    stiffness_n_m: Annotated[float, Field(ge=0, le=500, strict=True)] = 0.0
-    environment_stiffness_n_m: Positive | None = None
-    delay_s: Annotated[float, Field(ge=0, le=1, strict=True)] = 0.02
-    contact_target_n: Positive | None = None
+    max_age_s: Annotated[float, within(bounds.BLIND_S)] = 0.1
+    stiffness_n_m: Annotated[float, within(bounds.HAND_STIFFNESS_N_M)] = 0.0
+    environment_stiffness_n_m: Annotated[float, within(bounds.ENVIRONMENT_STIFFNESS_N_M)] | None = (
+        None
+    )
+    delay_s: Annotated[float, within(bounds.LOOP_DELAY_S)] = 0.02
+    contact_target_n: Annotated[float, within(bounds.ROBOT_FORCE_N)] | None = None
     sensor: DriverTable | None = None
     zero_sensor: bool = False
     contact: tuple[ContactTable, ...] = ()

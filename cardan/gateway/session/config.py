@@ -16,6 +16,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    StrictBool,
     StrictInt,
     ValidationError,
     ValidationInfo,
@@ -23,11 +24,28 @@ from pydantic import (
     model_validator,
 )
 
+from cardan import bounds
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.authority import LEASE_S, AuthorityPolicy
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.common.tables import Bounds, DriverTable, Finite, Point, Positive, Share
-from cardan.gateway.force.tables import FixtureTable, ForceTable, check_fixtures
+from cardan.gateway.common.tables import (
+    Angle,
+    Angles,
+    Bounds,
+    Coordinate,
+    Direction,
+    DriverTable,
+    Length,
+    Point,
+    within,
+)
+from cardan.gateway.force.tables import (
+    SHORTEST_DIRECTION,
+    FixtureTable,
+    ForceTable,
+    Place,
+    check_fixtures,
+)
 from cardan.gateway.hand.feedback import RUMBLE_SOURCES, FeedbackOptions
 from cardan.gateway.hand.mapping import AXES, GripperAction, MappingOptions, Mode, Orientation
 from cardan.gateway.motion.reference import ReferenceLimits
@@ -46,12 +64,12 @@ else:
     import tomli as tomllib
 
 
-LONGEST_DEVICE_AGE_S = 0.5
-"""A hand cannot be stale for longer: at 0.25 m/s that is already 12 cm of unwanted motion."""
+LONGEST_STOP_S = 0.5
+"""An arm that needs longer to stop goes on for more than its operator expects: at 0.25 m/s it
+brakes over 6 cm."""
 
-
-LONGEST_STOP_S = 2.0
-"""An arm that needs longer to stop is not under anybody's hand."""
+LONGEST_ACCEPTED_STOP_S = 2.0
+"""An arm that needs longer to stop is not under anybody's hand, whatever its operator accepts."""
 
 MAX_OUTPUT = 39
 """Highest analog output: EGM carries 40 values."""
@@ -76,22 +94,24 @@ class MappingTable(_Table):
 
     mode: Mode = Mode.RATE
     frame: Frame = Frame.BASE
-    linear_speed_m_s: Positive = 0.1
-    angular_speed_rad_s: Positive = 0.4
+    linear_speed_m_s: Annotated[float, within(bounds.LINEAR_SPEED_M_S)] = 0.1
+    angular_speed_rad_s: Annotated[float, within(bounds.ANGULAR_SPEED_RAD_S)] = 0.4
     axes: Annotated[list[str], Field(min_length=6, max_length=6)] = list(AXES)
-    scale: Annotated[list[Finite], Field(min_length=6, max_length=6)] = [1.0] * 6
-    yaw_deg: Finite = 0.0
-    device_rpy_deg: Point = (0.0, 0.0, 0.0)
+    scale: Annotated[
+        list[Annotated[float, within(bounds.MOTION_SCALE)]], Field(min_length=6, max_length=6)
+    ] = [1.0] * 6
+    yaw_deg: Angle = 0.0
+    device_rpy_deg: Angles = (0.0, 0.0, 0.0)
     orientation: Orientation | None = None
     origin_m: Point | None = None
     device_centre_m: Point = (0.0, 0.0, 0.0)
-    hand_to_tool_rpy_deg: Point = (0.0, 0.0, 0.0)
-    approach_speed_m_s: Positive = 0.05
-    approach_speed_rad_s: Positive = 0.3
-    slip_m: Annotated[float, Field(gt=0, le=0.5, strict=True)] = 0.15
-    slip_rad: Annotated[float, Field(gt=0, le=1.5, strict=True)] = 0.6
+    hand_to_tool_rpy_deg: Angles = (0.0, 0.0, 0.0)
+    approach_speed_m_s: Annotated[float, within(bounds.LINEAR_SPEED_M_S)] = 0.05
+    approach_speed_rad_s: Annotated[float, within(bounds.ANGULAR_SPEED_RAD_S)] = 0.3
+    slip_m: Annotated[float, within(bounds.LEASH_M)] = 0.15
+    slip_rad: Annotated[float, within(bounds.LEASH_RAD)] = 0.6
     joints: dict[str, str] = {}
-    joint_speed_rad_s: Positive = 0.4
+    joint_speed_rad_s: Annotated[float, within(bounds.JOINT_SPEED_RAD_S)] = 0.4
     deadman: str | list[str] = ""
     clutch: str = ""
     recapture: str = ""
@@ -194,8 +214,8 @@ class GripperTable(_Table):
     open: str = ""
     output: StrictInt | str = "digital"
     """The digital output, or the index of an analog one."""
-    closed_value: Finite = 1.0
-    open_value: Finite = 0.0
+    closed_value: Annotated[float, within(bounds.OUTPUT_VALUE)] = 1.0
+    open_value: Annotated[float, within(bounds.OUTPUT_VALUE)] = 0.0
 
     @field_validator("output", mode="before")
     @classmethod
@@ -211,7 +231,7 @@ class FeedbackTable(_Table):
 
     led: bool = True
     rumble: list[str] = ["trip", "limit"]
-    full_force_n: Positive = 20.0
+    full_force_n: Annotated[float, within(bounds.ROBOT_FORCE_N)] = 20.0
 
     @field_validator("rumble")
     @classmethod
@@ -225,14 +245,15 @@ class FeedbackTable(_Table):
 class LimitsTable(_Table):
     """``[limits]``: what the reference may do, whatever the operator asks."""
 
-    linear_speed_m_s: Positive = 0.25
-    linear_acceleration_m_s2: Positive = 1.0
-    angular_speed_rad_s: Positive = 1.0
-    angular_acceleration_rad_s2: Positive = 4.0
-    linear_jerk_m_s3: Positive | None = None
-    angular_jerk_rad_s3: Positive | None = None
-    leash_m: Positive = 0.05
-    leash_rad: Annotated[float, Field(gt=0, le=1.5, strict=True)] = 0.3
+    linear_speed_m_s: Annotated[float, within(bounds.LINEAR_SPEED_M_S)] = 0.25
+    linear_acceleration_m_s2: Annotated[float, within(bounds.LINEAR_ACCELERATION_M_S2)] = 1.0
+    angular_speed_rad_s: Annotated[float, within(bounds.ANGULAR_SPEED_RAD_S)] = 1.0
+    angular_acceleration_rad_s2: Annotated[float, within(bounds.ANGULAR_ACCELERATION_RAD_S2)] = 4.0
+    linear_jerk_m_s3: Annotated[float, within(bounds.LINEAR_JERK_M_S3)] | None = None
+    angular_jerk_rad_s3: Annotated[float, within(bounds.ANGULAR_JERK_RAD_S3)] | None = None
+    i_accept_long_stops: StrictBool = False
+    leash_m: Annotated[float, within(bounds.LEASH_M)] = 0.05
+    leash_rad: Annotated[float, within(bounds.LEASH_RAD)] = 0.3
     workspace_x_m: Bounds | None = None
     workspace_y_m: Bounds | None = None
     workspace_z_m: Bounds | None = None
@@ -248,9 +269,9 @@ class LimitsTable(_Table):
 class WatchdogTable(_Table):
     """``[watchdogs]``"""
 
-    device_age_s: Annotated[float, Field(gt=0, le=LONGEST_DEVICE_AGE_S, strict=True)] = 0.1
-    following_error_m: Positive = 0.1
-    following_error_rad: Positive = 0.6
+    device_age_s: Annotated[float, within(bounds.BLIND_S)] = 0.1
+    following_error_m: Annotated[float, within(bounds.LEASH_M)] = 0.1
+    following_error_rad: Annotated[float, within(bounds.LEASH_RAD)] = 0.6
     recovery: bool = True
     """Whether a command that lost its robot is brought back to it, slowly and within the leash."""
 
@@ -261,7 +282,7 @@ class AuthorityTable(_Table):
     policy: AuthorityPolicy = AuthorityPolicy.HAND
     named: str = ""
     """The source that may have it, where `policy` is "named"."""
-    lease_s: Annotated[float, Field(gt=0, le=10.0, strict=True)] = LEASE_S
+    lease_s: Annotated[float, within(bounds.AUTHORITY_LEASE_S)] = LEASE_S
     """For which a source that does not renew keeps it."""
 
     @model_validator(mode="after")
@@ -280,15 +301,15 @@ class ArmTable(_Table):
     model: str
     """One of our arms, or the path of a .toml or .urdf file."""
     policy: Literal["path", "reach"] = "path"
-    tool_xyz_m: Point = (0.0, 0.0, 0.0)
-    tool_rpy_deg: Point = (0.0, 0.0, 0.0)
-    speed_share: Share = 1.0
+    tool_xyz_m: Place = (0.0, 0.0, 0.0)
+    tool_rpy_deg: Angles = (0.0, 0.0, 0.0)
+    speed_share: Annotated[float, within(bounds.SHARE)] = 1.0
     """Of the joints' speeds."""
-    acceleration_share: Share = 1.0
+    acceleration_share: Annotated[float, within(bounds.SHARE)] = 1.0
     collisions: bool = True
     """Whether the arm keeps away from itself and from the obstacles."""
-    safety_distance_m: Positive = 0.01
-    tcp_tolerance_m: Positive | None = None
+    safety_distance_m: Annotated[float, within(bounds.SAFETY_DISTANCE_M)] = 0.01
+    tcp_tolerance_m: Annotated[float, within(bounds.TCP_TOLERANCE_M)] | None = None
     """Most that the controller's own TCP may differ from the model's before the arm is not moved;
     None: 2 mm where poses are sent, 20 mm where joints are."""
 
@@ -304,9 +325,9 @@ class ObstacleTable(_Table):
     name: str
     box: tuple[Point, Point] | None = None
     """Lowest and highest corner, m."""
-    capsule: tuple[Point, Point, Positive] | None = None
+    capsule: tuple[Point, Point, Length] | None = None
     """Ends and radius, m; the same point twice: a sphere."""
-    plane: tuple[Point, Finite] | None = None
+    plane: tuple[Direction, Coordinate] | None = None
     """Normal out of the solid, and how far along it the surface is, m."""
 
     @model_validator(mode="after")
@@ -319,7 +340,7 @@ class ObstacleTable(_Table):
             )
         if self.box is not None and not all(a < b for a, b in zip(*self.box, strict=True)):
             raise ValueError(f"box of {self.name!r}: lowest corner first, then the highest")
-        if self.plane is not None and norm(Vector3(*self.plane[0])) == 0.0:
+        if self.plane is not None and norm(Vector3(*self.plane[0])) <= SHORTEST_DIRECTION:
             raise ValueError(f"plane of {self.name!r}: its normal has no direction")
         return self
 
@@ -329,7 +350,7 @@ class SpnavTable(_Table):
 
     socket: str = SpnavServerOptions.socket
     access: Literal["owner", "everybody"] = "owner"
-    full_scale: Annotated[float, Field(ge=1.0, allow_inf_nan=False, strict=True)] | None = None
+    full_scale: Annotated[float, within(bounds.COUNTS)] | None = None
     name: str = ""
 
     @model_validator(mode="after")
@@ -446,14 +467,31 @@ class SessionConfig(_Table):
     @model_validator(mode="after")
     def _stops_soon(self) -> SessionConfig:
         table = self.limits
-        for kind, time_s in (
-            ("linear", table.linear_speed_m_s / table.linear_acceleration_m_s2),
-            ("angular", table.angular_speed_rad_s / table.angular_acceleration_rad_s2),
+        longest_s = LONGEST_ACCEPTED_STOP_S if table.i_accept_long_stops else LONGEST_STOP_S
+        for key, speed, acceleration in (
+            (
+                "linear_acceleration_m_s2",
+                table.linear_speed_m_s,
+                table.linear_acceleration_m_s2,
+            ),
+            (
+                "angular_acceleration_rad_s2",
+                table.angular_speed_rad_s,
+                table.angular_acceleration_rad_s2,
+            ),
         ):
-            if time_s > LONGEST_STOP_S:
+            # What rounding adds to a stop of exactly the longest time is no reason to refuse it.
+            if speed > acceleration * longest_s * (1.0 + 1e-9):
+                consent = (
+                    "no more is allowed"
+                    if table.i_accept_long_stops
+                    else "or accept it with i_accept_long_stops = true in [limits], up to "
+                    f"{LONGEST_ACCEPTED_STOP_S:g} s"
+                )
                 raise ValueError(
-                    f"limits.{kind}_acceleration: stopping from full speed takes {time_s:.3g} s; "
-                    f"it must not take more than {LONGEST_STOP_S:g} s"
+                    f"limits.{key}: stopping from full speed takes {speed / acceleration:.3g} s; "
+                    f"it must not take more than {longest_s:g} s: raise the acceleration or lower "
+                    f"the speed; {consent}"
                 )
         return self
 

@@ -13,9 +13,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
+from cardan.bounds import COUNTS
 from cardan.gateway.spnav.client import SpnavClient
 from cardan.gateway.spnav.identity import DeviceIdentity
-from cardan.gateway.spnav.options import FULL_SCALES
 from cardan.protocols.spnav import (
     FAILED,
     MAX_BUTTONS,
@@ -70,7 +70,7 @@ class SpnavServerCore:
     "button-7" is 7 and "7" is 6, whatever is pressed first; all others follow. `on_led` switches
     the device's LED; None: it has none, or it is not for programs to switch. `full_scale` is in
     counts; None: what programs take for a full deflection of such a device. Raises ValueError for
-    one that is not in `FULL_SCALES`.
+    one that is not in `COUNTS` of :mod:`cardan.bounds`.
     """
 
     def __init__(
@@ -81,9 +81,8 @@ class SpnavServerCore:
         identity: DeviceIdentity | None = None,
         on_led: Callable[[bool], None] | None = None,
     ) -> None:
-        if full_scale is not None and not FULL_SCALES[0] <= full_scale <= FULL_SCALES[1]:
-            low, high = FULL_SCALES
-            raise ValueError(f"full_scale is {full_scale!r}; allowed: {low:.0f} to {high:.0f}")
+        if full_scale is not None and full_scale not in COUNTS:
+            raise ValueError(f"full_scale is {full_scale!r}; allowed: {COUNTS}")
         self._numbers: dict[str, int] = {}
         self._taken: set[int] = set()
         """The numbers of buttons that are given."""

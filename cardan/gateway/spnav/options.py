@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from cardan import bounds
 from cardan.protocols.spnav import DEFAULT_SOCKET
 
 ACCESS = ("owner", "everybody")
-
-FULL_SCALES = (1.0, 1e6)
-"""Counts that a full deflection may give: 32 bits have room for a thousand times as many."""
 
 LONGEST_PATH_BYTES = 107
 """What the address of a Unix socket has room for."""
@@ -24,7 +22,7 @@ class SpnavServerOptions:
     """Path of the socket to create; programs look there, or where SPNAV_SOCKET says."""
     access: Literal["owner", "everybody"] = "owner"
     """Who may connect: the user who serves (mode 0600), or every user of this machine (0666)."""
-    full_scale: float | None = None
+    full_scale: Annotated[float, bounds.COUNTS] | None = None
     """Counts that programs get for a full deflection; None: as many as spacenavd gives of the
     device's model, 350 where that is not known."""
     name: str = ""
@@ -32,14 +30,10 @@ class SpnavServerOptions:
     known."""
 
     def __post_init__(self) -> None:
+        bounds.check_ranges(self)
         if not 0 < len(self.socket.encode()) <= LONGEST_PATH_BYTES or "\0" in self.socket:
             raise ValueError(
                 f"socket is {self.socket!r}; allowed: a path of up to {LONGEST_PATH_BYTES} bytes"
             )
         if self.access not in ACCESS:
             raise ValueError(f"access is {self.access!r}; allowed: {', '.join(ACCESS)}")
-        low, high = FULL_SCALES
-        if self.full_scale is not None and not low <= self.full_scale <= high:
-            raise ValueError(
-                f"full_scale is {self.full_scale!r}; allowed: {low:.0f} to {high:.0f} counts"
-            )

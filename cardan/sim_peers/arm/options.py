@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from cardan.bounds import Range
 from cardan.errors import ConfigurationError
 from cardan.protocols.joint_stream import MAX_JOINTS
 from cardan.robots import load_arm
@@ -16,6 +17,7 @@ from cardan.sim_peers.command import numbers, option
 from cardan.types import ZERO3, Vector3
 
 DRIVES = ("dynamic", "ideal")
+PERIOD_S = Range(0.0005, 0.1, "s", "three periods without a state are a third of a second")
 STANDARD_GRAVITY_M_S2 = Vector3(0.0, 0.0, -9.81)
 
 
@@ -182,7 +184,7 @@ class SimulatedArmOptions:
                 raise ConfigurationError(key, f"{getattr(self, key)!r} is not {allowed}")
 
         check("port", 0 <= self.port <= 65535, "a port, 0 to 65535")
-        check("period_s", 0.0005 <= self.period_s <= 0.1, "within 0.0005 to 0.1 s")
+        check("period_s", self.period_s in PERIOD_S, f"within {PERIOD_S}")
         check("command_timeout_s", self.command_timeout_s > 0.0, "above 0")
         check("following_error_rad", self.following_error_rad > 0.0, "above 0")
         check("acknowledge_after_s", self.acknowledge_after_s >= 0.0, "at least 0")

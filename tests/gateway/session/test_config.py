@@ -146,7 +146,7 @@ def test_survives_the_way_to_the_session_process():
         ({"mapping": {"frame": "world"}}, "mapping.frame", "'base', 'tool' or 'mixed'"),
         ({"mapping": {"axes": ["x"]}}, "mapping.axes", "at least 6"),
         ({"mapping": {"axes": ["x", "y", "z", "rx", "ry", "w"]}}, "mapping.axes", "'w' is not"),
-        ({"mapping": {"linear_speed_m_s": -1}}, "mapping.linear_speed_m_s", "greater than 0"),
+        ({"mapping": {"linear_speed_m_s": -1}}, "mapping.linear_speed_m_s", "equal to 0.0001"),
         ({"mapping": {"yaw_deg": float("nan")}}, "mapping.yaw_deg", "finite"),
         ({"limits": {"workspace_x_m": [1, 0]}}, "limits.workspace_x_m", "lower bound first"),
         ({"limits": {"leash_rad": 3}}, "limits.leash_rad", "1.5"),
@@ -232,6 +232,40 @@ def test_a_robot_that_takes_no_poses_is_refused_before_anything_is_opened(fake_d
     config = parse_config({**GOOD, "robot": {"driver": "fake_robot", "takes_poses": False}})
     with pytest.raises(ConfigurationError, match="it takes joint"):
         make_robot(config)
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ({"linear_speed_m_s": 0.5}, ""),
+        ({"linear_speed_m_s": 0.3, "linear_acceleration_m_s2": 0.6}, ""),
+        (
+            {"linear_acceleration_m_s2": 0.4},
+            "limits.linear_acceleration_m_s2: stopping from full speed takes 0.625 s; it must not "
+            "take more than 0.5 s: raise the acceleration or lower the speed; or accept it with "
+            "i_accept_long_stops = true in [limits], up to 2 s",
+        ),
+        (
+            {"angular_acceleration_rad_s2": 1.0},
+            "limits.angular_acceleration_rad_s2: stopping from full speed takes 1 s",
+        ),
+        ({"linear_acceleration_m_s2": 0.4, "i_accept_long_stops": True}, ""),
+        ({"linear_acceleration_m_s2": 0.125, "i_accept_long_stops": True}, ""),
+        (
+            {"linear_acceleration_m_s2": 0.1, "i_accept_long_stops": True},
+            "takes 2.5 s; it must not take more than 2 s: raise the acceleration or lower the "
+            "speed; no more is allowed",
+        ),
+        ({"i_accept_long_stops": 1}, "limits.i_accept_long_stops: "),
+    ],
+)
+def test_an_arm_stops_soon_or_its_operator_accepts_it(limits, words):
+    if not words:
+        parse_config({**GOOD, "limits": limits})
+        return
+    with pytest.raises(ConfigurationError) as caught:
+        parse_config({**GOOD, "limits": limits})
+    assert words in str(caught.value)
 
 
 def test_limits_that_the_driver_would_cut_are_refused():

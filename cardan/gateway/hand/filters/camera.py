@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+from cardan import bounds
+from cardan.bounds import check_ranges
 from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.gateway.hand.filters.listener import DatagramListener, check_address
+from cardan.gateway.hand.filters.listener import DatagramListener, check_host
 from cardan.gateway.hand.filters.readings import Malformed, decode_centroid
 from cardan.spatial import dot, from_euler_zyx, rotate, scale
 from cardan.types import NEVER_S, ZERO3, Frame, RobotState, Twist, Vector3
@@ -19,8 +22,7 @@ from cardan.types import NEVER_S, ZERO3, Frame, RobotState, Twist, Vector3
 SMALLEST_ADVANCE_M_S = 1e-9
 """Less than this is what rounding leaves of a motion across the axis, not an advance."""
 
-MAX_PERMANENCE_S = 2.0
-"""A target seen longer ago may be anywhere."""
+_Angle = Annotated[float, bounds.ANGLE_DEG]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,26 +31,18 @@ class CameraOptions:
 
     host: str = "127.0.0.1"
     """Address to listen on."""
-    port: int = 6602
+    port: Annotated[int, bounds.PORT] = 6602
     """UDP port to listen on."""
-    camera_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    camera_rpy_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
     """The camera (x right, y down, z where it looks) in the TCP: roll, pitch, yaw, Rz·Ry·Rx."""
-    gain_rad_s: float = 0.1
+    gain_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 0.1
     """Turning speed when the target is at the image's edge."""
-    permanence_s: float = 0.5
+    permanence_s: Annotated[float, bounds.TARGET_AGE_S] = 0.5
     """How long a target still counts after it was last seen."""
 
     def __post_init__(self) -> None:
-        check_address(self.host, self.port)
-        if not all(map(math.isfinite, self.camera_rpy_deg)):
-            raise ValueError(f"camera_rpy_deg is {self.camera_rpy_deg}; allowed: finite numbers")
-        if not 0.0 < self.gain_rad_s < math.inf:
-            raise ValueError(f"gain_rad_s is {self.gain_rad_s:g}; allowed: above 0, finite")
-        if not 0.0 < self.permanence_s <= MAX_PERMANENCE_S:
-            raise ValueError(
-                f"permanence_s is {self.permanence_s:g}; allowed: above 0, at most "
-                f"{MAX_PERMANENCE_S:g}"
-            )
+        check_ranges(self)
+        check_host(self.host)
 
 
 class CameraFilter(TwistFilter):

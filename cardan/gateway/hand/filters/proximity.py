@@ -9,9 +9,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Annotated
 
+from cardan import bounds
+from cardan.bounds import check_ranges
 from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.gateway.hand.filters.listener import DatagramListener, check_address
+from cardan.gateway.hand.filters.listener import DatagramListener, check_host
 from cardan.gateway.hand.filters.readings import Malformed, decode_proximity
 from cardan.spatial import scale
 from cardan.types import NEVER_S, ZERO_TWIST, RobotState, Twist
@@ -21,9 +24,6 @@ PEAK_READINGS = 5
 
 PEAK_FACTOR = 5.0
 """A value that many times the oldest remembered one is a peak."""
-
-MAX_AGE_LIMIT_S = 1.0
-"""A reading that may be older describes another place: at 0.25 m/s the arm is 25 cm further."""
 
 WITHOUT_SENSOR = ("stop", "half", "pass")
 """What may be done while the sensors are silent."""
@@ -66,33 +66,28 @@ class ProximityOptions:
 
     host: str = "127.0.0.1"
     """Address to listen on."""
-    port: int = 6601
+    port: Annotated[int, bounds.PORT] = 6601
     """UDP port to listen on."""
-    alert_high: float = 800.0
+    alert_high: Annotated[float, bounds.SENSOR_LEVEL] = 800.0
     """Level above which the motion stops."""
-    alert_low: float = 100.0
+    alert_low: Annotated[float, bounds.SENSOR_LEVEL] = 100.0
     """Level above which the motion is half as fast."""
     half_speed: bool = True
     """False: nothing happens between the two levels."""
     peak_filter: bool = True
     """Single spikes are held back, which makes a real rise four readings late."""
-    max_age_s: float = 0.3
+    max_age_s: Annotated[float, bounds.READING_AGE_S] = 0.3
     """Oldest reading that still counts."""
     when_stale: str = "stop"
     """What happens without a reading that counts: "stop", "half" (speed) or "pass"."""
 
     def __post_init__(self) -> None:
-        check_address(self.host, self.port)
-        if not 0.0 <= self.alert_low <= self.alert_high:
+        check_ranges(self)
+        check_host(self.host)
+        if self.alert_low > self.alert_high:
             raise ValueError(
                 f"alert_low is {self.alert_low:g}; allowed: 0 to alert_high, which is "
                 f"{self.alert_high:g}"
-            )
-        if not self.alert_high < float("inf"):
-            raise ValueError(f"alert_high is {self.alert_high:g}; allowed: a finite number")
-        if not 0.0 < self.max_age_s <= MAX_AGE_LIMIT_S:
-            raise ValueError(
-                f"max_age_s is {self.max_age_s:g}; allowed: above 0, at most {MAX_AGE_LIMIT_S:g}"
             )
         if self.when_stale not in WITHOUT_SENSOR:
             raise ValueError(

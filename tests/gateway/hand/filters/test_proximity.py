@@ -146,7 +146,7 @@ def test_it_never_makes_a_motion_faster(level, age_s, when_stale):
         ({"port": 0}, "port is 0; allowed: 1 to 65535"),
         ({"alert_low": 900}, "alert_low is 900; allowed: 0 to alert_high, which is 800"),
         ({"alert_low": -1}, "alert_low is -1"),
-        ({"alert_high": float("nan")}, "alert_low is 100"),
+        ({"alert_high": float("nan")}, "alert_high is nan"),
         ({"alert_high": float("inf")}, "alert_high is inf"),
         ({"max_age_s": 0}, "max_age_s is 0"),
         ({"max_age_s": 1.5}, "max_age_s is 1.5"),

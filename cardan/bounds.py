@@ -1,0 +1,225 @@
+"""What a number of a configuration may be: ranges from physics, each with its reason.
+
+A range stands in the annotation of its field, ``Annotated[float, LINEAR_SPEED_M_S]``, and nowhere
+else. :func:`check_ranges` and :func:`outside` read it there for the dataclasses of drivers and
+filters; the tables of a configuration file make it into what pydantic checks. A number beyond is a
+mistake, and would not stay finite on the way to a robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, fields
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+
+@dataclass(frozen=True)
+class Range:
+    """From `lowest` to `highest`, both allowed unless `above` or `below` says otherwise."""
+
+    lowest: float
+    highest: float
+    unit: str
+    reason: str
+    """Why no more, and where it matters why no less."""
+    above: bool = False
+    """`lowest` itself is not allowed."""
+    below: bool = False
+    """`highest` itself is not allowed."""
+    zero: str = ""
+    """What 0 means, where it means something else than none of it."""
+
+    def __contains__(self, value: object) -> bool:
+        """True for a number in the range; never for NaN, for a bool, or for a text."""
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            return False
+        high_enough = value > self.lowest if self.above else value >= self.lowest
+        return high_enough and (value < self.highest if self.below else value <= self.highest)
+
+    def __str__(self) -> str:
+        low, high = (
+            f"{end:.10g}" if end == round(end) else f"{end:.5g}"
+            for end in (self.lowest, self.highest)
+        )
+        unit = f" {self.unit}" if self.unit else ""
+        if self.zero:
+            low += f" ({self.zero})"
+        if self.above:
+            return f"above {low}, {'below' if self.below else 'at most'} {high}{unit}"
+        return f"{low} to {'below ' if self.below else ''}{high}{unit}"
+
+
+# -- speeds and accelerations ----------------------------------------------------------------------
+
+_MAX_LINEAR_SPEED_M_S = 5.0
+_MAX_LINEAR_ACCELERATION_M_S2 = 50.0
+_MAX_ANGULAR_SPEED_RAD_S = 4.0 * math.pi
+_MAX_ANGULAR_ACCELERATION_RAD_S2 = 100.0 * math.pi
+_MAX_JOINT_SPEED_RAD_S = 8.0 * math.pi
+
+_TCP_FAST = "no serial arm's TCP is faster, and what is slower stands still"
+_TCP_QUICK = "five times gravity: no serial arm's TCP speeds up or brakes faster"
+_TURNS_FAST = "two turns in a second: no hand turns a tool faster"
+_TURNS_QUICK = "to two turns in a second within 40 ms; no serial arm's wrist is quicker"
+_JOINT_FAST = "four turns in a second: the fastest wrists have three"
+
+LINEAR_SPEED_M_S = Range(1e-4, _MAX_LINEAR_SPEED_M_S, "m/s", _TCP_FAST)
+LINEAR_ACCELERATION_M_S2 = Range(1e-3, _MAX_LINEAR_ACCELERATION_M_S2, "m/s²", _TCP_QUICK)
+LINEAR_JERK_M_S3 = Range(
+    1e-2, 10_000.0, "m/s³", "full acceleration within 5 ms: nobody tells that from at once"
+)
+ANGULAR_SPEED_RAD_S = Range(1e-4, _MAX_ANGULAR_SPEED_RAD_S, "rad/s", _TURNS_FAST)
+ANGULAR_SPEED_DEG_S = Range(0.01, math.degrees(_MAX_ANGULAR_SPEED_RAD_S), "deg/s", _TURNS_FAST)
+ANGULAR_ACCELERATION_RAD_S2 = Range(1e-3, _MAX_ANGULAR_ACCELERATION_RAD_S2, "rad/s²", _TURNS_QUICK)
+ANGULAR_ACCELERATION_DEG_S2 = Range(
+    0.1, math.degrees(_MAX_ANGULAR_ACCELERATION_RAD_S2), "deg/s²", _TURNS_QUICK
+)
+ANGULAR_JERK_RAD_S3 = Range(
+    1e-2, 63_000.0, "rad/s³", "full acceleration within 5 ms: nobody tells that from at once"
+)
+JOINT_SPEED_RAD_S = Range(1e-4, _MAX_JOINT_SPEED_RAD_S, "rad/s or m/s", _JOINT_FAST)
+JOINT_SPEED_DEG_S = Range(0.01, math.degrees(_MAX_JOINT_SPEED_RAD_S), "deg/s", _JOINT_FAST)
+JOINT_ACCELERATION_RAD_S2 = Range(
+    1e-3, _MAX_ANGULAR_ACCELERATION_RAD_S2, "rad/s² or m/s²", _TURNS_QUICK
+)
+HAND_SPEED_M_S = Range(
+    0.0, 10.0, "m/s", "the speed of a thrown ball, not of a hand that guides", above=True
+)
+HAND_TURN_RAD_S = Range(0.1, 30.0, "rad/s", "a wrist is not flicked faster")
+
+# -- lengths, angles, directions -------------------------------------------------------------------
+
+LENGTH_M = Range(0.0, 100.0, "m", "no robot's cell is larger, its tracks included", above=True)
+COORDINATE_M = Range(-100.0, 100.0, "m", "no robot's cell is larger, its tracks included")
+NEAR_M = Range(-10.0, 10.0, "m", "no arm on a table reaches farther, and no tool is longer")
+DESK_M = Range(-1.0, 1.0, "m", "a hand on a desk reaches no farther")
+SAFETY_DISTANCE_M = Range(
+    0.0, 1.0, "m", "an arm that keeps farther away from all things has no room to work", above=True
+)
+TCP_TOLERANCE_M = Range(
+    0.0,
+    1.0,
+    "m",
+    "a tool a metre off is another tool: walls and limits would mean nothing",
+    above=True,
+)
+PATH_OFFSET_M = Range(0.0, 1.0, "m", "a path a metre off is another path", above=True)
+LEASH_M = Range(
+    0.0, 0.5, "m", "an arm that far from where it is told to be is not being followed", above=True
+)
+LEASH_RAD = Range(
+    0.0, 1.5, "rad", "a tool a quarter turn from what it is told is not being followed", above=True
+)
+ANGLE_DEG = Range(-360.0, 360.0, "deg", "after a whole turn it is as before")
+JOINT_ANGLE_DEG = Range(-3600.0, 3600.0, "deg", "no joint with cables turns ten times")
+JOINT_POSITION = Range(-100.0, 100.0, "rad or m", "no joint turns so often or is so long")
+DIRECTION = Range(-1e6, 1e6, "", "only its direction counts")
+
+# -- times for which something may go on unseen ----------------------------------------------------
+
+LONGEST_BLIND_S = 0.5
+"""At 0.25 m/s, the speed beside a person, an arm goes 12 cm meanwhile; no person is faster at a
+stop button."""
+
+AUTHORITY_LEASE_S = Range(
+    0.1,
+    10.0,
+    "s",
+    "nobody waits longer for a colleague's forgotten window; below, a pause of a network loses it",
+)
+BLIND_S = Range(
+    0.0, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen", above=True
+)
+READING_AGE_S = Range(
+    0.0, 1.0, "s", "at 0.25 m/s the arm is 25 cm further than what was measured", above=True
+)
+TARGET_AGE_S = Range(0.0, 2.0, "s", "a target seen longer ago may be anywhere", above=True)
+LOOP_DELAY_S = Range(0.0, 1.0, "s", "nobody holds a contact that is felt a second later")
+LAG_S = Range(0.0, 2.0, "s", "an arm that is farther behind is not under anybody's hand")
+
+# -- forces and what goes with them ----------------------------------------------------------------
+
+ROBOT_FORCE_N = Range(0.0, 10_000.0, "N", "the largest arms lift a tonne, no more", above=True)
+ROBOT_TORQUE_NM = Range(0.0, 10_000.0, "N·m", "ten kilonewtons on a metre", above=True)
+DEADBAND_N = Range(0.0, 10_000.0, "N", "a force that the largest arms do not exert")
+FORCE_RATE_S = Range(
+    0.0, 1e6, "per s", "the largest force within 10 ms; beyond, all is steady", above=True
+)
+HAND_FORCE_N = Range(0.0, 100.0, "N", "no hand holds against more for long", above=True)
+HAND_STIFFNESS_N_M = Range(
+    0.0, 500.0, "N/m", "what the device goes on with by itself: a stiffer one buzzes"
+)
+FIXTURE_STIFFNESS_N_M = Range(
+    0.0, 100_000.0, "N/m", "a hand feels no difference to a rigid wall", above=True
+)
+ENVIRONMENT_STIFFNESS_N_M = Range(
+    0.0, 1e7, "N/m", "ten newtons for a micrometre: stiffer than any arm", above=True
+)
+DAMPING_N_S_M = Range(0.0, 10_000.0, "N·s/m", "honey, all round: nothing moves in it")
+FRICTION = Range(0.0, 2.0, "", "rubber on rubber has less")
+FORCE_SCALE = Range(0.0, 10.0, "", "a newton at the robot is ten in the hand", above=True)
+FORCE_CUTOFF_HZ = Range(0.1, 200.0, "Hz", "lower is felt seconds late, higher filters nothing")
+PAYLOAD_KG = Range(0.0, 1000.0, "kg", "the largest arms lift a tonne, no more")
+
+# -- shares, factors, counts -----------------------------------------------------------------------
+
+SHARE = Range(0.001, 1.0, "", "of the whole; at less than a thousandth nothing moves")
+SHARE_OR_NONE = Range(0.0, 1.0, "", "a share of the whole")
+DEAD_ZONE = Range(0.0, 1.0, "", "with all of the deflection at rest nothing would move", below=True)
+MOTION_SCALE = Range(-100.0, 100.0, "", "a millimetre of the hand is ten centimetres of the TCP")
+OUTPUT_VALUE = Range(-1e9, 1e9, "", "whole numbers beyond are not exact in a program's own")
+COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")
+SENSOR_LEVEL = Range(0.0, 1e6, "", "no sensor's raw numbers are larger")
+SEED = Range(0, 2**32 - 1, "", "32 bits")
+PORT = Range(1, 65535, "", "ports have 16 bits")
+
+
+# -- reading them ----------------------------------------------------------------------------------
+
+
+@cache
+def _hints(kind: Hashable) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
+
+
+def _broken(hint: Any, value: object) -> Iterator[str]:
+    """In words the ranges that `value`, or a number inside of it, is not in."""
+    if get_origin(hint) is Annotated:
+        hint, *notes = get_args(hint)
+        for note in notes:
+            if isinstance(note, Range):
+                whole = hint is int
+                if value not in note or (whole and not isinstance(value, int)):
+                    yield f"{note}{', whole' if whole else ''}: {note.reason}"
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        if value is not None or NoneType not in inner:
+            for each in inner:
+                if each is not NoneType:
+                    yield from _broken(each, value)
+    elif origin is tuple and isinstance(value, (tuple, list)):
+        each_hint = (inner[0],) * len(value) if inner[-1] is Ellipsis else inner
+        for each, number in zip(each_hint, value, strict=False):  # Lengths are checked elsewhere.
+            yield from _broken(each, number)
+
+
+def outside(options: Any) -> Iterator[tuple[str, object, str]]:
+    """Name, value and what is allowed of each field of a dataclass that is not in its range.
+
+    Ranges are found in annotations: of the field, of what it may be besides None, and of the
+    elements of a tuple. A field without one is not looked at.
+    """
+    hints = _hints(options.__class__)
+    for field in fields(options):
+        value = getattr(options, field.name)
+        for allowed in _broken(hints[field.name], value):
+            yield field.name, value, allowed
+
+
+def check_ranges(options: Any) -> None:
+    """Raise ValueError for the first field of a dataclass that is not in its annotation's range."""
+    for name, value, allowed in outside(options):
+        raise ValueError(f"{name} is {value!r}; allowed: {allowed}")

@@ -1,0 +1,186 @@
+"""No number of a configuration is unbounded: drivers, filters and tables, by reflection."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from cardan.bounds import LINEAR_SPEED_M_S, Range, check_ranges, outside
+from cardan.drivers import registry
+from cardan.drivers.omni.limits import TickLimits
+from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import within
+from cardan.gateway.force import tables as force_tables
+from cardan.gateway.hand.filters import registry as filter_registry
+from cardan.gateway.session import config
+from cardan.gateway.session.assembly import driver_options
+
+HUGE = 10**400
+"""Too large even for a double."""
+BAD = [1e300, -1e300, math.inf, -math.inf, math.nan, HUGE, -HUGE]
+
+DRIVERS = {name: registry.load(name) for name in sorted(registry.BUILT_IN)}
+FILTERS = {name: filter_registry.load(name) for name in sorted(filter_registry.BUILT_IN)}
+TABLES = sorted(
+    {
+        table
+        for module in (config, force_tables)
+        for table in vars(module).values()
+        if isinstance(table, type) and issubclass(table, BaseModel) and table is not BaseModel
+    },
+    key=lambda table: table.__name__,
+)
+
+
+def spoilt(hint: Any, bad: float) -> list[Any]:
+    """Values of this type with `bad` in each place where a number may be; none without any."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in (int, float):
+        return [bad]
+    if origin is Annotated:
+        return spoilt(inner[0], bad)
+    if origin in (Union, UnionType):
+        return [value for each in inner if each is not NoneType for value in spoilt(each, bad)]
+    if origin is list:
+        return [[value] * 6 for value in spoilt(inner[0], bad)]
+    if origin is tuple and inner[-1] is Ellipsis:
+        return [(value,) for value in spoilt(inner[0], bad)]
+    if origin is tuple:
+        whole = [next(iter(spoilt(each, 0.5)), None) for each in inner]
+        return [
+            (*whole[:place], value, *whole[place + 1 :])
+            for place, each in enumerate(inner)
+            for value in spoilt(each, bad)
+        ]
+    return []
+
+
+def numeric(kind: type[Any]) -> dict[str, Any]:
+    """The annotations of the fields that hold numbers, by name."""
+    hints = get_type_hints(kind, include_extras=True)
+    names = (
+        kind.model_fields
+        if issubclass(kind, BaseModel)
+        else [field.name for field in dataclasses.fields(kind)]
+    )
+    return {name: hints[name] for name in names if spoilt(hints[name], 1.0)}
+
+
+OPTIONS = [
+    pytest.param(kind, name, hint, id=f"{key}.{name}")
+    for key, kind in {**DRIVERS, **FILTERS}.items()
+    for name, hint in numeric(kind.Options).items()
+]
+FIELDS = [
+    pytest.param(table, name, hint, id=f"{table.__name__}.{name}")
+    for table in TABLES
+    for name, hint in numeric(table).items()
+]
+
+
+def test_the_reflection_finds_them():
+    assert len(OPTIONS) > 100
+    assert len(FIELDS) > 50
+
+
+@pytest.mark.parametrize(("kind", "name", "hint"), OPTIONS)
+def test_no_option_takes_a_number_beyond_all_bounds(kind, name, hint):
+    for bad in BAD:
+        for value in spoilt(hint, bad):
+            with pytest.raises(ValueError, match=name):
+                kind.Options(**{name: value})
+            with pytest.raises(ConfigurationError, match=name):
+                driver_options(kind, {name: value}, "table")
+
+
+@pytest.mark.parametrize(("table", "name", "hint"), FIELDS)
+def test_no_table_takes_a_number_beyond_all_bounds(table, name, hint):
+    for bad in BAD:
+        for value in spoilt(hint, bad):
+            with pytest.raises(ValidationError) as caught:
+                table.model_validate({name: value})
+            assert name in {error["loc"][0] for error in caught.value.errors()}, value
+
+
+@pytest.mark.parametrize("name", [*DRIVERS, *FILTERS])
+def test_defaults_are_in_their_ranges(name):
+    kind = {**DRIVERS, **FILTERS}[name]
+    options = kind.Options()
+    assert list(outside(options)) == []
+    plain = {f.name: getattr(options, f.name) for f in dataclasses.fields(options)}
+    assert driver_options(kind, plain, "table") == options
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_every_number_of_a_driver_has_its_range_or_is_one_of_the_ticks_limits(name):
+    ticks = {field.name for field in dataclasses.fields(TickLimits)}
+    for field, hint in numeric(DRIVERS[name].Options).items():
+        assert "Range(" in repr(hint) or field in ticks | {"led"}, field
+
+
+# -- ranges ----------------------------------------------------------------------------------------
+
+CLOSED = Range(1.0, 2.0, "m", "so it is")
+OPEN = Range(0.0, 1.0, "", "so it is", above=True, below=True)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "inside", "beyond"),
+    [
+        (CLOSED, [1.0, 1, 1.5, 2.0, 2], [0.999, 2.001, math.nan, math.inf, HUGE, True, "1", None]),
+        (OPEN, [5e-324, 0.5], [0.0, 0, 1.0, 1, -1.0, math.nan]),
+    ],
+)
+def test_a_range_and_pydantic_agree(bounds, inside, beyond):
+    class Table(BaseModel):
+        number: Annotated[float, within(bounds)]
+
+    for value in inside:
+        assert value in bounds
+        Table(number=value)
+    for value in beyond:
+        assert value not in bounds
+        with pytest.raises(ValidationError):
+            Table(number=value)
+
+
+def test_ranges_in_words():
+    assert str(CLOSED) == "1 to 2 m"
+    assert str(OPEN) == "above 0, below 1"
+    assert str(Range(0.0, 60.0, "s", "", zero="off")) == "0 (off) to 60 s"
+    assert str(Range(0.0, 1.0, "", "", below=True)) == "0 to below 1"
+    assert str(Range(1.0, 1e6, "counts", "")) == "1 to 1000000 counts"
+
+
+@dataclasses.dataclass
+class Options:
+    speed: Annotated[float, LINEAR_SPEED_M_S] = 0.1
+    count: Annotated[int, CLOSED] = 1
+    corner: tuple[Annotated[float, CLOSED], ...] = ()
+    maybe: Annotated[float, CLOSED] | None = None
+    free: float = 0.0
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({}, ""),
+        ({"maybe": 1.5, "corner": (1.0, 2.0), "count": 2, "free": math.inf}, ""),
+        ({"speed": 7.0}, "speed is 7.0; allowed: 0.0001 to 5 m/s: no serial arm's TCP is faster"),
+        ({"count": 1.5}, "count is 1.5; allowed: 1 to 2 m, whole: so it is"),
+        ({"corner": (1.0, 3.0)}, "corner is (1.0, 3.0); allowed: 1 to 2 m: so it is"),
+        ({"maybe": 0}, "maybe is 0; allowed: 1 to 2 m: so it is"),
+    ],
+)
+def test_a_dataclass_is_checked_by_its_annotations(values, words):
+    if not words:
+        check_ranges(Options(**values))
+        return
+    with pytest.raises(ValueError, match="allowed") as caught:
+        check_ranges(Options(**values))
+    assert str(caught.value).startswith(words)
