@@ -103,7 +103,7 @@ TCP_TOLERANCE_M = Range(
     0.0,
     1.0,
     "m",
-    "a tool a metre off is another tool: walls and limits would mean nothing",
+    "a tool a metre off is another tool: walls mean nothing then",
     above=True,
 )
 PATH_OFFSET_M = Range(0.0, 1.0, "m", "a path a metre off is another path", above=True)
