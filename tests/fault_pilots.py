@@ -1,0 +1,147 @@
+"""Who drives the benches of tests/fault_rig.py: the cores of today, each with what asks it to move.
+
+`make` is the one place that knows them.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+from cardan.gateway.arm.codes import Parameter, Stream
+from cardan.gateway.arm.controller import CartesianController, Motion
+from cardan.gateway.arm.engine import TeleopEngine, Watchdogs
+from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.session.assembly import make_arm
+from cardan.gateway.session.config import parse_config
+from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCommand, RobotState
+from tests.fault_rig import Bench
+
+SPEED_M_S = 0.1
+"""What is asked for."""
+LIMIT_M_S = 0.25
+ACCELERATION_M_S2 = 1.0
+RENEWED_S = 0.02
+REPORTED_S = 0.016
+WAY_M = 0.3
+"""Of a path."""
+
+REST = (0.0,) * 6
+
+
+class Pilot(ABC):
+    """A control core, and whoever asks it for motion."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.silent = False
+        """The device, or the sender of the stream, says nothing more."""
+        self.started_s = math.inf
+
+    def start(self) -> None:
+        """Ask for SPEED_M_S along the bench's direction from now on."""
+        self.started_s = self.bench.now_s
+
+    @abstractmethod
+    def tick(self, state: RobotState) -> RobotCommand:
+        """The core's answer to `state`."""
+
+
+class Operator(Pilot):
+    """A hand on a deflected device, its dead-man held."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        arm = None
+        if CommandKind.POSE not in bench.capabilities.commands:
+            table = {"device": {"driver": "spacemouse"}, "robot": {"driver": "sim_arm"}}
+            arm = make_arm(parse_config({**table, "arm": {"model": bench.arm}}), bench.driver)
+        self.engine = TeleopEngine(
+            TwistMapping(MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S)),
+            Reference(
+                ReferenceLimits(
+                    linear_speed_m_s=LIMIT_M_S, linear_acceleration_m_s2=ACCELERATION_M_S2
+                )
+            ),
+            Watchdogs(),
+            arm=arm,
+        )
+        self._report: DeviceState | None = None
+
+    def tick(self, state: RobotState) -> RobotCommand:
+        return self.engine.tick(state, self._device(state.stamp_s))
+
+    def _device(self, now_s: float) -> DeviceState:
+        """The newest report; it goes on coming, whatever this process does."""
+        before = self._report
+        if before is None or not self.silent:
+            stamp_s = math.floor(now_s / REPORTED_S) * REPORTED_S
+            held = now_s >= self.started_s + RENEWED_S
+            axes = (*self.bench.direction, 0.0, 0.0, 0.0) if now_s > self.started_s else REST
+            buttons = frozenset({"left"}) if held else frozenset()
+            # At rest first: that, and the button, is the deliberate act.
+            axes = axes if now_s >= self.started_s + 2.0 * RENEWED_S else REST
+            self._report = DeviceState(stamp_s, DeviceLink.LIVE, axes, buttons)
+        assert self._report is not None
+        return self._report
+
+
+class _Verbs(Pilot):
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self.controller = CartesianController(bench.model, bench.capabilities)
+        self.controller.set_parameters(
+            {
+                Parameter.TRAJECTORY_SPEED: SPEED_M_S,
+                Parameter.TRAJECTORY_ACCELERATION: ACCELERATION_M_S2,
+            }
+        )
+
+    def tick(self, state: RobotState) -> RobotCommand:
+        return self.controller.tick(state)
+
+
+class TwistStream(_Verbs):
+    """A program that streams a twist, renewed every 20 ms by a process of its own."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self._sent_s = -math.inf
+
+    def start(self) -> None:
+        super().start()
+        self.controller.set_parameter(Parameter.STREAM, float(Stream.TWIST))
+
+    def tick(self, state: RobotState) -> RobotCommand:
+        now_s = self.bench.now_s
+        if now_s >= self.started_s and not self.silent and now_s - self._sent_s >= RENEWED_S:
+            self._sent_s = math.floor(now_s / RENEWED_S) * RENEWED_S
+            way = tuple(SPEED_M_S * part for part in self.bench.direction)
+            self.controller.twist((*way, 0.0, 0.0, 0.0))
+        return super().tick(state)
+
+
+class Path(_Verbs):
+    """movl along a line."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self.motion: Motion | None = None
+
+    def start(self) -> None:
+        super().start()
+        here = self.controller.stat().pose
+        way = (*(WAY_M * part for part in self.bench.direction), 0.0, 0.0, 0.0)
+        self.motion = self.controller.movl([a + b for a, b in zip(here, way, strict=True)])
+
+
+Make = Callable[[str, Bench], Pilot]
+
+PILOTS: dict[str, type[Pilot]] = {"operator": Operator, "twist": TwistStream, "path": Path}
+
+
+def make(source: str, bench: Bench) -> Pilot:
+    """The core of today that `source` drives."""
+    return PILOTS[source](bench)
