@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from cardan.drivers.lost_time import LostTime
 from cardan.drivers.motoros.arm_watch import ArmWatch
 from cardan.drivers.motoros.motion import Motion, MotionParts
 from cardan.drivers.motoros.requests import SEQUENCES, Answer
@@ -18,7 +19,7 @@ from cardan.protocols.simple_message import (
     joints10,
     topic,
 )
-from cardan.types import RobotCommand
+from cardan.types import JointCommand, RobotCommand
 
 FIELDS = ValidFields.TIME | ValidFields.VELOCITY | ValidFields.ACCELERATION
 
@@ -64,6 +65,9 @@ class VelocityStream(Motion):
         self._since_asked = 0
         self._accelerations = joints10(guide.accelerations)
         self._missed_s = 0.0
+        self._lost = LostTime(options.joints)
+        self._asked: JointCommand | None = None
+        """The command before, if it was one of positions."""
         self._zeros = 0
         """Commands in a row that said zero."""
         self.waiting = "velocity mode is being entered"
@@ -145,8 +149,9 @@ class VelocityStream(Motion):
         if self._missed_s:
             # Meanwhile the controller has gone on at the speeds it had.
             guide.coast(self._missed_s)
+            self._lost.passed(self._missed_s)
             self._missed_s = 0.0
-        guide.step(command, self.nominal_s)
+        guide.step(self._going_on(command), self.nominal_s)
         self._zeros = self._zeros + 1 if self.at_rest else 0
         self._watch.note(guide.positions, now_s)
         body = JointVelocity(
@@ -169,6 +174,25 @@ class VelocityStream(Motion):
             self._requests.ask(body, self._told)
             return
         self.topics.append(topic(body))
+
+    def _going_on(self, command: RobotCommand) -> RobotCommand:
+        """`command`, of which time that was lost is not made up for."""
+        asked, self._asked = self._asked, None
+        lost = self._lost
+        if not isinstance(command, JointCommand) or command.velocities is None:
+            lost.reset()
+            return command
+        self._asked = command
+        if asked is None or asked.velocities is None:
+            lost.reset()
+        if not lost.working or asked is None or asked.velocities is None:
+            return command
+        moved = [b - a for a, b in zip(asked.positions, command.positions, strict=True)]
+        lost.step(moved, asked.velocities, command.velocities, self.nominal_s)
+        return JointCommand(
+            tuple(q + ahead for q, ahead in zip(command.positions, lost.offset, strict=True)),
+            tuple(v + more for v, more in zip(command.velocities, lost.rate, strict=True)),
+        )
 
     def settled(self, now_s: float) -> bool:
         return self._zeros >= ZEROS_BEFORE_END

@@ -1,0 +1,149 @@
+"""Whatever time is lost between two commands, no robot is faster or harder than it was asked to be.
+
+The core here is the simplest that goes on by one nominal period in each tick: a constant speed,
+reached with a ramp. All else is the real driver's and the simulated controller's, in virtual time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from cardan.drivers.lost_time import LostTime
+from cardan.types import (
+    CommandKind,
+    Frame,
+    HoldCommand,
+    JointCommand,
+    Pose,
+    PoseCommand,
+    Twist,
+    Vector3,
+)
+from tests.fault_rig import (
+    BENCHES,
+    MARGIN,
+    EgmBench,
+    EgmJointBench,
+    JointStreamBench,
+    MotorosBench,
+    MotorosStreamBench,
+)
+
+pytestmark = pytest.mark.once
+
+SPEED_M_S = 0.1
+ACCELERATION_M_S2 = 1.0
+HARDEST_M_S2 = 1.3
+"""The ramp that was asked for, and what the servos and two ramps in one window add."""
+
+LONGEST_UNNOTICED_S = {
+    EgmBench: 0.19,
+    EgmJointBench: 0.19,
+    JointStreamBench: 0.09,
+    MotorosBench: 0.09,
+    MotorosStreamBench: 0.015,
+}
+"""After a longer gap the controller stops by itself, some at once: how hard is not ours."""
+
+
+class Steady:
+    """A constant speed along the bench's direction, or about its first axis; one nominal period in
+    each tick, whatever time has passed."""
+
+    def __init__(self, bench):
+        self.bench = bench
+        self.period_s = bench.capabilities.period_s
+        self.by_pose = CommandKind.POSE in bench.capabilities.commands
+        self.wanted_m_s = self.speed_m_s = 0.0
+        self.place = self.session = None
+
+    def tick(self, state):
+        if not state.ready or state.session != self.session:
+            self.session, self.place, self.speed_m_s = state.session, None, 0.0
+            return HoldCommand()
+        if self.place is None:
+            self.place = state.pose.position if self.by_pose else state.joints
+            self.turn = state.pose.orientation if self.by_pose else None
+            radius = self.bench.kinematics.forward(np.array(state.joints)).translation
+            self.radius_m = math.hypot(radius[0], radius[1])
+        step = ACCELERATION_M_S2 * self.period_s
+        before = self.speed_m_s
+        self.speed_m_s += min(max(self.wanted_m_s - before, -step), step)
+        way = self.speed_m_s * self.period_s
+        if self.by_pose:
+            along = self.bench.direction
+            self.place = Vector3(*(a + way * b for a, b in zip(self.place, along, strict=True)))
+            linear = Vector3(*(self.speed_m_s * part for part in along))
+            twist = Twist(linear, Vector3(0.0, 0.0, 0.0), Frame.BASE)
+            return PoseCommand(Pose(self.place, self.turn), twist)
+        first, *others = self.place
+        self.place = (first + way / self.radius_m, *others)
+        return JointCommand(self.place, (self.speed_m_s / self.radius_m, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def moving(kind):
+    bench = kind()
+    core = Steady(bench)
+    bench.answer = core.tick
+    bench.ready().run(0.05)
+    core.wanted_m_s = SPEED_M_S
+    bench.run(0.3)
+    return bench, core
+
+
+def stall_in_tick(bench, core, seconds):
+    """The process stands still between receiving a state and answering it."""
+
+    def answer(state):
+        bench.answer = core.tick
+        command = core.tick(state)
+        bench.stall(seconds)
+        return command
+
+    bench.answer = answer
+
+
+gaps = st.lists(
+    st.tuples(st.floats(0.005, 0.5), st.floats(0.0, 0.3), st.booleans()), min_size=1, max_size=6
+)
+
+
+@pytest.mark.parametrize("kind", BENCHES, ids=lambda kind: kind.name)
+@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+@given(pattern=gaps)
+@example(pattern=[(0.02, 0.1, False)] * 6)
+@example(pattern=[(0.04, 0.1, False)] * 6)
+@example(pattern=[(0.06, 0.3, False)] * 4)
+@example(pattern=[(0.06, 0.1, True)] * 4)
+@example(pattern=[(0.1, 0.2, False)] * 3)
+@example(pattern=[(0.5, 0.3, False)] * 2)
+def test_gaps_make_no_robot_faster_or_harder(kind, pattern):
+    bench, core = moving(kind)
+    since_s = bench.now_s
+    inside = kind in (EgmBench, EgmJointBench, JointStreamBench)
+    longest_s = 0.0
+    for gap_s, rest_s, in_tick in pattern:
+        longest_s = max(longest_s, gap_s)
+        if in_tick and inside:
+            stall_in_tick(bench, core, gap_s)
+        else:
+            bench.stall(gap_s)
+        bench.run(0.05 + rest_s)
+    bench.run(0.2)
+    motion = bench.motion(since_s)
+    assert motion.peak_m_s <= SPEED_M_S * (1.0 + MARGIN)
+    assert motion.back_m <= 1e-4
+    if longest_s <= LONGEST_UNNOTICED_S[kind]:
+        assert motion.peak_m_s2 <= HARDEST_M_S2
+        assert bench.states[-1].ready
+        core.wanted_m_s = 0.0
+        stopping_s = bench.now_s
+        bench.run(2.5)
+        stopped = bench.motion(stopping_s)
+        assert stopped.peak_m_s2 <= HARDEST_M_S2
+        assert stopped.distance_m <= 0.5 * SPEED_M_S**2 + 0.05 * SPEED_M_S
