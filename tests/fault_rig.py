@@ -12,8 +12,8 @@ import math
 import select
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple, TypeVar
 from unittest import mock
 
 import numpy as np
@@ -33,6 +33,7 @@ from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotStat
 from tests.drivers.motoros_rig import Rig
 
 Array = np.ndarray
+_B = TypeVar("_B", bound="Bench")
 
 WINDOW_S = 0.02
 """Speeds are means over this time, and accelerations are what those change by within it: five
@@ -100,6 +101,16 @@ class Bench(ABC):
     def capabilities(self) -> RobotCapabilities:
         """Those of the driver."""
         return self.driver.capabilities
+
+    def __enter__(self: _B) -> _B:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the process, as one ends that is asked to."""
 
     # -- time -----------------------------------------------------------------------------------
 
@@ -219,12 +230,9 @@ class _Datagrams(Bench):
         self.queue: deque[tuple[bytes, tuple[str, int]]] = deque()
         """What the kernel keeps for the driver."""
         self._next_s = self.now_s
-        self._patches = contextlib.ExitStack()
-        for target, new in self._replaced().items():
-            self._patches.enter_context(mock.patch(target, new))
-        self.robot = self._opened()
-        self._cycles = self.robot.cycles()
-        self._patches.close()
+        with self._virtual():
+            self.robot = self._opened()
+            self._cycles = self.robot.cycles()
 
     @abstractmethod
     def _replaced(self) -> dict[str, object]:
@@ -243,10 +251,19 @@ class _Datagrams(Bench):
     def driver(self) -> RobotDriver:
         return self.robot
 
-    def _turn(self, end_s: float) -> None:
+    @contextlib.contextmanager
+    def _virtual(self) -> Iterator[None]:
         with contextlib.ExitStack() as patches:
             for target, new in self._replaced().items():
                 patches.enter_context(mock.patch(target, new))
+            yield
+
+    def close(self) -> None:
+        with self._virtual():
+            self.robot.close()
+
+    def _turn(self, end_s: float) -> None:
+        with self._virtual():
             while self.now_s < end_s - 1e-9 and self.alive:
                 state = next(self._cycles)
                 command = self._tell(state)
@@ -442,8 +459,11 @@ class _Link:
     def wait(self) -> list[bytes]:
         bench = self._bench
         bench.wait(0.1)
-        found = [data for data, _ in bench.queue]
-        bench.queue.clear()
+        return self.waiting()
+
+    def waiting(self) -> list[bytes]:
+        found = [data for data, _ in self._bench.queue]
+        self._bench.queue.clear()
         return found
 
     def close(self) -> None:
@@ -589,6 +609,9 @@ class MotorosBench(Bench):
         place = self.kinematics.forward(np.array(pos[:6])).translation
         turn = JUMP_M / math.hypot(place[0], place[1])
         return feedback._replace(pos=(pos[0] + turn, *pos[1:]))  # type: ignore[attr-defined]
+
+    def close(self) -> None:
+        self.rig.session.leave(self.rig.now_s)
 
     def kill(self) -> None:
         super().kill()

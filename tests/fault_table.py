@@ -46,7 +46,8 @@ class Fault(NamedTuple):
     sources: tuple[str, ...] = ("operator", "twist", "path")
     robots: tuple[type[Bench], ...] = BENCHES
     own: tuple[type[Bench], ...] = ()
-    """Robots whose controllers stop by themselves then: how hard is not ours."""
+    """Robots that their controller, or the driver at its own limits, stops then: how hard does not
+    depend on what was asked."""
 
 
 def _silence(bench: Bench, pilot: Pilot) -> None:
@@ -84,7 +85,7 @@ FAULTS: dict[str, Fault] = {
     "controller restarts": Fault(lambda bench, pilot: bench.restart(), own=BENCHES),
     "motors off": Fault(lambda bench, pilot: bench.unpower(), own=BENCHES),
     "program stopped at the robot": Fault(lambda bench, pilot: bench.unready(), own=BENCHES),
-    "commands said not to act": Fault(lambda bench, pilot: bench.hold()),
+    "commands said not to act": Fault(lambda bench, pilot: bench.hold(), own=BENCHES),
     "process killed": Fault(lambda bench, pilot: bench.kill(), own=BENCHES),
 }
 
@@ -113,16 +114,16 @@ def measured(
     source: str, fault: Fault, kind: type[Bench], made: Make = make, run_up_s: float = RUN_UP_S
 ) -> Motion:
     """What the arm of one bench did after one fault."""
-    bench = kind()
-    pilot = made(source, bench)
-    bench.answer = pilot.tick
-    bench.ready().run(0.05)
-    pilot.start()
-    bench.run(run_up_s)
-    at_s = bench.now_s
-    fault.act(bench, pilot)
-    bench.run(WATCHED_S)
-    return bench.motion(at_s)
+    with kind() as bench:
+        pilot = made(source, bench)
+        bench.answer = pilot.tick
+        bench.ready().run(0.05)
+        pilot.start()
+        bench.run(run_up_s)
+        at_s = bench.now_s
+        fault.act(bench, pilot)
+        bench.run(WATCHED_S)
+        return bench.motion(at_s)
 
 
 def rows(made: Make = make) -> Iterator[Row]:

@@ -57,12 +57,20 @@ def test_every_source_fault_and_robot_is_there(rows):
     assert {row.fault for row in rows} == set(fault_table.FAULTS)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the control cores make up for lost time and follow a measured place"
-)
+JUMP = "measured place jumps by 200 mm"
+
+
+def too_much(rows):
+    return [f"{r.source}, {r.fault}, {r.robot}: {r.too_much}" for r in rows if r.too_much]
+
+
 def test_nothing_is_faster_or_harder_than_asked(rows):
-    too_much = [f"{r.source}, {r.fault}, {r.robot}: {r.too_much}" for r in rows if r.too_much]
-    assert too_much == []
+    assert too_much(r for r in rows if r.fault != JUMP) == []
+
+
+@pytest.mark.xfail(strict=True, reason="the control cores go to where the robot is measured to be")
+def test_a_measured_place_that_jumps_makes_nothing_faster_or_harder(rows):
+    assert too_much(r for r in rows if r.fault == JUMP) == []
 
 
 def test_what_stops_stops_soon(rows):

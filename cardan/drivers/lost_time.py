@@ -11,16 +11,20 @@ command is slowed a little until it is not; one that is behind stays behind unti
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
 WORK_OFF_S: Final = 1.0
 """Time constant with which a difference in place dies away: 6 mm, what 60 ms at 100 mm/s leave, at
-6 mm/s."""
+6 mm/s. Four times SPEED_UP_S, so that it does not swing to the other side."""
+
+WORK_OFF_SHARE: Final = 0.5
+"""Of the commanded speed: what it may be slowed by for that."""
 
 SPEED_UP_S: Final = 0.25
-"""Time constant with which a robot that has slowed down by itself gets its speed again: from rest to
-250 mm/s at no more than 1 m/s²."""
+"""Time constant with which a robot that has slowed down by itself gets its speed again: from rest
+to 250 mm/s at no more than 1 m/s²."""
 
 SLOW_DOWN_S: Final = 0.1
 """The same for a robot that is faster than it is asked to be: from 100 mm/s at 1 m/s²."""
@@ -36,39 +40,45 @@ class LostTime:
     commanded to send.
     """
 
-    __slots__ = ("_apart", "_gap_s", "_slip", "offset", "rate", "working")
+    __slots__ = ("_gap_s", "_interrupted", "_slip", "_went", "offset", "rate", "working")
 
     def __init__(self, axes: int) -> None:
-        self._gap_s = 0.0
-        self._apart: Sequence[float] = ()
-        self._slip: Sequence[float] = ()
+        self._clear(axes)
+
+    def _clear(self, axes: int) -> None:
         self.offset = [0.0] * axes
         """How far the robot is ahead of its commands."""
         self.rate = [0.0] * axes
         """How much faster it is than they say, per s."""
         self.working = False
         """False: there is no difference, and `step` need not be called."""
+        self._interrupted = False
+        self._gap_s = 0.0
+        self._went = [0.0] * axes
+        """In the interruption: beside the way that the speed it was told makes in `_gap_s`."""
+        self._slip = [0.0] * axes
+        """How much faster than it was told before the interruption."""
 
     def reset(self) -> None:
         """The robot is where it is commanded to be."""
         if self.working:
-            self._gap_s = 0.0
-            self._apart = self._slip = ()
-            self.offset = [0.0] * len(self.offset)
-            self.rate = [0.0] * len(self.rate)
-            self.working = False
+            self._clear(len(self.offset))
 
-    def passed(
-        self, gap_s: float, apart: Sequence[float] = (), slip: Sequence[float] = ()
-    ) -> None:
+    def passed(self, gap_s: float, apart: Sequence[float] = (), slip: Sequence[float] = ()) -> None:
         """`gap_s` have passed without a command, beyond the period that a command is for.
 
-        The robot went on at the speed it was told: by now it is `apart` from where that would have
-        brought it, and by `slip` faster than it was told. Empty: neither.
+        The robot went on at the speed it had. By now it is `apart` from where that would have
+        brought it, and by `slip` faster. Empty: neither.
         """
+        self.working = self._interrupted = True
         self._gap_s += gap_s
-        self._apart, self._slip = apart, slip
-        self.working = True
+        went, slipped = self._went, self._slip
+        for i, each in enumerate(slipped):
+            went[i] += each * gap_s
+        for i, each in enumerate(apart):
+            went[i] += each
+        for i, each in enumerate(slip):
+            slipped[i] += each
 
     def step(
         self,
@@ -82,24 +92,20 @@ class LostTime:
         It is `moved` from the command before it, which moved at `before`, both without what is
         added here.
         """
+        if self._interrupted:
+            self._resume(moved, before, velocity, dt_s)
         offset, rate = self.offset, self.rate
-        if self._gap_s:
-            for i, way in enumerate(moved):
-                # What the command itself has moved in the gap is no difference.
-                went = (before[i] + rate[i]) * self._gap_s
-                offset[i] += went - (way - velocity[i] * dt_s)
-            for i, each in enumerate(self._apart):
-                offset[i] += each
-            for i, each in enumerate(self._slip):
-                rate[i] += each
-            self._gap_s = 0.0
-            self._apart = self._slip = ()
-        ahead = square = faster = 0.0
+        ahead = square = faster = size = 0.0
         for v, each, r in zip(velocity, offset, rate, strict=True):
             ahead += each * v
             square += v * v
+            size += each * each
             faster += r * (v + 0.5 * r)
-        back = -1.0 / WORK_OFF_S if ahead > 0.0 or square < _NOTHING * _NOTHING else 0.0
+        back = 0.0
+        if square < _NOTHING * _NOTHING:
+            back = -1.0 / WORK_OFF_S
+        elif ahead > 0.0:
+            back = -min(1.0 / WORK_OFF_S, WORK_OFF_SHARE * math.sqrt(square / size))
         share = min(dt_s / (SLOW_DOWN_S if faster > 0.0 else SPEED_UP_S), 1.0)
         left = False
         for i, each in enumerate(offset):
@@ -109,3 +115,19 @@ class LostTime:
             left = left or abs(each) > _NOTHING or abs(r) > _NOTHING
         if not left:
             self.reset()
+
+    def _resume(
+        self,
+        moved: Sequence[float],
+        before: Sequence[float],
+        velocity: Sequence[float],
+        dt_s: float,
+    ) -> None:
+        """Take the interruption into account; what the command has moved is no difference."""
+        offset, rate, went, slip = self.offset, self.rate, self._went, self._slip
+        for i, way in enumerate(moved):
+            robot = (before[i] + rate[i]) * self._gap_s + went[i]
+            offset[i] += robot - (way - velocity[i] * dt_s)
+            rate[i] += slip[i] + before[i] - velocity[i]
+            went[i] = slip[i] = 0.0
+        self._interrupted, self._gap_s = False, 0.0

@@ -105,7 +105,10 @@ class Guidance(ABC):
 
     @abstractmethod
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
-        """Move the reference by one control period as `command` says; None or a hold brakes."""
+        """Move the reference by one control period as `command` says.
+
+        A hold brakes. So does None, which is nobody's command: the next one goes on from there.
+        """
 
     @abstractmethod
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
@@ -212,9 +215,7 @@ def _beyond(
     The reference is as far ahead of it as before: controllers act on what they are sent some
     periods later.
     """
-    return [
-        b - a - v * period_s for a, b, v in zip(answered, heading, speeds, strict=True)
-    ]
+    return [b - a - v * period_s for a, b, v in zip(answered, heading, speeds, strict=True)]
 
 
 def _departed(
@@ -329,12 +330,24 @@ class JointGuidance(Guidance):
             if self._externals.count:
                 self._externals.step(command.external_axes, dt_s)
             return
+        if command is None:
+            self._brake(dt_s)
+            return
         self._forget()
         if isinstance(command, JointVelocityCommand):
             self._limiter.drive(command.velocities, dt_s)
         else:
             self._limiter.brake(dt_s)
         self._externals.limiter.brake(dt_s)
+
+    def _brake(self, dt_s: float) -> None:
+        limiter = self._limiter
+        place, speeds = list(limiter.positions), list(limiter.velocities)
+        limiter.brake(dt_s)
+        self._externals.limiter.brake(dt_s)
+        if self._asked is not None:
+            went, slower = limiter.positions, limiter.velocities
+            self._lost.passed(0.0, _between(place, went), _between(speeds, slower))
 
     def _track(self, command: JointCommand, dt_s: float) -> None:
         """One period towards `command`, of which time that was lost is not made up for."""
@@ -517,6 +530,9 @@ class PoseGuidance(Guidance):
             if self._externals.count:
                 self._externals.step(command.external_axes, dt_s)
             return
+        if command is None:
+            self._brake(dt_s)
+            return
         self._forget()
         if isinstance(command, TwistCommand):
             point.drive(command.twist.linear, dt_s)
@@ -525,6 +541,23 @@ class PoseGuidance(Guidance):
             point.brake(dt_s)
             turn.brake(dt_s)
         self._externals.limiter.brake(dt_s)
+
+    def _brake(self, dt_s: float) -> None:
+        point, turn = self._point, self._turn
+        (place, speed), (orientation, rate) = (
+            (point.position, point.velocity),
+            (turn.orientation, turn.velocity),
+        )
+        point.brake(dt_s)
+        turn.brake(dt_s)
+        self._externals.limiter.brake(dt_s)
+        if self._asked is not None:
+            self._lost.passed(0.0, _between(place, point.position), _between(speed, point.velocity))
+            self._lost_turn.passed(
+                0.0,
+                rotation_between(orientation, turn.orientation),
+                _between(rate, turn.velocity),
+            )
 
     def _track(self, command: PoseCommand, dt_s: float) -> None:
         """One period towards `command`, of which time that was lost is not made up for."""

@@ -30,7 +30,6 @@ from cardan.spatial import from_euler_zyx, normalized
 from cardan.types import (
     NEVER_S,
     Frame,
-    HoldCommand,
     Pose,
     Quaternion,
     RobotCapabilities,
@@ -452,9 +451,7 @@ class EgmSession:
             (answered or before, data or self._data_before),
         ):
             message = decode_robot(datagram)
-            known.append(
-                None if isinstance(message, Malformed) else self._heading(message, each)
-            )
+            known.append(None if isinstance(message, Malformed) else self._heading(message, each))
         heading, heading_before, then = known
         if heading is None or heading_before is None or then is None:
             heading, heading_before, then = state, before, answered or before
@@ -503,11 +500,15 @@ class EgmSession:
         Raises CommandError for a command that cannot be sent in this mode; the answer is then
         still owed. While commands do not act, the answer is the measured position.
         """
+        return self._reply(command, now_s)
+
+    def _reply(self, command: RobotCommand | None, now_s: float) -> bytes:
         state = self.state
         if state is None or not self.owes_answer:
             raise CommandError("there is no datagram to answer")
         guidance = self._guidance
-        guidance.check(command)
+        if command is not None:
+            guidance.check(command)
         nominal_s = self._nominal_s
         dt_s = self._since_reply_s
         gap_s = 0.0
@@ -539,7 +540,7 @@ class EgmSession:
     def hold(self, now_s: float) -> bytes:
         """The answer when the application gave none: brake, or stay."""
         self.counters.driver_holds += 1
-        return self.reply(_HOLD, now_s)
+        return self._reply(None, now_s)
 
     def answered(self, now_s: float) -> None:
         """Note that the answer left at `now_s`, and what else need not come before it."""
@@ -678,9 +679,6 @@ class EgmSession:
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
         """What stands in the way or deserves attention, in plain words, worst first."""
         return diagnose(self, now_s)
-
-
-_HOLD = HoldCommand()
 
 
 def _pose(position: Vector3, orientation: Quaternion, previous: Quaternion | None) -> Pose | None:

@@ -62,6 +62,8 @@ FLOAT32_SHARE = 1.0 - 1e-6
 
 STALL_S = 0.1
 """After a pause of this computer longer than this the robot is not where it was left."""
+READING_S = 0.005
+"""After a pause of this computer what came meanwhile is read within this time."""
 BRAKE_CHECK_S = 0.004
 """Whether a braked robot has come to rest is looked at so often."""
 STOP_TRIES = 5
@@ -151,6 +153,7 @@ class MotorosSession:
         self._checked_statuses = 0
         self._recorded = 0
         self._advanced_s = NEVER_S
+        self._reading_until_s = NEVER_S
         self._said_s = NEVER_S
         self._instant_s = NEVER_S
         self._said_link: RobotLink | None = None
@@ -337,7 +340,10 @@ class MotorosSession:
 
     def advance(self, now_s: float) -> None:
         """Do what time demands: time-outs, polls, points that are due, ramps."""
-        paused_s, self._advanced_s = now_s - self._advanced_s, now_s
+        paused_s = now_s - self._advanced_s
+        if paused_s > STATE_PERIOD_S and self.feed.live(self._advanced_s):
+            self._reading_until_s = now_s + READING_S
+        self._advanced_s = now_s
         if self.phase is Phase.MOVING and paused_s > STALL_S:
             self._over(f"this computer stood still for {paused_s:.2f} s")
         overdue = self.requests.overdue(now_s)
@@ -345,7 +351,7 @@ class MotorosSession:
             self._drop("motion", overdue, now_s)
         motion = self._motion
         if motion is not None:
-            if self.phase is Phase.MOVING and not self.feed.live(now_s):
+            if self.phase is Phase.MOVING and not self._live(now_s):
                 self._brake("no state was heard of the controller", now_s)
             motion.advance(now_s)
             if self.phase is Phase.BRAKING or motion.waiting:
@@ -357,6 +363,10 @@ class MotorosSession:
         if now_s >= self._stop_s:
             self._leave(now_s)
         self._flush(now_s)
+
+    def _live(self, now_s: float) -> bool:
+        """True while states come; those that came in a pause of this computer count."""
+        return self.feed.live(now_s) or now_s < self._reading_until_s
 
     def _hold(self, motion: Motion, now_s: float) -> None:
         """Answer control instants that are nobody else's."""
@@ -671,7 +681,7 @@ class MotorosSession:
     def due_state(self, now_s: float) -> RobotState | None:
         """The state to report now; None while no control instant has come and nothing is new."""
         feed = self.feed
-        if not feed.live(now_s):
+        if not self._live(now_s):
             if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
                 return None
             self.owes_answer = False

@@ -106,6 +106,8 @@ class SimArmSession:
                 self.ignored["an earlier session"] += 1
                 return None
             self._sessions += 1
+            self._asked = None
+            self._lost.reset()
         self._newest, self._heard_s = state, now_s
         self.accepted += 1
         self._flood = max(self._flood - 1, 0)
@@ -134,6 +136,10 @@ class SimArmSession:
     def lost(self, now_s: float) -> bool:
         """True when the newest state is too old (or there is none)."""
         return now_s - self._heard_s > self.options.lost_after_s
+
+    def late(self, now_s: float) -> bool:
+        """True when a newer state than the newest should be there."""
+        return now_s - self._heard_s > self.options.period_s
 
     def silence(self, now_s: float) -> RobotState:
         """The state to report while nothing is heard."""
