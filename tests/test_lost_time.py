@@ -46,10 +46,10 @@ LONGEST_S = {
     EgmJointBench: 0.09,
     JointStreamBench: 0.09,
     MotorosBench: 0.09,
-    MotorosStreamBench: 0.015,
+    MotorosStreamBench: 0.008,
 }
 """After 0.1 s controllers and drivers brake by themselves, as hard as they may; a stream of points
-has run empty, and stopped dead, when its queue is played."""
+may have run empty, and stopped dead, after the three increments of 4 ms that it keeps."""
 
 
 class Steady:
@@ -149,10 +149,27 @@ def test_a_gap_is_not_made_up_for(kind, pattern):
         assert bench.states[-1].ready
         core.wanted_m_s = 0.0
         stopping_s = bench.now_s
-        bench.run(2.5)
-        stopped = bench.motion(stopping_s)
-        assert stopped.peak_m_s2 <= HARDEST_M_S2
-        assert stopped.distance_m <= 0.5 * SPEED_M_S**2 / ACCELERATION_M_S2 + 0.06 * SPEED_M_S
+        bench.run(0.5)
+        assert bench.motion(stopping_s).peak_m_s2 <= HARDEST_M_S2
+
+
+@ROBOTS
+def test_at_rest_the_arm_is_where_its_core_is(kind):
+    """What a gap has left between them is worked off, and not quickly."""
+    with kind() as bench:
+        core = moving(bench)
+        bench.stall(min(0.06, LONGEST_S[kind]))
+        bench.run(0.1)
+        core.wanted_m_s = 0.0
+        bench.run(0.3)
+        resting_s = bench.now_s
+        bench.run(5.0)
+        place = core.place
+        if not core.by_pose:
+            place = bench.kinematics.forward(np.array(place)).translation
+        _, path = bench.path()
+        assert float(np.linalg.norm(path[-1] - np.array(place))) <= 3e-4
+        assert bench.motion(resting_s).peak_m_s <= 0.1 * SPEED_M_S
 
 
 @ROBOTS

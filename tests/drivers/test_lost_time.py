@@ -64,7 +64,7 @@ def test_a_robot_that_is_behind_stays_behind_until_it_rests():
     assert lost.offset[0] == pytest.approx(-0.006, rel=0.01)
     assert max(map(abs, play(lost, (0.1, 0.0), 1.0))) < 1e-9
     assert lost.offset[0] == pytest.approx(-0.006, rel=0.01)
-    play(lost, (0.0, 0.0), 8.0, before=(0.0, 0.0))
+    play(lost, (0.0, 0.0), 20.0, before=(0.0, 0.0))
     assert not lost.working
 
 
