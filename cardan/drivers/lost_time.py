@@ -15,9 +15,9 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-WORK_OFF_S: Final = 1.0
+WORK_OFF_S: Final = 0.5
 """Time constant with which a difference in place dies away: 6 mm, what 60 ms at 100 mm/s leave, at
-6 mm/s. Four times SPEED_UP_S, so that it does not swing to the other side."""
+12 mm/s. Within a second and a half of the hand's letting go the arm has to be still."""
 
 WORK_OFF_SHARE: Final = 0.5
 """Of the commanded speed: what it may be slowed by for that."""
