@@ -218,6 +218,9 @@ class AbbEgm(RobotDriver):
             session.check(command)
             self._brake(sock)
             return
+        if now_s - state.stamp_s > self._period_s:
+            # The robot is not where it was when this command was thought of.
+            self._drain(sock)
         self._transmit(sock, session.reply(command, now_s))
 
     def _transmit(self, sock: socket.socket, data: bytes) -> None:

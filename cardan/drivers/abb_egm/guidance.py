@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 
 from cardan.drivers.abb_egm.limits import JointLimiter, OrientationLimiter, PointLimiter
 from cardan.drivers.abb_egm.options import AbbEgmOptions
+from cardan.drivers.lost_time import LostTime
 from cardan.errors import CommandError
 from cardan.protocols.egm import (
     EgmHeader,
@@ -26,7 +27,13 @@ from cardan.protocols.egm import (
     encode_pose_reply,
     encode_sensor,
 )
-from cardan.spatial import rotation_between
+from cardan.spatial import (
+    add,
+    from_rotation_vector,
+    multiply,
+    normalized,
+    rotation_between,
+)
 from cardan.types import (
     ZERO3,
     ZERO_TWIST,
@@ -38,6 +45,7 @@ from cardan.types import (
     PathCorrectionCommand,
     Pose,
     PoseCommand,
+    Quaternion,
     RobotCommand,
     RobotState,
     Twist,
@@ -46,7 +54,7 @@ from cardan.types import (
 )
 
 LONGEST_STEP_PERIODS = 4
-"""A gap between answers longer than this many periods is not made up for in one step."""
+"""No period counts as longer than so many nominal ones."""
 
 _DELAY_S = 0.02
 """From writing a reference to its effect on the robot (EGM manual): how far measurements lag."""
@@ -73,15 +81,34 @@ class Guidance(ABC):
         """Make the reference what `state` measures, at rest."""
 
     @abstractmethod
-    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
-        """Make the reference what the controller itself is `heading` for, at the speed it has.
+    def coast(self, gap_s: float) -> None:
+        """The controller has gone on as it was told for `gap_s`, and so does the reference."""
 
-        `before` is what it was heading for `dt_s` earlier.
+    @abstractmethod
+    def resync(
+        self,
+        heading: RobotState,
+        before: RobotState,
+        answered: RobotState,
+        dt_s: float,
+        gap_s: float,
+    ) -> None:
+        """Take the reference along with the controller, and give it the speed that it has.
+
+        It is `heading` for something by itself, was for `before` `dt_s` earlier, and for `answered`
+        when it was answered last, which is `gap_s` too long ago.
         """
 
     @abstractmethod
+    def near(self, state: RobotState) -> bool:
+        """True when the reference is one that a robot at `state` may be following."""
+
+    @abstractmethod
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
-        """Move the reference by one control period as `command` says; None or a hold brakes."""
+        """Move the reference by one control period as `command` says.
+
+        A hold brakes. So does None, which is nobody's command: the next one goes on from there.
+        """
 
     @abstractmethod
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
@@ -173,6 +200,47 @@ def _speeds(now: Sequence[float], before: Sequence[float], dt_s: float) -> tuple
     return tuple((a - b) / dt_s for a, b in zip(now, before, strict=True))
 
 
+def _between(before: Sequence[float], now: Sequence[float]) -> list[float]:
+    return [b - a for a, b in zip(before, now, strict=True)]
+
+
+def _beyond(
+    heading: Sequence[float],
+    answered: Sequence[float],
+    speeds: Sequence[float],
+    period_s: float,
+) -> list[float]:
+    """How far the controller went between its last answer and the period before this one.
+
+    The reference is as far ahead of it as before: controllers act on what they are sent some
+    periods later.
+    """
+    return [b - a - v * period_s for a, b, v in zip(answered, heading, speeds, strict=True)]
+
+
+def _departed(
+    went: Sequence[float], told: Sequence[float], speeds: Sequence[float], gap_s: float
+) -> tuple[list[float], list[float]]:
+    """How far from where the speeds it was told would have brought it, and how much faster."""
+    return (
+        [way - v * gap_s for way, v in zip(went, told, strict=True)],
+        [now - v for now, v in zip(speeds, told, strict=True)],
+    )
+
+
+_FOLLOWS_S, _FOLLOWS = 0.1, 0.01
+"""So far behind its reference in time, and in rad or m besides, an arm is that follows it."""
+
+
+def _follows(
+    measured: Sequence[float], reference: Sequence[float], velocities: Sequence[float]
+) -> bool:
+    return len(measured) == len(reference) and all(
+        abs(q - r) <= _FOLLOWS + _FOLLOWS_S * abs(v)
+        for q, r, v in zip(measured, reference, velocities, strict=True)
+    )
+
+
 class JointGuidance(Guidance):
     """Joint mode: EGMRunJoint."""
 
@@ -185,6 +253,7 @@ class JointGuidance(Guidance):
             if self._speed_only
             else (CommandKind.HOLD, CommandKind.JOINT)
         )
+        self._period_s = options.period_s
         limits = options.joint_limits
         acceleration = math.radians(options.joint_acceleration_deg_s2)
         self._limiter = JointLimiter(
@@ -196,6 +265,10 @@ class JointGuidance(Guidance):
         )
         self._externals = _Externals(options)
         self._plain = count == 6 and not self._externals.count and not self._speed_only
+        self._lost = LostTime(count)
+        self._gap_s = 0.0
+        self._asked: JointCommand | None = None
+        """The command before, if it was one of positions."""
 
     def check(self, command: RobotCommand) -> None:
         if isinstance(command, HoldCommand):
@@ -213,10 +286,39 @@ class JointGuidance(Guidance):
     def reset(self, state: RobotState) -> None:
         self._limiter.reset(state.joints)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
+        self._forget()
 
-    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
-        self._limiter.reset(heading.joints, _speeds(heading.joints, before.joints, dt_s))
+    def _forget(self) -> None:
+        self._asked = None
+        self._gap_s = 0.0
+        self._lost.reset()
+
+    def coast(self, gap_s: float) -> None:
+        self._limiter.coast(gap_s)
+        self._externals.limiter.coast(gap_s)
+        self._gap_s = gap_s
+        self._lost.passed(gap_s)
+
+    def resync(
+        self,
+        heading: RobotState,
+        before: RobotState,
+        answered: RobotState,
+        dt_s: float,
+        gap_s: float,
+    ) -> None:
+        limiter = self._limiter
+        told = tuple(limiter.velocities)
+        speeds = _speeds(heading.joints, before.joints, dt_s) or told
+        went = _beyond(heading.joints, answered.joints, speeds, self._period_s)
+        limiter.reset([q + way for q, way in zip(limiter.positions, went, strict=True)], speeds)
         self._externals.resync(heading, before, dt_s)
+        self._gap_s = gap_s
+        self._lost.passed(gap_s, *_departed(went, told, speeds, gap_s))
+
+    def near(self, state: RobotState) -> bool:
+        limiter = self._limiter
+        return _follows(state.joints, limiter.positions, limiter.velocities)
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         if self._speed_only:
@@ -224,15 +326,48 @@ class JointGuidance(Guidance):
             heading = zip(state.joints, velocities, strict=True)
             self._limiter.relocate([q + v * _DELAY_S for q, v in heading])
         if isinstance(command, JointCommand):
-            self._limiter.track(command.positions, command.velocities, dt_s)
+            self._track(command, dt_s)
             if self._externals.count:
                 self._externals.step(command.external_axes, dt_s)
             return
+        if command is None:
+            self._brake(dt_s)
+            return
+        self._forget()
         if isinstance(command, JointVelocityCommand):
             self._limiter.drive(command.velocities, dt_s)
         else:
             self._limiter.brake(dt_s)
         self._externals.limiter.brake(dt_s)
+
+    def _brake(self, dt_s: float) -> None:
+        limiter = self._limiter
+        place, speeds = list(limiter.positions), list(limiter.velocities)
+        limiter.brake(dt_s)
+        self._externals.limiter.brake(dt_s)
+        if self._asked is not None:
+            went, slower = limiter.positions, limiter.velocities
+            self._lost.passed(0.0, _between(place, went), _between(speeds, slower))
+
+    def _track(self, command: JointCommand, dt_s: float) -> None:
+        """One period towards `command`, of which time that was lost is not made up for."""
+        target: Sequence[float] = command.positions
+        velocities: Sequence[float] | None = command.velocities
+        asked, self._asked = self._asked, command
+        gap_s, self._gap_s = self._gap_s, 0.0
+        lost = self._lost
+        if lost.working:
+            moved = None if asked is None else _between(asked.positions, target)
+            if velocities is None or asked is None or asked.velocities is None or moved is None:
+                lost.reset()
+                if velocities is None and moved is not None:
+                    # As it was seen to move, over all the time that has passed.
+                    velocities = [way / (gap_s + dt_s) for way in moved]
+            else:
+                lost.step(moved, asked.velocities, velocities, dt_s)
+                target = [q + ahead for q, ahead in zip(target, lost.offset, strict=True)]
+                velocities = [v + more for v, more in zip(velocities, lost.rate, strict=True)]
+        self._limiter.track(target, velocities, dt_s)
 
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
         limiter = self._limiter
@@ -298,6 +433,12 @@ class PoseGuidance(Guidance):
         )
         self._externals = _Externals(options)
         self._plain = not self._externals.count and not self._speed_only
+        self._period_s = options.period_s
+        self._lost = LostTime(3)
+        self._lost_turn = LostTime(3)
+        self._gap_s = 0.0
+        self._asked: PoseCommand | None = None
+        """The command before, if it was one of poses."""
 
     def check(self, command: RobotCommand) -> None:
         if isinstance(command, HoldCommand):
@@ -328,19 +469,53 @@ class PoseGuidance(Guidance):
         self._point.reset(state.pose.position)
         self._turn.reset(state.pose.orientation)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
+        self._forget()
 
-    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
-        now, then = heading.pose, before.pose
+    def _forget(self) -> None:
+        self._asked = None
+        self._gap_s = 0.0
+        self._lost.reset()
+        self._lost_turn.reset()
+
+    def coast(self, gap_s: float) -> None:
+        self._point.coast(gap_s)
+        self._turn.coast(gap_s)
+        self._externals.limiter.coast(gap_s)
+        self._gap_s = gap_s
+        self._lost.passed(gap_s)
+        self._lost_turn.passed(gap_s)
+
+    def resync(
+        self,
+        heading: RobotState,
+        before: RobotState,
+        answered: RobotState,
+        dt_s: float,
+        gap_s: float,
+    ) -> None:
+        now, then, old = heading.pose, before.pose, answered.pose
         assert now is not None
-        linear = angular = ZERO3
-        if then is not None and dt_s > 0.0:
-            speeds = _speeds(now.position, then.position, dt_s)
-            linear = Vector3(*speeds) if speeds else ZERO3
-            turned = rotation_between(then.orientation, now.orientation)
-            angular = Vector3(*(angle / dt_s for angle in turned))
-        self._point.reset(now.position, linear)
-        self._turn.reset(now.orientation, angular)
+        then, old = then or now, old or now
+        point, turn = self._point, self._turn
+        linear, angular = point.velocity, turn.velocity
+        speeds = _speeds(now.position, then.position, dt_s) or linear
+        turned = rotation_between(then.orientation, now.orientation)
+        rates = [angle / dt_s for angle in turned] if dt_s > 0.0 else list(angular)
+        went = _beyond(now.position, old.position, speeds, self._period_s)
+        about = _beyond(
+            rotation_between(old.orientation, now.orientation), ZERO3, rates, self._period_s
+        )
+        self._lost.passed(gap_s, *_departed(went, linear, speeds, gap_s))
+        self._lost_turn.passed(gap_s, *_departed(about, angular, rates, gap_s))
+        point.reset(add(point.position, Vector3(*went)), speeds)
+        turn.reset(_turned(turn.orientation, about), rates)
         self._externals.resync(heading, before, dt_s)
+        self._gap_s = gap_s
+
+    def near(self, state: RobotState) -> bool:
+        return state.pose is not None and _follows(
+            state.pose.position, self._point.position, self._point.velocity
+        )
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         point = self._point
@@ -351,13 +526,14 @@ class PoseGuidance(Guidance):
             point.relocate(Vector3(x + vx * _DELAY_S, y + vy * _DELAY_S, z + vz * _DELAY_S))
             turn.relocate(state.pose.orientation)
         if isinstance(command, PoseCommand):
-            (position, orientation, _), twist, externals, _ = command
-            linear, angular = (None, None) if twist is None else twist[:2]
-            point.track(position, linear, dt_s)
-            turn.track(orientation, angular, dt_s)
+            self._track(command, dt_s)
             if self._externals.count:
-                self._externals.step(externals, dt_s)
+                self._externals.step(command.external_axes, dt_s)
             return
+        if command is None:
+            self._brake(dt_s)
+            return
+        self._forget()
         if isinstance(command, TwistCommand):
             point.drive(command.twist.linear, dt_s)
             turn.drive(command.twist.angular, dt_s)
@@ -365,6 +541,56 @@ class PoseGuidance(Guidance):
             point.brake(dt_s)
             turn.brake(dt_s)
         self._externals.limiter.brake(dt_s)
+
+    def _brake(self, dt_s: float) -> None:
+        point, turn = self._point, self._turn
+        (place, speed), (orientation, rate) = (
+            (point.position, point.velocity),
+            (turn.orientation, turn.velocity),
+        )
+        point.brake(dt_s)
+        turn.brake(dt_s)
+        self._externals.limiter.brake(dt_s)
+        if self._asked is not None:
+            self._lost.passed(0.0, _between(place, point.position), _between(speed, point.velocity))
+            self._lost_turn.passed(
+                0.0,
+                rotation_between(orientation, turn.orientation),
+                _between(rate, turn.velocity),
+            )
+
+    def _track(self, command: PoseCommand, dt_s: float) -> None:
+        """One period towards `command`, of which time that was lost is not made up for."""
+        (position, orientation, _), twist, _, _ = command
+        linear: Sequence[float] | None
+        angular: Sequence[float] | None
+        linear, angular = (None, None) if twist is None else twist[:2]
+        asked, self._asked = self._asked, command
+        gap_s, self._gap_s = self._gap_s, 0.0
+        lost, lost_turn = self._lost, self._lost_turn
+        if lost.working or lost_turn.working:
+            if asked is None:
+                lost.reset()
+                lost_turn.reset()
+            else:
+                moved = _between(asked.pose.position, position)
+                turned = rotation_between(asked.pose.orientation, orientation)
+                if twist is None or asked.twist is None:
+                    lost.reset()
+                    lost_turn.reset()
+                    if twist is None:
+                        # As it was seen to move, over all the time that has passed.
+                        linear = [way / (gap_s + dt_s) for way in moved]
+                        angular = [angle / (gap_s + dt_s) for angle in turned]
+                else:
+                    lost.step(moved, asked.twist.linear, twist.linear, dt_s)
+                    lost_turn.step(turned, asked.twist.angular, twist.angular, dt_s)
+                    position = add(position, Vector3(*lost.offset))
+                    orientation = _turned(orientation, lost_turn.offset)
+                    linear = add(twist.linear, Vector3(*lost.rate))
+                    angular = add(twist.angular, Vector3(*lost_turn.rate))
+        self._point.track(position, linear, dt_s)
+        self._turn.track(orientation, angular, dt_s)
 
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
         point = self._point
@@ -400,6 +626,12 @@ class PoseGuidance(Guidance):
         if self._speed_only or heading.pose is None:
             return None
         return self._point.position, heading.pose.position
+
+
+def _turned(orientation: Quaternion, by: Sequence[float]) -> Quaternion:
+    if not any(by):
+        return orientation
+    return normalized(multiply(from_rotation_vector(Vector3(*by)), orientation))
 
 
 def _check_twist(twist: Twist) -> None:
@@ -440,8 +672,21 @@ class PathGuidance(Guidance):
         self._offset.reset(ZERO3)
         self._age_ms = 0
 
-    def resync(self, heading: RobotState, before: RobotState, dt_s: float) -> None:
+    def coast(self, gap_s: float) -> None:
+        pass  # A controller goes to the last offset, and no further.
+
+    def resync(
+        self,
+        heading: RobotState,
+        before: RobotState,
+        answered: RobotState,
+        dt_s: float,
+        gap_s: float,
+    ) -> None:
         self._offset.reset(self._offset.position)
+
+    def near(self, state: RobotState) -> bool:
+        return False
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         if isinstance(command, PathCorrectionCommand):

@@ -92,6 +92,18 @@ class JointLimiter:
             speed = self._speed[i]
             self.velocities[i] = min(max(velocities[i], lowest, -speed), highest, speed)
 
+    def coast(self, gap_s: float) -> None:
+        """`gap_s` have passed at the speeds there were, but for the ends of the range."""
+        self.reset(
+            [
+                min(max(q + v * gap_s, min(low, q)), max(high, q))
+                for q, v, low, high in zip(
+                    self.positions, self.velocities, self._lower, self._upper, strict=True
+                )
+            ],
+            tuple(self.velocities),
+        )
+
     def relocate(self, positions: Sequence[float]) -> None:
         """Take over where the axes are, keeping the velocities (speed control)."""
         self.positions = list(positions)
@@ -254,6 +266,15 @@ class PointLimiter:
             lowest, highest = self._bounds(self._box, 0.0)
             self.velocity = _clip(self.velocity, lowest, highest)
 
+    def coast(self, gap_s: float) -> None:
+        """`gap_s` have passed at the speed there was, but for the walls of the box."""
+        x, y, z = self.position
+        vx, vy, vz = self.velocity
+        place = Vector3(x + vx * gap_s, y + vy * gap_s, z + vz * gap_s)
+        if self._box is not None and _clip(self.position, *self._box) == self.position:
+            place = _clip(place, *self._box)
+        self.reset(place, self.velocity)
+
     def relocate(self, position: Vector3) -> None:
         """Take over where the point is, keeping the velocity (speed control)."""
         self.position = position
@@ -371,6 +392,11 @@ class OrientationLimiter:
         self._target = None
         self.velocity = _shortened(velocity, self._speed)
 
+    def coast(self, gap_s: float) -> None:
+        """`gap_s` have passed while it turned as it did."""
+        self._target = None
+        self._turn(self.velocity, gap_s)
+
     def relocate(self, orientation: Quaternion) -> None:
         """Take over how it is turned, keeping the velocity (speed control)."""
         self.orientation = orientation
@@ -425,6 +451,9 @@ class OrientationLimiter:
     def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
         velocity = _steer(self.velocity, error, forward, self._speed, self._acceleration, dt_s)
         self.velocity = velocity
+        self._turn(velocity, dt_s)
+
+    def _turn(self, velocity: Vector3, dt_s: float) -> None:
         wx, wy, wz = velocity
         rate = _sqrt(wx * wx + wy * wy + wz * wz)
         if rate < _TINY:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from cardan.drivers.abb_egm.counters import EgmCounters
 from cardan.drivers.abb_egm.diagnosis import diagnose
-from cardan.drivers.abb_egm.guidance import LONGEST_STEP_PERIODS, guidance_for, wire_factors
+from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import SILENT_PERIODS, AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
@@ -30,7 +30,6 @@ from cardan.spatial import from_euler_zyx, normalized
 from cardan.types import (
     NEVER_S,
     Frame,
-    HoldCommand,
     Pose,
     Quaternion,
     RobotCapabilities,
@@ -62,6 +61,12 @@ _REORDERED_MAX = 16
 """Without a clock to tell, a datagram further back than this (64 ms) is a new start, not late."""
 _LATE_MAX = 250
 """A datagram further back than this (1 s) is a new start, whatever its clock says."""
+
+_GAP_PERIODS = 1.5
+"""So long after the answer before, at least one period had none."""
+
+_COAST_PERIODS = 4
+"""In a longer gap the controller's own law has slowed it down: where it is, it must tell."""
 
 FLOOD_DATAGRAMS = 50
 """So many more datagrams refused than accepted are somebody's doing and not a bad line: a tenth of
@@ -102,7 +107,6 @@ class EgmSession:
         """The UDP port in use, where the shell knows better than the options (0: any)."""
         self._ip = controller_ip
         self._nominal_s = options.period_s
-        self._longest_step_s = LONGEST_STEP_PERIODS * options.period_s
         self._lost_after_s = options.lost_after_s
         self._late_after_s = options.late_after_s
         self._joints = options.joints
@@ -135,11 +139,15 @@ class EgmSession:
         self._before: RobotState | None = None
         self._data = self._data_before = b""
         """The datagrams that `state` and `_before` are from."""
+        self._answered: tuple[RobotState | None, bytes] = (None, b"")
+        """The state that was answered last, and its datagram."""
         self._full: tuple[bytes, EgmRobot | None] = (b"", None)
         """A datagram and all that was in it."""
         self._since_reply_s = 0.0
         self._replied_s = NEVER_S
         self._said_speed = False
+        self._held = False
+        """Whether the last answer braked a robot that tells that commands do not act."""
         self._controller_states = _NO_STATES
         self._hold_reason = EGM_UNDEFINED
         self._orientation: Quaternion | None = None
@@ -405,17 +413,24 @@ class EgmSession:
             return None
         return state._replace(joints=joints, pose=pose)
 
-    def _resync(self, state: RobotState) -> None:
-        """Take up the motion that the controller went on with by itself."""
-        before = self._before or state
-        heading = self._heading(self.message, state)
-        message = decode_robot(self._data_before)
-        heading_before = None
-        if not isinstance(message, Malformed):
-            heading_before = self._heading(message, before)
-        if heading is None or heading_before is None:
-            heading, heading_before = state, before
-        self._guidance.resync(heading, heading_before, self._last_step_s)
+    def _take_up(self, state: RobotState, gap_s: float) -> None:
+        """Go along with what the controller did by itself for `gap_s`."""
+        if gap_s < _COAST_PERIODS * self._nominal_s:
+            self._guidance.coast(gap_s)
+            return
+        known = []
+        before, (answered, data) = self._before or state, self._answered
+        for each, datagram in (
+            (state, self._data),
+            (before, self._data_before),
+            (answered or before, data or self._data_before),
+        ):
+            message = decode_robot(datagram)
+            known.append(None if isinstance(message, Malformed) else self._heading(message, each))
+        heading, heading_before, then = known
+        if heading is None or heading_before is None or then is None:
+            heading, heading_before, then = state, before, answered or before
+        self._guidance.resync(heading, heading_before, then, self._last_step_s, gap_s)
 
     def _ordered(
         self, joints: tuple[float, ...], outside: tuple[float, ...]
@@ -460,22 +475,37 @@ class EgmSession:
         Raises CommandError for a command that cannot be sent in this mode; the answer is then
         still owed. While commands do not act, the answer is the measured position.
         """
+        return self._reply(command, now_s)
+
+    def _reply(self, command: RobotCommand | None, now_s: float) -> bytes:
         state = self.state
         if state is None or not self.owes_answer:
             raise CommandError("there is no datagram to answer")
         guidance = self._guidance
-        guidance.check(command)
+        if command is not None:
+            guidance.check(command)
+        nominal_s = self._nominal_s
+        dt_s = self._since_reply_s
+        gap_s = 0.0
+        if dt_s > _GAP_PERIODS * nominal_s:
+            gap_s, dt_s = dt_s - nominal_s, nominal_s
         if state.hold_reason:
-            guidance.reset(state)
+            # Where it obeys all the same it is to be braked and not to be halted in one period.
+            obeys = self._said_speed and not self._fresh and guidance.near(state)
+            if obeys:
+                guidance.step(None, state, dt_s)
+            else:
+                guidance.reset(state)
+            self._held = obeys
         else:
-            dt_s = self._since_reply_s
-            if dt_s > self._longest_step_s:
-                dt_s = self._longest_step_s
             timeout_s = self._late_after_s
+            if self._held and not guidance.near(state):
+                guidance.reset(state)
+            self._held = False
             if now_s - self._replied_s > timeout_s:
-                # The controller went on by itself: the old reference is behind it.
                 self.counters.late_commands += 1
-                self._resync(state)
+            if gap_s:
+                self._take_up(state, gap_s)
             if now_s - state.stamp_s > timeout_s:
                 guidance.step(None, state, dt_s)
             else:
@@ -485,7 +515,7 @@ class EgmSession:
     def hold(self, now_s: float) -> bytes:
         """The answer when the application gave none: brake, or stay."""
         self.counters.driver_holds += 1
-        return self.reply(_HOLD, now_s)
+        return self._reply(None, now_s)
 
     def answered(self, now_s: float) -> None:
         """Note that the answer left at `now_s`, and what else need not come before it."""
@@ -530,6 +560,7 @@ class EgmSession:
         self._fresh = False
         self._replied_s = now_s
         self._since_reply_s = 0.0
+        self._answered = (self.state, self._data)
         self.owes_answer = False
         self.counters.answers += 1
         return data
@@ -623,9 +654,6 @@ class EgmSession:
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
         """What stands in the way or deserves attention, in plain words, worst first."""
         return diagnose(self, now_s)
-
-
-_HOLD = HoldCommand()
 
 
 def _pose(position: Vector3, orientation: Quaternion, previous: Quaternion | None) -> Pose | None:

@@ -12,7 +12,7 @@ from cardan.drivers.motoros.diagnosis import reply_in_words, status_in_words
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import JointGuide
 from cardan.drivers.motoros.motion import Motion, MotionCounters, MotionParts, MotionRecord
-from cardan.drivers.motoros.options import MotorosOptions
+from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import Answer, MotionRequests
 from cardan.drivers.motoros.streaming import PointStream
 from cardan.drivers.motoros.two_point import TwoPointMoves
@@ -34,6 +34,8 @@ IDLE_CHECK_S = 1.0
 """Period of the requests that check an idle motion connection."""
 STALL_S = 0.1
 """After a longer pause of this computer the robot is no longer where it was commanded last."""
+READING_S = 0.005
+"""After a pause of this computer what came meanwhile is read within this time."""
 BRAKE_CHECK_S = 0.004
 """Period of the checks whether a braked robot has come to rest."""
 STOP_TRIES = 5
@@ -107,6 +109,7 @@ class MotionControl:
         self._brake_until_s = math.inf
         self._check_s = math.inf
         self._advanced_s = NEVER_S
+        self._reading_until_s = NEVER_S
         self._start_once = options.enable == "at-start"
         self._asked_early = False
         """Enabled while the connection was being set up."""
@@ -203,9 +206,16 @@ class MotionControl:
 
     # -- time and states --------------------------------------------------------------------------
 
+    def live(self, now_s: float) -> bool:
+        """True while states come; those that came in a pause of this computer count."""
+        return self.feed.live(now_s) or now_s < self._reading_until_s
+
     def advance(self, now_s: float) -> None:
         """Do what time demands; `failure` then tells whether a reply is overdue."""
-        paused_s, self._advanced_s = now_s - self._advanced_s, now_s
+        paused_s = now_s - self._advanced_s
+        if paused_s > STATE_PERIOD_S and self.feed.live(self._advanced_s):
+            self._reading_until_s = now_s + READING_S
+        self._advanced_s = now_s
         if self.phase is Phase.MOVING and paused_s > STALL_S:
             self.over(f"this computer stood still for {paused_s:.2f} s", now_s)
         self.failure = self.requests.overdue(now_s)
@@ -213,7 +223,7 @@ class MotionControl:
             return
         motion = self.motion
         if motion is not None:
-            if self.phase is Phase.MOVING and not self.feed.live(now_s):
+            if self.phase is Phase.MOVING and not self.live(now_s):
                 self.brake("no state was heard of the controller", now_s)
             motion.advance(now_s)
             if self.phase is Phase.BRAKING or motion.waiting:

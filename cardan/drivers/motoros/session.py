@@ -328,7 +328,7 @@ class MotorosSession:
     def due_state(self, now_s: float) -> RobotState | None:
         """The state to report now; None while no control instant has come and nothing is new."""
         feed = self.feed
-        if not feed.live(now_s):
+        if not self._control.live(now_s):
             if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
                 return None
             self._control.owes_answer = False

@@ -6,7 +6,9 @@ Source: docs/protocols/motoros-velocity-mode.md.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+from cardan.drivers.lost_time import LostTime
 from cardan.drivers.motoros.arm_watch import ArmWatch
 from cardan.drivers.motoros.motion import Motion, MotionParts
 from cardan.drivers.motoros.requests import SEQUENCES, Answer
@@ -18,7 +20,7 @@ from cardan.protocols.simple_message import (
     joints10,
     topic,
 )
-from cardan.types import RobotCommand
+from cardan.types import JointCommand, RobotCommand
 
 FIELDS = ValidFields.TIME | ValidFields.VELOCITY | ValidFields.ACCELERATION
 
@@ -36,6 +38,10 @@ CLOSING_RAD_S = 0.2
 LOST_RAD = 0.15
 LOST_S = 0.5
 """So far away for so long, and the arm does not obey, or is not measured rightly."""
+
+LEAP_RAD, LEAP_RAD_S = 0.05, 15.0
+"""No joint goes farther between two feedbacks than the first, and the second in a second more: what
+is measured there is not believed, and corrects nothing."""
 
 ZEROS_BEFORE_END = 4
 """The controller has come to rest by itself when so many commands have said zero."""
@@ -64,6 +70,9 @@ class VelocityStream(Motion):
         self._since_asked = 0
         self._accelerations = joints10(guide.accelerations)
         self._missed_s = 0.0
+        self._lost = LostTime(options.joints)
+        self._asked: JointCommand | None = None
+        """The command before, if it was one of positions."""
         self._zeros = 0
         """Commands in a row that said zero."""
         self.waiting = "velocity mode is being entered"
@@ -73,6 +82,9 @@ class VelocityStream(Motion):
         self._watched = feed.feedbacks
         self._watched_s = now_s
         self._lost_since_s = math.inf
+        self._measured: Sequence[float] = feed.positions
+        self._leapt = False
+        """Whether the arm is measured where it cannot have come to."""
         self.next_s = now_s
 
     def advance(self, now_s: float) -> None:
@@ -104,14 +116,20 @@ class VelocityStream(Motion):
         feed, guide = self._feed, self._guide
         passed_s = min(now_s - self._watched_s, self.options.state_timeout_s)
         self._watched, self._watched_s = feed.feedbacks, now_s
+        before, self._measured = self._measured, feed.positions
+        farthest = LEAP_RAD + LEAP_RAD_S * passed_s
+        if any(abs(a - b) > farthest for a, b in zip(feed.positions, before, strict=True)):
+            self._leapt = True
         away = self._watch.away(feed.positions, guide.positions)
         if away is None:
             self._lost_since_s = math.inf
+            self._leapt = False
             return
         worst = max(range(self._joints), key=lambda i: abs(away[i]))
         size = abs(away[worst])
         if size <= LOST_RAD:
             self._lost_since_s = math.inf
+            self._leapt = False
         else:
             self._lost_since_s = min(self._lost_since_s, now_s)
             if now_s - self._lost_since_s >= LOST_S:
@@ -120,7 +138,7 @@ class VelocityStream(Motion):
                     "brought it: something holds it, a speed limit acts, or it is measured wrongly"
                 )
                 return
-        if size <= AGREES_RAD:
+        if size <= AGREES_RAD or self._leapt:
             return
         most = passed_s * (FOUND_RAD_S + max(map(abs, guide.velocities)))
         share = min(1.0 - AGREES_RAD / size, most / size)
@@ -145,8 +163,9 @@ class VelocityStream(Motion):
         if self._missed_s:
             # Meanwhile the controller has gone on at the speeds it had.
             guide.coast(self._missed_s)
+            self._lost.passed(self._missed_s)
             self._missed_s = 0.0
-        guide.step(command, self.nominal_s)
+        guide.step(self._going_on(command), self.nominal_s)
         self._zeros = self._zeros + 1 if self.at_rest else 0
         self._watch.note(guide.positions, now_s)
         body = JointVelocity(
@@ -169,6 +188,25 @@ class VelocityStream(Motion):
             self._requests.ask(body, self._told)
             return
         self.topics.append(topic(body))
+
+    def _going_on(self, command: RobotCommand) -> RobotCommand:
+        """`command`, of which time that was lost is not made up for."""
+        asked, self._asked = self._asked, None
+        lost = self._lost
+        if not isinstance(command, JointCommand) or command.velocities is None:
+            lost.reset()
+            return command
+        self._asked = command
+        if asked is None or asked.velocities is None:
+            lost.reset()
+        if not lost.working or asked is None or asked.velocities is None:
+            return command
+        moved = [b - a for a, b in zip(asked.positions, command.positions, strict=True)]
+        lost.step(moved, asked.velocities, command.velocities, self.nominal_s)
+        return JointCommand(
+            tuple(q + ahead for q, ahead in zip(command.positions, lost.offset, strict=True)),
+            tuple(v + more for v, more in zip(command.velocities, lost.rate, strict=True)),
+        )
 
     def settled(self, now_s: float) -> bool:
         return self._zeros >= ZEROS_BEFORE_END

@@ -41,6 +41,9 @@ class _Transport(Protocol):
     def wait(self) -> list[bytes]:
         """What came in by the next control instant, oldest first; empty at least every _WAKE_S."""
 
+    def waiting(self) -> list[bytes]:
+        """What is there already, oldest first."""
+
     def close(self) -> None: ...
 
 
@@ -78,6 +81,9 @@ class _InProcess:
             if data or self._cycle_s - self._heard_s >= _WAKE_S:
                 self._heard_s = self._cycle_s
                 return data
+
+    def waiting(self) -> list[bytes]:
+        return []  # The arm runs in `wait` only.
 
     def _next_deadline(self) -> None:
         """Sleep until the next instant of the absolute schedule; those missed are left out."""
@@ -129,13 +135,18 @@ class _Udp:
                 break
             if not ready:
                 break
-            for _ in range(_DRAIN_AT_MOST):
-                try:
-                    found.append(self._socket.recv(MAX_DATAGRAM_BYTES + 1))
-                except BlockingIOError:
-                    break
-                except OSError:
-                    continue
+            found = self.waiting()
+        return found
+
+    def waiting(self) -> list[bytes]:
+        found: list[bytes] = []
+        for _ in range(_DRAIN_AT_MOST):
+            try:
+                found.append(self._socket.recv(MAX_DATAGRAM_BYTES + 1))
+            except BlockingIOError:
+                break
+            except OSError:
+                continue
         return found
 
     def close(self) -> None:
@@ -226,10 +237,15 @@ class SimArm(RobotDriver):
         if not self._owes_answer and self._session.lost(transport.now()):
             self._session.check(command)
             return
-        data = self._session.command(command, transport.now())
+        session = self._session
+        if session.late(transport.now()):
+            # The arm is not where it was when this command was thought of.
+            for data in transport.waiting():
+                session.receive(data, transport.now())
+        answer = session.command(command, transport.now())
         self._owes_answer = False
-        if data is not None:
-            transport.send(data)
+        if answer is not None:
+            transport.send(answer)
 
     def _opened(self) -> _Transport:
         if self._transport is None:

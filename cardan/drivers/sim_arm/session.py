@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 
+from cardan.drivers.lost_time import LostTime
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.errors import CommandError
 from cardan.protocols.joint_stream import (
@@ -76,6 +77,9 @@ class SimArmSession:
         self._sessions = 0
         self._sequence = 0
         self._flood = 0
+        self._lost = LostTime(n)
+        self._asked: tuple[JointCommand, float] | None = None
+        """The positions commanded last, and the arm's time of the state that they answered."""
 
     # -- states ---------------------------------------------------------------------------------
 
@@ -102,6 +106,8 @@ class SimArmSession:
                 self.ignored["an earlier session"] += 1
                 return None
             self._sessions += 1
+            self._asked = None
+            self._lost.reset()
         self._newest, self._heard_s = state, now_s
         self.accepted += 1
         self._flood = max(self._flood - 1, 0)
@@ -130,6 +136,10 @@ class SimArmSession:
     def lost(self, now_s: float) -> bool:
         """True when the newest state is too old (or there is none)."""
         return now_s - self._heard_s > self.options.lost_after_s
+
+    def late(self, now_s: float) -> bool:
+        """True when a newer state than the newest should be there."""
+        return now_s - self._heard_s > self.options.period_s
 
     def silence(self, now_s: float) -> RobotState:
         """The state to report while nothing is heard."""
@@ -161,13 +171,60 @@ class SimArmSession:
         speeds: tuple[float, ...] = ()
         mode = ControlMode.HOLD
         if isinstance(command, JointCommand):
-            mode, values = ControlMode.POSITION, command.positions
-            speeds = command.velocities or ()
-        elif isinstance(command, JointVelocityCommand):
+            mode = ControlMode.POSITION
+            values, speeds = self._going_on(command, self._newest)
+            return self._encode(self._newest.session, now_s, mode, values, speeds)
+        self._asked = None
+        self._lost.reset()
+        if isinstance(command, JointVelocityCommand):
             mode, values = ControlMode.VELOCITY, command.velocities
         elif isinstance(command, TorqueCommand):
             mode, values = ControlMode.TORQUE, command.torques
         return self._encode(self._newest.session, now_s, mode, values, speeds)
+
+    def _going_on(
+        self, command: JointCommand, state: ArmState
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Positions and speeds of `command`, of which time that was lost is not made up for."""
+        positions, velocities = command.positions, command.velocities
+        asked, self._asked = self._asked, (command, state.stamp_s)
+        lost = self._lost
+        before = None if asked is None else asked[0].velocities
+        if velocities is None or asked is None or before is None:
+            lost.reset()
+            return positions, velocities or ()
+        gap_s = state.stamp_s - asked[1] - state.period_s
+        if gap_s > 0.5 * state.period_s:
+            self._pass(gap_s, before, state)
+        if not lost.working:
+            return positions, velocities
+        moved = [b - a for a, b in zip(asked[0].positions, positions, strict=True)]
+        lost.step(moved, before, velocities, state.period_s)
+        lower, upper, speed, _ = self._limits
+        return (
+            tuple(
+                min(max(q + ahead, min(q, low)), max(q, high))
+                for q, ahead, low, high in zip(positions, lost.offset, lower, upper, strict=True)
+            ),
+            tuple(
+                min(max(v + more, -most), most)
+                for v, more, most in zip(velocities, lost.rate, speed, strict=True)
+            ),
+        )
+
+    def _pass(self, gap_s: float, before: tuple[float, ...], state: ArmState) -> None:
+        """The arm has gone on by itself for `gap_s`; after too long it has braked."""
+        if state.mode is not ControlMode.HOLD:
+            self._lost.passed(gap_s)
+            return
+        told = [v + more for v, more in zip(before, self._lost.rate, strict=True)]
+        late_s = self.options.command_timeout_s - gap_s
+        braking = self._limits.acceleration
+        self._lost.passed(
+            gap_s,
+            [v * (late_s + 0.5 * abs(v) / a) for v, a in zip(told, braking, strict=True)],
+            [-v for v in told],
+        )
 
     def _encode(
         self,

@@ -123,7 +123,7 @@ class ArmController:
         """Whether the command is to be brought back to its robot as soon as it rests."""
         self._strange = False
         """Whether the robot was elsewhere when it became ready, and is placed by the act."""
-        self._objection = ""
+        self._objection = self._held_off = ""
         self._stop_reason = ""
         self._suspended = False
         self._filter_fault = ""
@@ -246,9 +246,13 @@ class ArmController:
             self._end_activity(reason)
 
     def trip(self, reason: str) -> None:
-        """Take the operator's hand off the arm in the next tick, as the watchdogs do; without
-        effect where no operator drives it by then."""
+        """Take the arm from whoever moves it in the next tick, as the watchdogs do; without effect
+        where nobody does by then."""
         self._objection = self._objection or reason
+
+    def hold_off(self, reason: str) -> None:
+        """From the next tick on nobody moves the arm, for this reason in words; "" lifts that."""
+        self._held_off = reason
 
     def suspend(self) -> None:
         """In the next tick the operator asks for no motion, whatever the hand does; after it, the
@@ -275,8 +279,8 @@ class ArmController:
     @property
     def barred(self) -> str:
         """Why no motion can begin now whoever asks, in words; empty when one can."""
-        if self._stop_reason:
-            return self._stop_reason
+        if self._stop_reason or self._held_off:
+            return self._stop_reason or self._held_off
         if self.supervision.distrust:
             return f"{self.supervision.distrust}: it is not believed"
         if self._unmet:
@@ -338,8 +342,8 @@ class ArmController:
                 finding = self.supervision.compare(robot, self.body, self._observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
-            if self._armed and self._objection:
-                self._trip(self._objection)
+            if (objection := self._objection or self._held_off) and self._driven:
+                self._trip(objection)
             self._objection = ""
             if self.hand is not None and device is not None:
                 self._hear(self.hand, robot, device, events, dt_s)
@@ -743,8 +747,8 @@ class ArmController:
 
     def _what_to_do(self, robot: RobotState) -> str:
         why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""
-        if self._stop_reason:
-            return self._stop_reason
+        if self._stop_reason or self._held_off:
+            return self._stop_reason or self._held_off
         if robot.alarm or self._filter_fault:
             return robot.alarm or self._filter_fault
         if self.recovering:

@@ -46,9 +46,7 @@ class ControllerOptions:
     leash_m: float = 0.05
     """How far the reference of streams and movv may run ahead of the measured position."""
     leash_rad: float = 0.3
-    watchdogs: Watchdogs = field(
-        default_factory=lambda: Watchdogs(stall_s=0.5, following_error_joint=0.2)
-    )
+    watchdogs: Watchdogs = field(default_factory=lambda: Watchdogs(following_error_joint=0.2))
     tcp_tolerance_m: float | None = None
     """Most that the robot's own TCP may differ from the model's; None: by the kind of command."""
     force_n: float = 100.0

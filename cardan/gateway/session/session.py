@@ -36,6 +36,7 @@ from cardan.gateway.session.assembly import (
     make_robot,
 )
 from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.gateway.session.heartbeat import Heartbeat
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
@@ -52,6 +53,11 @@ from cardan.types import (
 
 SNAPSHOT_PERIOD_S = 0.1
 """A person reads no faster; at 250 Hz one tick in 25 pays for it, after its answer has left."""
+
+MAX_REQUEST_BYTES = 4096
+
+LISTEN_PERIOD_S = 0.025
+"""How often the supervisor is listened to: a call of the system, spared in most cycles."""
 
 STOPPED_ON_REQUEST = "stopped on request"
 """How a session ends whose supervisor asked it to, for a Ctrl-C above all."""
@@ -177,8 +183,11 @@ class Session:
         monotonic, tick_cost = time.monotonic, self._ticks.add
         gripper_closed = False
         start_s = monotonic()
+        heartbeat = None
+        if self._channel is not None:
+            heartbeat = Heartbeat(controller.supervision.watchdogs.heartbeat_s, start_s)
         end_s = start_s + seconds
-        next_snapshot_s = start_s
+        next_snapshot_s = next_listen_s = start_s
         give_up_s = math.inf
         snapshot = self.snapshot
         state: RobotState | None = None
@@ -208,6 +217,9 @@ class Session:
                 if hand_feedback.useful and hand_feedback.due(now_s):
                     felt = felt_of(controller.status())
                     self._give(hand_feedback.update(felt, state, now_s))
+            if heartbeat is not None and now_s >= next_listen_s:
+                next_listen_s = now_s + LISTEN_PERIOD_S
+                self._listen(heartbeat, now_s)
             if self._stop_reason or now_s >= end_s:
                 if give_up_s == math.inf:
                     snapshot.ending = self._stop_reason or "the session's time is over"
@@ -222,6 +234,19 @@ class Session:
             snapshot.finished = True
             hand = None if self.device is None else self.device.state()
             self._publish(state, hand, monotonic() - start_s)
+
+    def _listen(self, heartbeat: Heartbeat, now_s: float) -> None:
+        """Take the supervisor's beats; without them nobody moves the arm."""
+        channel = self._channel
+        if channel is not None:
+            try:
+                while channel.recv(MAX_REQUEST_BYTES):
+                    heartbeat.heard(now_s)
+            except BlockingIOError:
+                pass
+            except OSError:
+                pass  # _tell() finds out the same and ends the session.
+        self.controller.hold_off(heartbeat.fault(now_s))
 
     def _tcp(self, state: RobotState) -> Pose | None:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or

@@ -16,14 +16,13 @@ from types import FrameType
 from typing import NamedTuple
 
 from cardan.gateway.session.config import SessionConfig
+from cardan.gateway.session.heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.gateway.session.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+from cardan.types import NEVER_S
 
 KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0
 """A session that has not left this long after it was asked is ended by force."""
-
-IDLE_S = 0.25
-"""How often a supervisor looks around when its session says nothing."""
 
 
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
@@ -130,11 +129,20 @@ def supervise(
 
 
 def _snapshots(channel: socket.socket, go_on: Callable[[], bool]) -> Iterator[Snapshot]:
-    """Snapshots as they come, until the session closes its end or `go_on` says no."""
+    """Snapshots as they come, until the session closes its end or `go_on` says no.
+
+    Beats meanwhile: a supervisor that is stopped, or whose view hangs, falls silent.
+    """
+    beat_s = NEVER_S
     with selectors.DefaultSelector() as selector:
         selector.register(channel, selectors.EVENT_READ)
         while go_on():
-            if not selector.select(IDLE_S):
+            now_s = time.monotonic()
+            if now_s - beat_s >= BEAT_PERIOD_S:
+                beat_s = now_s
+                with contextlib.suppress(OSError):
+                    channel.send(BEAT, socket.MSG_DONTWAIT)
+            if not selector.select(BEAT_PERIOD_S):
                 continue
             try:
                 packet = channel.recv(MAX_SNAPSHOT_BYTES)

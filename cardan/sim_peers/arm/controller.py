@@ -94,6 +94,8 @@ class SimulatedArm:
         self._stopped_s = 0.0
         self._refused = ""
         self._sent = self._taken = self._timeouts = 0
+        self._bridged = (0, False)
+        """How many commands had been taken a cycle ago, and whether one was missing by then."""
         self._ignored: Counter[str] = Counter()
         acts: dict[str, Callable[[], None]] = {
             "estop": self.emergency_stop,
@@ -148,6 +150,7 @@ class SimulatedArm:
         if self._off_until_s is not None or self._start_s is None:
             return ()
         self._watch(now_s)
+        self._bridge()
         if self._has_client and now_s - self._heard_s > CLIENT_SILENT_S:
             self._has_client = False
             self.client = None
@@ -243,6 +246,15 @@ class SimulatedArm:
 
     def _seize(self) -> None:
         self.plant.jammed = int(self.options.faults["jam"]) - 1
+
+    def _bridge(self) -> None:
+        """Go on at the commanded speeds where a command is missing."""
+        period_s = self.options.period_s
+        if self._taken == self._bridged[0]:
+            # Only now is it known that none came in the period before.
+            missing = 1 if self._bridged[1] else 2
+            self.plant.go_on(missing * period_s)
+        self._bridged = (self._taken, self._taken == self._bridged[0])
 
     def _watch(self, now_s: float) -> None:
         plant = self.plant

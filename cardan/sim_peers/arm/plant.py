@@ -163,6 +163,12 @@ class ArmPlant:
         else:
             np.clip(speeds, -self._speed_limit, self._speed_limit, out=self._speed)
 
+    def go_on(self, dt_s: float) -> None:
+        """Positions that are commanded move on at their speeds for `dt_s`."""
+        if self.mode is DriveMode.POSITION:
+            self._target += self._speed * dt_s
+            np.clip(self._target, self._lower, self._upper, out=self._target)
+
     def command_speeds(self, speeds: Sequence[float]) -> None:
         """Move at `speeds`, reached with the joints' acceleration."""
         if self.mode is not DriveMode.VELOCITY:

@@ -1,0 +1,31 @@
+"""Whether the process that supervises a session still runs."""
+
+from __future__ import annotations
+
+BEAT_PERIOD_S = 0.1
+"""How often a supervisor beats: it may miss four beats before the session's arm is stopped."""
+
+BEAT = b"beat"
+
+
+class Heartbeat:
+    """Judges the supervisor by the time of its last beat. Local monotonic time, s."""
+
+    def __init__(self, silence_s: float, now_s: float) -> None:
+        """`silence_s` is the longest time without a beat."""
+        self._silence_s = silence_s
+        self._heard_s = now_s
+
+    def heard(self, now_s: float) -> None:
+        """A beat came."""
+        self._heard_s = now_s
+
+    def fault(self, now_s: float) -> str:
+        """Why the arm must not be moved, in words; empty while the supervisor beats."""
+        age_s = now_s - self._heard_s
+        if age_s <= self._silence_s:
+            return ""
+        return (
+            f"the program that shows this session has not answered for {age_s:.1f} s: nobody could "
+            "see or stop the arm"
+        )

@@ -1,0 +1,91 @@
+"""The difference between a robot and its commands after lost time, by itself."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from cardan.drivers.lost_time import LostTime
+
+PERIOD_S = 0.004
+
+
+def play(lost, velocity, seconds, before=None):
+    """Periods of a command that moves at `velocity`; the speeds that come out, without it."""
+    rates = []
+    moved = [v * PERIOD_S for v in velocity]
+    for _ in range(round(seconds / PERIOD_S)):
+        lost.step(moved, before or velocity, velocity, PERIOD_S)
+        before = None
+        rates.append(lost.rate[0])
+    return rates
+
+
+def after(gap_s, velocity=(0.1, 0.0), apart=(), slip=()):
+    lost = LostTime(2)
+    lost.passed(gap_s, apart, slip)
+    lost.step([v * PERIOD_S for v in velocity], velocity, velocity, PERIOD_S)
+    return lost
+
+
+def test_nothing_is_lost_at_first():
+    assert not LostTime(2).working
+
+
+def test_a_command_that_went_on_from_where_it_was_is_behind_by_the_gap():
+    lost = after(0.06)
+    assert lost.offset == pytest.approx([0.006, 0.0], rel=0.01)
+
+
+def test_a_command_that_took_the_gap_along_is_not():
+    lost = LostTime(2)
+    lost.passed(0.06)
+    lost.step([0.1 * (0.06 + PERIOD_S), 0.0], (0.1, 0.0), (0.1, 0.0), PERIOD_S)
+    assert not lost.working
+
+
+def test_a_robot_that_is_ahead_is_slowed_and_never_hurried():
+    lost = after(0.06)
+    rates = play(lost, (0.1, 0.0), 12.0)
+    assert max(rates) <= 0.0
+    assert -0.02 < min(rates) < -0.002
+    assert max(abs(b - a) for a, b in pairwise(rates)) <= 0.2 * PERIOD_S
+    assert lost.offset[0] == pytest.approx(0.0, abs=5e-4)
+
+
+def test_a_slow_robot_is_not_turned_back():
+    assert min(play(after(1.0), (0.1, 0.0), 0.1)) > -0.1
+    assert min(play(after(1.0, (0.02, 0.0)), (0.02, 0.0), 2.0)) >= -0.0101
+
+
+def test_a_robot_that_is_behind_stays_behind_until_it_rests():
+    lost = after(0.06, apart=(-0.012, 0.0))
+    assert lost.offset[0] == pytest.approx(-0.006, rel=0.01)
+    assert max(map(abs, play(lost, (0.1, 0.0), 1.0))) < 1e-9
+    assert lost.offset[0] == pytest.approx(-0.006, rel=0.01)
+    play(lost, (0.0, 0.0), 20.0, before=(0.0, 0.0))
+    assert not lost.working
+
+
+def test_a_speed_that_was_lost_comes_back_gently():
+    lost = after(0.0, slip=(-0.1, 0.0))
+    assert lost.rate[0] == pytest.approx(-0.1, rel=0.02)
+    rates = play(lost, (0.1, 0.0), 3.0)
+    assert max(rates) <= 0.0
+    assert max(b - a for a, b in pairwise(rates)) <= 0.4 * PERIOD_S
+
+
+def test_what_comes_in_several_parts_adds_up():
+    lost = LostTime(2)
+    lost.passed(0.02, slip=(-0.05, 0.0))
+    lost.passed(0.02)
+    lost.step([0.1 * PERIOD_S, 0.0], (0.1, 0.0), (0.1, 0.0), PERIOD_S)
+    assert lost.offset[0] == pytest.approx(0.1 * 0.04 - 0.05 * 0.02, rel=0.1)
+
+
+def test_reset():
+    lost = after(0.06)
+    lost.reset()
+    assert lost.offset == [0.0, 0.0]
+    assert not lost.working

@@ -1,0 +1,179 @@
+"""Who drives the benches of tests/fault_rig.py: the controller, with each of what asks it to move.
+
+`make` is the one place that knows them all.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+from cardan.gateway.arm.authority import HAND
+from cardan.gateway.arm.codes import Parameter, Stream
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.motion import Motion
+from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.session.assembly import make_arm
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.heartbeat import Heartbeat
+from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCommand, RobotState
+from tests.controllers import controller_for_hand
+from tests.fault_rig import Bench
+
+SPEED_M_S = 0.1
+"""What is asked for."""
+LIMIT_M_S = 0.25
+ACCELERATION_M_S2 = 1.0
+RENEWED_S = 0.02
+REPORTED_S = 0.016
+WAY_M = 0.3
+"""Of a path."""
+
+REST = (0.0,) * 6
+
+
+class Pilot(ABC):
+    """A control core, and whoever asks it for motion."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.silent = False
+        """The device, or the sender of the stream, says nothing more."""
+        self.started_s = math.inf
+        self.heartbeat: Heartbeat | None = None
+        """Of a supervisor that has been stopped; None while one runs."""
+
+    controller: ArmController
+
+    def stop_supervisor(self) -> None:
+        """The process that shows the session is stopped (SIGSTOP)."""
+        self.heartbeat = Heartbeat(Watchdogs().heartbeat_s, self.bench.now_s)
+
+    def _supervise(self, now_s: float) -> None:
+        if self.heartbeat is not None:
+            self.controller.hold_off(self.heartbeat.fault(now_s))
+
+    @abstractmethod
+    def lose_authority(self) -> None:
+        """Somebody else gets the authority over the arm."""
+
+    def start(self) -> None:
+        """Ask for SPEED_M_S along the bench's direction from now on."""
+        self.started_s = self.bench.now_s
+
+    @abstractmethod
+    def tick(self, state: RobotState) -> RobotCommand:
+        """The core's answer to `state`."""
+
+
+class Operator(Pilot):
+    """A hand on a deflected device, its dead-man held."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        arm = None
+        if CommandKind.POSE not in bench.capabilities.commands:
+            table = {"device": {"driver": "spacemouse"}, "robot": {"driver": "sim_arm"}}
+            arm = make_arm(parse_config({**table, "arm": {"model": bench.arm}}), bench.driver)
+        self.controller = controller_for_hand(
+            MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S),
+            ReferenceLimits(linear_speed_m_s=LIMIT_M_S, linear_acceleration_m_s2=ACCELERATION_M_S2),
+            arm=arm,
+            period_s=bench.capabilities.period_s,
+        )
+        self._report: DeviceState | None = None
+
+    def tick(self, state: RobotState) -> RobotCommand:
+        self._supervise(state.stamp_s)
+        return self.controller.tick(state, self._device(state.stamp_s))
+
+    def lose_authority(self) -> None:
+        self.controller.authority.hand_over(HAND, "somebody else", self.bench.now_s)
+        self.controller.stop("authority was handed over")
+
+    def _device(self, now_s: float) -> DeviceState:
+        """The newest report; it goes on coming, whatever this process does."""
+        before = self._report
+        if before is None or not self.silent:
+            stamp_s = math.floor(now_s / REPORTED_S) * REPORTED_S
+            held = now_s >= self.started_s + RENEWED_S
+            axes = (*self.bench.direction, 0.0, 0.0, 0.0) if now_s > self.started_s else REST
+            buttons = frozenset({"left"}) if held else frozenset()
+            # At rest first: that, and the button, is the deliberate act.
+            axes = axes if now_s >= self.started_s + 2.0 * RENEWED_S else REST
+            self._report = DeviceState(stamp_s, DeviceLink.LIVE, axes, buttons)
+        assert self._report is not None
+        return self._report
+
+
+class _Verbs(Pilot):
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self.verbs = ArmVerbs.alone(
+            bench.model, bench.capabilities, mapping=MappingOptions(deadman=("left",))
+        )
+        self.controller = self.verbs.controller
+        self._taken_s = math.inf
+        self.verbs.set_parameters(
+            {
+                Parameter.TRAJECTORY_SPEED: SPEED_M_S,
+                Parameter.TRAJECTORY_ACCELERATION: ACCELERATION_M_S2,
+            }
+        )
+
+    def tick(self, state: RobotState) -> RobotCommand:
+        self._supervise(state.stamp_s)
+        held = frozenset({"left"} if state.stamp_s >= self._taken_s else ())
+        hand = DeviceState(state.stamp_s, DeviceLink.LIVE, REST, held)
+        return self.controller.tick(state, hand)
+
+    def lose_authority(self) -> None:
+        self._taken_s = self.bench.now_s
+
+
+class TwistStream(_Verbs):
+    """A program that streams a twist, renewed every 20 ms by a process of its own."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self._sent_s = -math.inf
+
+    def start(self) -> None:
+        super().start()
+        self.verbs.set_parameter(Parameter.STREAM, float(Stream.TWIST))
+
+    def tick(self, state: RobotState) -> RobotCommand:
+        now_s = self.bench.now_s
+        if now_s >= self.started_s and not self.silent and now_s - self._sent_s >= RENEWED_S:
+            self._sent_s = math.floor(now_s / RENEWED_S) * RENEWED_S
+            way = tuple(SPEED_M_S * part for part in self.bench.direction)
+            self.verbs.twist((*way, 0.0, 0.0, 0.0))
+        return super().tick(state)
+
+
+class Path(_Verbs):
+    """movl along a line."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        self.motion: Motion | None = None
+
+    def start(self) -> None:
+        super().start()
+        here = self.verbs.stat().pose
+        way = (*(WAY_M * part for part in self.bench.direction), 0.0, 0.0, 0.0)
+        self.motion = self.verbs.movl([a + b for a, b in zip(here, way, strict=True)])
+
+
+Make = Callable[[str, Bench], Pilot]
+
+PILOTS: dict[str, type[Pilot]] = {"operator": Operator, "twist": TwistStream, "path": Path}
+
+
+def make(source: str, bench: Bench) -> Pilot:
+    """The controller that `source` drives."""
+    return PILOTS[source](bench)

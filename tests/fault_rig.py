@@ -1,0 +1,653 @@
+"""Control cores in front of five robots, at the level of the wire, in virtual time.
+
+A bench is one robot: a simulated controller, the network and the driver's process. Time passes
+only while the process waits for the robot, or stands still. What the robot really did, by its own
+joints, is in `Bench.motion()`. Nothing here knows which core drives: it is what `Bench.answer` is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import select
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple, TypeVar
+from unittest import mock
+
+import numpy as np
+
+from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions
+from cardan.drivers.base import RobotDriver
+from cardan.drivers.motoros import Motoros, MotorosOptions
+from cardan.drivers.sim_arm import SimArm, SimArmOptions
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.protocols.egm import MCIState, decode_robot, encode_robot
+from cardan.protocols.egm.messages import EgmRobot
+from cardan.protocols.joint_stream import decode_state, encode_state
+from cardan.robots import ArmModel, load_arm
+from cardan.sim_peers.arm import PlantOptions, SimulatedArm, SimulatedArmOptions
+from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode
+from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState, Vector3
+from tests.drivers.motoros_rig import Rig
+
+Array = np.ndarray
+_B = TypeVar("_B", bound="Bench")
+
+WINDOW_S = 0.02
+"""Speeds are means over this time, and accelerations are what those change by within it: five
+periods of most robots. Within fewer, whole pulses and rounding look like acceleration."""
+
+MARGIN = 0.05
+"""Of a speed: what the servos of an arm may overshoot."""
+
+REST_M_S = 0.001
+"""Slower than this the arm counts as stopped."""
+
+SOCKET_DATAGRAMS = 160
+"""What the kernel keeps of a controller's datagrams by default (208 KiB, 1.3 KiB for each)."""
+
+JUMP_M = 0.2
+
+_START_S = 100.0
+
+
+class Motion(NamedTuple):
+    """What the TCP did from one time on."""
+
+    stop_s: float
+    """Until it moved by less than REST_M_S, for good; infinite when it went on moving."""
+    distance_m: float
+    """Between where it was and where it came to rest, or was at the end."""
+    peak_m_s: float
+    peak_m_s2: float
+    back_m: float
+    """How far it went back along the direction it had."""
+
+
+class Bench(ABC):
+    """One robot, its driver, and the process that runs it."""
+
+    name: str
+    arm: str
+    direction: Vector3
+    """In which the TCP has room for 0.4 m from where it stands."""
+    own_stop = ""
+    """How this robot stops by itself when nobody commands it; empty: within the limits asked."""
+
+    def __init__(self) -> None:
+        self.model: ArmModel = load_arm(self.arm)
+        self.kinematics = ArmKinematics(self.model)
+        self.now_s = _START_S
+        self.answer: Callable[[RobotState], RobotCommand] = lambda state: HoldCommand()
+        """What the core makes of each state."""
+        self.alive = True
+        """False: the process was killed."""
+        self.bad: str = ""
+        """What is wrong with what the robot tells: "nan", "jump", or a reason why commands would
+        not act although they do."""
+        self.flooded = False
+        self.states: list[RobotState] = []
+        self.times: list[float] = []
+        self.joints: list[tuple[float, ...]] = []
+        """Where the arm really was."""
+
+    @property
+    @abstractmethod
+    def driver(self) -> RobotDriver: ...
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        """Those of the driver."""
+        return self.driver.capabilities
+
+    def __enter__(self: _B) -> _B:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the process, as one ends that is asked to."""
+
+    # -- time -----------------------------------------------------------------------------------
+
+    def run(self, seconds: float) -> None:
+        """Let the process run, or what is left of the robot without it."""
+        end_s = self.now_s + seconds
+        while self.now_s < end_s - 1e-9:
+            if self.alive:
+                self._turn(end_s)
+            else:
+                self._world(end_s)
+
+    def stall(self, seconds: float) -> None:
+        """The process stands still; robot, network and kernel do not."""
+        self._world(self.now_s + seconds)
+
+    @abstractmethod
+    def _turn(self, end_s: float) -> None:
+        """The process takes one state and answers it, or waits until `end_s`."""
+
+    @abstractmethod
+    def _world(self, until_s: float) -> None:
+        """Time passes outside of the process."""
+
+    def _tell(self, state: RobotState) -> RobotCommand:
+        self.states.append(state)
+        return self.answer(state)
+
+    def _note(self, time_s: float, joints: Sequence[float]) -> None:
+        self.times.append(time_s)
+        self.joints.append(tuple(joints))
+
+    def ready(self) -> Bench:
+        """Run until commands act."""
+        for _ in range(200):
+            self.run(0.05)
+            if self.states and self.states[-1].ready:
+                return self
+        raise AssertionError(self.states[-1].hold_reason)
+
+    # -- faults ---------------------------------------------------------------------------------
+
+    def kill(self) -> None:
+        """SIGKILL: nothing is sent any more, and the kernel closes what was open."""
+        self.alive = False
+
+    @abstractmethod
+    def restart(self) -> None:
+        """The controller loses its power and has it again."""
+
+    @abstractmethod
+    def unready(self) -> None:
+        """Somebody stops the robot at its controller."""
+
+    @abstractmethod
+    def unpower(self) -> None:
+        """Its motors lose their power."""
+
+    def hold(self) -> None:
+        """The driver has to say that commands do not act, although the controller obeys them."""
+        self.bad = "somebody holds the arm"
+
+    @property
+    @abstractmethod
+    def period_s(self) -> float:
+        """Of the rows of `joints`."""
+
+    # -- looking back ---------------------------------------------------------------------------
+
+    def path(self) -> tuple[Array, Array]:
+        """Times, and where the TCP was, m."""
+        forward = self.kinematics.forward
+        points = [forward(np.array(q)).translation.copy() for q in self.joints]
+        return np.array(self.times), np.array(points)
+
+    def motion(self, since_s: float) -> Motion:
+        """What the TCP did from `since_s` to the end."""
+        times, points = self.path()
+        return motion_of(times, points, since_s, self.period_s)
+
+
+def motion_of(times: Array, points: Array, since_s: float, period_s: float) -> Motion:
+    """The figures of a path that was sampled every `period_s`."""
+    n = round(WINDOW_S / period_s)
+    window_s = n * period_s
+    velocity = (points[n:] - points[:-n]) / window_s
+    change = np.linalg.norm(velocity[n:] - velocity[:-n], axis=1) / window_s
+    speed = np.linalg.norm(velocity, axis=1)
+    first = int(np.searchsorted(times, since_s + 1e-9))
+    here = points[first - 1]
+    ended = times[n:] >= since_s
+    moving = np.nonzero((speed > REST_M_S) & ended)[0]
+    # A window says "moving" for as long as it is.
+    last = int(moving[-1]) if len(moving) else 0
+    stopped = last + 1 < len(speed)
+    heading = points[first - 1] - points[max(first - 1 - n, 0)]
+    size = float(np.linalg.norm(heading))
+    along = (points[first - 1 :] - here) @ (heading / size if size > 0.0 else heading)
+    farthest = np.maximum.accumulate(along)
+    return Motion(
+        max(float(times[last]) - since_s, 0.0) if stopped else math.inf,
+        float(np.linalg.norm(points[-1] - here)),
+        float(speed[ended].max()),
+        float(change[times[2 * n :] >= since_s].max()),
+        float((farthest - along).max()),
+    )
+
+
+# -- robots at the end of a socket ----------------------------------------------------------------
+
+
+class _Datagrams(Bench):
+    """A robot over UDP: its controller sends in every period, whether anybody listens or not."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.queue: deque[tuple[bytes, tuple[str, int]]] = deque()
+        """What the kernel keeps for the driver."""
+        self._next_s = self.now_s
+        with self._virtual():
+            self.robot = self._opened()
+            self._cycles = self.robot.cycles()
+
+    @abstractmethod
+    def _replaced(self) -> dict[str, object]:
+        """What of the driver's module virtual time stands in for."""
+
+    @abstractmethod
+    def _opened(self) -> RobotDriver: ...
+
+    @abstractmethod
+    def _cycle(self, now_s: float) -> Sequence[bytes]:
+        """One period of the controller."""
+
+    SOURCE = ("192.0.2.1", 40000)
+
+    @property
+    def driver(self) -> RobotDriver:
+        return self.robot
+
+    @contextlib.contextmanager
+    def _virtual(self) -> Iterator[None]:
+        with contextlib.ExitStack() as patches:
+            for target, new in self._replaced().items():
+                patches.enter_context(mock.patch(target, new))
+            yield
+
+    def close(self) -> None:
+        with self._virtual():
+            self.robot.close()
+
+    def _turn(self, end_s: float) -> None:
+        with self._virtual():
+            while self.now_s < end_s - 1e-9 and self.alive:
+                state = next(self._cycles)
+                command = self._tell(state)
+                if self.alive:
+                    self.robot.send(command)
+
+    def _world(self, until_s: float) -> None:
+        while self._next_s <= until_s:
+            self._period()
+        self.now_s = max(self.now_s, until_s)
+
+    def _period(self) -> None:
+        now_s = self._next_s
+        self._next_s += self.period_s
+        for data in self._cycle(now_s):
+            self.deliver(self._told(data))
+        if self.flooded:
+            for _ in range(20):
+                self.deliver(b"garbage")
+        self._note(now_s, self._true_joints())
+
+    def deliver(self, data: bytes) -> None:
+        if len(self.queue) < SOCKET_DATAGRAMS:
+            self.queue.append((data, self.SOURCE))
+
+    def wait(self, timeout_s: float) -> bool:
+        """Let time pass until something is there."""
+        until_s = self.now_s + timeout_s
+        while not self.queue and self._next_s <= until_s:
+            self.now_s = max(self.now_s, self._next_s)
+            self._period()
+        if not self.queue:
+            self.now_s = max(self.now_s, until_s)
+        return bool(self.queue)
+
+    @abstractmethod
+    def _told(self, data: bytes) -> bytes:
+        """`data` as it arrives, with what is `bad` about it."""
+
+    @abstractmethod
+    def _true_joints(self) -> Sequence[float]: ...
+
+    def _jumped(self, joints: Sequence[float]) -> tuple[float, ...]:
+        """`joints` as if the TCP were JUMP_M beside, about the first axis."""
+        position = self.kinematics.forward(np.array(joints)).translation
+        return (joints[0] + JUMP_M / math.hypot(position[0], position[1]), *joints[1:])
+
+
+class _Poll:
+    """select.poll() of a bench's socket."""
+
+    def __init__(self, bench: _Datagrams) -> None:
+        self._bench = bench
+
+    def register(self, sock: object, events: int) -> None:
+        pass
+
+    def poll(self, timeout_ms: float = 0.0) -> list[object]:
+        bench = self._bench
+        if not bench.queue and timeout_ms > 0.0:
+            bench.wait(1e-3 * timeout_ms)
+        return [bench] if bench.queue else []
+
+
+class _Socket:
+    """A UDP socket with the driver's end of a bench."""
+
+    WAKE_S = 0.1
+
+    def __init__(self, bench: EgmBench) -> None:
+        self._bench = bench
+
+    def setsockopt(self, *args: object) -> None:
+        pass
+
+    def getsockname(self) -> tuple[str, int]:
+        return ("192.0.2.2", 6510)
+
+    def recvfrom(self, size: int, flags: int = 0) -> tuple[bytes, tuple[str, int]]:
+        bench = self._bench
+        if not bench.queue and (flags or not bench.wait(self.WAKE_S)):
+            raise BlockingIOError
+        return bench.queue.popleft()
+
+    def sendto(self, data: bytes, address: tuple[str, int]) -> int:
+        self._bench.controller.receive(data)
+        return len(data)
+
+    def close(self) -> None:
+        pass
+
+
+class _Select:
+    """The module `select`, as far as the driver uses it."""
+
+    POLLIN = select.POLLIN
+
+    def __init__(self, bench: _Datagrams) -> None:
+        self._bench = bench
+
+    def poll(self) -> _Poll:
+        return _Poll(self._bench)
+
+
+class EgmBench(_Datagrams):
+    """A GoFa in Externally Guided Motion."""
+
+    arm = "gofa_crb15000_5"
+    direction = Vector3(-1.0, 0.0, 0.0)
+    own_stop = "its ramp of 0.5 s after CommTimeout, 0.2 s"
+    mode = "pose"
+    name = "EGM pose"
+
+    def __init__(self) -> None:
+        self.controller = EgmController(
+            EgmControllerOptions(mode=Mode(self.mode), comm_timeout_s=0.2)
+        )
+        super().__init__()
+
+    def _replaced(self) -> dict[str, object]:
+        module = "cardan.drivers.abb_egm.driver"
+        return {
+            f"{module}.bind_udp": lambda host, port: _Socket(self),
+            f"{module}.select": _Select(self),
+            f"{module}._monotonic": lambda: self.now_s,
+        }
+
+    def _opened(self) -> AbbEgm:
+        robot = AbbEgm(AbbEgmOptions(mode=self.mode, robot=self.arm))  # type: ignore[arg-type]
+        robot.open()
+        return robot
+
+    @property
+    def period_s(self) -> float:
+        return self.controller.options.period_s
+
+    def _cycle(self, now_s: float) -> Sequence[bytes]:
+        data = self.controller.cycle(now_s)
+        return () if data is None else (data,)
+
+    def _told(self, data: bytes) -> bytes:
+        if not self.bad:
+            return data
+        message = decode_robot(data)
+        assert isinstance(message, EgmRobot)
+        motion = message.feed_back
+        assert motion is not None
+        assert motion.joints is not None
+        if self.bad == "nan":
+            found = motion._replace(joints=(math.nan,) * 6)
+            return encode_robot(message._replace(feed_back=found))
+        if self.bad == "jump":
+            joints = self._jumped(motion.joints)
+            placed = self.kinematics.forward(np.array(joints)).translation
+            assert motion.cartesian is not None
+            pose = motion.cartesian._replace(pos=Vector3(*placed.tolist()))
+            found = motion._replace(joints=joints, cartesian=pose)
+            return encode_robot(message._replace(feed_back=found))
+        return encode_robot(message._replace(mci_state=MCIState.STOPPED))
+
+    def _true_joints(self) -> Sequence[float]:
+        return self.controller.joints_rad
+
+    def restart(self) -> None:
+        self.controller.do("controller-restart")
+
+    def unready(self) -> None:
+        self.controller.do("program-stop")
+
+    def unpower(self) -> None:
+        self.controller.do("motors-off")
+
+
+class EgmJointBench(EgmBench):
+    """The same, its joints commanded."""
+
+    mode = "joint"
+    name = "EGM joint"
+
+
+class _Link:
+    """The driver's transport to a simulated arm, where there is no network."""
+
+    def __init__(self, bench: JointStreamBench) -> None:
+        self._bench = bench
+
+    def now(self) -> float:
+        return self._bench.now_s
+
+    def send(self, data: bytes) -> None:
+        self._bench.peer.receive(data, self._bench.now_s, "client")
+
+    def wait(self) -> list[bytes]:
+        bench = self._bench
+        bench.wait(0.1)
+        return self.waiting()
+
+    def waiting(self) -> list[bytes]:
+        found = [data for data, _ in self._bench.queue]
+        self._bench.queue.clear()
+        return found
+
+    def close(self) -> None:
+        pass
+
+
+class JointStreamBench(_Datagrams):
+    """A UR5 on a joint stream."""
+
+    name = "joint stream"
+    arm = "ur5"
+    direction = Vector3(0.0, -1.0, 0.0)
+    own_stop = "the braking of its joints after 0.1 s without a command"
+
+    def __init__(self) -> None:
+        self.peer = SimulatedArm(
+            SimulatedArmOptions(robot=self.arm, plant=PlantOptions(gravity_feedforward=True))
+        )
+        super().__init__()
+
+    def _replaced(self) -> dict[str, object]:
+        return {"cardan.drivers.sim_arm.driver._Udp": lambda options: _Link(self)}
+
+    def _opened(self) -> SimArm:
+        robot = SimArm(SimArmOptions(robot=self.arm, transport="udp"))
+        robot.open()
+        return robot
+
+    @property
+    def period_s(self) -> float:
+        return self.peer.options.period_s
+
+    def _cycle(self, now_s: float) -> Sequence[bytes]:
+        return self.peer.cycle(now_s)
+
+    def _told(self, data: bytes) -> bytes:
+        if not self.bad:
+            return data
+        state = decode_state(data)
+        if self.bad == "nan":
+            return encode_state(state._replace(positions=(math.nan,) * 6))
+        if self.bad == "jump":
+            joints = self._jumped(state.positions)
+            placed = self.kinematics.forward(np.array(joints)).translation
+            pose = (*placed.tolist(), *state.pose[3:])
+            return encode_state(state._replace(positions=joints, pose=pose))
+        return encode_state(state._replace(reason=self.bad))
+
+    def _true_joints(self) -> Sequence[float]:
+        return self.peer.plant.positions
+
+    def restart(self) -> None:
+        self.peer.restart()
+
+    def unready(self) -> None:
+        self.peer.emergency_stop()
+
+    def unpower(self) -> None:
+        self.peer.plant.give_in()
+        self.peer.emergency_stop()
+
+
+# -- MotoROS --------------------------------------------------------------------------------------
+
+
+class _WatchedRig(Rig):
+    """The rig of the MotoROS tests, which notes where the arm is."""
+
+    def __init__(self, bench: MotorosBench, *args: object, **kwargs: object) -> None:
+        self._bench = bench
+        super().__init__(*args, **kwargs)
+
+    def turn(self) -> None:
+        super().turn()
+        self._bench.watch()
+
+
+class MotorosBench(Bench):
+    """A GP8 over MotoROS in velocity mode."""
+
+    name = "MotoROS velocity"
+    arm = "gp8"
+    direction = Vector3(0.0, 1.0, 0.0)
+    mode = "velocity"
+    own_stop = "the braking of its joints after 0.1 s without a command"
+    IPC_S = 0.004
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._row = 0
+        self.rig = _WatchedRig(
+            self,
+            {"mode": self.mode, "robot": self.arm},
+            self._tell,
+            start_s=self.now_s,
+            tick_s=1e-3,
+            velocity_mode=self.mode == "velocity",
+        )
+        feedback = self.rig.controller.feedback
+        self.rig.controller.feedback = lambda group: self._told(feedback(group))
+        self._driver = Motoros(MotorosOptions(mode=self.mode, robot=self.arm))  # type: ignore[arg-type]
+
+    @property
+    def driver(self) -> RobotDriver:
+        return self._driver
+
+    @property
+    def period_s(self) -> float:
+        return self.IPC_S
+
+    def watch(self) -> None:
+        """Note where the arm is, once in each interpolation period."""
+        self.now_s = now_s = self.rig.now_s
+        row = int((now_s - _START_S) / self.IPC_S + 1e-6)
+        if row > self._row:
+            joints = self.rig.controller.measured_rad(0)
+            for n in range(self._row + 1, row + 1):
+                self._note(_START_S + n * self.IPC_S, joints)
+            self._row = row
+
+    def ready(self) -> Bench:
+        self.rig.ready()
+        return self
+
+    def _turn(self, end_s: float) -> None:
+        self.rig.run(end_s - self.now_s)
+        self.now_s = self.rig.now_s
+
+    def _world(self, until_s: float) -> None:
+        rig = self.rig
+        while rig.now_s < until_s - 1e-9:
+            rig.now_s = min(rig.now_s + 1e-3, until_s)
+            rig.servers.advance(rig.now_s)
+            self.watch()
+        self.now_s = rig.now_s
+
+    def _told(self, feedback: object) -> object:
+        if self.bad not in ("nan", "jump"):
+            return feedback
+        pos = feedback.pos  # type: ignore[attr-defined]
+        if self.bad == "nan":
+            return feedback._replace(pos=(math.nan,) * 10)  # type: ignore[attr-defined]
+        place = self.kinematics.forward(np.array(pos[:6])).translation
+        turn = JUMP_M / math.hypot(place[0], place[1])
+        return feedback._replace(pos=(pos[0] + turn, *pos[1:]))  # type: ignore[attr-defined]
+
+    def close(self) -> None:
+        self.rig.session.leave(self.rig.now_s)
+
+    def kill(self) -> None:
+        super().kill()
+        rig = self.rig
+        for number in rig.numbers.values():
+            rig.servers.eof(number, rig.now_s)
+
+    def restart(self) -> None:
+        """Its connections break; it is there again at once, the drives without power."""
+        rig = self.rig
+        for channel in tuple(rig.numbers):
+            rig.unplug(channel)
+        rig.controller.servo(False, rig.now_s)
+
+    def unready(self) -> None:
+        self.rig.controller.job_stop(self.rig.now_s)
+
+    def unpower(self) -> None:
+        self.rig.controller.servo(False, self.rig.now_s)
+
+    def hold(self) -> None:
+        self.rig.session.disable(self.rig.now_s)
+
+
+class MotorosStreamBench(MotorosBench):
+    """A GP8 on a controller without the velocity mode."""
+
+    name = "MotoROS stream"
+    mode = "stream"
+    own_stop = "its command stops dead when its queue is empty"
+
+
+BENCHES: tuple[type[Bench], ...] = (
+    EgmBench,
+    EgmJointBench,
+    MotorosStreamBench,
+    MotorosBench,
+    JointStreamBench,
+)

@@ -1,0 +1,186 @@
+"""Makes the tables of docs/faults.md: what each robot did when something went wrong.
+
+To write them anew: ``make fault-table``, or ``python -m tests.fault_table``.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Pilot, make
+from tests.fault_rig import (
+    BENCHES,
+    MARGIN,
+    Bench,
+    EgmBench,
+    EgmJointBench,
+    JointStreamBench,
+    Motion,
+    MotorosBench,
+    MotorosStreamBench,
+)
+
+PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
+BEGIN = "<!-- made by tests/fault_table.py -->\n"
+END = "<!-- end -->\n"
+
+RUN_UP_S = 0.6
+"""At 1 m/s² the arm has its speed after 0.1 s."""
+WATCHED_S = 1.5
+
+HIGHEST_M_S = SPEED_M_S * (1.0 + MARGIN)
+HARDEST_M_S2 = 1.3
+"""1 m/s² asked, and what the servos add: a reference that begins to brake within one period is
+followed with an overshoot of up to 0.1 m/s² by the joint stream's drives, of 0.06 by EGM's; where
+two ramps meet in one window they add up to 0.2 more."""
+
+
+class Fault(NamedTuple):
+    """What goes wrong."""
+
+    act: Callable[[Bench, Pilot], None]
+    sources: tuple[str, ...] = ("operator", "twist", "path")
+    robots: tuple[type[Bench], ...] = BENCHES
+    own: tuple[type[Bench], ...] = ()
+    """Robots that their controller, or the driver at its own limits, stops then: how hard does not
+    depend on what was asked."""
+
+
+def _silence(bench: Bench, pilot: Pilot) -> None:
+    pilot.silent = True
+
+
+def _flood(bench: Bench, pilot: Pilot) -> None:
+    bench.flooded = True
+
+
+def _bad(kind: str) -> Callable[[Bench, Pilot], None]:
+    def act(bench: Bench, pilot: Pilot) -> None:
+        bench.bad = kind
+
+    return act
+
+
+def _stall(ms: int) -> Callable[[Bench, Pilot], None]:
+    return lambda bench, pilot: bench.stall(1e-3 * ms)
+
+
+_UDP = (EgmBench, EgmJointBench, JointStreamBench)
+_MOTOROS = (MotorosStreamBench, MotorosBench)
+
+FAULTS: dict[str, Fault] = {
+    "device or sender silent": Fault(_silence, ("operator", "twist")),
+    "port flooded": Fault(_flood, robots=_UDP),
+    "states that are no numbers": Fault(_bad("nan"), own=BENCHES),
+    "measured place jumps by 200 mm": Fault(_bad("jump")),
+    "process stalls for 20 ms": Fault(_stall(20)),
+    "process stalls for 40 ms": Fault(_stall(40), own=(MotorosStreamBench,)),
+    "process stalls for 60 ms": Fault(_stall(60), own=(MotorosStreamBench,)),
+    "process stalls for 100 ms": Fault(_stall(100), own=(*_MOTOROS, JointStreamBench)),
+    "process stalls for 500 ms": Fault(_stall(500), own=BENCHES),
+    "controller restarts": Fault(lambda bench, pilot: bench.restart(), own=BENCHES),
+    "motors off": Fault(lambda bench, pilot: bench.unpower(), own=BENCHES),
+    "program stopped at the robot": Fault(lambda bench, pilot: bench.unready(), own=BENCHES),
+    "commands said not to act": Fault(lambda bench, pilot: bench.hold(), own=BENCHES),
+    "authority taken": Fault(lambda bench, pilot: pilot.lose_authority()),
+    "supervisor stopped": Fault(lambda bench, pilot: pilot.stop_supervisor()),
+    "process killed": Fault(lambda bench, pilot: bench.kill(), own=BENCHES),
+}
+
+
+class Row(NamedTuple):
+    """One cell of the tables."""
+
+    source: str
+    fault: str
+    robot: str
+    motion: Motion
+    own: bool
+
+    @property
+    def too_much(self) -> str:
+        """What of it is more than was asked for, in words; empty when nothing is."""
+        found = []
+        if self.motion.peak_m_s > HIGHEST_M_S:
+            found.append(f"{1e3 * self.motion.peak_m_s:.0f} mm/s")
+        if self.motion.peak_m_s2 > HARDEST_M_S2 and not self.own:
+            found.append(f"{self.motion.peak_m_s2:.1f} m/s²")
+        return " and ".join(found)
+
+
+def measured(
+    source: str, fault: Fault, kind: type[Bench], made: Make = make, run_up_s: float = RUN_UP_S
+) -> Motion:
+    """What the arm of one bench did after one fault."""
+    with kind() as bench:
+        pilot = made(source, bench)
+        bench.answer = pilot.tick
+        bench.ready().run(0.05)
+        pilot.start()
+        bench.run(run_up_s)
+        at_s = bench.now_s
+        fault.act(bench, pilot)
+        bench.run(WATCHED_S)
+        return bench.motion(at_s)
+
+
+def rows(made: Make = make) -> Iterator[Row]:
+    """Every source, fault and robot that go together."""
+    for source in PILOTS:
+        for name, fault in FAULTS.items():
+            if source in fault.sources:
+                for kind in BENCHES:
+                    if kind in fault.robots:
+                        motion = measured(source, fault, kind, made)
+                        yield Row(source, name, kind.name, motion, kind in fault.own)
+
+
+def table(found: list[Row]) -> str:
+    """The tables in Markdown: one for each source, a row for each fault."""
+    lines = []
+    cells = {(row.source, row.fault, row.robot): row for row in found}
+    for source in dict.fromkeys(row.source for row in found):
+        lines += [f"### {source}", ""]
+        lines.append(f"| | {' | '.join(kind.name for kind in BENCHES)} |")
+        lines.append("|---" * (1 + len(BENCHES)) + "|")
+        for name in FAULTS:
+            there = [cells.get((source, name, kind.name)) for kind in BENCHES]
+            if any(there):
+                lines.append(f"| {name} | {' | '.join(map(_cell, there))} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _cell(row: Row | None) -> str:
+    if row is None:
+        return "–"
+    motion = row.motion
+    stop = "goes on" if math.isinf(motion.stop_s) else f"{1e3 * motion.stop_s:.0f}"
+    text = (
+        f"{stop}, {1e3 * motion.distance_m:.1f}, {1e3 * motion.peak_m_s:.0f}, "
+        f"{motion.peak_m_s2:.1f}{'*' * row.own}"
+    )
+    return f"**{text}**" if row.too_much else text
+
+
+def main() -> None:
+    """Write the tables into their page, or print them with "-"."""
+    found = list(rows())
+    text = table(found)
+    if "-" in sys.argv[1:]:
+        print(text)
+    else:
+        head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+        _, _, tail = rest.partition(END)
+        PAGE.write_text(head + BEGIN + "\n" + text + "\n" + END + tail, encoding="utf-8")
+    for row in found:
+        if row.too_much:
+            print(f"{row.source}, {row.fault}, {row.robot}: {row.too_much}")
+
+
+if __name__ == "__main__":
+    main()

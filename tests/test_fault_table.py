@@ -1,0 +1,79 @@
+"""The tables of docs/faults.md: they are what is measured, and nothing in them is too much."""
+
+import math
+import re
+
+import pytest
+
+from tests import fault_table
+from tests.fault_pilots import PILOTS
+from tests.fault_rig import BENCHES
+
+pytestmark = [pytest.mark.once, pytest.mark.timeout(240)]
+
+NEAR = (12.0, 0.6, 2.0, 0.15)
+"""ms, mm, mm/s, m/s²: what another computer's arithmetic may make of a number."""
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return list(fault_table.rows())
+
+
+def cells(markdown):
+    """(source, fault, number of the robot) and what stands in that cell."""
+    source, found = "", {}
+    for line in markdown.splitlines():
+        if line.startswith("### "):
+            source = line[4:]
+        elif line.startswith("| ") and source and not line.startswith("| |"):
+            fault, *texts = (part.strip() for part in line.strip("|").split("|"))
+            found |= {(source, fault, n): text for n, text in enumerate(texts)}
+    return found
+
+
+def numbers(text):
+    parts = text.strip("*").split(", ")
+    return [math.inf if part == "goes on" else float(part) for part in parts]
+
+
+def test_the_page_has_what_is_measured(rows):
+    page = fault_table.PAGE.read_text(encoding="utf-8")
+    _, _, rest = page.partition(fault_table.BEGIN)
+    made = rest.partition(fault_table.END)[0]
+    written, now = cells(made), cells(fault_table.table(rows))
+    assert written.keys() == now.keys(), "make fault-table writes it anew"
+    for key, text in now.items():
+        if text == "–" or written[key] == "–":
+            assert written[key] == text, key
+            continue
+        for old, new, near in zip(numbers(written[key]), numbers(text), NEAR, strict=True):
+            assert old == new or abs(old - new) <= near, (key, written[key], text)
+
+
+def test_every_source_fault_and_robot_is_there(rows):
+    found = {(row.source, row.robot) for row in rows}
+    assert found == {(source, kind.name) for source in PILOTS for kind in BENCHES}
+    assert {row.fault for row in rows} == set(fault_table.FAULTS)
+
+
+JUMP = "measured place jumps by 200 mm"
+
+
+def too_much(rows):
+    return [f"{r.source}, {r.fault}, {r.robot}: {r.too_much}" for r in rows if r.too_much]
+
+
+def test_nothing_is_faster_or_harder_than_asked(rows):
+    assert too_much(r for r in rows if r.fault != JUMP) == []
+
+
+def test_a_measured_place_that_jumps_makes_nothing_faster_or_harder(rows):
+    assert too_much(r for r in rows if r.fault == JUMP) == []
+
+
+def test_what_stops_stops_soon(rows):
+    """Whatever ends the motion, the arm rests within a second; only a short stall does not."""
+    for row in rows:
+        if not re.search(r"stalls|jumps", row.fault):
+            assert row.motion.stop_s < 1.0, row

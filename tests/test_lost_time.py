@@ -1,0 +1,185 @@
+"""Whatever time is lost between two commands, no robot is faster or harder than it was asked to be.
+
+The core here is the simplest that goes on by one nominal period in each tick: a constant speed,
+reached with a ramp. All else is the real driver's and the simulated controller's, in virtual time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from cardan.types import (
+    CommandKind,
+    Frame,
+    HoldCommand,
+    JointCommand,
+    Pose,
+    PoseCommand,
+    Twist,
+    Vector3,
+)
+from tests.fault_rig import (
+    BENCHES,
+    MARGIN,
+    EgmBench,
+    EgmJointBench,
+    JointStreamBench,
+    MotorosBench,
+    MotorosStreamBench,
+)
+
+pytestmark = pytest.mark.once
+
+SPEED_M_S = 0.1
+ACCELERATION_M_S2 = 1.0
+HARDEST_M_S2 = 1.3
+"""The ramp that was asked for, and what the servos and two ramps in one window add."""
+
+SHORTEST_S = 0.005
+LONGEST_S = {
+    EgmBench: 0.09,
+    EgmJointBench: 0.09,
+    JointStreamBench: 0.09,
+    MotorosBench: 0.09,
+    MotorosStreamBench: 0.008,
+}
+"""After 0.1 s controllers and drivers brake by themselves, as hard as they may; a stream of points
+may have run empty, and stopped dead, after the three increments of 4 ms that it keeps."""
+
+
+class Steady:
+    """A constant speed along the bench's direction, or about its first axis; one nominal period in
+    each tick, whatever time has passed."""
+
+    def __init__(self, bench):
+        self.bench = bench
+        self.period_s = bench.capabilities.period_s
+        self.by_pose = CommandKind.POSE in bench.capabilities.commands
+        self.wanted_m_s = self.speed_m_s = 0.0
+        self.place = self.session = None
+
+    def tick(self, state):
+        if not state.ready or state.session != self.session:
+            self.session, self.place, self.speed_m_s = state.session, None, 0.0
+            return HoldCommand()
+        if self.place is None:
+            self.place = state.pose.position if self.by_pose else state.joints
+            self.turn = state.pose.orientation if self.by_pose else None
+            radius = self.bench.kinematics.forward(np.array(state.joints)).translation
+            self.radius_m = math.hypot(radius[0], radius[1])
+        step = ACCELERATION_M_S2 * self.period_s
+        before = self.speed_m_s
+        self.speed_m_s += min(max(self.wanted_m_s - before, -step), step)
+        way = 0.5 * (before + self.speed_m_s) * self.period_s
+        if self.by_pose:
+            along = self.bench.direction
+            self.place = Vector3(*(a + way * b for a, b in zip(self.place, along, strict=True)))
+            linear = Vector3(*(self.speed_m_s * part for part in along))
+            twist = Twist(linear, Vector3(0.0, 0.0, 0.0), Frame.BASE)
+            return PoseCommand(Pose(self.place, self.turn), twist)
+        first, *others = self.place
+        self.place = (first + way / self.radius_m, *others)
+        return JointCommand(self.place, (self.speed_m_s / self.radius_m, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def moving(bench):
+    core = Steady(bench)
+    bench.answer = core.tick
+    bench.ready().run(0.05)
+    core.wanted_m_s = SPEED_M_S
+    bench.run(0.3)
+    return core
+
+
+def stall_in_tick(bench, core, seconds):
+    """The process stands still between receiving a state and answering it."""
+
+    def answer(state):
+        bench.answer = core.tick
+        command = core.tick(state)
+        bench.stall(seconds)
+        return command
+
+    bench.answer = answer
+
+
+SHARES = st.lists(
+    st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 0.3), st.booleans()), min_size=1, max_size=6
+)
+"""How much of the longest gap, the time until the next, and whether the gap is inside a tick."""
+
+PATTERNS = settings(
+    max_examples=20, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True
+)
+ROBOTS = pytest.mark.parametrize("kind", BENCHES, ids=lambda kind: kind.name)
+
+
+def through_gaps(bench, core, pattern, longest_s):
+    """What the arm did while time was lost again and again."""
+    since_s = bench.now_s
+    for share, rest_s, in_tick in pattern:
+        gap_s = SHORTEST_S + share * (longest_s - SHORTEST_S)
+        if in_tick and not isinstance(bench, MotorosBench):
+            stall_in_tick(bench, core, gap_s)
+        else:
+            bench.stall(gap_s)
+        bench.run(0.05 + rest_s)
+    bench.run(0.2)
+    return bench.motion(since_s)
+
+
+@ROBOTS
+@PATTERNS
+@given(pattern=SHARES)
+@example(pattern=[(0.5, 0.3, False)] * 4)
+@example(pattern=[(0.5, 0.1, True)] * 4)
+@example(pattern=[(1.0, 0.2, False)] * 3)
+def test_a_gap_is_not_made_up_for(kind, pattern):
+    with kind() as bench:
+        core = moving(bench)
+        motion = through_gaps(bench, core, pattern, LONGEST_S[kind])
+        assert motion.peak_m_s <= SPEED_M_S * (1.0 + MARGIN)
+        assert motion.peak_m_s2 <= HARDEST_M_S2
+        assert motion.back_m <= 1e-4
+        assert bench.states[-1].ready
+        core.wanted_m_s = 0.0
+        stopping_s = bench.now_s
+        bench.run(0.5)
+        assert bench.motion(stopping_s).peak_m_s2 <= HARDEST_M_S2
+
+
+@ROBOTS
+def test_at_rest_the_arm_is_where_its_core_is(kind):
+    """What a gap has left between them is worked off, and not quickly."""
+    with kind() as bench:
+        core = moving(bench)
+        bench.stall(min(0.06, LONGEST_S[kind]))
+        bench.run(0.1)
+        core.wanted_m_s = 0.0
+        bench.run(0.3)
+        resting_s = bench.now_s
+        bench.run(5.0)
+        place = core.place
+        if not core.by_pose:
+            place = bench.kinematics.forward(np.array(place)).translation
+        _, path = bench.path()
+        assert float(np.linalg.norm(path[-1] - np.array(place))) <= 3e-4
+        assert bench.motion(resting_s).peak_m_s <= 0.1 * SPEED_M_S
+
+
+@ROBOTS
+@PATTERNS
+@given(pattern=SHARES)
+@example(pattern=[(1.0, 0.3, False)] * 2)
+@example(pattern=[(0.25, 0.3, True)])
+def test_no_gap_makes_an_arm_faster(kind, pattern):
+    """Where its controller stops by itself, too: a motion is taken up again from rest."""
+    with kind() as bench:
+        motion = through_gaps(bench, moving(bench), pattern, 0.5)
+        assert motion.peak_m_s <= SPEED_M_S * (1.0 + MARGIN)
+        assert motion.back_m <= 1e-4
