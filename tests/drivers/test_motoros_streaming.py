@@ -441,7 +441,7 @@ class TestVelocityStream:
         for _ in range(30):
             bench.publish()
             bench.run(0.025, HoldCommand())
-        assert "joint 1 is 0.4" in bench.motion.ended
+        assert "joint 1 is 0.5" in bench.motion.ended
 
     def test_what_was_lost_is_made_up_for_slowly(self):
         bench = self.start()

@@ -121,9 +121,10 @@ class VelocityStream(Motion):
         if any(abs(a - b) > farthest for a, b in zip(feed.positions, before, strict=True)):
             self._leapt = True
         away = self._watch.away(feed.positions, guide.positions)
+        if self._leapt and away is None:
+            away = [a - b for a, b in zip(feed.positions, guide.positions, strict=True)]
         if away is None:
             self._lost_since_s = math.inf
-            self._leapt = False
             return
         worst = max(range(self._joints), key=lambda i: abs(away[i]))
         size = abs(away[worst])
