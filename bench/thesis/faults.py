@@ -83,7 +83,7 @@ def _line(
             goal = start.translation + np.array((packet.way_m, 0.0, 0.0))
             if not driving.pose(goal, start.rotation, **how):
                 taken.append(now_s)
-        message = driving.controller.status().message
+        message = driving.verbs.status().message
         if message and message not in messages:
             messages.append(message)
 

@@ -103,32 +103,32 @@ class Streams:
     ) -> None:
         """`stream` is a code: pose or twst; `timeout_s` the stream's."""
         model = load_arm(robot)
-        self.controller = ArmVerbs.alone(model, driver.capabilities, options, obstacles=obstacles)
-        self.servo = self.controller.servo
+        self.verbs = ArmVerbs.alone(model, driver.capabilities, options, obstacles=obstacles)
+        self.servo = self.verbs.servo
         self._stream, self._timeout_s = stream, timeout_s
         self.refusals: list[str] = []
         """Answers of the stream that were not empty."""
 
     def begin(self) -> None:
         """Choose the stream; after the first tick."""
-        self.controller.set_parameters({"cpsc": self._stream, "cpst": self._timeout_s})
+        self.verbs.set_parameters({"cpsc": self._stream, "cpst": self._timeout_s})
 
     def pose(self, position: Array, rotation: Array, **how: float) -> str:
         """Stream a pose (m; rotation matrix). Answers why not."""
-        answer = self.controller.pose(pose_of(position, rotation), **how)  # type: ignore[arg-type]
+        answer = self.verbs.pose(pose_of(position, rotation), **how)  # type: ignore[arg-type]
         if answer:
             self.refusals.append(answer)
         return answer
 
     def twist(self, linear: Sequence[float]) -> None:
         """Stream a twist without turning, m/s in the base."""
-        answer = self.controller.twist((*linear, 0.0, 0.0, 0.0))
+        answer = self.verbs.twist((*linear, 0.0, 0.0, 0.0))
         if answer:
             self.refusals.append(answer)
 
     def tick(self, state: RobotState) -> RobotCommand:
         """Of the controller."""
-        return self.controller.tick(state)
+        return self.verbs.controller.tick(state)
 
 
 class Shaped:
@@ -169,7 +169,7 @@ class Shaped:
         # An endless joint has no posture to come back to.
         servo.posture = np.where(servo.kinematics.continuous, servo.q, self._home)
         servo.tick(goal, self._twist, state.period_s)
-        return self._follower.command(state)
+        return self._follower.command(state, state.period_s)
 
 
 @dataclass(frozen=True)
@@ -205,8 +205,8 @@ class Session:
             self._placed = True
         self._reference.observe(self._follower.measured(state))
         self._reference.shape(self.target, state.period_s)
-        self._follower.advance(self._reference, state.period_s)
-        return self._follower.command(state)
+        self._follower.follow(self._reference, state.period_s)
+        return self._follower.command(state, state.period_s)
 
 
 Driving = Streams | Shaped | Session

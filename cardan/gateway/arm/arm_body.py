@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -93,6 +93,7 @@ class ArmBody(Body):
         self._tolerance_m = tcp_tolerance_m
         self._sent_as = sent_as or servo.kinematics
         self._highest = servo.kinematics.velocity
+        self._fastest: list[float] = self._highest.tolist()
         self._twist = np.zeros((2, 3))
         self._still = np.zeros(servo.joints)
         self._sent: FloatArray | None = None
@@ -172,7 +173,13 @@ class ArmBody(Body):
         return to_pose(self.servo.kinematics.forward(np.array(state.joints)))
 
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
-        most = LEAP_NOISE_RAD + (LEAP_SHARE * time_s) * self._highest
+        share = LEAP_SHARE * time_s
+        for now, then, fastest in zip(state.joints, before.joints, self._fastest, strict=False):
+            if not abs(now - then) <= LEAP_NOISE_RAD + share * fastest:
+                break
+        else:
+            return ""
+        most = LEAP_NOISE_RAD + share * self._highest
         away = np.abs(self._short(np.array(state.joints) - np.array(before.joints)))
         excess = away - most
         worst = int(excess.argmax())
@@ -198,14 +205,24 @@ class ArmBody(Body):
         return self._short(self.servo.q - self._joints(state))
 
     def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
-        error = np.abs(self._error(state))
-        worst = int(error.argmax())
+        measured: Sequence[float] = state.joints
+        if self._lag.late:
+            measured = self._joints(state).tolist()
+        worst, worst_joint = -1.0, 0
+        for joint, (commanded, there) in enumerate(
+            zip(self.servo.q.tolist(), measured, strict=True)
+        ):
+            error = abs(commanded - there)
+            if error > worst:
+                if error > math.pi and self.servo.kinematics.continuous[joint]:
+                    error = abs(math.remainder(error, 2.0 * math.pi))
+                    if error <= worst:
+                        continue
+                worst, worst_joint = error, joint
         linear, angular = 0.0, 0.0
         if reference is not None:
             linear, angular = reference.ahead_m, reference.ahead_rad
-        return FollowingError(
-            linear, angular, float(error[worst]), self.servo.kinematics.names[worst]
-        )
+        return FollowingError(linear, angular, worst, self.servo.kinematics.names[worst_joint])
 
     # -- motion ----------------------------------------------------------------------------------
 
@@ -235,7 +252,7 @@ class ArmBody(Body):
 
     def _set_velocities(self, v: FloatArray) -> None:
         servo = self.servo
-        servo.v[:] = v
+        servo.move_at(v)
         self._sent = v.copy()
         kinematics = servo.kinematics
         lines = (kinematics.jacobian @ v).reshape(2, 3)
@@ -272,7 +289,7 @@ class ArmBody(Body):
         self.servo.brake(dt_s)
 
     def halt(self) -> None:
-        self.servo.v[:] = 0.0
+        self.servo.move_at(self._still)
         self.servo.twist[:] = 0.0
 
     def approach(self, state: RobotState, dt_s: float) -> None:

@@ -224,11 +224,13 @@ class FreeBody(Body):
         pose = state.pose
         if pose is None:
             return "the robot reports no pose"
-        if not is_finite((*pose.position, *pose.orientation)):
+        (x, y, z), (w, i, j, k), _ = pose
+        # One comparison for all: what is not a number is not below anything.
+        if x * x + y * y + z * z + w * w + i * i + j * j + k * k < FARTHEST_M * FARTHEST_M:
+            return ""
+        if not is_finite((x, y, z, w, i, j, k)):
             return "the robot reports a pose that is not numbers"
-        if norm(pose.position) > FARTHEST_M:
-            return f"the robot reports a TCP {norm(pose.position):.3g} m away, farther than any is"
-        return ""
+        return f"the robot reports a TCP {norm(pose.position):.3g} m away, farther than any is"
 
     def measured(self, state: RobotState) -> Pose:
         assert state.pose is not None
@@ -240,13 +242,19 @@ class FreeBody(Body):
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
         if before.pose is None or state.pose is None:
             return ""
-        way_m = norm(subtract(state.pose.position, before.pose.position))
-        turn_rad = norm(rotation_between(before.pose.orientation, state.pose.orientation))
+        (x, y, z), (w, i, j, k), _ = state.pose
+        (u, v, s), (a, b, c, d), _ = before.pose
+        x, y, z = x - u, y - v, z - s
+        farthest_m = READING_NOISE_M + FASTEST_TCP_M_S * time_s
+        half_rad = 0.5 * (READING_NOISE_RAD + FASTEST_TCP_RAD_S * time_s)
+        # The cosine of half the angle, by its series: to be exact about so much is no use.
         if (
-            way_m <= READING_NOISE_M + FASTEST_TCP_M_S * time_s
-            and turn_rad <= READING_NOISE_RAD + FASTEST_TCP_RAD_S * time_s
+            x * x + y * y + z * z <= farthest_m * farthest_m
+            and abs(w * a + i * b + j * c + k * d) >= 1.0 - 0.5 * half_rad * half_rad
         ):
             return ""
+        way_m = norm(subtract(state.pose.position, before.pose.position))
+        turn_rad = norm(rotation_between(before.pose.orientation, state.pose.orientation))
         return (
             f"the measured pose leapt by {way_m * 1e3:.0f} mm and {turn_rad:.2f} rad in "
             f"{time_s * 1e3:.0f} ms"

@@ -148,7 +148,8 @@ class ArmController:
     @property
     def recovering(self) -> bool:
         """True from a trip by the following error until the command is back at the arm."""
-        return self._recover or isinstance(self._activity, Recover)
+        activity = self._activity
+        return self._recover or (activity is not None and activity.recovers)
 
     @property
     def engaged(self) -> bool:
@@ -227,7 +228,7 @@ class ArmController:
 
     @property
     def _activity_is_the_hands(self) -> bool:
-        return self._activity is None or isinstance(self._activity, FollowHand)
+        return self._activity is None or self._activity.follows_hand
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -486,7 +487,10 @@ class ArmController:
     def _driven(self) -> bool:
         if self._armed:
             return True
-        return self._busy and not self._braking and not isinstance(self._activity, Recover)
+        activity = self._activity
+        if activity is None or self._braking or activity.recovers:
+            return False
+        return not activity.idle
 
     def _trip_if_driven(self, reason: str) -> None:
         if self._driven:
@@ -527,7 +531,7 @@ class ArmController:
         """Turn the device's state into a request, once, and see who drives."""
         reference, activity = self.reference, self._activity
         free = activity is None or (
-            isinstance(activity, (FollowHand, Recover)) and not self._braking
+            (activity.follows_hand or activity.recovers) and not self._braking
         )
         barred, behind = self._why_barred(robot), ""
         if not barred and (not self._armed or not self._request.following):
@@ -543,7 +547,7 @@ class ArmController:
             seen,
             dt_s,
             reference.pose,
-            resting_pose(reference) if reference.pose is not None else None,
+            resting_pose(reference) if hand.mapping.follows_pose and reference.pose else None,
             self._armed,
             free and not self.supervision.distrust,
             barred,
@@ -570,8 +574,6 @@ class ArmController:
         self._filter_fault = request.filter_fault
         if recovering and request.pressed and not self._armed:
             self._give_up("it was ended by a button")
-        if self._armed:
-            self.authority.take(HAND, robot.stamp_s)
 
     def _why_barred(self, robot: RobotState) -> str:
         """Why the operator's deliberate act arms nothing now."""
@@ -583,7 +585,8 @@ class ArmController:
         """The operator's hand gets the arm; what moved before is braked first."""
         self._armed, self._trip_reason = True, ""
         self.authority.take(HAND, now_s)
-        if not isinstance(self._activity, (FollowHand, Recover)):
+        activity = self._activity
+        if activity is None or not (activity.follows_hand or activity.recovers):
             self._end_activity("the operator's hand took over")
 
     def _give_up(self, why: str) -> None:
@@ -698,7 +701,8 @@ class ArmController:
         activity = self._activity
         command = None if activity is None else activity.command
         if command is None:
-            command = body.command(robot, dt_s, isinstance(activity, Recover), blind)
+            recovers = activity is not None and activity.recovers
+            command = body.command(robot, dt_s, recovers, blind)
         wrong = self._gate.objection(command, dt_s)
         if not wrong:
             return command
@@ -716,13 +720,13 @@ class ArmController:
         request = self._request
         moving = self.body.moving
         activity = self._activity
-        if isinstance(activity, Recover):
+        if activity is not None and activity.recovers:
             self._phase = Phase.RECOVERING
         elif (
             moving
             and not self._braking
             and activity is not None
-            and (request.asks if isinstance(activity, FollowHand) else True)
+            and (request.asks if activity.follows_hand else True)
         ):
             self._phase = Phase.MOVING
         elif moving:

@@ -6,9 +6,10 @@ overflow, a mistake of ours, a filter or a plugin that computes nonsense.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-from cardan.spatial import is_finite, norm, rotation_between, subtract
+from cardan.spatial import is_finite, norm, rotation_between
 from cardan.types import (
     HoldCommand,
     JointCommand,
@@ -21,6 +22,9 @@ from cardan.types import (
 
 SLACK = 1.05
 """Of every limit: what rounding and servo tolerances may take beyond it."""
+
+ROUNDING = 1e-12
+"""Of a cosine near 1."""
 
 NOISE_M_S, NOISE_RAD_S = 1e-3, 5e-3
 """Speeds and changes of speed that are rounding, whatever the limits are."""
@@ -46,8 +50,14 @@ class Gate:
     def __init__(self, limits: GateLimits) -> None:
         self._limits = limits
         self._last: RobotCommand | None = None
-        self._speeds: tuple[float, ...] | None = None
+        self._speeds: list[float] | None = None
         """Of the joints, from the last two commands."""
+        self._most = [SLACK * speed + NOISE_RAD_S for speed in limits.joint_speed]
+        self._range = (
+            [each - 1e-3 for each in limits.joint_lower],
+            [each + 1e-3 for each in limits.joint_upper],
+        )
+        self._hardest = [SLACK * each for each in limits.joint_acceleration]
 
     def reset(self) -> None:
         """The robot is elsewhere, or was not commanded: the next command is only to be finite."""
@@ -73,68 +83,94 @@ class Gate:
         return wrong
 
     def _joints(self, command: JointCommand, last: RobotCommand | None, dt_s: float) -> str:
-        q, v, limits = command.positions, command.velocities or (), self._limits
-        if not (is_finite(q) and is_finite(v)):
+        q, v = command.positions, command.velocities or ()
+        if not sum(map(abs, q)) + sum(map(abs, v)) < math.inf:
             return "joint positions that are not numbers"
-        speed, acceleration = limits.joint_speed, limits.joint_acceleration
-        if speed and v:
-            for index, value in enumerate(v):
-                if abs(value) > SLACK * speed[index] + NOISE_RAD_S:
-                    return f"joint {index + 1} at {value:.3g} rad/s"
-        if not speed or type(last) is not JointCommand or dt_s <= 0.0:
+        most, hardest = self._most, self._hardest
+        if not most or type(last) is not JointCommand or dt_s <= 0.0:
             self._speeds = None
             return ""
-        before, speeds = self._speeds, []
-        for index, (now, then) in enumerate(zip(q, last.positions, strict=True)):
-            rate = (now - then) / dt_s
-            speeds.append(rate)
-            if abs(rate) > SLACK * speed[index] + NOISE_RAD_S:
-                return f"a step of joint {index + 1} by {now - then:.3g} rad"
-            if before is not None:
-                change = abs(rate - before[index])
-                if change > SLACK * acceleration[index] * dt_s + NOISE_RAD_S:
-                    return f"joint {index + 1} to be accelerated by {change / dt_s:.3g} rad/s²"
-            if limits.joint_lower and not (
-                limits.joint_lower[index] - 1e-3 <= now <= limits.joint_upper[index] + 1e-3
-                or abs(now - then) < 1e-9
-                or (now - then > 0.0) is (now < limits.joint_lower[index])
+        gain, slack = 1.0 / dt_s, NOISE_RAD_S
+        speeds: list[float] = []
+        before = self._speeds or most
+        first = self._speeds is None
+        for now, then, was, fastest, a, low, high in zip(
+            q, last.positions, before, most, hardest, *self._range, strict=True
+        ):
+            rate = (now - then) * gain
+            change = rate - was
+            most_change = a * dt_s + slack
+            if (
+                not -fastest <= rate <= fastest
+                or (not first and not -most_change <= change <= most_change)
+                # One that is outside anyway may come back.
+                or (now > high and rate > 0.0)
+                or (now < low and rate < 0.0)
             ):
-                return f"joint {index + 1} at {now:.4g} rad, beyond its range"
-        self._speeds = tuple(speeds)
+                self._speeds = None
+                joint = len(speeds) + 1
+                return (
+                    f"joint {joint} to {now:.4g} rad at {rate:.3g} rad/s, accelerated by "
+                    f"{0.0 if first else change * gain:.3g} rad/s²; allowed: {low:.4g} to "
+                    f"{high:.4g} rad, {fastest:.3g} rad/s, {a:.3g} rad/s²"
+                )
+            speeds.append(rate)
+        self._speeds = speeds
         return ""
 
     def _pose(self, command: PoseCommand, last: RobotCommand | None, dt_s: float) -> str:
-        pose, twist, limits = command.pose, command.twist, self._limits
-        if not (is_finite(pose.position) and is_finite(pose.orientation)):
+        limits = self._limits
+        (x, y, z), (w, i, j, k), _ = command.pose
+        if not x * x + y * y + z * z + w * w + i * i + j * j + k * k < math.inf:
             return "a pose that is not numbers"
+        twist = command.twist
         if twist is not None:
-            if not (is_finite(twist.linear) and is_finite(twist.angular)):
-                return "a twist that is not numbers"
-            speed, turning = norm(twist.linear), norm(twist.angular)
-            if speed > SLACK * limits.linear_speed_m_s + NOISE_M_S:
-                return f"a TCP speed of {speed:.3g} m/s"
-            if turning > SLACK * limits.angular_speed_rad_s + NOISE_RAD_S:
-                return f"a TCP turn of {turning:.3g} rad/s"
+            wrong = self._twist(twist, last, dt_s)
+            if wrong:
+                return wrong
         if type(last) is not PoseCommand or dt_s <= 0.0:
             return ""
-        way_m = norm(subtract(pose.position, last.pose.position))
-        if way_m > (SLACK * limits.linear_speed_m_s + NOISE_M_S) * dt_s:
-            return f"a step of the TCP by {way_m * 1e3:.3g} mm"
-        turn_rad = norm(rotation_between(last.pose.orientation, pose.orientation))
-        if turn_rad > (SLACK * limits.angular_speed_rad_s + NOISE_RAD_S) * dt_s:
+        (u, v, s), (a, b, c, d), _ = last.pose
+        x, y, z = x - u, y - v, z - s
+        most_m = (SLACK * limits.linear_speed_m_s + NOISE_M_S) * dt_s
+        if x * x + y * y + z * z > most_m * most_m:
+            return f"a step of the TCP by {math.sqrt(x * x + y * y + z * z) * 1e3:.3g} mm"
+        half_rad = 0.5 * (SLACK * limits.angular_speed_rad_s + NOISE_RAD_S) * dt_s
+        if abs(w * a + i * b + j * c + k * d) < 1.0 - 0.5 * half_rad * half_rad - ROUNDING:
+            turn_rad = norm(rotation_between(last.pose.orientation, command.pose.orientation))
             return f"a turn of the TCP by {turn_rad:.3g} rad"
-        if twist is not None and last.twist is not None:
-            return self._change(twist, last.twist, dt_s)
         return ""
 
-    def _change(self, twist: Twist, last: Twist, dt_s: float) -> str:
+    def _twist(self, twist: Twist, last: RobotCommand | None, dt_s: float) -> str:
         limits = self._limits
-        change = norm(subtract(twist.linear, last.linear))
-        if change > SLACK * limits.linear_acceleration_m_s2 * dt_s + NOISE_M_S:
-            return f"the TCP to be accelerated by {change / dt_s:.3g} m/s²"
-        change = norm(subtract(twist.angular, last.angular))
-        if change > SLACK * limits.angular_acceleration_rad_s2 * dt_s + NOISE_RAD_S:
-            return f"the TCP to be accelerated by {change / dt_s:.3g} rad/s²"
+        for unit, now, then, fastest, hardest, noise in (
+            (
+                "m/s",
+                twist.linear,
+                last.twist.linear if type(last) is PoseCommand and last.twist else None,
+                limits.linear_speed_m_s,
+                limits.linear_acceleration_m_s2,
+                NOISE_M_S,
+            ),
+            (
+                "rad/s",
+                twist.angular,
+                last.twist.angular if type(last) is PoseCommand and last.twist else None,
+                limits.angular_speed_rad_s,
+                limits.angular_acceleration_rad_s2,
+                NOISE_RAD_S,
+            ),
+        ):
+            x, y, z = now
+            most = SLACK * fastest + noise
+            if not x * x + y * y + z * z <= most * most:
+                return f"a TCP speed of {math.sqrt(x * x + y * y + z * z):.3g} {unit}"
+            if then is not None:
+                x, y, z = x - then[0], y - then[1], z - then[2]
+                most = SLACK * hardest * dt_s + noise
+                if x * x + y * y + z * z > most * most:
+                    change = math.sqrt(x * x + y * y + z * z)
+                    return f"the TCP to be accelerated by {change / dt_s:.3g} {unit}²"
         return ""
 
     def _velocities(

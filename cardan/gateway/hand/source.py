@@ -89,7 +89,11 @@ class HandRequest(NamedTuple):
     @property
     def asks(self) -> bool:
         """True when motion is asked for."""
-        return self.twist.linear != ZERO3 or self.twist.angular != ZERO3 or any(self.rates.values())
+        return (
+            self.twist.linear != ZERO3
+            or self.twist.angular != ZERO3
+            or (bool(self.rates) and any(self.rates.values()))
+        )
 
 
 class HandSource:
@@ -171,7 +175,7 @@ class HandSource:
             following,
             twist,
             rates,
-            any(event.pressed for event in events),
+            bool(events) and any(event.pressed for event in events),
             fault,
             filter_fault,
         )

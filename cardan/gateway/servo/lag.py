@@ -27,6 +27,11 @@ class ResponseLag:
         self._next_s = 0.0
         self._at = 0
 
+    @property
+    def late(self) -> bool:
+        """False where the joints are where they are told to be in good order."""
+        return self._spacing_s > 0.0
+
     def reset(self) -> None:
         """Forget the past: the joints were placed, not moved."""
         self._rows = None

@@ -194,6 +194,8 @@ class Servo:
         """Commanded joint positions, rad or m."""
         self.v: FloatArray = np.zeros(n)
         """Commanded joint velocities, rad/s or m/s."""
+        self._moves: bool | None = None
+        """Whether `v` is a motion; None: not looked at since it changed."""
         self.posture: FloatArray | None = None
         """Where joints should be as far as the task leaves them free; None: nowhere."""
         self.policy = options.policy
@@ -258,6 +260,7 @@ class Servo:
         """Start from the joint positions `q`, at rest. Only while nothing is commanded."""
         self.q = np.array(q, dtype=float)
         self.v = np.zeros(self.joints)
+        self._moves = None
         self.kinematics.update(self.q)
         self.path_speed = 1.0
         self._error_m = self._error_rad = 0.0
@@ -273,7 +276,14 @@ class Servo:
     @property
     def moving(self) -> bool:
         """True until all joints are at rest."""
-        return float(np.abs(self.v).max()) > AT_REST
+        if self._moves is None:
+            self._moves = max(map(abs, self.v.tolist())) > AT_REST
+        return self._moves
+
+    def move_at(self, v: FloatArray) -> None:
+        """Go on at the joint velocities `v` (n) from the next tick on."""
+        self.v[:] = v
+        self._moves = None
 
     def tick(
         self,
@@ -574,6 +584,7 @@ class Servo:
             )
             step = v * dt_s
         np.copyto(self.v, v)
+        self._moves = None
         self.q += step
 
     def _strikes(self, collision: CollisionModel, step: FloatArray) -> bool:

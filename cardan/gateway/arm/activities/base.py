@@ -47,6 +47,10 @@ class Activity(ABC):
     """When whoever streams was heard last; infinite where nobody has to be heard."""
     silence_s = math.inf
     """For how long silence may let it go on."""
+    recovers = False
+    """Whether it brings the command back to its robot."""
+    follows_hand = False
+    """Whether it does what the operator device asks for."""
     in_one_step = False
     """Whether a long period must not be divided for it."""
     outlives_silence = False

@@ -31,6 +31,8 @@ class Recover(Activity):
     It ends near the robot, or after a leash's length, or when it is told to: then `near` is False.
     """
 
+    recovers = True
+
     def __init__(
         self, body: Body, reference: Reference, near: FollowingError, error: FollowingError
     ) -> None:
