@@ -20,7 +20,7 @@ from cardan.gateway.arm.gate import GateLimits
 from cardan.gateway.kinematics.base import FloatArray, Kinematics, to_pose, to_se3
 from cardan.gateway.motion.reference import Reference
 from cardan.gateway.servo.lag import ResponseLag
-from cardan.gateway.servo.servo import SINGULAR, SLOWED, Servo, ServoStatus, servo_steps
+from cardan.gateway.servo.servo import SINGULAR, Servo, ServoStatus, servo_steps
 from cardan.spatial import is_finite, norm, rotation_between, subtract
 from cardan.types import (
     CommandKind,
@@ -62,6 +62,9 @@ LEAP_SHARE = 2.0
 
 LEAP_NOISE_RAD = 0.05
 """Allowed beside that (m for a prismatic joint): a reading may be late, and the next one early."""
+
+AT_LIMIT_RAD = 0.02
+"""A joint so near to the end of its range (rad, or m) is what ends a motion."""
 
 AT_REST_RAD_S = 2e-4
 """All joints slower than this can stop within one period."""
@@ -351,18 +354,16 @@ class ArmBody(Body):
         return self._sent
 
     def held_by(self) -> str:
-        status = self.servo.status()
-        if status.active_pairs and status.distance_m < self.servo.options.influence_distance_m:
-            first, second = status.nearest_pair
-            return f"{first} is {status.distance_m * 1e3:.0f} mm from {second}"
-        servo = self.servo
+        status, servo = self.servo.status(), self.servo
+        if status.smallest_singular_value < SINGULAR:
+            value = status.smallest_singular_value
+            return f"the arm is stretched to the edge of its reach, or singular ({value:.3f})"
         bounds = servo.kinematics
         margin = np.minimum(servo.q - bounds.lower, bounds.upper - servo.q)
         nearest = int(np.argmin(margin))
-        if margin[nearest] < 0.02:
-            return f"{bounds.names[nearest]} is at its limit, {servo.q[nearest]:.3f} rad"
-        if status.smallest_singular_value < 2.0 * SINGULAR:
-            return "the arm is at the edge of its reach"
-        if status.path_speed < SLOWED:
-            return ", ".join(status.in_words())
+        if margin[nearest] < AT_LIMIT_RAD:
+            return f"{bounds.names[nearest]} is at its limit, {servo.q[nearest]:.4f} rad"
+        if status.active_pairs:
+            first, second = status.nearest_pair
+            return f"{first} and {second} are {status.distance_m * 1e3:.1f} mm apart"
         return ""

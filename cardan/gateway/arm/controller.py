@@ -53,6 +53,9 @@ BEHIND_SHARE = 0.5
 COASTS_S = 0.5
 """No robot goes on for longer at the speed it was told last."""
 
+TAUT_SHARE = 0.9
+"""Of the leash, from which an operator is told that the robot does not follow."""
+
 HELD_SHARE = 0.5
 """Of the asked speed, below which an operator is told what holds the arm."""
 
@@ -744,10 +747,18 @@ class ArmController:
 
     def _held(self, request: HandRequest) -> str:
         """What keeps the arm from what the operator asks for, in words."""
-        if not isinstance(self._activity, FollowHand) or self._activity.share >= HELD_SHARE:
+        activity, reference = self._activity, self.reference
+        if not request.asks or not isinstance(activity, FollowHand):
             return ""
-        held = self.body.held_by()
-        return f"the arm does not follow: {held}" if held and request.asks else ""
+        if reference.leash_used > TAUT_SHARE:
+            behind = self.supervision.error.in_words("behind")
+            return f"the robot does not follow: {behind}"
+        if activity.share < HELD_SHARE:
+            held = self.body.held_by()
+            return f"the arm does not follow: {held}" if held else ""
+        if reference.at_workspace_limit:
+            return "the TCP is at the limit of the workspace"
+        return ""
 
     def _what_to_do(self, robot: RobotState) -> str:
         why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""

@@ -1,6 +1,7 @@
 """Sessions that command joints by an arm's model, on the simulated arm, in virtual time."""
 
 import math
+import operator
 from types import SimpleNamespace
 
 import numpy as np
@@ -493,3 +494,57 @@ def test_a_session_leans_a_soft_neck_by_its_tendons():
     assert shape.inclination_rad == pytest.approx(0.1 + 0.2 * 1.2, abs=0.03)
     assert abs(shape.co_contraction_m) < 5e-4
     assert engine.phase is Phase.HOLDING
+
+
+@pytest.mark.parametrize("arm", ["ur5", "gofa_crb15000_5", "gp8"])
+def test_at_the_edge_of_its_reach_the_figures_are_those_of_the_motion_and_it_is_said_why(arm):
+    run = Run(arm=arm).arm_it()
+    run.go(8.0, FORWARD)
+    before = run.state.pose.position
+    path_m = 0.0
+    for _ in range(100):
+        run.go(0.01, FORWARD)
+        path_m += 0.01 * math.hypot(*run.core.body.twist.linear)
+    assert math.dist(before, run.state.pose.position) < 1e-4
+    assert path_m < 1e-3
+    status = run.core.status()
+    assert math.hypot(*status.target.linear) == pytest.approx(0.1)
+    assert math.hypot(*status.twist.linear) < 1e-3
+    assert "the arm does not follow: " in status.message
+    assert "edge of its reach" in status.message
+
+
+def test_a_tcp_that_contradicts_the_joints_is_said_at_the_start_and_not_armed():
+    """A tool that the controller knows and the model does not: the walls would be elsewhere."""
+    run = Run()
+    away = Vector3(0.0, 0.0, 0.08)
+    for held in (False, True, True):
+        for _ in range(50):
+            run.state = state = next(run.cycles)
+            pose = state.pose._replace(
+                position=Vector3(*map(operator.add, state.pose.position, away))
+            )
+            hand = DeviceState(
+                state.stamp_s, DeviceLink.LIVE, REST, frozenset(("left",) if held else ())
+            )
+            run.robot.send(run.core.tick(state._replace(pose=pose), hand))
+    status = run.core.status()
+    assert run.core.phase is Phase.NO_ROBOT
+    assert "the tool or the model does not fit" in status.message
+    assert "80.0 mm" in status.message
+
+
+def test_how_far_the_tcp_may_contradict_the_joints_is_configured():
+    run = Run(arm_options={"tcp_tolerance_m": 0.1})
+    away = Vector3(0.0, 0.0, 0.08)
+    for held in (False, True):
+        for _ in range(50):
+            run.state = state = next(run.cycles)
+            pose = state.pose._replace(
+                position=Vector3(*map(operator.add, state.pose.position, away))
+            )
+            hand = DeviceState(
+                state.stamp_s, DeviceLink.LIVE, REST, frozenset(("left",) if held else ())
+            )
+            run.robot.send(run.core.tick(state._replace(pose=pose), hand))
+    assert run.core.phase is Phase.HOLDING
