@@ -37,7 +37,20 @@ EXCEPTIONS = {
 gateway serves spacenavd's protocol itself, to programs instead of a robot."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
-FREE_OF_CIRCLES = ("drivers", "protocols", "sim_peers", "dissect")
+FREE_OF_CIRCLES = ("drivers", "protocols", "sim_peers", "dissect", "gateway")
+
+GATEWAY_ROOMS = {
+    "common": set(),
+    "motion": set(),
+    "kinematics": set(),
+    "servo": {"kinematics"},
+    "hand": {"motion"},
+    "force": {"common"},
+    "spnav": {"common"},
+    "arm": {"hand", "motion", "kinematics", "servo"},
+    "session": {"arm", "hand", "force", "spnav", "motion", "kinematics", "servo", "common"},
+}
+"""What each room of the gateway may import, besides itself."""
 
 
 def imported(path):
@@ -110,3 +123,17 @@ def test_no_import_circles(name):
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
         pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+def test_the_rooms_of_the_gateway_stand_on_each_other():
+    found = {}
+    for path in (PACKAGE / "gateway").rglob("*.py"):
+        parts = path.relative_to(PACKAGE / "gateway").parts
+        if len(parts) == 1:
+            continue
+        for name in imported(path):
+            other = name.split(".")[2] if name.startswith("cardan.gateway.") else parts[0]
+            found.setdefault(parts[0], set()).add(other)
+    assert found.keys() == GATEWAY_ROOMS.keys()
+    for room_, others in found.items():
+        assert others - {room_} <= GATEWAY_ROOMS[room_], room_

@@ -291,8 +291,8 @@ def force(
 ) -> None:
     """Be the force node of a session in another process: read its robot's states, and send it the
     forces that the [force] and [[fixtures]] of FILE make of them. Prints READY once it does."""
-    from cardan.gateway.force.node import run_force_node
     from cardan.gateway.session.assembly import load_force
+    from cardan.gateway.session.force_node import run_force_node
 
     sent = run_force_node(load_force(file), connect, seconds)
     print(f"{sent} forces sent")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
+from typing import Any
 
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import CommandError, DriverError
@@ -20,7 +21,6 @@ from cardan.gateway.force.glide import MapGlide
 from cardan.gateway.force.guard import ForceGuard
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import ForceSource
-from cardan.gateway.session.snapshot import Snapshot
 from cardan.haptics import HapticCommand, MeasuredForce, OperatingState, WorldMap
 from cardan.histogram import LatencyHistogram
 from cardan.spatial import norm, scale
@@ -276,31 +276,40 @@ class ForceRenderer:
                 )
         return (*words, *self._warnings)
 
-    def show(self, snapshot: Snapshot) -> None:
-        """Put the figures into `snapshot`."""
-        felt, contact, s = self.felt, self.contact, snapshot
-        state = felt.newest
-        s.haptic_state, s.haptic_reason = state.state.value, state.reason
-        s.force_n, s.force_commanded_n = norm(state.force), norm(state.force_commanded)
-        s.force_peak_n = felt.peak_n
-        s.force_losses, s.force_out_s = self.guard.losses, self.guard.out_s
-        s.force_lost_reason = self.guard.lost_reason
-        s.energy_j, s.energy_given_j = state.energy_j, state.delivered_j
-        s.energy_given_peak_j = felt.given_peak_j
-        s.passivity_damping_n_s_m = state.passivity_damping_n_s_m
-        s.force_age_s = state.force_age_s
-        s.fixture_age_p50_s = _percentile(felt.fixture_age, 50)
-        s.fixture_age_p99_s = _percentile(felt.fixture_age, 99)
-        s.measured_age_p50_s = _percentile(felt.measured_age, 50)
-        s.measured_age_p99_s = _percentile(felt.measured_age, 99)
-        felt_now = self.source is not None and self._sound and not self._stale
-        s.measured_force_n = list(self.conditioner.filtered.value) if felt_now else None
-        if self.source is None or self.source.shaped:
-            return
-        s.contact_force_n, s.contact_s = contact.force_n, contact.time_s
-        s.contact_path_m, s.contact_force_mean_n = contact.path_m, contact.mean_n
-        s.contact_target_n = self._contact_target_n
-        s.contact_force_rms_error_n = contact.rms_error_n(self._contact_target_n)
+    def report(self) -> dict[str, Any]:
+        """The figures of a snapshot, by the names that they have there."""
+        felt, contact, state = self.felt, self.contact, self.felt.newest
+        measured = self.source is not None and self._sound and not self._stale
+        found: dict[str, Any] = {
+            "haptic_state": state.state.value,
+            "haptic_reason": state.reason,
+            "force_n": norm(state.force),
+            "force_commanded_n": norm(state.force_commanded),
+            "force_peak_n": felt.peak_n,
+            "force_losses": self.guard.losses,
+            "force_out_s": self.guard.out_s,
+            "force_lost_reason": self.guard.lost_reason,
+            "energy_j": state.energy_j,
+            "energy_given_j": state.delivered_j,
+            "energy_given_peak_j": felt.given_peak_j,
+            "passivity_damping_n_s_m": state.passivity_damping_n_s_m,
+            "force_age_s": state.force_age_s,
+            "fixture_age_p50_s": _percentile(felt.fixture_age, 50),
+            "fixture_age_p99_s": _percentile(felt.fixture_age, 99),
+            "measured_age_p50_s": _percentile(felt.measured_age, 50),
+            "measured_age_p99_s": _percentile(felt.measured_age, 99),
+            "measured_force_n": list(self.conditioner.filtered.value) if measured else None,
+        }
+        if self.source is not None and not self.source.shaped:
+            found |= {
+                "contact_force_n": contact.force_n,
+                "contact_s": contact.time_s,
+                "contact_path_m": contact.path_m,
+                "contact_force_mean_n": contact.mean_n,
+                "contact_target_n": self._contact_target_n,
+                "contact_force_rms_error_n": contact.rms_error_n(self._contact_target_n),
+            }
+        return found
 
 
 def _percentile(ages: LatencyHistogram, percent: float) -> float | None:

@@ -337,7 +337,8 @@ class Session:
         if self._force is not None:
             said = set(s.diagnosis)
             s.diagnosis += [line for line in self._force.diagnosis() if line not in said]
-            self._force.show(s)
+            for name, value in self._force.report().items():
+                setattr(s, name, value)
         self._tell(s)
 
     def _tell(self, snapshot: Snapshot) -> None:

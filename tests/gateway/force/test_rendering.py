@@ -274,7 +274,7 @@ def test_without_rendering_the_device_is_only_looked_at():
     rig.renderer.stop()
     assert rig.device.calls == []
     snapshot = Snapshot()
-    rig.renderer.show(snapshot)
+    vars(snapshot).update(rig.renderer.report())
     assert (snapshot.haptic_state, snapshot.force_n) == ("disabled", 1.5)
     assert snapshot.contact_force_n is None
     assert snapshot.measured_force_n is None
@@ -297,7 +297,7 @@ def test_the_summary_has_what_was_felt_and_what_was_touched():
     for k in range(500):
         rig.cycle(force=(0.0, 0.0, 6.0), place=(0.3 + 0.05 * k * PERIOD_S, 0.0, 0.4))
     s = Snapshot()
-    rig.renderer.show(s)
+    vars(s).update(rig.renderer.report())
     assert s.haptic_state == "enabled"
     assert s.force_peak_n == pytest.approx(0.7)
     assert s.contact_path_m == pytest.approx(0.1, rel=0.02)

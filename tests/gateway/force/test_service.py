@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 from cardan import cli
 from cardan.errors import AddressError, DriverError
 from cardan.gateway.force.link import RefusalMessage, StateMessage, decode
-from cardan.gateway.force.node import ForceNode, run_force_node
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import MeasuredSource
 from cardan.gateway.session.config import ForceConfig
+from cardan.gateway.session.force_node import ForceNode, run_force_node
 from cardan.haptics import WorldMap
 from cardan.spatial import norm
 from cardan.types import IDENTITY, Frame, Pose, Vector3, Wrench
@@ -197,7 +197,7 @@ def test_a_node_without_a_session_says_how_to_start_one(tmp_path):
 
 
 def test_the_command_line_has_the_node(tmp_path, monkeypatch):
-    monkeypatch.setattr("cardan.gateway.force.node.ask_for_real_time", lambda: "other")
+    monkeypatch.setattr("cardan.gateway.session.force_node.ask_for_real_time", lambda: "other")
     file, path = tmp_path / "node.toml", str(tmp_path / "force.sock")
     file.write_text(
         '[[fixtures]]\nshape = "sphere"\ncentre_m = [0.3, 0.0, 0.4]\nradius_m = 0.1\n'
