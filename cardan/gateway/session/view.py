@@ -60,8 +60,9 @@ def _link(word: str) -> Text:
 
 
 def _said(snapshot: Snapshot) -> str:
-    """What engine and filters say."""
-    return "; ".join(filter(None, (snapshot.message, *snapshot.filters)))
+    """What controller and filters say, and who was refused the arm."""
+    refused = f"refused: {snapshot.authority_refused}" if snapshot.authority_refused else ""
+    return "; ".join(filter(None, (snapshot.message, *snapshot.filters, refused)))
 
 
 def _diagnosis(snapshot: Snapshot) -> list[str]:
@@ -118,6 +119,8 @@ def render(snapshot: Snapshot) -> RenderableType:
         (s.phase or "starting", _PHASE_STYLES.get(s.phase, "")),
         f"   {s.elapsed_s:6.1f} s",
     )
+    if s.authority:
+        links.append(f"   authority {s.authority} {s.authority_s or 0.0:.0f} s")
     if s.buttons:
         links.append(f"   [{', '.join(s.buttons)}]")
     if s.battery is not None:
@@ -125,6 +128,8 @@ def render(snapshot: Snapshot) -> RenderableType:
     lines: list[RenderableType] = [links]
     if s.message:
         lines.append(Text(s.message, style="yellow"))
+    if s.authority_refused:
+        lines.append(Text(f"refused: {s.authority_refused}", style="dim"))
     if s.arm_limits and s.phase != Phase.NO_ROBOT.value:
         lines.append(Text("; ".join(s.arm_limits), style="magenta"))
     if s.filters:
