@@ -60,7 +60,7 @@ def _link(word: str) -> Text:
 
 
 def _said(snapshot: Snapshot) -> str:
-    """What engine and filters say."""
+    """What controller and filters say."""
     return "; ".join(filter(None, (snapshot.message, *snapshot.filters)))
 
 
