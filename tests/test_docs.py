@@ -55,6 +55,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 TABLES = {
     "arm": config.ArmTable,
+    "authority": config.AuthorityTable,
     "obstacles": config.ObstacleTable,
     "mapping": config.MappingTable,
     "gripper": config.GripperTable,

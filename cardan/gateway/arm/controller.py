@@ -26,7 +26,7 @@ from cardan.gateway.arm.gate import Gate, GateLimits
 from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
 from cardan.gateway.hand.position import resting_pose
-from cardan.gateway.hand.source import NO_RATES, HandRequest, HandSource, HandView
+from cardan.gateway.hand.source import NO_REQUEST, HandRequest, HandSource, HandView
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.haptics import WorldMap
 from cardan.types import (
@@ -112,8 +112,10 @@ class ArmController:
         self._engaged = False
         """Whether the robot is commanded; else it is told to hold."""
         self._armed = False
-        """Whether the operator device has the arm."""
-        self._request = HandRequest(False, False, False, False, ZERO_TWIST, NO_RATES, False, "", "")
+        """Whether the operator device may move the arm without another deliberate act."""
+        self._claimed = False
+        """Whether it does, or holds it by a button."""
+        self._request = NO_REQUEST
         self._phase = Phase.NO_ROBOT
         self._message = "waiting for the robot"
         self._trip_reason = ""
@@ -351,7 +353,7 @@ class ArmController:
             self._objection = ""
             if self.hand is not None and device is not None:
                 self._hear(self.hand, robot, device, events, dt_s)
-            self.authority.expire(robot.stamp_s, self._armed or self._busy)
+            self.authority.expire(robot.stamp_s, self._claimed or self._busy)
             self._move(robot, dt_s)
             self._settle(robot)
             return self._command(robot, dt_s)
@@ -511,7 +513,7 @@ class ArmController:
     def _disarm(self) -> None:
         if self._armed:
             self.authority.release(HAND)
-        self._armed = False
+        self._armed = self._claimed = False
         if self.hand is not None:
             self.hand.disarm()
 
@@ -561,6 +563,7 @@ class ArmController:
         self._suspended = False
         self._request = request = hand.request(device, events, view)
         recovering = self.recovering
+        claims = request.claims
         if request.fault:
             self._trip(request.fault)
         elif request.filter_fault:
@@ -571,10 +574,19 @@ class ArmController:
             self.authority.release(HAND)
             self._end_activity("the clutch was let go")
         elif request.armed and not self._armed:
-            self._take_over(robot.stamp_s)
+            self._armed, self._trip_reason = True, ""
+            if claims:
+                self._take_over(robot.stamp_s)
         elif request.acts and barred and not recovering:
             self.acknowledge()
+        elif self._armed and claims and self.authority.owner != HAND:
+            refusal = self.authority.take(HAND, robot.stamp_s)
+            if refusal:
+                self._trip(refusal)
+            else:
+                self._take_over(robot.stamp_s)
         self._filter_fault = request.filter_fault
+        self._claimed = claims and self._armed
         if recovering and request.pressed and not self._armed:
             self._give_up("it was ended by a button")
 
@@ -586,7 +598,6 @@ class ArmController:
 
     def _take_over(self, now_s: float) -> None:
         """The operator's hand gets the arm; what moved before is braked first."""
-        self._armed, self._trip_reason = True, ""
         self.authority.take(HAND, now_s)
         activity = self._activity
         if activity is None or not (activity.follows_hand or activity.recovers):

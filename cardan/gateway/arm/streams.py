@@ -18,7 +18,7 @@ from cardan.gateway.arm.activities.pose_stream import FollowPoseStream
 from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.activities.twist_stream import FollowTwistStream
 from cardan.gateway.arm.arm_body import ArmBody
-from cardan.gateway.arm.authority import VERBS
+from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.checks import Target, check_workspace, checked_pose, six_numbers
 from cardan.gateway.arm.codes import Parameter, State, Stream, vocab_text
 from cardan.gateway.arm.controller import ArmController
@@ -99,6 +99,9 @@ class Streams:
         """
         controller, plans = self._controller, self._plans
         verb = f"streaming {vocab_text(kind)}"
+        owner = controller.authority.owner
+        if owner == HAND or (owner and owner == self.owner):
+            raise MotionRefusedError(f"{verb}: {owner!r} has authority over the arm")
         if kind is Stream.NONE:
             self.end("no streaming command is chosen")
             controller.drop()

@@ -436,12 +436,15 @@ class ArmVerbs:
             names = ", ".join(vocab_text(key) for key in found)
             self._require_idle(f"setting {names}")
             stream = found.pop(Parameter.STREAM, None)
-            self._require_authority(f"setting {names}")
+            if stream is None:
+                self._require_authority(f"setting {names}")
             before = dict(self.parameters)
             self.parameters.update(found)
             try:
                 if stream is not None:
-                    self.streams.choose(Stream(int(stream)), self._start)
+                    self.streams.choose(
+                        Stream(int(stream)), lambda verb: self._start(verb, claims=False)
+                    )
             except MotionRefusedError:
                 self.parameters.update(before)
                 raise
@@ -599,9 +602,9 @@ class ArmVerbs:
             raise MotionRefusedError(f"{verb}: the robot reports joints that are not numbers")
         return robot
 
-    def _start(self, verb: str) -> FloatArray:
+    def _start(self, verb: str, claims: bool = True) -> FloatArray:
         """Joint positions that a motion would start from: the commanded ones, or, where nothing
-        is commanded, the measured ones."""
+        is commanded, the measured ones. `claims`: the verbs take the authority for it."""
         with self.controller.lock:
             robot = self._require_joints(verb)
             if verb != "inv":
@@ -610,7 +613,10 @@ class ArmVerbs:
                     raise MotionRefusedError(f"{verb}: {why or 'the robot is not ready'}")
                 if robot.alarm:
                     raise MotionRefusedError(f"{verb}: {robot.alarm}")
-                self._require_authority(verb)
+                if claims:
+                    self._require_authority(verb)
+                elif self.controller.barred:
+                    raise MotionRefusedError(f"{verb}: {self.controller.barred}")
             if self.controller.engaged:
                 commanded: FloatArray = self.servo.q.copy()
                 return commanded

@@ -73,6 +73,8 @@ class HandRequest(NamedTuple):
     """Whether the deliberate act was made in this tick and is accepted."""
     acts: bool
     """Whether the deliberate act was made in this tick, accepted or not."""
+    claims: bool
+    """Whether the operator moves the arm, or holds it by a button, or would if it were free."""
     following: bool
     """Whether the operator's motion moves the arm now: armed, and the dead-man held."""
     twist: Twist
@@ -96,6 +98,9 @@ class HandRequest(NamedTuple):
         )
 
 
+NO_REQUEST = HandRequest(False, False, False, False, False, ZERO_TWIST, NO_RATES, False, "", "")
+
+
 class HandSource:
     """One operator device with its mapping, clutch, dead-man and filters."""
 
@@ -117,6 +122,8 @@ class HandSource:
             self._position = PositionMapping(mapping.options, limits)
         elif mapping.options.mode is Mode.ABSOLUTE:
             self._position = AbsoluteMapping(mapping.options, limits)
+        self._holds = bool(mapping.options.deadman or mapping.options.clutch)
+        """Whether an operator who moves nothing still says by a button that the arm is theirs."""
         self._deadman_was_up = False
         """Whether the dead-man was seen up, the device at rest, since the last interruption."""
         self._clutch_was_up = self._was_live = False
@@ -172,6 +179,7 @@ class HandSource:
             armed,
             engages,
             acts,
+            armed and held and (self._holds or self._deflected(device)),
             following,
             twist,
             rates,
@@ -264,6 +272,9 @@ class HandSource:
             if old:
                 return f"the hand is followed, but the device is silent for {age_s:.2f} s"
         return ""
+
+    def _deflected(self, device: DeviceState) -> bool:
+        return self._position is not None or device.axes != NO_DEFLECTION
 
     def _unusable(self, device: DeviceState) -> bool:
         """Whether nothing that the device says can be a deliberate act."""

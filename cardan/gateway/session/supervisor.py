@@ -147,7 +147,8 @@ def _snapshots(channel: socket.socket, go_on: Callable[[], bool]) -> Iterator[Sn
             try:
                 packet = channel.recv(MAX_SNAPSHOT_BYTES)
             except ConnectionResetError:
-                return
+                # It ended with beats unread; what it said last is still there to be read.
+                continue
             if not packet:
                 return
             yield Snapshot.from_bytes(packet)

@@ -14,8 +14,9 @@ from cardan.gateway.arm import (
     State,
     digital_output_gripper,
 )
-from cardan.types import CommandKind, RobotCapabilities
-from tests.gateway.fakes import FakeRobot
+from cardan.gateway.arm.authority import AuthorityPolicy
+from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCapabilities
+from tests.gateway.fakes import FakeDevice, FakeRobot
 
 DOWN = np.array([0.0, 0.0, -0.1])
 QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
@@ -190,3 +191,44 @@ def test_a_driver_that_fails_ends_in_an_error():
     with pytest.raises(MotionLoopError, match="the cable is cut"):
         device.movj([0.0] * 6)
     device.close()
+
+
+def test_an_owner_that_was_entrusted_with_the_arm_streams_at_once():
+    with CartesianDevice(simulated(), arm="ur5") as arm:
+        arm.movj(arm.stat().pose)
+        arm.hand_over("pendant")
+        assert arm.status().authority.owner == "pendant"
+        arm.set_parameter("cpsc", "twst")
+        assert "'pendant' has authority" in arm.twist([0.0] * 6, owner="phone")
+        assert arm.twist([0.0] * 6, owner="pendant") == ""
+        with pytest.raises(MotionRefusedError, match="'pendant' has authority"):
+            arm.movj(arm.stat().pose)
+
+
+def test_the_arm_can_be_reserved_for_one_stream():
+    options = ControllerOptions(authority=AuthorityPolicy.NAMED, authority_named="pendant")
+    with CartesianDevice(simulated(), "ur5", options) as arm:
+        with pytest.raises(MotionRefusedError, match="reserved for 'pendant'"):
+            arm.movj(arm.stat().pose)
+        arm.set_parameter("cpsc", "twst")
+        assert "reserved" in arm.twist([0.0] * 6, owner="phone")
+        assert arm.twist([0.0] * 6, owner="pendant") == ""
+
+
+class AtRest(FakeDevice):
+    """A device that nobody touches, without dead-man and clutch."""
+
+    def state(self):
+        return DeviceState(0.0, DeviceLink.LIVE, (0.0,) * 6, frozenset())
+
+    def button_events(self):
+        return []
+
+
+def test_a_device_that_nobody_touches_does_not_keep_the_arm_from_the_verbs():
+    robot = simulated()
+    with CartesianDevice(robot, "ur5", device=AtRest()) as arm:
+        here = list(arm.stat().pose)
+        here[2] -= 0.02
+        arm.movl(here)
+        assert arm.wait()

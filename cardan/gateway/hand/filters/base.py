@@ -1,4 +1,4 @@
-"""The interface of a filter: all that the engine knows about shared control.
+"""The interface of a filter: all that the controller knows about shared control.
 
 A filter stands between the mapping and the reference. It sees what the operator asks for and gives
 what is to be asked instead; every limit, the leash and the workspace come after it, so it can make
