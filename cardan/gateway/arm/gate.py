@@ -6,6 +6,7 @@ overflow, a mistake of ours, a filter or a plugin that computes nonsense.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from cardan.spatial import is_finite, norm, rotation_between, subtract
@@ -24,6 +25,13 @@ SLACK = 1.05
 
 NOISE_M_S, NOISE_RAD_S = 1e-3, 5e-3
 """Speeds and changes of speed that are rounding, whatever the limits are."""
+
+STILL = 1e-6
+"""m or rad: what rounding may move while no time passes."""
+
+UNEVEN = 1.25
+"""Speeds of joints are means over periods, which the servo takes in steps of equal length: between
+the means of two periods lies at most this much of the longer one."""
 
 
 class GateLimits(NamedTuple):
@@ -48,6 +56,8 @@ class Gate:
         self._last: RobotCommand | None = None
         self._speeds: tuple[float, ...] | None = None
         """Of the joints, from the last two commands."""
+        self._dt_s = 0.0
+        """The period that those are means over."""
 
     def reset(self) -> None:
         """The robot is elsewhere, or was not commanded: the next command is only to be finite."""
@@ -55,7 +65,7 @@ class Gate:
 
     def objection(self, command: RobotCommand, dt_s: float) -> str:
         """Why `command`, for a period of `dt_s`, must not be sent, in words; empty when it may."""
-        last = self._last
+        last, dt_s = self._last, max(0.0, dt_s)
         if type(command) is JointCommand:
             wrong = self._joints(command, last, dt_s)
         elif type(command) is PoseCommand:
@@ -64,11 +74,12 @@ class Gate:
             wrong = self._velocities(command, last, dt_s)
         elif type(command) is TorqueCommand:
             wrong = self._torques(command)
+        elif type(command) is HoldCommand:
+            self._speeds = None
+            return ""
         else:
-            wrong = ""
-            if last is not None:
-                self._speeds = None
-        if not wrong and type(command) is not HoldCommand:
+            wrong = f"a command of {command.kind.value}, which nothing here limits"
+        if not wrong:
             self._last = command
         return wrong
 
@@ -76,15 +87,25 @@ class Gate:
         q, v, limits = command.positions, command.velocities or (), self._limits
         if not (is_finite(q) and is_finite(v)):
             return "joint positions that are not numbers"
+        if not is_finite(command.external_axes):
+            return "external axes that are not numbers"
         speed, acceleration = limits.joint_speed, limits.joint_acceleration
+        if speed and not len(q) == len(speed) == len(v or speed):
+            return f"{len(q)} positions and {len(v)} speeds for {len(speed)} joints"
         if speed and v:
             for index, value in enumerate(v):
                 if abs(value) > SLACK * speed[index] + NOISE_RAD_S:
                     return f"joint {index + 1} at {value:.3g} rad/s"
-        if not speed or type(last) is not JointCommand or dt_s <= 0.0:
+        if not speed or type(last) is not JointCommand:
             self._speeds = None
             return ""
+        if dt_s == 0.0:
+            for index, (now, then) in enumerate(zip(q, last.positions, strict=True)):
+                if abs(now - then) > STILL:
+                    return f"a step of joint {index + 1} by {now - then:.3g} rad in no time"
+            return ""
         before, speeds = self._speeds, []
+        between_s = UNEVEN * max(dt_s, self._dt_s)
         for index, (now, then) in enumerate(zip(q, last.positions, strict=True)):
             rate = (now - then) / dt_s
             speeds.append(rate)
@@ -92,21 +113,25 @@ class Gate:
                 return f"a step of joint {index + 1} by {now - then:.3g} rad"
             if before is not None:
                 change = abs(rate - before[index])
-                if change > SLACK * acceleration[index] * dt_s + NOISE_RAD_S:
-                    return f"joint {index + 1} to be accelerated by {change / dt_s:.3g} rad/s²"
+                if change > SLACK * acceleration[index] * between_s + NOISE_RAD_S:
+                    return _too_sudden(f"joint {index + 1}", change, "rad/s", dt_s)
             if limits.joint_lower and not (
                 limits.joint_lower[index] - 1e-3 <= now <= limits.joint_upper[index] + 1e-3
                 or abs(now - then) < 1e-9
                 or (now - then > 0.0) is (now < limits.joint_lower[index])
             ):
                 return f"joint {index + 1} at {now:.4g} rad, beyond its range"
-        self._speeds = tuple(speeds)
+        self._speeds, self._dt_s = tuple(speeds), dt_s
         return ""
 
     def _pose(self, command: PoseCommand, last: RobotCommand | None, dt_s: float) -> str:
         pose, twist, limits = command.pose, command.twist, self._limits
         if not (is_finite(pose.position) and is_finite(pose.orientation)):
             return "a pose that is not numbers"
+        if abs(math.hypot(*pose.orientation) - 1.0) > STILL:
+            return "an orientation that is no rotation"
+        if not is_finite(command.external_axes):
+            return "external axes that are not numbers"
         if twist is not None:
             if not (is_finite(twist.linear) and is_finite(twist.angular)):
                 return "a twist that is not numbers"
@@ -115,13 +140,13 @@ class Gate:
                 return f"a TCP speed of {speed:.3g} m/s"
             if turning > SLACK * limits.angular_speed_rad_s + NOISE_RAD_S:
                 return f"a TCP turn of {turning:.3g} rad/s"
-        if type(last) is not PoseCommand or dt_s <= 0.0:
+        if type(last) is not PoseCommand:
             return ""
         way_m = norm(subtract(pose.position, last.pose.position))
-        if way_m > (SLACK * limits.linear_speed_m_s + NOISE_M_S) * dt_s:
+        if way_m > (SLACK * limits.linear_speed_m_s + NOISE_M_S) * dt_s + STILL:
             return f"a step of the TCP by {way_m * 1e3:.3g} mm"
         turn_rad = norm(rotation_between(last.pose.orientation, pose.orientation))
-        if turn_rad > (SLACK * limits.angular_speed_rad_s + NOISE_RAD_S) * dt_s:
+        if turn_rad > (SLACK * limits.angular_speed_rad_s + NOISE_RAD_S) * dt_s + STILL:
             return f"a turn of the TCP by {turn_rad:.3g} rad"
         if twist is not None and last.twist is not None:
             return self._change(twist, last.twist, dt_s)
@@ -131,10 +156,10 @@ class Gate:
         limits = self._limits
         change = norm(subtract(twist.linear, last.linear))
         if change > SLACK * limits.linear_acceleration_m_s2 * dt_s + NOISE_M_S:
-            return f"the TCP to be accelerated by {change / dt_s:.3g} m/s²"
+            return _too_sudden("the TCP", change, "m/s", dt_s)
         change = norm(subtract(twist.angular, last.angular))
         if change > SLACK * limits.angular_acceleration_rad_s2 * dt_s + NOISE_RAD_S:
-            return f"the TCP to be accelerated by {change / dt_s:.3g} rad/s²"
+            return _too_sudden("the TCP", change, "rad/s", dt_s)
         return ""
 
     def _velocities(
@@ -143,19 +168,28 @@ class Gate:
         v, limits = command.velocities, self._limits
         if not is_finite(v):
             return "joint velocities that are not numbers"
+        if limits.joint_speed and len(v) != len(limits.joint_speed):
+            return f"{len(v)} velocities for {len(limits.joint_speed)} joints"
         for index, value in enumerate(v if limits.joint_speed else ()):
             if abs(value) > SLACK * limits.joint_speed[index] + NOISE_RAD_S:
                 return f"joint {index + 1} at {value:.3g} rad/s"
             if type(last) is JointVelocityCommand:
                 change = abs(value - last.velocities[index])
                 if change > SLACK * limits.joint_acceleration[index] * dt_s + NOISE_RAD_S:
-                    return f"joint {index + 1} to be accelerated by {change / dt_s:.3g} rad/s²"
+                    return _too_sudden(f"joint {index + 1}", change, "rad/s", dt_s)
         return ""
 
     def _torques(self, command: TorqueCommand) -> str:
         if not is_finite(command.torques):
             return "joint torques that are not numbers"
-        for index, value in enumerate(command.torques if self._limits.joint_effort else ()):
-            if abs(value) > SLACK * self._limits.joint_effort[index]:
+        effort = self._limits.joint_effort
+        if effort and len(command.torques) != len(effort):
+            return f"{len(command.torques)} torques for {len(effort)} joints"
+        for index, value in enumerate(command.torques if effort else ()):
+            if abs(value) > SLACK * effort[index]:
                 return f"joint {index + 1} to exert {value:.3g} N·m"
         return ""
+
+
+def _too_sudden(what: str, change: float, unit: str, dt_s: float) -> str:
+    return f"{what} to change its speed by {change:.3g} {unit} in {dt_s * 1e3:.3g} ms"
