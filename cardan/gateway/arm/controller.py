@@ -566,6 +566,8 @@ class ArmController:
         elif request.armed and not self._armed:
             self._take_over(robot.stamp_s)
         elif request.acts and barred and not recovering:
+            if self.authority.refuses(HAND):
+                self.authority.take(HAND, robot.stamp_s)  # Notes the refusal.
             self.acknowledge()
         self._filter_fault = request.filter_fault
         if recovering and request.pressed and not self._armed:
@@ -763,7 +765,8 @@ class ArmController:
             )
         if self.hand is None:
             return why.removesuffix("; ")
-        return self.hand.advice(why)
+        refusal = self.authority.refuses(HAND)
+        return f"{why}{refusal}" if refusal else self.hand.advice(why)
 
 
 def limits_of_free_body(limits: ReferenceLimits) -> GateLimits:
