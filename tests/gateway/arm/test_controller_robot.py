@@ -298,7 +298,8 @@ def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends(
     assert world.owner == HAND
     assert world.verbs.controller.phase is Phase.HOLDING
     assert world.verbs.controller.message == ""
-    assert "the operator's hand took over" in world.verbs.twist(DOWN, owner="a")
+    with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
+        world.verbs.set_parameter("cpsc", "twst")
 
 
 def test_with_the_policy_hand_the_act_takes_the_arm_from_a_stream():
@@ -334,7 +335,9 @@ def test_authority_that_is_handed_over_stops_the_arm_and_is_somebody_elses():
     world.rest()
     with pytest.raises(MotionRefusedError, match="'b' has authority over the arm"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.02))
-    with pytest.raises(MotionRefusedError, match="'verbs' has no authority over the arm to hand over"):
+    with pytest.raises(
+        MotionRefusedError, match="'verbs' has no authority over the arm to hand over"
+    ):
         world.verbs.hand_over("c")
     assert world.owner == "b"
 

@@ -206,7 +206,11 @@ POSES = st.one_of(st.none(), st.floats(-0.02, 0.02).map(Watched.pose), st.just(W
 @given(
     st.lists(
         st.tuples(
-            st.floats(0.0, 0.3), LINKS, st.sampled_from(("", "", "motors")), st.integers(1, 3), POSES
+            st.floats(0.0, 0.3),
+            LINKS,
+            st.sampled_from(("", "", "motors")),
+            st.integers(1, 3),
+            POSES,
         ),
         max_size=25,
     )
@@ -215,9 +219,7 @@ def test_after_any_absence_a_robot_is_never_taken_for_granted(ticks):
     """A robot is all well only from the second ready tick on, in the same session, unleapt."""
     watched, before = Watched(), None
     for after_s, link, reason, session, pose in ticks:
-        found = watched.look(
-            after_s, link=link, hold_reason=reason, session=session, pose=pose
-        )
+        found = watched.look(after_s, link=link, hold_reason=reason, session=session, pose=pose)
         state = watched.state
         usable = state.ready and state.pose is not None
         if not usable:
