@@ -61,9 +61,9 @@ def follow(monkeypatch: pytest.MonkeyPatch, noise_lsb: float, turn_rad: float) -
                 if presses and now_s >= presses[0]:
                     presses.pop()
                     s.device.press("button_2")
-                if now_s >= PRESSED_S + 0.1 and s.core.reference.pose is not None:
+                if now_s >= PRESSED_S + 0.1 and s.controller.reference.pose is not None:
                     hands.append(rig.tick.snapshot().pose)
-                    tcps.append(s.core.reference.pose)
+                    tcps.append(s.controller.reference.pose)
                 if now_s >= SECONDS:
                     s.stop("enough")
                 yield state

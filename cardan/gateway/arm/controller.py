@@ -578,6 +578,8 @@ class ArmController:
             if claims:
                 self._take_over(robot.stamp_s)
         elif request.acts and barred and not recovering:
+            if self.authority.refuses(HAND):
+                self.authority.take(HAND, robot.stamp_s)  # Notes the refusal.
             self.acknowledge()
         elif self._armed and claims and self.authority.owner != HAND:
             refusal = self.authority.take(HAND, robot.stamp_s)
@@ -789,7 +791,8 @@ class ArmController:
             )
         if self.hand is None:
             return why.removesuffix("; ")
-        return self.hand.advice(why)
+        refusal = self.authority.refuses(HAND)
+        return f"{why}{refusal}" if refusal else self.hand.advice(why)
 
 
 def limits_of_free_body(limits: ReferenceLimits) -> GateLimits:

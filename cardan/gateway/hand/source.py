@@ -276,10 +276,10 @@ class HandSource:
     def _deflected(self, device: DeviceState) -> bool:
         return self._position is not None or device.axes != NO_DEFLECTION
 
-    def _unusable(self, device: DeviceState) -> bool:
+    def _unusable(self, device: DeviceState, now_s: float) -> bool:
         """Whether nothing that the device says can be a deliberate act."""
         return device.link is not DeviceLink.LIVE or (
-            self._position is None and not is_finite(device.axes)
+            self._position is None and bool(self._fault(device, now_s))
         )
 
     def _why_not_taken(self, device: DeviceState, view: HandView) -> str:
@@ -300,7 +300,7 @@ class HandSource:
 
     def _arm(self, device: DeviceState, held: bool, view: HandView) -> tuple[bool, bool]:
         """Whether the act by the dead-man, or by rest alone, was made; and whether it is taken."""
-        if self._unusable(device):
+        if self._unusable(device, view.robot.stamp_s):
             self._deadman_was_up = False
             return False, False
         at_rest = self._position is not None or device.axes == NO_DEFLECTION
@@ -348,7 +348,8 @@ class HandSource:
                     self._position.release()  # Although it may be taken up again by now.
             else:
                 deliberate, self._clutch_was_up = self._clutch_was_up, False
-                if not deliberate or fault or view.tripped or self._unusable(device):
+                unusable = self._unusable(device, view.robot.stamp_s)
+                if not deliberate or fault or view.tripped or unusable:
                     continue
                 acts = True
                 if not view.barred:

@@ -103,8 +103,8 @@ def run(monkeypatch, each=lambda now_s, rig: None, until_s=SECONDS, **tables):
                 if presses and now_s >= presses[0]:
                     presses.pop(0)
                     device.press("button_2")
-                if s.core.reference.pose is not None:
-                    places.append(s.core.reference.pose.position)
+                if s.controller.reference.pose is not None:
+                    places.append(s.controller.reference.pose.position)
                 if now_s >= until_s:
                     s.stop("enough")
                 yield state

@@ -1,0 +1,466 @@
+"""The controller between its robot and those who want to move it, in virtual time."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.authority import HAND, LEASE_S, VERBS, Authority, AuthorityPolicy
+from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.supervision import TRUST_AFTER_S
+from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.spatial import add, norm, scale, subtract
+from cardan.types import (
+    IDENTITY,
+    ZERO3,
+    DeviceLink,
+    DeviceState,
+    HoldCommand,
+    JointCommand,
+    Pose,
+    PoseCommand,
+    RobotLink,
+    RobotState,
+    Twist,
+    Vector3,
+)
+from tests.controllers import PERIOD_S, controller_for_hand
+from tests.gateway.arm.arms import DT_S, World
+
+START = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
+REST = (0.0,) * 6
+FORWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+MAPPING = MappingOptions(deadman=("left",))
+LIMITS = ReferenceLimits()
+
+
+class Driven:
+    """A controller, a hand and a robot that is sent poses; checked for steps in every tick."""
+
+    def __init__(self, body=None, authority=None):
+        self.core = controller_for_hand(MAPPING, LIMITS, authority=authority)
+        if body is not None:
+            self.core.body = body
+        self.robot = RobotState(
+            100.0, RobotLink.LIVE, 1, 0, PERIOD_S, REST, (), START, ""
+        )  # fmt: skip
+        self.follows = 1.0
+        """Share of the commanded motion that the robot makes."""
+        self.axes, self.buttons = REST, frozenset()
+        self.command = HoldCommand()
+        self.twist = Twist(ZERO3, ZERO3)
+
+    def hand(self, axes=REST, *buttons):
+        self.axes, self.buttons = axes, frozenset(buttons)
+        return self
+
+    def run(self, seconds=PERIOD_S, **change):
+        for _ in range(max(1, round(seconds / PERIOD_S))):
+            self.robot = self.robot._replace(
+                stamp_s=self.robot.stamp_s + PERIOD_S, sequence=self.robot.sequence + 1, **change
+            )
+            hand = DeviceState(self.robot.stamp_s, DeviceLink.LIVE, self.axes, self.buttons)
+            before = self.command
+            self.command = self.core.tick(self.robot, hand)
+            self._check(before)
+            if isinstance(self.command, PoseCommand):
+                here = self.robot.pose.position
+                step = subtract(self.command.pose.position, here)
+                if self.follows < 1.0:
+                    step = scale(self.command.twist.linear, self.follows * PERIOD_S)
+                self.robot = self.robot._replace(pose=Pose(add(here, step), IDENTITY))
+        return self
+
+    def _check(self, before):
+        twist = getattr(self.command, "twist", None) or Twist(ZERO3, ZERO3)
+        change = norm(subtract(twist.linear, self.twist.linear))
+        if self.follows == 1.0 and isinstance(before, PoseCommand):
+            assert change <= LIMITS.linear_acceleration_m_s2 * PERIOD_S * (1.0 + 1e-9) + 1e-12
+        self.twist = twist
+
+    def arm(self):
+        return self.hand().run().hand(REST, "left").run()
+
+    def drive(self, seconds=0.5):
+        self.arm().hand(FORWARD, "left").run(seconds)
+        assert self.core.phase is Phase.MOVING
+        return self
+
+    @property
+    def status(self):
+        return self.core.status()
+
+
+# -- a controller that starts anew -----------------------------------------------------------------
+
+
+def test_a_new_session_while_moving_goes_on_in_a_ramp_from_the_speed_the_robot_has():
+    rig = Driven().drive()
+    speed = rig.twist.linear.x
+    rig.run(session=2)
+    assert rig.core.phase is Phase.BRAKING
+    most = LIMITS.linear_acceleration_m_s2 * PERIOD_S
+    assert rig.twist.linear.x == pytest.approx(speed - most, abs=1e-9)
+    rig.run(speed / LIMITS.linear_acceleration_m_s2 + 2 * PERIOD_S)
+    assert rig.core.at_rest
+    assert rig.core.phase is Phase.DISARMED
+    assert "new session" in rig.status.message
+    assert rig.status.trips == 1
+    before = rig.command.pose
+    rig.run(0.5)  # The hand insists: that is no deliberate act.
+    assert rig.command.pose == before
+    rig.drive()
+
+
+def test_a_robot_that_was_slower_than_commanded_is_braked_from_its_own_speed():
+    rig = Driven().drive(0.3)
+    rig.follows = 0.5
+    rig.run(0.1)
+    speed = rig.twist.linear.x
+    rig.run(session=2)
+    assert 0.5 * speed - 0.005 < rig.twist.linear.x < 0.5 * speed
+    assert norm(subtract(rig.command.pose.position, rig.robot.pose.position)) < 1e-3
+
+
+def test_a_new_session_of_a_robot_that_is_elsewhere_begins_there_at_rest():
+    rig = Driven().drive()
+    rig.command = HoldCommand()  # There is no ramp to keep: it does not obey the old command.
+    there = Pose(Vector3(0.3, 0.3, 0.6), IDENTITY)
+    rig.run(session=2, pose=there)
+    assert rig.command.pose == there
+    assert rig.twist.linear == ZERO3
+    assert rig.core.phase is Phase.DISARMED
+
+
+def test_a_new_session_of_an_arm_keeps_every_joint_within_its_acceleration():
+    world = hand_and_verbs()
+    motion = world.verbs.movl(world.moved(0.0, 0.0, -0.2))
+    world.tick(100)
+    assert world.verbs.servo.moving
+    world.session += 1
+    world.tick()  # `World` checks every joint of every command.
+    assert motion.outcome is Outcome.ABORTED
+    assert isinstance(world.command, JointCommand)
+    assert world.verbs.servo.moving
+    world.rest()
+    assert world.verbs.controller.phase is Phase.DISARMED
+
+
+# -- the last gate -------------------------------------------------------------------------------
+
+
+class Broken(FreeBody):
+    """A body that computes nonsense on demand."""
+
+    nonsense = None
+
+    def command(self, state, dt_s, approaching=False, blind=False):
+        command = super().command(state, dt_s, approaching, blind)
+        return command if self.nonsense is None else self.nonsense(command)
+
+
+def not_a_number(command):
+    return command._replace(pose=Pose(Vector3(math.nan, 0.0, 0.0), IDENTITY))
+
+
+def leaping(command):
+    return command._replace(
+        pose=Pose(add(command.pose.position, Vector3(0.0, 0.05, 0.0)), IDENTITY)
+    )
+
+
+def too_fast(command):
+    return command._replace(twist=Twist(Vector3(3.0, 0.0, 0.0), ZERO3))
+
+
+@pytest.mark.parametrize(
+    ("nonsense", "words"),
+    [
+        (not_a_number, "a pose that is not numbers"),
+        (leaping, "a step of the TCP by 50"),
+        (too_fast, "a TCP speed of 3 m/s"),
+    ],
+)
+def test_a_command_that_no_limit_allows_is_held_back_and_said(nonsense, words):
+    body = Broken(LIMITS)
+    rig = Driven(body).drive()
+    rig.command = HoldCommand()  # The commanded motion breaks off: no command is better.
+    body.nonsense = nonsense
+    rig.run()
+    assert rig.command == HoldCommand()
+    assert rig.core.phase is Phase.DISARMED
+    assert "held back at the last gate" in rig.status.message
+    assert words in rig.status.message
+    assert rig.status.trips == 1
+    body.nonsense = None
+    rig.run(0.3)
+    assert rig.core.at_rest
+    assert rig.core.phase is Phase.DISARMED
+    assert "held back at the last gate" in rig.status.message
+    rig.drive()
+
+
+def test_nonsense_that_goes_on_never_reaches_the_robot():
+    body = Broken(LIMITS)
+    rig = Driven(body).drive()
+    rig.command, body.nonsense = HoldCommand(), not_a_number
+    for _ in range(50):
+        rig.run()
+        assert rig.command == HoldCommand()
+    assert rig.core.at_rest
+    rig.arm().run(0.1)
+    assert rig.command == HoldCommand()
+
+
+def test_a_lost_datagram_while_joints_accelerate_fully_is_no_nonsense():
+    world = World("ur5")
+    world.verbs.set_parameters({"cpjs": 1.0, "cpja": 1.0})
+    motion = world.verbs.relj([0.05, 0.05, 0.1, 0.0, 0.0, 0.8])
+    for tick in range(400):
+        late = 2 if tick % 5 == 4 else 1
+        world.now_s += late * DT_S
+        world.command = world.verbs.controller.tick(world.state()._replace(period_s=late * DT_S))
+        world.q = np.array(world.command.positions)
+        if motion.over:
+            break
+    assert motion.outcome is Outcome.DONE
+    assert world.verbs.controller.trips == 0
+
+
+# -- who may move it -----------------------------------------------------------------------------
+
+
+class Shared(World):
+    """An arm with verbs, streams and an operator device."""
+
+    axes, buttons = REST, frozenset()
+
+    def hand(self, axes=REST, *buttons):
+        self.axes, self.buttons = axes, frozenset(buttons)
+
+    def tick(self, count=1):
+        for _ in range(count):
+            self.now_s += DT_S
+            self.sequence += 1
+            device = DeviceState(self.now_s, DeviceLink.LIVE, self.axes, self.buttons)
+            self.command = self.verbs.controller.tick(self.state(), device)
+            self._obey()
+            self._watch()
+
+    def act(self):
+        """The deliberate act of the operator."""
+        self.hand()
+        self.tick(2)
+        self.hand(REST, "left")
+        self.tick(2)
+
+    @property
+    def owner(self):
+        return self.verbs.controller.authority.owner
+
+
+def hand_and_verbs(policy=AuthorityPolicy.HAND, named=""):
+    world = Shared(
+        "gofa_crb15000_5",
+        options=ControllerOptions(authority=policy, authority_named=named),
+        mapping=MappingOptions(deadman=("left",)),
+    )
+    world.verbs.set_parameters({"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5})
+    world.verbs.release()
+    return world
+
+
+DOWN = [0.0, 0.0, -0.02, 0.0, 0.0, 0.0]
+
+
+def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends():
+    world = hand_and_verbs(AuthorityPolicy.FIRST)
+    world.verbs.set_parameter("cpsc", "twst")
+    assert world.verbs.twist(DOWN, owner="a") == ""
+    world.act()
+    assert world.owner == "a"
+    assert not world.verbs.controller.following
+    status = world.verbs.controller.status()
+    assert status.authority.refused == "hand: 'a' has authority over the arm"
+    assert "'a' has authority over the arm" in status.message
+    world.rest()  # The stream is silent; its lease still runs.
+    world.act()
+    assert world.owner == "a"
+    world.hand()
+    world.tick(int(LEASE_S / DT_S) + 200)
+    world.act()
+    assert world.owner == HAND
+    assert world.verbs.controller.phase is Phase.HOLDING
+    assert world.verbs.controller.message == ""
+    with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
+        world.verbs.set_parameter("cpsc", "twst")
+
+
+def test_with_the_policy_hand_the_act_takes_the_arm_from_a_stream():
+    world = hand_and_verbs()
+    world.verbs.set_parameter("cpsc", "twst")
+    assert world.verbs.twist(DOWN, owner="a") == ""
+    world.tick(20)
+    world.act()
+    assert world.owner == HAND
+    assert "the operator's hand took over" in world.verbs.twist(DOWN, owner="a")
+    with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
+        world.verbs.movl(world.moved(0.0, 0.0, -0.05))
+
+
+def test_a_hand_that_lets_go_keeps_its_authority_for_a_lease_and_takes_it_again():
+    world = hand_and_verbs()
+    world.act()
+    world.tick(int(2 * LEASE_S / DT_S))
+    assert world.owner == HAND  # held by the dead-man, although nothing moves
+    world.hand()
+    world.tick(int(0.9 * LEASE_S / DT_S))
+    assert world.owner == HAND
+    world.tick(int(0.2 * LEASE_S / DT_S))
+    assert world.owner == ""
+    motion = world.verbs.movl(world.moved(0.0, 0.0, -0.05))
+    world.tick(50)
+    world.hand(REST, "left")
+    world.tick()
+    assert world.owner == HAND
+    assert "the operator's hand took over" in motion.reason
+
+
+def test_a_stop_frees_the_authority_of_a_hand():
+    world = hand_and_verbs()
+    world.act()
+    world.verbs.stop()
+    assert world.owner == ""
+    assert world.run(world.verbs.movl(world.moved(0.0, 0.0, -0.02))).outcome is Outcome.DONE
+
+
+def test_authority_that_is_handed_over_stops_the_arm_and_is_somebody_elses():
+    world = hand_and_verbs()
+    motion = world.verbs.movl(world.moved(0.0, 0.0, -0.2))
+    world.tick(50)
+    world.verbs.hand_over("b")
+    assert motion.reason == "authority was handed over to 'b'"
+    assert world.owner == "b"
+    world.rest()
+    with pytest.raises(MotionRefusedError, match="'b' has authority over the arm"):
+        world.verbs.movl(world.moved(0.0, 0.0, -0.02))
+    with pytest.raises(
+        MotionRefusedError, match="'verbs' has no authority over the arm to hand over"
+    ):
+        world.verbs.hand_over("c")
+    assert world.owner == "b"
+
+
+def test_anybody_stops_whoever_moves_the_arm():
+    world = hand_and_verbs()
+    world.act()
+    world.hand(FORWARD, "left")
+    world.tick(50)
+    assert world.verbs.controller.phase is Phase.MOVING
+    world.verbs.stop()  # The verbs have no authority, and need none.
+    world.tick()
+    assert world.verbs.controller.phase is Phase.BRAKING
+    world.rest()
+    assert world.verbs.controller.phase is Phase.DISARMED
+    world.tick(100)  # The hand insists.
+    assert not world.verbs.servo.moving
+    world.act()
+    world.hand(FORWARD, "left")
+    world.tick(50)
+    assert world.verbs.controller.phase is Phase.MOVING
+
+
+def test_where_the_arm_is_reserved_nobody_else_begins_anything():
+    world = hand_and_verbs(AuthorityPolicy.HAND)
+    world.verbs.controller.authority = Authority(AuthorityPolicy.NAMED, "pendant")
+    world.act()
+    assert world.owner == ""
+    with pytest.raises(MotionRefusedError, match="reserved for 'pendant'"):
+        world.verbs.movl(world.moved(0.0, 0.0, -0.02))
+    world.verbs.controller.authority = Authority(AuthorityPolicy.NAMED, VERBS)
+    assert world.run(world.verbs.movl(world.moved(0.0, 0.0, -0.02))).outcome is Outcome.DONE
+
+
+@pytest.mark.parametrize("ticks", [3, 40, 150])
+def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks):
+    world = hand_and_verbs()
+    world.tick(2)
+    motion = world.verbs.movl(world.moved(0.0, 0.0, -0.2))
+    world.tick(ticks)
+    assert motion.outcome is Outcome.RUNNING
+    world.hand(FORWARD, "left")  # Deflected already while the line is being braked.
+    rests = False
+    for _ in range(300):
+        world.tick()
+        if not rests:
+            assert not world.verbs.controller.target.following
+        rests = rests or not world.verbs.servo.moving
+        if rests and world.verbs.servo.moving:
+            break
+    assert motion.outcome is Outcome.ABORTED
+    assert motion.reason == "the operator's hand took over"
+    assert world.owner == HAND
+    assert rests
+    # From rest, along the hand's direction; `World` checks every joint's acceleration.
+    first = world.verbs.servo.twist[0]
+    assert 0.0 < np.linalg.norm(first) <= LIMITS.linear_acceleration_m_s2 * DT_S + 1e-9
+    world.tick(50)
+    assert world.verbs.controller.phase is Phase.MOVING
+    assert world.verbs.servo.twist[0] == pytest.approx((0.1, 0.0, 0.0), abs=0.01)
+
+
+# -- holding off ---------------------------------------------------------------------------------
+
+
+def test_holding_off_brakes_whoever_moves_the_arm_and_bars_until_it_is_lifted():
+    rig = Driven().drive()
+    rig.core.hold_off("the supervisor is silent")
+    rig.run()
+    assert rig.core.phase is Phase.BRAKING
+    rig.run(0.3)
+    rig.arm()
+    assert rig.core.phase is Phase.DISARMED
+    assert rig.status.message == "the supervisor is silent"
+    rig.core.hold_off("")
+    rig.drive()
+
+
+def test_a_trip_from_outside_is_one_trip_and_none_where_nobody_moves_the_arm():
+    rig = Driven().run(0.1)
+    rig.core.trip("nobody is there")
+    rig.run(0.1)
+    assert rig.status.trips == 0
+    rig.drive()
+    rig.core.trip("the guard says no")
+    rig.run(0.3)
+    assert rig.status.trips == 1
+    assert "the guard says no" in rig.status.message
+
+
+def test_an_acknowledgement_comes_too_early_while_readings_leap():
+    rig = Driven().drive()
+    there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.4, 0.0)), IDENTITY)
+    rig.command = HoldCommand()
+    rig.run(pose=there)
+    assert "wait until the readings rest" in rig.core.acknowledge()
+    for _ in range(math.ceil(TRUST_AFTER_S / PERIOD_S) + 1):
+        rig.run(pose=there)
+    assert rig.core.acknowledge() == ""
+    assert rig.core.supervision.distrust == ""
+
+
+def test_a_controller_without_a_hand_commands_nothing_until_somebody_asks():
+    controller = ArmController(FreeBody(LIMITS), LIMITS, period_s=PERIOD_S)
+    state = RobotState(1.0, RobotLink.LIVE, 1, 0, PERIOD_S, REST, (), START, "")
+    for _ in range(3):
+        state = state._replace(stamp_s=state.stamp_s + PERIOD_S)
+        assert controller.tick(state) == HoldCommand()
+    controller.engage()
+    state = state._replace(stamp_s=state.stamp_s + PERIOD_S)
+    assert controller.tick(state).pose == START

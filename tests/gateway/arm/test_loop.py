@@ -1,0 +1,88 @@
+"""The loop of one arm answers each state of its robot, once and at once."""
+
+from cardan.gateway.arm.loop import ArmLoop
+from cardan.types import (
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    HoldCommand,
+    JointVelocityCommand,
+    RobotLink,
+    RobotState,
+)
+
+
+class Recorded:
+    """A robot, a controller and a device that note in what order they are asked."""
+
+    def __init__(self, ticks=3):
+        self.ticks, self.log = ticks, []
+
+    def cycles(self):
+        for number in range(self.ticks):
+            self.log.append(f"state {number}")
+            yield RobotState(
+                float(number), RobotLink.LIVE, 1, number, 0.004, (), (), None, ""
+            )  # fmt: skip
+
+    def tick(self, robot, device=None, events=()):
+        self.log.append(f"tick {robot.sequence}")
+        self.given = device, tuple(events)
+        return JointVelocityCommand((float(robot.sequence),))
+
+    def send(self, command):
+        self.log.append(f"send {command.velocities[0]:.0f}")
+
+    def state(self):
+        self.log.append("hand")
+        return DeviceState(0.0, DeviceLink.LIVE, (0.0,) * 6, frozenset({"left"}))
+
+    def button_events(self):
+        self.log.append("events")
+        return [ButtonEvent(0.0, "left", True)]
+
+
+def test_each_state_is_answered_before_it_is_shown():
+    all_of_it = Recorded()
+    loop = ArmLoop(all_of_it, all_of_it)
+    for number, cycle in enumerate(loop.cycles()):
+        all_of_it.log.append("shown")
+        assert cycle.robot.sequence == number
+        assert cycle.device is None
+        assert cycle.events == ()
+    assert all_of_it.log == [
+        words
+        for number in range(3)
+        for words in (f"state {number}", f"tick {number}", f"send {number}", "shown")
+    ]
+
+
+def test_the_device_is_looked_at_in_the_tick_that_it_drives():
+    all_of_it = Recorded(1)
+    loop = ArmLoop(all_of_it, all_of_it, all_of_it)
+    (cycle,) = loop.cycles()
+    assert all_of_it.log == ["state 0", "hand", "events", "tick 0", "send 0"]
+    assert all_of_it.given == (cycle.device, tuple(cycle.events))
+    assert cycle.device.buttons == {"left"}
+    assert cycle.events[0].pressed
+
+
+def test_a_robot_that_ends_ends_the_loop():
+    all_of_it = Recorded(0)
+    assert list(ArmLoop(all_of_it, all_of_it, all_of_it).cycles()) == []
+    assert all_of_it.log == []
+
+
+def test_whoever_stops_looking_leaves_no_state_unanswered():
+    class Holding(Recorded):
+        def tick(self, robot, device=None, events=()):
+            super().tick(robot, device, events)
+            return HoldCommand()
+
+        def send(self, command):
+            self.log.append(command.kind.value)
+
+    all_of_it = Holding()
+    for _ in ArmLoop(all_of_it, all_of_it).cycles():
+        break
+    assert all_of_it.log == ["state 0", "tick 0", "hold"]
