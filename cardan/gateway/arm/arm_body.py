@@ -13,6 +13,7 @@ from cardan.gateway.arm.body import (
     APPROACH_TIME_S,
     FASTEST_TCP_M_S,
     FASTEST_TCP_RAD_S,
+    SHORTEST_S,
     Body,
     FollowingError,
 )
@@ -239,7 +240,7 @@ class ArmBody(Body):
         self._lag.reset()
         self._sent = None
         self.placed = True
-        if before is None or time_s <= 0.0 or len(before.joints) != servo.joints:
+        if before is None or time_s < SHORTEST_S or len(before.joints) != servo.joints:
             return
         if self.leap(before, state, time_s):
             return

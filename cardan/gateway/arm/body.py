@@ -51,6 +51,9 @@ faster is a mistake, or of another tool or frame."""
 READING_NOISE_M, READING_NOISE_RAD = 0.01, 0.05
 """Allowed beside the speed: a reading may be late, and the next one early."""
 
+SHORTEST_S = 1e-4
+"""Readings closer in time have no speed in common."""
+
 APPROACH_TIME_S = 0.2
 """Time constant with which a command that lost its robot is brought back to it."""
 
@@ -270,7 +273,7 @@ class FreeBody(Body):
         if (
             before is None
             or before.pose is None
-            or time_s <= 0.0
+            or time_s < SHORTEST_S
             or self.leap(before, state, time_s)
         ):
             return
