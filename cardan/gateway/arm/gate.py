@@ -48,6 +48,8 @@ class Gate:
         self._last: RobotCommand | None = None
         self._speeds: tuple[float, ...] | None = None
         """Of the joints, from the last two commands."""
+        self._last_dt_s = 0.0
+        """Between those."""
 
     def reset(self) -> None:
         """The robot is elsewhere, or was not commanded: the next command is only to be finite."""
@@ -84,6 +86,9 @@ class Gate:
         if not speed or type(last) is not JointCommand or dt_s <= 0.0:
             self._speeds = None
             return ""
+        # Means over periods, whose middles are so far apart; within a long one speeds change twice.
+        apart_s = max(dt_s, 0.5 * (dt_s + self._last_dt_s))
+        self._last_dt_s = dt_s
         before, speeds = self._speeds, []
         for index, (now, then) in enumerate(zip(q, last.positions, strict=True)):
             rate = (now - then) / dt_s
@@ -92,8 +97,8 @@ class Gate:
                 return f"a step of joint {index + 1} by {now - then:.3g} rad"
             if before is not None:
                 change = abs(rate - before[index])
-                if change > SLACK * acceleration[index] * dt_s + NOISE_RAD_S:
-                    return f"joint {index + 1} to be accelerated by {change / dt_s:.3g} rad/s²"
+                if change > SLACK * acceleration[index] * apart_s + NOISE_RAD_S:
+                    return f"joint {index + 1} to be accelerated by {change / apart_s:.3g} rad/s²"
             if limits.joint_lower and not (
                 limits.joint_lower[index] - 1e-3 <= now <= limits.joint_upper[index] + 1e-3
                 or abs(now - then) < 1e-9
