@@ -274,6 +274,7 @@ class ArmBody(Body):
     def halt(self) -> None:
         self.servo.v[:] = 0.0
         self.servo.twist[:] = 0.0
+        self._sent = None
 
     def approach(self, state: RobotState, dt_s: float) -> None:
         servo = self.servo

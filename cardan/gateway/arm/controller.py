@@ -19,7 +19,7 @@ from typing import Protocol
 from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.activities.brake import Brake
 from cardan.gateway.arm.activities.hand import FollowHand
-from cardan.gateway.arm.activities.recover import Recover
+from cardan.gateway.arm.activities.recover import NO_WAY, Recover
 from cardan.gateway.arm.authority import HAND, Authority
 from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.arm.gate import Gate, GateLimits
@@ -96,7 +96,7 @@ class ArmController:
         self.robot: RobotState | None = None
         """The newest state."""
         self.generation = 0
-        """Counts what makes a plan void: loss of the robot, trips."""
+        """Counts what makes a plan void: loss of the robot, trips, stops, another's hand."""
         self.listener: Listener | None = None
         """Who else but the operator device begins activities."""
         self._period_s = period_s
@@ -121,6 +121,8 @@ class ArmController:
         """Why the command and its robot are apart and stay so, in words, until a deliberate act."""
         self._recover = False
         """Whether the command is to be brought back to its robot as soon as it rests."""
+        self._went = NO_WAY
+        """How far commands were brought back to their robot since the last deliberate act."""
         self._strange = False
         """Whether the robot was elsewhere when it became ready, and is placed by the act."""
         self._objection = self._held_off = ""
@@ -177,7 +179,10 @@ class ArmController:
 
     @property
     def at_rest(self) -> bool:
-        """True when nothing is commanded to move."""
+        """True when nothing is commanded to move, and nothing else may move the arm."""
+        activity = self._activity
+        if activity is not None and activity.yields:
+            return False
         return not self.body.moving and not self.reference.moving
 
     @property
@@ -242,7 +247,9 @@ class ArmController:
         with self.lock:
             if self._armed:
                 self._disarm()
-            self._recover = False
+            self.generation += 1
+            if self.recovering:
+                self._leave_apart(f"and stays so: {reason}")
             self._end_activity(reason)
 
     def trip(self, reason: str) -> None:
@@ -274,6 +281,7 @@ class ArmController:
                 # One more leash's length towards the robot, where it is not near already.
                 self._recover = self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE)
             self._unmet = ""
+            self._went = NO_WAY
             return ""
 
     @property
@@ -293,6 +301,7 @@ class ArmController:
         """Start an activity on an arm at rest."""
         with self.lock:
             self._activity, self._braking = activity, False
+            self._went = NO_WAY
 
     def drop(self) -> None:
         """Forget an activity that rests."""
@@ -345,12 +354,20 @@ class ArmController:
             if (objection := self._objection or self._held_off) and self._driven:
                 self._trip(objection)
             self._objection = ""
+            if self.recovering and (why := self._why_still):
+                self._give_up(why)
             if self.hand is not None and device is not None:
                 self._hear(self.hand, robot, device, events, dt_s)
             self.authority.expire(robot.stamp_s, self._armed or self._busy)
             self._move(robot, dt_s)
             self._settle(robot)
             return self._command(robot, dt_s)
+
+    @property
+    def _why_still(self) -> str:
+        """Why not even a command is brought back to its robot now, in words."""
+        alarm = "" if self.robot is None else self.robot.alarm
+        return self._stop_reason or self._held_off or alarm
 
     @property
     def _busy(self) -> bool:
@@ -375,14 +392,22 @@ class ArmController:
     def _act_on(self, finding: Finding, robot: RobotState) -> None:
         """The one place where a finding about the robot has consequences."""
         cause, reason = finding
-        if cause is Cause.FIRST or cause is Cause.RETURNED:
+        if cause is Cause.FIRST:
             self._place(robot)
+        elif cause is Cause.RETURNED:
+            if self.supervision.distrust:
+                self._strange = self._strange or not self._engaged
+            else:
+                self._place(robot, self._before(robot))
         elif cause is Cause.NEW_SESSION:
             self._trip_if_driven("the robot's controller started a new session")
             self._place(robot, self._before(robot))
         elif cause is Cause.STALLED:
             self._trip_if_driven(reason)
-            self._place(robot, self._before(robot))
+            if self.supervision.distrust:
+                self._rest_here(reason)
+            else:
+                self._place(robot, self._before(robot))
         elif cause is Cause.LEAPT:
             self._strange = self._strange or self._phase is Phase.NO_ROBOT
             self._trip_if_driven(reason)
@@ -411,9 +436,10 @@ class ArmController:
 
     def _before(self, robot: RobotState) -> RobotState | None:
         """The state before, where the arm moved by command since and may still move."""
-        if not self._engaged or not self.body.moving or self.supervision.gap_s > COASTS_S:
+        before = self.supervision.previous
+        if before is None or not self._engaged or not self.body.moving:
             return None
-        return self.supervision.previous
+        return before if robot.stamp_s - before.stamp_s <= COASTS_S else None
 
     def _without_robot(
         self,
@@ -466,17 +492,27 @@ class ArmController:
     def _place(self, robot: RobotState, before: RobotState | None = None) -> None:
         """Start from where the robot is; with a state `before`, from the speed that it has."""
         self.generation += 1
-        self._recover, self._unmet = False, ""
+        self._recover, self._unmet, self._strange = False, "", False
+        self._went = NO_WAY
         self._tripped = True
         self._end_activity("the arm was placed anew")
         self._activity, self._braking = None, False
-        self.body.place(robot, before, 0.0 if before is None else self.supervision.gap_s)
+        self.body.place(robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s)
         self._gate.reset()
         self._rest_reference()
         self._engaged = self.hand is not None
         if self.body.moving:
             self._engaged = True
             self._activity, self._braking = Brake(self.body, self.reference), True
+
+    def _rest_here(self, reason: str) -> None:
+        """Be at rest where the command is: it is not known where the robot is, or how it moves."""
+        self.generation += 1
+        self._end_activity(reason)
+        self._activity, self._braking = None, False
+        self.body.halt()
+        self._gate.reset()
+        self._rest_reference()
 
     def _rest_reference(self) -> None:
         if self.body.placed:
@@ -557,7 +593,7 @@ class ArmController:
         if request.fault:
             self._trip(request.fault)
         elif request.filter_fault:
-            if request.armed:
+            if self._armed or request.armed:
                 self._trip(request.filter_fault)
         elif self._armed and not request.armed:
             self._armed = False
@@ -581,19 +617,27 @@ class ArmController:
 
     def _take_over(self, now_s: float) -> None:
         """The operator's hand gets the arm; what moved before is braked first."""
-        self._armed, self._trip_reason = True, ""
+        self._armed, self._trip_reason, self._went = True, "", NO_WAY
         self.authority.take(HAND, now_s)
+        self.generation += 1
+        reason = "the operator's hand took over"
         if not isinstance(self._activity, (FollowHand, Recover)):
-            self._end_activity("the operator's hand took over")
+            self._end_activity(reason)
+        elif self.listener is not None:
+            self.listener.void(reason)
 
     def _give_up(self, why: str) -> None:
+        self._leave_apart(f"and stays so: {why}")
+        self._end_activity(why)
+        self._disarm()
+
+    def _leave_apart(self, why: str) -> None:
+        """Command and robot stay as they are until a deliberate act; `why` ends the sentence."""
         self._recover = False
         self._unmet = (
             "the robot does not come together with its reference: "
-            f"{self.supervision.error.in_words('away from')}, {why}"
+            f"{self.supervision.error.in_words('away from')} {why}"
         )
-        self._end_activity(why)
-        self._disarm()
 
     # -- motion ----------------------------------------------------------------------------------
 
@@ -645,6 +689,8 @@ class ArmController:
             if not request.asks and activity.idle and self._drifted:
                 self._begin_recovery()
                 return
+            if request.asks:
+                self._went = NO_WAY
             activity.aim(request.twist, request.rates, request.following)
 
     @property
@@ -654,6 +700,7 @@ class ArmController:
             self.hand is not None
             and self._engaged
             and not self._unmet
+            and not self._why_still
             and self.supervision.watchdogs.recovery
             and not self.body.moving
             and self.reference.leash_used > EASE_ABOVE
@@ -671,7 +718,7 @@ class ArmController:
         assert self.robot is not None
         reference.observe(self.body.measured(self.robot))
         error = self.body.following_error(self.robot, reference)
-        self._activity = Recover(self.body, reference, near, error)
+        self._activity = Recover(self.body, reference, near, error, self._went)
         self._braking = False
 
     def _finish(self, activity: Activity, reason: str) -> None:
@@ -679,13 +726,12 @@ class ArmController:
         self._rest_reference()
         if isinstance(activity, Brake) and self.hand is None:
             self._engaged = False
-        if isinstance(activity, Recover) and not activity.near and not self._unmet:
-            self._unmet = (
-                "the robot does not come together with its reference: "
-                f"{self.supervision.error.in_words('away from')} still"
-            )
-            if self._armed:
-                self._trip("the robot goes along when its reference is brought back to it")
+        if isinstance(activity, Recover):
+            self._went = activity.went
+            if not activity.near and not self._unmet:
+                self._leave_apart("still")
+                if self._armed:
+                    self._trip("the robot goes along when its reference is brought back to it")
         if self.listener is not None:
             self.listener.finished(reason)
 
@@ -693,11 +739,13 @@ class ArmController:
         body = self.body
         apart = self.supervision.distrust or self._unmet
         if not self._engaged or (apart and not body.moving):
+            body.halt()
             self._gate.reset()
             return HoldCommand()
         activity = self._activity
         command = None if activity is None else activity.command
         if command is None:
+            blind = blind or bool(self.supervision.distrust)
             command = body.command(robot, dt_s, isinstance(activity, Recover), blind)
         wrong = self._gate.objection(command, dt_s)
         if not wrong:
@@ -705,7 +753,9 @@ class ArmController:
         self._trip(f"a command was held back at the last gate: {wrong}")
         self._disengage(self._trip_reason)
         self._phase, self._message = Phase.DISARMED, self._trip_reason
-        if body.obstacle(robot, False) == "":
+        if self.supervision.distrust:
+            self._strange = True
+        elif body.obstacle(robot, False) == "":
             self._place(robot)
         return HoldCommand()
 

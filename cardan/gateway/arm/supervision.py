@@ -165,5 +165,7 @@ class Supervision:
 
 def step_s(state: RobotState, period_s: float) -> float:
     """By how much a tick advances: lost time is lost. `period_s` is the robot's own."""
+    if not 0.0 < state.period_s < math.inf:
+        return 0.0
     longest_s = LONGEST_STEP_PERIODS * period_s if period_s > 0.0 else math.inf
-    return min(max(state.period_s, 0.0), longest_s)
+    return min(state.period_s, longest_s)
