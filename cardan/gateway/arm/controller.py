@@ -274,7 +274,7 @@ class ArmController:
                 return f"{self.supervision.distrust}; wait until the readings rest"
             if self.supervision.distrust:
                 self.supervision.trust()
-                if self._strange and self.robot is not None:
+                if self._strange and self.robot is not None and not self.not_ready:
                     self._place(self.robot)
                 self._strange = False
             if self._unmet and self.supervision.watchdogs.recovery:
@@ -437,7 +437,7 @@ class ArmController:
     def _before(self, robot: RobotState) -> RobotState | None:
         """The state before, where the arm moved by command since and may still move."""
         before = self.supervision.previous
-        if before is None or not self._engaged or not self.body.moving:
+        if before is None or not (self.supervision.acted and self._engaged and self.body.moving):
             return None
         return before if robot.stamp_s - before.stamp_s <= COASTS_S else None
 
