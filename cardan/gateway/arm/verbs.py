@@ -479,8 +479,9 @@ class ArmVerbs:
         `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
         grow.
         """
+        heard_s = self.stamp_s
         with self._planning:
-            return self._answer(lambda: self.streams.pose(x, owner, sequence, stamp_s))
+            return self._answer(lambda: self.streams.pose(x, owner, sequence, stamp_s, heard_s))
 
     def jog(
         self,
@@ -497,8 +498,9 @@ class ArmVerbs:
         command `pose`, follows the parameter poseDamping, and is refused where the sum would run
         away from the arm.
         """
+        heard_s = self.stamp_s
         with self._planning:
-            return self._answer(lambda: self.streams.jog(dx, owner, sequence, stamp_s))
+            return self._answer(lambda: self.streams.jog(dx, owner, sequence, stamp_s, heard_s))
 
     def twist(
         self,
