@@ -1,11 +1,10 @@
-"""Sequences that a hostile user, a bad sensor or bad luck may make of it: nothing may move by them."""
+"""Sequences of a hostile user, a bad sensor or bad luck: nothing may move by them."""
 
 import numpy as np
 import pytest
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import AuthorityPolicy
-from cardan.gateway.arm.gate import Gate
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.status import Phase
@@ -31,6 +30,7 @@ from cardan.types import (
 )
 from tests.controllers import controller_for_hand
 from tests.gateway.arm.arms import DT_S, World
+from tests.gateway.arm.random_walk import Walk
 from tests.gateway.arm.test_controller_hand import FORWARD, REST, Rig, pushed_away, stays
 
 GOFA = "gofa_crb15000_5"
@@ -273,6 +273,48 @@ def test_readings_that_wander_lead_no_arm_away():
     assert went <= 1.1 * ReferenceLimits().leash_m
 
 
+def test_a_recovery_that_was_acknowledged_while_the_robot_is_gone_places_nothing():
+    world = HandWorld()
+    world.tick(5)
+    world.link = RobotLink.LOST
+    world.tick(5)
+    world.q = world.q + 1.0
+    world.link = RobotLink.LIVE
+    world.tick()
+    assert world.verbs.controller.supervision.distrust
+    world.jammed = True
+    world.tick(200)
+    good = world.state
+    world.state = lambda: good()._replace(joints=())
+    world.tick()
+    world.verbs.acknowledge()
+    world.tick()
+    world.state = good
+    world.tick(5)
+    world.jammed = False
+    np.testing.assert_allclose(world.verbs.servo.q, world.q)
+
+
+def test_a_pose_that_waited_for_the_planner_is_not_gone_to():
+    world = World(GOFA)
+    world.verbs.set_parameter("cpsc", "pose")
+    planner = world.verbs.planner
+    inverse = planner.inverse_nearby
+
+    def slow(*of):
+        world.tick(50)
+        return inverse(*of)
+
+    planner.inverse_nearby = slow
+    assert "waited for 0.20 s" in world.verbs.pose(world.moved(0.0, 0.0, 0.05))
+    world.tick(50)
+    assert not world.verbs.servo.moving
+    planner.inverse_nearby = inverse
+    assert world.verbs.pose(world.moved(0.0, 0.0, 0.05)) == ""
+    world.tick(5)
+    assert world.verbs.servo.moving
+
+
 # -- whose motion it is ----------------------------------------------------------------------
 
 
@@ -418,3 +460,29 @@ def test_torques_are_no_rest():
     assert not world.verbs.controller.at_rest
     world.tick(5)
     assert world.verbs.controller.at_rest
+
+
+# -- a walk at random ------------------------------------------------------------------------
+
+MAPPINGS = (
+    MappingOptions(deadman=("left",)),
+    MappingOptions(clutch="clutch"),
+    MappingOptions(deadman=("left",), clutch="clutch"),
+    MappingOptions(),
+)
+KINDS = (CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_every_promise_is_kept_on_a_walk_at_random(seed):
+    walk = Walk(
+        seed,
+        "pr2_left_arm" if seed == 11 else ("ur5", GOFA)[seed % 2],
+        KINDS[seed % 3],
+        (AuthorityPolicy.HAND, AuthorityPolicy.FIRST)[seed // 3 % 2],
+        MAPPINGS[seed % 4],
+    )
+    walk.tick(3)
+    for _ in range(50):
+        walk.step()
+    walk.lives()
