@@ -335,9 +335,9 @@ class ArmController:
         """Decide the command for the control instant that `robot` reports."""
         with self.lock:
             self.robot = robot
-            self._dt_s = dt_s = step_s(robot, self._period_s)
             self._tripped = False
             finding = self.supervision.look(robot, self.body)
+            self._dt_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
             cause = None if finding is None else finding.cause
             if finding is not None and cause in (Cause.LOST, Cause.NOT_READY):
                 return self._without_robot(finding, robot, device, events, dt_s)

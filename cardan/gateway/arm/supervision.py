@@ -169,9 +169,13 @@ class Supervision:
         return None
 
 
-def step_s(state: RobotState, period_s: float) -> float:
-    """By how much a tick advances: lost time is lost. `period_s` is the robot's own."""
+def step_s(state: RobotState, period_s: float, gap_s: float) -> float:
+    """By how much a tick advances: lost time is lost. `period_s` is the robot's own, 0: unknown.
+
+    A robot whose clock stands still goes on moving all the same, and has to be braked: then our
+    own clock counts, by which the last tick was `gap_s` ago.
+    """
     if not 0.0 < state.period_s < math.inf:
-        return 0.0
+        return max(0.0, min(period_s, gap_s))
     longest_s = LONGEST_STEP_PERIODS * period_s if period_s > 0.0 else math.inf
     return min(state.period_s, longest_s)

@@ -206,6 +206,20 @@ def test_a_lost_datagram_while_joints_change_speed_is_no_mistake():
             break
 
 
+@pytest.mark.parametrize("period_s", [0.0, -0.004, float("nan"), float("inf")])
+def test_a_robot_whose_clock_stands_still_is_braked(period_s):
+    world = HandWorld(commands=frozenset({CommandKind.JOINT_VELOCITY}))
+    world.arm_hand()
+    world.hand(FORWARD, "left").tick(100)
+    assert world.verbs.servo.moving
+    good = world.state
+    world.state = lambda: good()._replace(period_s=period_s)
+    world.hand()
+    world.tick(60)
+    assert not world.verbs.servo.moving
+    assert np.abs(world.command.velocities).max() < 1e-3
+
+
 # -- motion nobody asks for ------------------------------------------------------------------
 
 
