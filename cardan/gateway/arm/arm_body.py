@@ -295,6 +295,7 @@ class ArmBody(Body):
     def halt(self) -> None:
         self.servo.move_at(self._still)
         self.servo.twist[:] = 0.0
+        self._sent = None
 
     def approach(self, state: RobotState, dt_s: float) -> None:
         servo = self.servo

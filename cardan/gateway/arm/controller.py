@@ -12,6 +12,7 @@ that ends in a braking ramp and a hold, and going on takes a deliberate act.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from typing import Protocol
@@ -19,7 +20,7 @@ from typing import Protocol
 from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.activities.brake import Brake
 from cardan.gateway.arm.activities.hand import FollowHand
-from cardan.gateway.arm.activities.recover import Recover
+from cardan.gateway.arm.activities.recover import NO_WAY, Recover
 from cardan.gateway.arm.authority import HAND, Authority
 from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.arm.gate import Gate, GateLimits
@@ -99,7 +100,7 @@ class ArmController:
         self.robot: RobotState | None = None
         """The newest state."""
         self.generation = 0
-        """Counts what makes a plan void: loss of the robot, trips."""
+        """Counts what makes a plan void: loss of the robot, trips, stops, another's hand."""
         self.listener: Listener | None = None
         """Who else but the operator device begins activities."""
         self._period_s = period_s
@@ -126,6 +127,10 @@ class ArmController:
         """Why the command and its robot are apart and stay so, in words, until a deliberate act."""
         self._recover = False
         """Whether the command is to be brought back to its robot as soon as it rests."""
+        self._went = NO_WAY
+        """How far commands were brought back to their robot since the last deliberate act."""
+        self._left_alone = False
+        """Whether a button ended a recovery, so that none begins until motion is asked for."""
         self._strange = False
         """Whether the robot was elsewhere when it became ready, and is placed by the act."""
         self._objection = self._held_off = ""
@@ -183,7 +188,10 @@ class ArmController:
 
     @property
     def at_rest(self) -> bool:
-        """True when nothing is commanded to move."""
+        """True when nothing is commanded to move, and nothing else may move the arm."""
+        activity = self._activity
+        if activity is not None and activity.yields:
+            return False
         return not self.body.moving and not self.reference.moving
 
     @property
@@ -248,7 +256,9 @@ class ArmController:
         with self.lock:
             if self._armed:
                 self._disarm()
-            self._recover = False
+            self.generation += 1
+            if self.recovering:
+                self._leave_apart(f"and stays so: {reason}")
             self._end_activity(reason)
 
     def trip(self, reason: str) -> None:
@@ -273,13 +283,14 @@ class ArmController:
                 return f"{self.supervision.distrust}; wait until the readings rest"
             if self.supervision.distrust:
                 self.supervision.trust()
-                if self._strange and self.robot is not None:
+                if self._strange and self.robot is not None and not self.not_ready:
                     self._place(self.robot)
                 self._strange = False
             if self._unmet and self.supervision.watchdogs.recovery:
                 # One more leash's length towards the robot, where it is not near already.
                 self._recover = self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE)
             self._unmet = ""
+            self._went = NO_WAY
             return ""
 
     @property
@@ -299,6 +310,7 @@ class ArmController:
         """Start an activity on an arm at rest."""
         with self.lock:
             self._activity, self._braking = activity, False
+            self._went = NO_WAY
 
     def drop(self) -> None:
         """Forget an activity that rests."""
@@ -332,9 +344,9 @@ class ArmController:
         """Decide the command for the control instant that `robot` reports."""
         with self.lock:
             self.robot = robot
-            self._dt_s = dt_s = step_s(robot, self._period_s)
             self._tripped = False
             finding = self.supervision.look(robot, self.body)
+            self._dt_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
             cause = None if finding is None else finding.cause
             if finding is not None and cause in (Cause.LOST, Cause.NOT_READY):
                 return self._without_robot(finding, robot, device, events, dt_s)
@@ -351,16 +363,33 @@ class ArmController:
             if (objection := self._objection or self._held_off) and self._driven:
                 self._trip(objection)
             self._objection = ""
+            if self.recovering and (why := self._why_still):
+                self._give_up(why)
             if self.hand is not None and device is not None:
                 self._hear(self.hand, robot, device, events, dt_s)
-            self.authority.expire(robot.stamp_s, self._claimed or self._busy)
+            self.authority.expire(robot.stamp_s, self._claimed or self._occupied)
             self._move(robot, dt_s)
             self._settle(robot)
             return self._command(robot, dt_s)
 
     @property
+    def _why_still(self) -> str:
+        """Why not even a command is brought back to its robot now, in words."""
+        alarm = "" if self.robot is None else self.robot.alarm
+        return self._stop_reason or self._held_off or alarm
+
+    @property
     def _busy(self) -> bool:
         return self._activity is not None and not self._activity.idle
+
+    @property
+    def _occupied(self) -> bool:
+        """Whether somebody's motion is under way, who need not be heard to keep the authority."""
+        activity = self._activity
+        if activity is None or activity.recovers:
+            return False
+        streamed = activity.silence_s < math.inf
+        return activity.driven or self.body.moving if streamed else not activity.idle
 
     @property
     def _observed(self) -> Reference | None:
@@ -381,14 +410,22 @@ class ArmController:
     def _act_on(self, finding: Finding, robot: RobotState) -> None:
         """The one place where a finding about the robot has consequences."""
         cause, reason = finding
-        if cause is Cause.FIRST or cause is Cause.RETURNED:
+        if cause is Cause.FIRST:
             self._place(robot)
+        elif cause is Cause.RETURNED:
+            if self.supervision.distrust:
+                self._strange = self._strange or not self._engaged
+            else:
+                self._place(robot, self._before(robot))
         elif cause is Cause.NEW_SESSION:
             self._trip_if_driven("the robot's controller started a new session")
             self._place(robot, self._before(robot))
         elif cause is Cause.STALLED:
             self._trip_if_driven(reason)
-            self._place(robot, self._before(robot))
+            if self.supervision.distrust:
+                self._rest_here(reason)
+            else:
+                self._place(robot, self._before(robot))
         elif cause is Cause.LEAPT:
             self._strange = self._strange or self._phase is Phase.NO_ROBOT
             self._trip_if_driven(reason)
@@ -417,9 +454,10 @@ class ArmController:
 
     def _before(self, robot: RobotState) -> RobotState | None:
         """The state before, where the arm moved by command since and may still move."""
-        if not self._engaged or not self.body.moving or self.supervision.gap_s > COASTS_S:
+        before = self.supervision.previous
+        if before is None or not (self.supervision.acted and self._engaged and self.body.moving):
             return None
-        return self.supervision.previous
+        return before if robot.stamp_s - before.stamp_s <= COASTS_S else None
 
     def _without_robot(
         self,
@@ -472,17 +510,27 @@ class ArmController:
     def _place(self, robot: RobotState, before: RobotState | None = None) -> None:
         """Start from where the robot is; with a state `before`, from the speed that it has."""
         self.generation += 1
-        self._recover, self._unmet = False, ""
+        self._recover, self._unmet, self._strange = False, "", False
+        self._went = NO_WAY
         self._tripped = True
         self._end_activity("the arm was placed anew")
         self._activity, self._braking = None, False
-        self.body.place(robot, before, 0.0 if before is None else self.supervision.gap_s)
+        self.body.place(robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s)
         self._gate.reset()
         self._rest_reference()
         self._engaged = self.hand is not None
         if self.body.moving:
             self._engaged = True
             self._activity, self._braking = Brake(self.body, self.reference), True
+
+    def _rest_here(self, reason: str) -> None:
+        """Be at rest where the command is: it is not known where the robot is, or how it moves."""
+        self.generation += 1
+        self._end_activity(reason)
+        self._activity, self._braking = None, False
+        self.body.halt()
+        self._gate.reset()
+        self._rest_reference()
 
     def _rest_reference(self) -> None:
         if self.body.placed:
@@ -567,14 +615,14 @@ class ArmController:
         if request.fault:
             self._trip(request.fault)
         elif request.filter_fault:
-            if request.armed:
+            if self._armed or request.armed:
                 self._trip(request.filter_fault)
         elif self._armed and not request.armed:
             self._armed = False
             self.authority.release(HAND)
             self._end_activity("the clutch was let go")
         elif request.armed and not self._armed:
-            self._armed, self._trip_reason = True, ""
+            self._armed, self._trip_reason, self._went = True, "", NO_WAY
             if claims:
                 self._take_over(robot.stamp_s)
         elif request.acts and barred and not recovering:
@@ -589,7 +637,11 @@ class ArmController:
                 self._take_over(robot.stamp_s)
         self._filter_fault = request.filter_fault
         self._claimed = claims and self._armed
-        if recovering and request.pressed and not self._armed:
+        if recovering and request.pressed and self._armed and not request.asks:
+            # A regrip goes on from where the command is; what is left of the way is left.
+            self._left_alone = True
+            self._end_activity("it was ended by a button")
+        elif recovering and request.pressed and not self._armed:
             self._give_up("it was ended by a button")
 
     def _why_barred(self, robot: RobotState) -> str:
@@ -600,19 +652,27 @@ class ArmController:
 
     def _take_over(self, now_s: float) -> None:
         """The operator's hand gets the arm; what moved before is braked first."""
+        self._trip_reason, self._went = "", NO_WAY
         self.authority.take(HAND, now_s)
-        activity = self._activity
+        self.generation += 1
+        reason, activity = "the operator's hand took over", self._activity
         if activity is None or not (activity.follows_hand or activity.recovers):
-            self._end_activity("the operator's hand took over")
+            self._end_activity(reason)
+        elif self.listener is not None:
+            self.listener.void(reason)
 
     def _give_up(self, why: str) -> None:
+        self._leave_apart(f"and stays so: {why}")
+        self._end_activity(why)
+        self._disarm()
+
+    def _leave_apart(self, why: str) -> None:
+        """Command and robot stay as they are until a deliberate act; `why` ends the sentence."""
         self._recover = False
         self._unmet = (
             "the robot does not come together with its reference: "
-            f"{self.supervision.error.in_words('away from')}, {why}"
+            f"{self.supervision.error.in_words('away from')} {why}"
         )
-        self._end_activity(why)
-        self._disarm()
 
     # -- motion ----------------------------------------------------------------------------------
 
@@ -664,6 +724,8 @@ class ArmController:
             if not request.asks and activity.idle and self._drifted:
                 self._begin_recovery()
                 return
+            if request.asks:
+                self._went, self._left_alone = NO_WAY, False
             activity.aim(request.twist, request.rates, request.following)
 
     @property
@@ -673,6 +735,8 @@ class ArmController:
             self.hand is not None
             and self._engaged
             and not self._unmet
+            and not self._why_still
+            and not self._left_alone
             and self.supervision.watchdogs.recovery
             and not self.body.moving
             and self.reference.leash_used > EASE_ABOVE
@@ -690,7 +754,7 @@ class ArmController:
         assert self.robot is not None
         reference.observe(self.body.measured(self.robot))
         error = self.body.following_error(self.robot, reference)
-        self._activity = Recover(self.body, reference, near, error)
+        self._activity = Recover(self.body, reference, near, error, self._went)
         self._braking = False
 
     def _finish(self, activity: Activity, reason: str) -> None:
@@ -698,13 +762,12 @@ class ArmController:
         self._rest_reference()
         if isinstance(activity, Brake) and self.hand is None:
             self._engaged = False
-        if isinstance(activity, Recover) and not activity.near and not self._unmet:
-            self._unmet = (
-                "the robot does not come together with its reference: "
-                f"{self.supervision.error.in_words('away from')} still"
-            )
-            if self._armed:
-                self._trip("the robot goes along when its reference is brought back to it")
+        if isinstance(activity, Recover):
+            self._went = activity.went
+            if not activity.near and not self._unmet and not self._left_alone:
+                self._leave_apart("still")
+                if self._armed:
+                    self._trip("the robot goes along when its reference is brought back to it")
         if self.listener is not None:
             self.listener.finished(reason)
 
@@ -712,12 +775,14 @@ class ArmController:
         body = self.body
         apart = self.supervision.distrust or self._unmet
         if not self._engaged or (apart and not body.moving):
+            body.halt()
             self._gate.reset()
             return HoldCommand()
         activity = self._activity
         command = None if activity is None else activity.command
         if command is None:
             recovers = activity is not None and activity.recovers
+            blind = blind or bool(self.supervision.distrust)
             command = body.command(robot, dt_s, recovers, blind)
         wrong = self._gate.objection(command, dt_s)
         if not wrong:
@@ -725,7 +790,9 @@ class ArmController:
         self._trip(f"a command was held back at the last gate: {wrong}")
         self._disengage(self._trip_reason)
         self._phase, self._message = Phase.DISARMED, self._trip_reason
-        if body.obstacle(robot, False) == "":
+        if self.supervision.distrust:
+            self._strange = True
+        elif body.obstacle(robot, False) == "":
             self._place(robot)
         return HoldCommand()
 
@@ -751,7 +818,9 @@ class ArmController:
             self._phase = Phase.HOLDING
         else:
             self._phase = Phase.DISARMED
-        if self._armed:
+        if self._armed and self.recovering:
+            self._message = "bringing the reference back to the robot; any button ends it"
+        elif self._armed:
             self._message = ""
             if request.following and self.hand is not None:
                 self._message = self.hand.remark or self._held(request)

@@ -147,16 +147,31 @@ class Streams:
 
     # -- commands --------------------------------------------------------------------------------
 
-    def pose(self, x: Target, owner: str, sequence: int | None, stamp_s: float | None) -> None:
-        """Go to the pose `x` now. Raises MotionRefusedError, as all of these do."""
+    def pose(
+        self,
+        x: Target,
+        owner: str,
+        sequence: int | None,
+        stamp_s: float | None,
+        heard_s: float,
+    ) -> None:
+        """Go to the pose `x` now, which came at `heard_s`, the robot's time. Raises
+        MotionRefusedError, as all of these do."""
 
         def of(given: Pose, now: Pose, _before: Pose) -> Pose:
             return compose(now, given) if self._plans.tcp_frame else given
 
-        self._aim("pose", x, of, owner, sequence, stamp_s)
+        self._aim("pose", x, of, owner, sequence, stamp_s, heard_s)
 
-    def jog(self, dx: Target, owner: str, sequence: int | None, stamp_s: float | None) -> None:
-        """Move the pose that is gone to by `dx` (m, rotation vector in rad)."""
+    def jog(
+        self,
+        dx: Target,
+        owner: str,
+        sequence: int | None,
+        stamp_s: float | None,
+        heard_s: float,
+    ) -> None:
+        """Move the pose that is gone to by `dx` (m, rotation vector in rad); see `pose`."""
 
         def of(given: Pose, _now: Pose, before: Pose) -> Pose:
             if self._plans.tcp_frame:
@@ -167,7 +182,7 @@ class Streams:
                 Frame.BASE,
             )
 
-        self._aim("jog", dx, of, owner, sequence, stamp_s)
+        self._aim("jog", dx, of, owner, sequence, stamp_s, heard_s)
 
     def _aim(
         self,
@@ -177,6 +192,7 @@ class Streams:
         owner: str,
         sequence: int | None,
         stamp_s: float | None,
+        heard_s: float,
     ) -> None:
         """Aim the pose stream at `of` what is given, the commanded pose and the target before."""
         controller, plans = self._controller, self._plans
@@ -193,6 +209,12 @@ class Streams:
         with controller.lock:
             if controller.activity is not activity or self._link is None:
                 raise MotionRefusedError(f"{verb}: {self._ended}")
+            waited_s = controller.stamp_s - heard_s
+            if waited_s > activity.silence_s:
+                raise MotionRefusedError(
+                    f"{verb}: it waited for {waited_s:.2f} s until it was worked out; that is too "
+                    "late to act on"
+                )
             activity.aim(target, controller.stamp_s)
             self._hear(activity, owner, sequence, stamp_s)
 

@@ -89,11 +89,15 @@ class Supervision:
         """The newest state whose reading was looked at."""
         self.previous: RobotState | None = None
         """The one before."""
+        self.acted = True
+        """Whether commands acted all the time from there to `newest`, for all that was heard."""
         self.gap_s = 0.0
         """Time between the last two ticks."""
         self._ticked_s = NEVER_S
         self._session: int | None = None
         self._ready = False
+        self._not_acting = False
+        """Whether the robot said since `newest` that commands do not act."""
         self._plausible_s = NEVER_S
         """Since when readings make no leap."""
 
@@ -112,8 +116,9 @@ class Supervision:
         self.gap_s, self._ticked_s = state.stamp_s - self._ticked_s, state.stamp_s
         new_session = state.session != self._session
         began, self._ready = not self._ready, False
+        self._not_acting = self._not_acting or not state.ready
         if state.link is not RobotLink.LIVE:
-            return Finding(Cause.LOST, state.hold_reason)
+            return Finding(Cause.LOST, state.hold_reason or f"the robot is {state.link.value}")
         wrong = state.hold_reason or body.obstacle(state, new_session or began)
         if wrong:
             if new_session and self._session is not None:
@@ -123,6 +128,7 @@ class Supervision:
         first, self._session = self._session is None, state.session
         self.previous = before = self.newest
         self.newest = state
+        self.acted, self._not_acting = not self._not_acting, False
         if new_session:
             self.distrust = ""
             self._plausible_s = state.stamp_s
@@ -163,7 +169,13 @@ class Supervision:
         return None
 
 
-def step_s(state: RobotState, period_s: float) -> float:
-    """By how much a tick advances: lost time is lost. `period_s` is the robot's own."""
+def step_s(state: RobotState, period_s: float, gap_s: float) -> float:
+    """By how much a tick advances: lost time is lost. `period_s` is the robot's own, 0: unknown.
+
+    A robot whose clock stands still goes on moving all the same, and has to be braked: then our
+    own clock counts, by which the last tick was `gap_s` ago.
+    """
+    if not 0.0 < state.period_s < math.inf:
+        return max(0.0, min(period_s, gap_s))
     longest_s = LONGEST_STEP_PERIODS * period_s if period_s > 0.0 else math.inf
-    return min(max(0.0, state.period_s), longest_s)  # A period that is no number is none.
+    return min(state.period_s, longest_s)

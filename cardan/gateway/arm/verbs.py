@@ -101,6 +101,8 @@ class ArmVerbs:
         self._waited_for: Motion | None = None
         self._pending: tuple[Motion, _Prepare] | None = None
         self._message = ""
+        self._voided = ""
+        """Why whatever was planned last was over."""
         self._refusals = 0
         self._last_refusal = ""
         controller.listener = self
@@ -193,7 +195,8 @@ class ArmVerbs:
     def at_rest(self) -> bool:
         """True when nothing moves by command and nothing is about to."""
         with self.controller.lock:
-            return self.controller.idle and self._pending is None
+            controller = self.controller
+            return controller.idle and not controller.recovering and self._pending is None
 
     @property
     def waited_for(self) -> Motion | None:
@@ -237,6 +240,7 @@ class ArmVerbs:
 
     def void(self, reason: str) -> None:
         """Whatever was under way or planned is over (called by the controller)."""
+        self._voided = reason
         self._drop_pending(reason)
         self._end_stream(reason)
         self._end_motion(Outcome.ABORTED, reason)
@@ -307,11 +311,15 @@ class ArmVerbs:
                 raise MotionRefusedError("forc: wrenches are taken in the base frame only")
             wrench = Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), Frame.BASE)
             with self.controller.lock:
-                activity = self.controller.activity
-                if isinstance(activity, TorqueMotion) and activity.state is State.FORCE:
+                activity, motion = self.controller.activity, self._motion
+                if (
+                    isinstance(activity, TorqueMotion)
+                    and activity.state is State.FORCE
+                    and motion is not None
+                ):
+                    self._require_authority("forc")
                     activity.set_wrench(wrench)
-                    assert self._motion is not None
-                    return self._motion
+                    return motion
         return self._launch("forc", False, lambda q: self.plans.torque(State.FORCE, wrench, q))
 
     def stop(self) -> None:
@@ -331,12 +339,13 @@ class ArmVerbs:
         with self._planning, self.controller.lock, self._counted():
             tool = checked_pose("tool", x)
             self._require_idle("tool")
+            self._require_authority("tool")
             self._end_stream("the tool was changed")
-            self.controller.drop()
             self.planner.set_tool(tool)
             for kinematics in (self.servo.kinematics, self.plans.measuring):
                 assert isinstance(kinematics, ArmKinematics)
                 kinematics.set_tool(tool)
+            self.controller.drop()
 
     def act(self, code: Action | int | str) -> None:
         """Tell the gripper to close, open or stop."""
@@ -371,7 +380,7 @@ class ArmVerbs:
                 with self._counted():
                     plan = prepare(self._start(motion.verb))
                     with self.controller.lock:
-                        self._require_generation(generation)
+                        self._require_generation(motion.verb, generation)
                         if self._pending is not None and self._pending[0] is motion:
                             self._pending = None
                             self._begin(motion, plan)
@@ -396,8 +405,13 @@ class ArmVerbs:
             self.controller.stop(f"authority was handed over to {to!r}")
 
     def release(self, source: str = VERBS) -> None:
-        """Give up the authority of `source`, so that others need not wait until its lease ends."""
+        """Give up the authority of `source`, so that others need not wait until its lease ends.
+
+        What moves by it is stopped.
+        """
         with self.controller.lock:
+            if self.controller.authority.owner == source and not self.controller.idle:
+                self.controller.stop(f"{source!r} gave up its authority over the arm")
             self.controller.authority.release(source)
 
     def acknowledge(self) -> None:
@@ -468,8 +482,9 @@ class ArmVerbs:
         `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
         grow.
         """
+        heard_s = self.stamp_s
         with self._planning:
-            return self._answer(lambda: self.streams.pose(x, owner, sequence, stamp_s))
+            return self._answer(lambda: self.streams.pose(x, owner, sequence, stamp_s, heard_s))
 
     def jog(
         self,
@@ -486,8 +501,9 @@ class ArmVerbs:
         command `pose`, follows the parameter poseDamping, and is refused where the sum would run
         away from the arm.
         """
+        heard_s = self.stamp_s
         with self._planning:
-            return self._answer(lambda: self.streams.jog(dx, owner, sequence, stamp_s))
+            return self._answer(lambda: self.streams.jog(dx, owner, sequence, stamp_s, heard_s))
 
     def twist(
         self,
@@ -541,7 +557,7 @@ class ArmVerbs:
                 generation = self.controller.generation
             plan = prepare(start)
             with self.controller.lock:
-                self._require_generation(generation)
+                self._require_generation(verb, generation)
                 motion = Motion(verb, ends)
                 self._drop_pending(f"{verb} took over")
                 if self.controller.idle:
@@ -654,11 +670,13 @@ class ArmVerbs:
         if refusal:
             raise MotionRefusedError(f"{verb}: {refusal}")
 
-    def _require_generation(self, generation: int) -> None:
+    def _require_generation(self, verb: str, generation: int) -> None:
+        """Nothing happened while it was worked out that makes the plan void."""
         robot = self.controller.robot
         if generation != self.controller.generation or robot is None or not robot.ready:
-            why = self._message or "the robot is not ready"
+            why = self._voided or "the robot is not ready"
             raise MotionRefusedError(f"overtaken while it was worked out: {why}")
+        self._require_authority(verb)
 
 
 class _Counted:

@@ -381,6 +381,23 @@ def test_any_button_ends_a_recovery():
     assert stays(rig, 1.0, away) == 0.0
 
 
+def test_any_button_ends_the_easing_of_an_armed_arm_too():
+    rig = Rig().drive(0.3)
+    stuck = rig.robot.pose
+    for _ in range(200):
+        rig.run(pose=stuck)
+    rig.hand(FORWARD)
+    for _ in range(60):
+        rig.run(pose=stuck)
+    assert rig.core.phase is Phase.RECOVERING
+    assert "any button ends it" in rig.status.message
+    rig.run(events=[ButtonEvent(rig.now_s, "right", True)], pose=stuck)
+    stays(rig, 0.1, stuck)
+    assert stays(rig, 1.0, stuck) == 0.0
+    assert rig.core.phase is Phase.HOLDING
+    assert rig.status.trips == 0
+
+
 def test_a_stop_ends_a_recovery():
     rig = Rig().drive()
     away = pushed_away(rig, 0.12)

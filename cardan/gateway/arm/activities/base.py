@@ -57,6 +57,11 @@ class Activity(ABC):
     """Whether silence only takes away what is driven, and the activity goes on."""
 
     @property
+    def yields(self) -> bool:
+        """True while something else than a command may move the arm."""
+        return False
+
+    @property
     def driven(self) -> bool:
         """True while silence of whoever asks for it would let something go on."""
         return False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from cardan.gateway.arm.activities.base import GOING, Activity, Progress
 from cardan.gateway.arm.body import (
     APPROACH_SPEED_M_S,
@@ -25,6 +27,16 @@ MARGIN_SHARE = 1.5
 """Of that distance, likewise."""
 
 
+class Way(NamedTuple):
+    """The length of a way of the TCP."""
+
+    linear_m: float
+    angular_rad: float
+
+
+NO_WAY = Way(0.0, 0.0)
+
+
 class Recover(Activity):
     """The command moves slowly to where the robot is measured; the robot need not move.
 
@@ -34,26 +46,34 @@ class Recover(Activity):
     recovers = True
 
     def __init__(
-        self, body: Body, reference: Reference, near: FollowingError, error: FollowingError
+        self,
+        body: Body,
+        reference: Reference,
+        near: FollowingError,
+        error: FollowingError,
+        went: Way = NO_WAY,
     ) -> None:
-        """Done when the following error, now `error`, is inside `near`."""
+        """Done when the following error, now `error`, is inside `near`. `went`: what such motions
+        went already since somebody asked for any."""
         self._body = body
         self.reference: Reference = reference
         self._limit = near
         limits = reference.limits
         # Less what braking from its own speed takes.
-        self._way_m = min(limits.leash_m, MARGIN_SHARE * error.linear_m + MARGIN_M) - (
-            APPROACH_SPEED_M_S**2 / limits.linear_acceleration_m_s2
-        )
-        self._way_rad = min(limits.leash_rad, MARGIN_SHARE * error.angular_rad + MARGIN_RAD) - (
-            APPROACH_SPEED_RAD_S**2 / limits.angular_acceleration_rad_s2
-        )
+        self._way_m = min(
+            limits.leash_m - went.linear_m, MARGIN_SHARE * error.linear_m + MARGIN_M
+        ) - (APPROACH_SPEED_M_S**2 / limits.linear_acceleration_m_s2)
+        self._way_rad = min(
+            limits.leash_rad - went.angular_rad, MARGIN_SHARE * error.angular_rad + MARGIN_RAD
+        ) - (APPROACH_SPEED_RAD_S**2 / limits.angular_acceleration_rad_s2)
         self._left_s = SETTLING_TIMES * APPROACH_TIME_S + max(
             limits.leash_m / APPROACH_SPEED_M_S, limits.leash_rad / APPROACH_SPEED_RAD_S
         )
         self._braking = False
         self.near = False
         """Whether the command is back at its robot."""
+        self.went = went
+        """By this one, too."""
 
     def brake(self) -> None:
         """End it where it is."""
@@ -62,11 +82,11 @@ class Recover(Activity):
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Move on by one period."""
         body, reference = self._body, self.reference
-        error = body.following_error(robot, reference)
-        self.near = not error.exceeds(self._limit)
         self._left_s -= dt_s
-        if self.near or self._left_s <= 0.0 or self._way_m <= 0.0 or self._way_rad <= 0.0:
-            self._braking = True
+        if not self._braking:
+            self.near = not body.following_error(robot, reference).exceeds(self._limit)
+            spent = self._left_s <= 0.0 or self._way_m <= 0.0 or self._way_rad <= 0.0
+            self._braking = self.near or spent
         before = body.pose
         if self._braking:
             body.brake(dt_s)
@@ -74,6 +94,9 @@ class Recover(Activity):
             body.approach(robot, dt_s)
         after = body.pose
         reference.pose = after
-        self._way_m -= norm(subtract(after.position, before.position))
-        self._way_rad -= norm(rotation_between(before.orientation, after.orientation))
+        step_m = norm(subtract(after.position, before.position))
+        step_rad = norm(rotation_between(before.orientation, after.orientation))
+        self._way_m -= step_m
+        self._way_rad -= step_rad
+        self.went = Way(self.went.linear_m + step_m, self.went.angular_rad + step_rad)
         return Progress(True) if self._braking and not body.moving else GOING

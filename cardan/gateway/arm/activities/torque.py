@@ -51,7 +51,9 @@ class TorqueMotion(Activity):
         self.state = state
         self.limits = limits
         self._body = body
-        self._q: FloatArray | None = None
+        self._seen: RobotState | None = None
+        """The newest state, and how fast its joints were."""
+        self._speeds: FloatArray = np.zeros(len(model.joints))
         self._braking = self._caught = False
         self._kinematics = kinematics
         self._data = kinematics.model.createData()
@@ -62,6 +64,10 @@ class TorqueMotion(Activity):
         self._in_tcp_axes = np.zeros(6)
         self.share = 1.0
         """Of the wrench that the joints' torques allowed in the last tick."""
+
+    @property
+    def yields(self) -> bool:
+        return not self._caught
 
     @property
     def driven(self) -> bool:
@@ -75,27 +81,37 @@ class TorqueMotion(Activity):
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Torques for the measured joints; told to brake, a ramp of positions."""
-        q = np.array(robot.joints)
-        before, self._q = self._q, q
-        speeds = np.zeros(len(q))
-        if len(robot.velocities) == len(q) and is_finite(robot.velocities):
-            speeds = np.array(robot.velocities)
-        elif before is not None and robot.period_s > 0.0:
-            speeds = (q - before) / robot.period_s
         body = self._body
+        if self._caught:
+            body.brake(dt_s)
+            return GOING if body.moving else ARRIVED
+        q = self._look(robot)
         if not self._braking:
-            self.fault = self.runaway(q, speeds)
+            self.fault = self.runaway(q, self._speeds)
             if self.fault:
                 self.brake()
         if self._braking:
-            if not self._caught:
-                body.catch(q, speeds)
-                self._caught = True
+            body.catch(q, self._speeds)
+            self._caught = True
             body.brake(dt_s)
-            return GOING if body.moving else ARRIVED
+            return GOING
         body.servo.place(q)
         self.command = self.torques(q, dt_s)
         return GOING
+
+    def _look(self, robot: RobotState) -> FloatArray:
+        """The joints of `robot`, or of the state before where these cannot be."""
+        before = self._seen
+        if before is not None:
+            time_s = max(robot.stamp_s - before.stamp_s, robot.period_s, 0.0)
+            if self._body.leap(before, robot, time_s):
+                return np.array(before.joints)
+        self._seen, q = robot, np.array(robot.joints)
+        if len(robot.velocities) == len(q) and is_finite(robot.velocities):
+            self._speeds = np.array(robot.velocities)
+        elif before is not None and robot.period_s > 0.0:
+            self._speeds = (q - np.array(before.joints)) / robot.period_s
+        return q
 
     def check_weight(self, q: FloatArray) -> None:
         """Raises MotionRefusedError where a joint cannot hold the arm's weight at `q`."""

@@ -1,0 +1,502 @@
+"""Sequences of a hostile user, a bad sensor or bad luck: nothing may move by them."""
+
+import numpy as np
+import pytest
+
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.authority import AuthorityPolicy
+from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.supervision import TRUST_AFTER_S
+from cardan.gateway.hand.filters import TwistFilter
+from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.spatial import add, norm, subtract
+from cardan.types import (
+    IDENTITY,
+    ButtonEvent,
+    CommandKind,
+    DeviceLink,
+    DeviceState,
+    HoldCommand,
+    JointCommand,
+    JointVelocityCommand,
+    Pose,
+    PoseCommand,
+    RobotLink,
+    TorqueCommand,
+    Vector3,
+)
+from tests.controllers import controller_for_hand
+from tests.gateway.arm.arms import DT_S, World
+from tests.gateway.arm.random_walk import Walk
+from tests.gateway.arm.test_controller_hand import FORWARD, REST, Rig, pushed_away, stays
+
+GOFA = "gofa_crb15000_5"
+QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
+LEFT = frozenset({"left"})
+
+
+class HandWorld(World):
+    """A robot with an arm's model, that verbs and an operator device may move."""
+
+    def __init__(self, arm=GOFA, mapping=None, **more):
+        self.device = DeviceState(10.0, DeviceLink.LIVE, REST, frozenset())
+        self.events = ()
+        super().__init__(arm, mapping=mapping or MappingOptions(deadman=("left",)), **more)
+
+    def tick(self, count=1):
+        for _ in range(count):
+            self.now_s += DT_S
+            self.sequence += 1
+            self.device = self.device._replace(stamp_s=self.now_s)
+            events, self.events = self.events, ()
+            self.command = self.verbs.controller.tick(self.state(), self.device, events)
+            self._obey()
+            self._watch()
+
+    def hand(self, axes=REST, *buttons):
+        self.device = self.device._replace(axes=axes, buttons=frozenset(buttons))
+        return self
+
+    def arm_hand(self):
+        self.hand().tick()
+        self.hand(REST, "left").tick()
+        assert self.verbs.controller.phase is Phase.HOLDING
+
+
+def planned_meanwhile(world, what):
+    """Do `what` while the next line is worked out, as another thread may."""
+    plans = world.verbs.plans
+    line = plans.line
+
+    def slow(target, start):
+        plan = line(target, start)
+        what()
+        return plan
+
+    plans.line = slow
+
+
+# -- time and readings -----------------------------------------------------------------------
+
+
+def test_one_state_of_no_numbers_brakes_in_a_ramp():
+    rig = Rig().drive()
+    good = rig.robot.pose
+    rig.run(pose=good._replace(position=Vector3(float("nan"), 0.0, 0.0)))
+    rig.run(pose=add_x(good, 2 * 0.1 * DT_S))
+    assert rig.speeds[-1] > 0.08
+    rig.braked_within(0.1)
+
+
+def add_x(pose, way_m):
+    return pose._replace(position=add(pose.position, Vector3(way_m, 0.0, 0.0)))
+
+
+def test_a_stall_while_readings_are_not_believed_places_nothing_there():
+    rig = Rig().drive()
+    here = rig.core.body.pose.position
+    there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
+    rig.run(pose=there)
+    assert rig.core.supervision.distrust
+    rig.now_s += 0.2
+    for _ in range(100):
+        rig.run(pose=there)
+        assert norm(subtract(rig.core.body.pose.position, here)) < 0.02
+        if isinstance(rig.command, PoseCommand):
+            assert norm(subtract(rig.command.pose.position, here)) < 0.02
+
+
+def test_a_leap_is_forgotten_with_the_session_it_was_in():
+    rig = Rig().arm()
+    here = rig.robot.pose
+    rig.run(0.02, link=RobotLink.LOST)
+    away = Pose(add(here.position, Vector3(0.0, 0.5, 0.0)), IDENTITY)
+    rig.run(link=RobotLink.LIVE, pose=away)
+    assert rig.core.supervision.distrust
+    rig.run(0.1, session=2)
+    rig.drive()
+    there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.2, 0.0)), IDENTITY)
+    rig.hand()
+    stays(rig, TRUST_AFTER_S + 0.3, there)
+    rested = rig.core.body.pose
+    rig.core.acknowledge()
+    rig.run(pose=there)
+    assert norm(subtract(rig.core.body.pose.position, rested.position)) < 1e-4
+
+
+def test_readings_that_leap_are_not_caught_by_torques():
+    world = World(GOFA)
+    world.verbs.gcmp()
+    world.tick(5)
+    before = world.q.copy()
+    world.q = world.q + 0.3
+    world.v = np.full(6, 0.5)
+    world.jammed = True
+    for _ in range(50):
+        world.tick()
+        world.v[:] = 0.5
+        if isinstance(world.command, JointCommand):
+            assert np.abs(np.array(world.command.positions) - before).max() < 0.05
+
+
+def test_velocities_are_not_corrected_by_readings_that_are_not_believed():
+    world = HandWorld(commands=frozenset({CommandKind.JOINT_VELOCITY}))
+    world.arm_hand()
+    world.hand(FORWARD, "left").tick(100)
+    moving = np.abs(world.command.velocities).max()
+    world.sag = np.full(6, 0.3)
+    for _ in range(100):
+        world.tick()
+        if isinstance(world.command, JointVelocityCommand):
+            assert np.abs(world.command.velocities).max() <= moving + 1e-3
+
+
+@pytest.mark.parametrize("joints", [(), (0.0,) * 7])
+@pytest.mark.parametrize("doing", ["torque", "recovery", "stream", "hand"])
+def test_states_of_another_arm_never_raise(joints, doing):
+    world = HandWorld()
+    if doing == "torque":
+        world.verbs.gcmp()
+        world.tick(5)
+        world.v = np.full(6, 0.5)
+        world.verbs.stop()
+        world.tick()
+    elif doing == "recovery":
+        world.arm_hand()
+        world.hand(FORWARD, "left").tick(100)
+        world.jammed = True
+        world.tick(200)
+        world.hand().tick(100)
+        assert world.verbs.controller.phase is Phase.RECOVERING
+    elif doing == "stream":
+        world.verbs.set_parameter("cpsc", "twst")
+        world.verbs.twist([0.1, 0, 0, 0, 0, 0])
+        world.tick(10)
+    else:
+        world.arm_hand()
+        world.hand(FORWARD, "left").tick(100)
+    assert world.verbs.servo.moving
+    good = world.state
+    world.state = lambda: good()._replace(joints=joints, velocities=())
+    world.jammed = True
+    world.tick(300)
+    assert world.command == HoldCommand()
+
+
+def test_a_lost_datagram_while_joints_change_speed_is_no_mistake():
+    world = World(GOFA, options=ControllerOptions())
+    world.verbs.set_parameters({**QUICK, "cpjs": 1.0, "cpja": 1.0})
+    target = world.verbs.relj([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    controller = world.verbs.controller
+    good = world.state
+    for index in range(200):
+        late = index % 3 == 0
+        if late:
+            world.now_s += DT_S
+        period_s = 2 * DT_S if late else DT_S
+        world.state = lambda period_s=period_s: good()._replace(period_s=period_s)
+        world.now_s += DT_S
+        world.command = controller.tick(world.state())
+        world._obey()
+        assert not controller.trips, target
+        if target.over:
+            break
+
+
+@pytest.mark.parametrize("period_s", [0.0, -0.004, float("nan"), float("inf")])
+def test_a_robot_whose_clock_stands_still_is_braked(period_s):
+    world = HandWorld(commands=frozenset({CommandKind.JOINT_VELOCITY}))
+    world.arm_hand()
+    world.hand(FORWARD, "left").tick(100)
+    assert world.verbs.servo.moving
+    good = world.state
+    world.state = lambda: good()._replace(period_s=period_s)
+    world.hand()
+    world.tick(60)
+    assert not world.verbs.servo.moving
+    assert np.abs(world.command.velocities).max() < 1e-3
+
+
+# -- motion nobody asks for ------------------------------------------------------------------
+
+
+def test_a_stop_while_it_still_brakes_keeps_a_recovery_from_beginning():
+    rig = Rig().drive()
+    away = None
+    here = rig.robot.pose
+    for step in range(1, 100):
+        away = Pose(subtract(here.position, Vector3(0.0, step * DT_S, 0.0)), IDENTITY)
+        rig.run(pose=away)
+        if rig.core.recovering:
+            break
+    assert rig.core.phase is Phase.BRAKING
+    rig.core.stop("stopped")
+    stays(rig, 0.3, away)
+    assert stays(rig, 2.0, away) == 0.0
+    assert rig.status.message
+
+
+@pytest.mark.parametrize("how", ["stop", "silence", "alarm"])
+def test_nothing_is_brought_back_while_nobody_may_drive(how):
+    rig = Rig().drive()
+    away = pushed_away(rig, 0.12)
+    stays(rig, 0.1, away)
+    assert rig.core.phase is Phase.RECOVERING
+    if how == "stop":
+        rig.core.request_stop("enough")
+    elif how == "silence":
+        rig.core.hold_off("the supervisor is silent")
+    else:
+        rig.robot = rig.robot._replace(alarm="the port is flooded")
+    stays(rig, 0.1, away)
+    assert stays(rig, 2.0, away) == 0.0
+    assert rig.core.phase is Phase.DISARMED
+    rig.core.hold_off("")
+    rig.robot = rig.robot._replace(alarm="")
+    assert stays(rig, 2.0, away) == 0.0
+
+
+@pytest.mark.parametrize("how", ["stop", "silence", "alarm"])
+@pytest.mark.parametrize("way_m", [0.04, 0.12])
+def test_nothing_begins_to_be_brought_back_while_nobody_may_drive(how, way_m):
+    rig = Rig().arm()
+    if how == "stop":
+        rig.core.request_stop("enough")
+    elif how == "silence":
+        rig.core.hold_off("the supervisor is silent")
+    else:
+        rig.robot = rig.robot._replace(alarm="the port is flooded")
+    rig.run()
+    away = pushed_away(rig, way_m)
+    assert stays(rig, 2.0, away) == 0.0
+    assert rig.status.message
+
+
+def test_readings_that_wander_lead_no_arm_away():
+    rig = Rig().arm()
+    start = rig.core.body.pose.position
+    for _ in range(10):
+        for offset_m in (0.03, 0.0):
+            for _ in range(120):
+                here = rig.core.body.pose
+                rig.run(pose=Pose(add(here.position, Vector3(offset_m, 0.0, 0.0)), IDENTITY))
+    went = norm(subtract(rig.core.body.pose.position, start))
+    assert went <= 1.1 * ReferenceLimits().leash_m
+
+
+def test_a_recovery_that_was_acknowledged_while_the_robot_is_gone_places_nothing():
+    world = HandWorld()
+    world.tick(5)
+    world.link = RobotLink.LOST
+    world.tick(5)
+    world.q = world.q + 1.0
+    world.link = RobotLink.LIVE
+    world.tick()
+    assert world.verbs.controller.supervision.distrust
+    world.jammed = True
+    world.tick(200)
+    good = world.state
+    world.state = lambda: good()._replace(joints=())
+    world.tick()
+    world.verbs.acknowledge()
+    world.tick()
+    world.state = good
+    world.tick(5)
+    world.jammed = False
+    np.testing.assert_allclose(world.verbs.servo.q, world.q)
+
+
+def test_a_pose_that_waited_for_the_planner_is_not_gone_to():
+    world = World(GOFA)
+    world.verbs.set_parameter("cpsc", "pose")
+    planner = world.verbs.planner
+    inverse = planner.inverse_nearby
+
+    def slow(*of):
+        world.tick(50)
+        return inverse(*of)
+
+    planner.inverse_nearby = slow
+    assert "waited for 0.20 s" in world.verbs.pose(world.moved(0.0, 0.0, 0.05))
+    world.tick(50)
+    assert not world.verbs.servo.moving
+    planner.inverse_nearby = inverse
+    assert world.verbs.pose(world.moved(0.0, 0.0, 0.05)) == ""
+    world.tick(5)
+    assert world.verbs.servo.moving
+
+
+# -- whose motion it is ----------------------------------------------------------------------
+
+
+class Fails(TwistFilter):
+    Options = dict
+    failing = False
+
+    def apply(self, twist, robot):
+        if self.failing:
+            raise ValueError("no")
+        return twist
+
+    def open(self):
+        pass
+
+    def close(self):
+        pass
+
+    def status(self):
+        return ""
+
+
+def test_a_clutch_let_go_as_a_filter_fails_is_let_go():
+    fails = Fails()
+    rig = Rig(deadman=(), filters=[fails])
+    rig.core = controller_for_hand(MappingOptions(clutch="left"), filters=[fails])
+    rig.hand()
+    rig.run(0.1)
+    rig.hand(REST, "left")
+    rig.run(events=[ButtonEvent(rig.now_s, "left", True)])
+    rig.hand()
+    rig.run(events=[ButtonEvent(rig.now_s, "left", False)])
+    rig.hand(FORWARD)
+    rig.run(0.3)
+    assert rig.core.phase is Phase.MOVING
+    fails.failing = True
+    rig.hand(FORWARD, "left")
+    rig.run(events=[ButtonEvent(rig.now_s, "left", True)])
+    fails.failing = False
+    rig.hand(FORWARD)
+    rig.run(0.3, events=[ButtonEvent(rig.now_s, "left", False)])
+    rig.run(0.3)
+    assert rig.core.at_rest
+    assert rig.core.phase is Phase.DISARMED
+
+
+@pytest.mark.parametrize("how", ["stop", "request_stop", "hand", "lost"])
+def test_what_happens_while_a_motion_is_worked_out_counts(how):
+    world = HandWorld()
+    controller = world.verbs.controller
+
+    def meanwhile():
+        if how == "stop":
+            world.verbs.stop()
+        elif how == "request_stop":
+            controller.request_stop("enough")
+        elif how == "hand":
+            world.arm_hand()
+        else:
+            world.link = RobotLink.LOST
+            world.tick()
+            world.link = RobotLink.LIVE
+            world.tick()
+
+    planned_meanwhile(world, meanwhile)
+    if how == "hand":
+        controller.authority.release("verbs")
+    with pytest.raises(MotionRefusedError):
+        world.verbs.movl(world.moved(0.0, 0.0, -0.1))
+    world.tick(50)
+    assert not world.verbs.servo.moving
+
+
+def test_authority_given_up_in_motion_passes_through_rest():
+    world = World(GOFA)
+    world.verbs.set_parameter("cpsc", "twst")
+    for _ in range(50):
+        assert world.verbs.twist([0.2, 0, 0, 0, 0, 0], owner="a") == ""
+        world.tick()
+    world.verbs.release("a")
+    answer = world.verbs.twist([-0.2, 0, 0, 0, 0, 0], owner="b")
+    world.tick()
+    assert answer or world.verbs.controller.braking
+    for _ in range(100):
+        world.tick()
+        world.verbs.twist([-0.2, 0, 0, 0, 0, 0], owner="b")
+        if world.verbs.servo.twist[0, 0] < -1e-6:
+            raise AssertionError("went over without a rest")
+        if not world.verbs.servo.moving:
+            break
+    assert not world.verbs.servo.moving
+
+
+def test_a_wrench_for_an_arm_that_is_being_caught_is_refused_in_words():
+    world = World(GOFA)
+    world.verbs.forc([0.0, 0.0, -5.0, 0.0, 0.0, 0.0])
+    world.tick(5)
+    world.v = np.full(6, 0.5)
+    world.verbs.stop()
+    try:
+        motion = world.verbs.forc([0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
+    except MotionRefusedError:
+        pass
+    else:
+        assert motion.outcome is Outcome.WAITING
+
+
+def test_a_wrench_needs_the_authority():
+    world = HandWorld(options=ControllerOptions(authority=AuthorityPolicy.FIRST))
+    world.verbs.forc([0.0, 0.0, -5.0, 0.0, 0.0, 0.0])
+    world.tick(5)
+    world.verbs.hand_over("b")
+    with pytest.raises(MotionRefusedError):
+        world.verbs.forc([0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
+
+
+def test_nobody_changes_the_tool_in_an_operators_hand():
+    world = HandWorld()
+    world.arm_hand()
+    with pytest.raises(MotionRefusedError, match="authority"):
+        world.verbs.tool([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
+
+
+def test_a_new_tool_is_no_following_error():
+    world = HandWorld()
+    world.tick(5)
+    world.verbs.tool([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
+    world.tick(20)
+    assert world.verbs.controller.trips == 0
+    assert not world.verbs.servo.moving
+
+
+# -- truth -----------------------------------------------------------------------------------
+
+
+def test_torques_are_no_rest():
+    world = World(GOFA)
+    world.verbs.gcmp()
+    world.tick(5)
+    assert isinstance(world.command, TorqueCommand)
+    assert not world.verbs.controller.at_rest
+    world.verbs.stop()
+    assert not world.verbs.controller.at_rest
+    world.tick(5)
+    assert world.verbs.controller.at_rest
+
+
+# -- a walk at random ------------------------------------------------------------------------
+
+MAPPINGS = (
+    MappingOptions(deadman=("left",)),
+    MappingOptions(clutch="clutch"),
+    MappingOptions(deadman=("left",), clutch="clutch"),
+    MappingOptions(),
+)
+KINDS = (CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_every_promise_is_kept_on_a_walk_at_random(seed):
+    walk = Walk(
+        seed,
+        "pr2_left_arm" if seed == 11 else ("ur5", GOFA)[seed % 2],
+        KINDS[seed % 3],
+        (AuthorityPolicy.HAND, AuthorityPolicy.FIRST)[seed // 3 % 2],
+        MAPPINGS[seed % 4],
+    )
+    walk.tick(3)
+    for _ in range(50):
+        walk.step()
+    walk.lives()
