@@ -121,6 +121,11 @@ class ArmBody(Body):
     def status(self) -> ServoStatus:
         return self.servo.status()
 
+    def keep_sent_as(self, kinematics: Kinematics) -> None:
+        """Whatever tool the servo's TCP gets from now on, the robot's controller goes on with
+        that of `kinematics`, which is the caller's no more."""
+        self._sent_as = kinematics
+
     def gate_limits(self, capabilities: RobotCapabilities) -> GateLimits:
         """What commands of this body may be: its joints' limits, and its robot's of the TCP."""
         bounds = self.servo.kinematics

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import AuthorityState
+from cardan.gateway.arm.authority import VERBS, AuthorityState
 from cardan.gateway.arm.checks import Six
 from cardan.gateway.arm.codes import State, Stream
 from cardan.gateway.servo.servo import ServoStatus
@@ -28,8 +28,10 @@ class Outcome(enum.Enum):
 class Motion:
     """What a verb started."""
 
-    def __init__(self, verb: str, ends: bool) -> None:
+    def __init__(self, verb: str, ends: bool, source: str = VERBS) -> None:
         self.verb = verb
+        self.source = source
+        """Who asked for it."""
         self.ends = ends
         """True for movj, relj and movl, which `wait` waits for."""
         self.outcome = Outcome.WAITING
