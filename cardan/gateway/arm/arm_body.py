@@ -23,6 +23,7 @@ from cardan.gateway.servo.lag import ResponseLag
 from cardan.gateway.servo.servo import SINGULAR, SLOWED, Servo, ServoStatus, servo_steps
 from cardan.spatial import is_finite, norm, rotation_between, subtract
 from cardan.types import (
+    IDENTITY_POSE,
     CommandKind,
     Frame,
     JointCommand,
@@ -104,6 +105,11 @@ class ArmBody(Body):
     @property
     def pose(self) -> Pose:
         return to_pose(self.servo.placement)
+
+    @property
+    def tool(self) -> Pose:
+        tool: Pose = getattr(self.servo.kinematics, "tool", IDENTITY_POSE)
+        return tool
 
     @property
     def twist(self) -> Twist:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.codes import Parameter, State
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
-from cardan.gateway.arm.verbs import ArmVerbs
+
+if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
+    from cardan.gateway.arm.verbs import ArmVerbs
 
 REST_TIMEOUT_S = 10.0
 """Robot time within which any motion has braked to rest."""

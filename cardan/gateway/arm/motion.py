@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import VERBS, AuthorityState
 from cardan.gateway.arm.checks import Six
 from cardan.gateway.arm.codes import State, Stream
-from cardan.gateway.servo.servo import ServoStatus
+
+if TYPE_CHECKING:  # Imports Pinocchio, which who only asks does without.
+    from cardan.gateway.servo.servo import ServoStatus
 
 
 class Outcome(enum.Enum):

@@ -159,16 +159,23 @@ class Plans:
         cap_m_s = self.capabilities.linear_speed_m_s or math.inf
         cap_rad_s = self.capabilities.angular_speed_rad_s or math.inf
         linear_m_s2, angular_rad_s2 = self._accelerations
-        if self.options.limits is not None:
-            cap_m_s = min(cap_m_s, self.options.limits.linear_speed_m_s)
-            cap_rad_s = min(cap_rad_s, self.options.limits.angular_speed_rad_s)
+        linear_m_s3, angular_rad_s3 = (
+            values[Parameter.TRAJECTORY_JERK],
+            values[Parameter.ROTATION_JERK],
+        )
+        most = self.options.limits
+        if most is not None:
+            cap_m_s = min(cap_m_s, most.linear_speed_m_s)
+            cap_rad_s = min(cap_rad_s, most.angular_speed_rad_s)
+            linear_m_s3 = min(linear_m_s3, most.linear_jerk_m_s3 or math.inf)
+            angular_rad_s3 = min(angular_rad_s3, most.angular_jerk_rad_s3 or math.inf)
         limits = PathLimits(
             linear_speed_m_s=min(values[Parameter.TRAJECTORY_SPEED], cap_m_s),
             linear_acceleration_m_s2=linear_m_s2,
-            linear_jerk_m_s3=values[Parameter.TRAJECTORY_JERK],
+            linear_jerk_m_s3=linear_m_s3,
             angular_speed_rad_s=min(values[Parameter.ROTATION_SPEED], cap_rad_s),
             angular_acceleration_rad_s2=angular_rad_s2,
-            angular_jerk_rad_s3=values[Parameter.ROTATION_JERK],
+            angular_jerk_rad_s3=angular_rad_s3,
         )
         profile: Literal["jerk", "trapezoid"] = "jerk" if jerk else "trapezoid"
         path = LinePath(begin, target, limits, profile=profile)

@@ -42,7 +42,6 @@ from cardan.spatial import is_finite
 from cardan.types import (
     CommandKind,
     Frame,
-    Pose,
     RobotCapabilities,
     RobotState,
     Vector3,
@@ -91,14 +90,14 @@ class ArmVerbs:
             workspace=options.workspace_m,
             margins=options.margins,
         )
-        self.planner.set_tool(self._tool())
+        self.planner.set_tool(body.tool)
         self.parameters = values = prm.defaults()
         values[Parameter.GAIN] = body.velocity_gain_1_s * values[Parameter.CONTROL_PERIOD] / 1000.0
         values[Parameter.POLICY] = float(_TO_CODE[body.servo.policy])
         self.plans = Plans(
             controller, body, model, self.planner, capabilities, options, self.parameters
         )
-        self.plans.measuring.set_tool(self._tool())
+        self.plans.measuring.set_tool(body.tool)
         self.streams = Streams(controller, body, self.plans)
         self._gripper = gripper
         self._planning = threading.RLock()
@@ -184,11 +183,6 @@ class ArmVerbs:
             tool_shapes=tool_shapes,
             gripper=gripper,
         )
-
-    def _tool(self) -> Pose:
-        """The TCP in the arm's own, as the body has it."""
-        assert isinstance(self.servo.kinematics, ArmKinematics)
-        return self.servo.kinematics.tool
 
     # -- what it is doing ------------------------------------------------------------------------
 
