@@ -114,7 +114,8 @@ def make_driver(table: DriverTable, key: str) -> Driver:
 
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
     """The operator device that is configured, not opened yet."""
-    assert config.device is not None
+    if config.device is None:
+        raise ConfigurationError("device", "is missing: which driver reads the operator's hand?")
     device = make_driver(config.device, "device")
     if not isinstance(device, OperatorDevice):
         raise ConfigurationError(

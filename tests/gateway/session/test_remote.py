@@ -43,6 +43,8 @@ from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import in_a_thread
 
+pytestmark = pytest.mark.realtime
+
 EXAMPLE = Path(__file__).parents[3] / "examples" / "verbs-ur5-simulated.toml"
 QUICK = {"cpts": 0.2, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0}
 TIMEOUT_S = 20.0
@@ -64,6 +66,11 @@ def until(done, what="it"):
         assert time.monotonic() < deadline_s, f"{what} did not happen"
         threading.Event().wait(0.005)
     return found
+
+
+def until_at(arm, pose, tolerance_m=1e-3):
+    """Wait until the arm is measured there: what arrives is the command, a few cycles before."""
+    until(lambda: np.allclose(arm.stat().pose[:3], pose[:3], atol=tolerance_m), "the arrival")
 
 
 def by(pose, *step):
@@ -169,7 +176,7 @@ def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
         arm.set_parameters(QUICK)
         assert arm.movl(start).source == "program"
         assert arm.wait() is True
-        np.testing.assert_allclose(arm.stat().pose[:3], start[:3], atol=1e-3)
+        until_at(arm, start)
         until(lambda: arm.snapshot.authority == "program")
 
 
@@ -231,7 +238,7 @@ def test_the_sessions_tool_is_the_verbs(in_thread):
         arm.set_parameters(QUICK)
         arm.movl(by(pose, 0.0, 0.0, 0.05))
         assert arm.wait() is True
-        np.testing.assert_allclose(arm.stat().pose[:3], by(pose, 0.0, 0.0, 0.05)[:3], atol=1e-3)
+        until_at(arm, by(pose, 0.0, 0.0, 0.05))
         arm.tool([0.0] * 6)
         flange = np.array(arm.stat().pose[:3])
         assert np.linalg.norm(flange - by(pose, 0.0, 0.0, 0.05)[:3]) == pytest.approx(0.1, abs=1e-3)
@@ -309,7 +316,6 @@ def test_a_session_that_verbs_cannot_move_is_refused_at_once():
 # -- in a process of its own ----------------------------------------------------------------------
 
 
-@pytest.mark.realtime
 def test_verbs_streams_and_stop_on_the_simulated_arm():
     with RemoteArm(EXAMPLE) as arm:
         assert arm.snapshot is not None
@@ -319,7 +325,7 @@ def test_verbs_streams_and_stop_on_the_simulated_arm():
         assert arm.stat().state is State.MOVJ
         assert arm.wait(20.0) is True
         assert motion.outcome is Outcome.DONE
-        np.testing.assert_allclose(arm.stat().pose[:3], by(start, 0.0, 0.0, -0.05)[:3], atol=5e-3)
+        until_at(arm, by(start, 0.0, 0.0, -0.05), 5e-3)
         assert len(arm.inv(start)) == 6
 
         with pytest.raises(OutOfReachError) as far:
@@ -350,7 +356,6 @@ def test_verbs_streams_and_stop_on_the_simulated_arm():
     arm.close()
 
 
-@pytest.mark.realtime
 def test_the_example_of_the_page_runs(capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["verbs.py", str(EXAMPLE)])
     runpy.run_path(str(EXAMPLE.with_name("verbs.py")), run_name="__main__")
@@ -360,7 +365,6 @@ def test_the_example_of_the_page_runs(capsys, monkeypatch):
     assert int(said.rsplit("streamed ", 1)[1].split()[0]) > 10
 
 
-@pytest.mark.realtime
 def test_what_the_session_cannot_open_comes_as_its_own_error():
     table = {**TABLE, "robot": {"driver": "sim_arm", "robot": "ur5", "transport": "udp"}}
     table["device"] = {"driver": "spacemouse", "transport": "socket", "path": "/nowhere/hid"}
@@ -368,7 +372,6 @@ def test_what_the_session_cannot_open_comes_as_its_own_error():
         RemoteArm(parse_config(table)).open()
 
 
-@pytest.mark.realtime
 def test_a_session_that_dies_ends_motions_and_requests():
     with RemoteArm(EXAMPLE) as arm:
         motion = arm.movv([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
@@ -489,7 +492,6 @@ def assert_it_rested(at_s, said, seconds):
     assert while_stopped[0].phase == "moving"
 
 
-@pytest.mark.realtime
 def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
     with Supervising(PROGRAM, EXAMPLE) as program:
         until(program.is_moving, "motion")
@@ -502,7 +504,6 @@ def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
         until(program.is_moving, "motion that was asked for anew")
 
 
-@pytest.mark.realtime
 def test_an_arm_moved_by_a_hand_rests_while_its_view_is_stopped(tmp_path):
     script = tmp_path / "script.txt"
     script.write_text(HAND)
