@@ -71,6 +71,22 @@ def test_check_says_what_a_configuration_would_do():
     assert "'left' must be held" in text
 
 
+def test_check_says_what_moves_an_arm_without_a_device(tmp_path):
+    text = cardan("check", EXAMPLES / "verbs-ur5-simulated.toml")
+    assert "device   none" in text
+    assert "moved by verbs and streams of a program" in text
+    assert "dead-man" not in text
+    bare = tmp_path / "bare.toml"
+    bare.write_text('[robot]\ndriver = "abb_egm"\n')
+    assert "moved by NOTHING: verbs and streams need an [arm]" in cardan("check", bare)
+
+
+def test_run_without_a_device_shows_an_arm_that_holds():
+    text = cardan("run", EXAMPLES / "verbs-ur5-simulated.toml", "--seconds", "1")
+    assert "disarmed  hand –, robot live" in text
+    assert "moving 0.0 s" in text
+
+
 def test_check_names_the_key(tmp_path):
     file = tmp_path / "bad.toml"
     file.write_text(

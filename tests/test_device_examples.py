@@ -236,6 +236,7 @@ def test_no_example_is_forgotten():
         "shared-control-simulated.toml",
         "spacemouse-gofa-simulated.toml",
         "spacemouse-gp8-simulated.toml",
+        "verbs-ur5-simulated.toml",
     }
     assert {path.name for path in EXAMPLES.glob("*-simulated.toml")} == {
         *DEVICES,

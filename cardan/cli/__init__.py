@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -30,6 +30,9 @@ from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import DeviceLink, RobotLink
+
+if TYPE_CHECKING:
+    from cardan.gateway.session.config import SessionConfig
 
 EPILOG = (
     "Exit codes: 0 done as asked; 1 failed inside; 2 wrong configuration or usage; "
@@ -144,9 +147,11 @@ def check(file: ConfigFile) -> None:
     config = load_config(file)
     mapping, limits = config.mapping, config.limits
     print(f"{file}: fine")
-    print(f"  device   {config.device.driver if config.device else 'none: verbs and streams only'}")
+    print(f"  device   {config.device.driver if config.device else 'none'}")
     print(f"  robot    {config.robot.driver}")
-    if mapping.mode is Mode.POSITION:
+    if config.device is None:
+        print(f"  moved by {_moved_by_verbs(config)}")
+    elif mapping.mode is Mode.POSITION:
         print(f"  mapping  the TCP moves as the hand does, {mapping.frame.value} axes")
     else:
         print(
@@ -171,6 +176,8 @@ def check(file: ConfigFile) -> None:
         f"  limits   {limits.linear_speed_m_s * 1e3:.0f} mm/s, "
         f"{math.degrees(limits.angular_speed_rad_s):.0f} deg/s"
     )
+    if config.device is None:
+        return
     if mapping.deadman_buttons:
         held = " or ".join(repr(button) for button in mapping.deadman_buttons)
         print(f"  dead-man {held} must be held to move")
@@ -178,6 +185,17 @@ def check(file: ConfigFile) -> None:
         print(f"  clutch   {mapping.clutch!r} begins and ends following; no dead-man is held")
     else:
         print("  dead-man NONE: any deflection moves the robot; set mapping.deadman beside people")
+
+
+def _moved_by_verbs(config: SessionConfig) -> str:
+    """What moves the arm of a session without a device."""
+    from cardan.gateway.session.assembly import why_no_verbs
+
+    if why := why_no_verbs(config):
+        return f"NOTHING: {why}"
+    authority = config.authority
+    who = f"{authority.named!r} alone" if authority.named else "whoever has authority"
+    return f"verbs and streams of a program (RemoteArm), {who}; `cardan run` shows it at rest"
 
 
 @app.command()

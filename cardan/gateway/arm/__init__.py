@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from cardan.gateway.arm.codes import Action, FrameCode, Parameter, State, Stream
     from cardan.gateway.arm.device import CartesianDevice, digital_output_gripper
+    from cardan.gateway.arm.interface import CartesianArm
     from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
     from cardan.gateway.arm.options import ControllerOptions
     from cardan.gateway.arm.verbs import ArmVerbs
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "codes": ("Action", "FrameCode", "Parameter", "State", "Stream"),
     "device": ("CartesianDevice", "digital_output_gripper"),
+    "interface": ("CartesianArm",),
     "motion": ("ControllerStatus", "Motion", "Outcome", "Stat"),
     "options": ("ControllerOptions",),
     "verbs": ("ArmVerbs",),
@@ -24,6 +26,7 @@ _HOMES = {
 __all__ = [
     "Action",
     "ArmVerbs",
+    "CartesianArm",
     "CartesianDevice",
     "ControllerOptions",
     "ControllerStatus",

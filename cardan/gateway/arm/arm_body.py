@@ -24,6 +24,7 @@ from cardan.gateway.servo.lag import ResponseLag
 from cardan.gateway.servo.servo import SINGULAR, Servo, ServoStatus, servo_steps
 from cardan.spatial import is_finite, norm, rotation_between, subtract
 from cardan.types import (
+    IDENTITY_POSE,
     CommandKind,
     Frame,
     JointCommand,
@@ -111,6 +112,11 @@ class ArmBody(Body):
         return to_pose(self.servo.placement)
 
     @property
+    def tool(self) -> Pose:
+        tool: Pose = getattr(self.servo.kinematics, "tool", IDENTITY_POSE)
+        return tool
+
+    @property
     def twist(self) -> Twist:
         linear, angular = self.servo.twist.tolist()
         return Twist(Vector3(*linear), Vector3(*angular), Frame.BASE)
@@ -125,6 +131,11 @@ class ArmBody(Body):
 
     def status(self) -> ServoStatus:
         return self.servo.status()
+
+    def keep_sent_as(self, kinematics: Kinematics) -> None:
+        """Whatever tool the servo's TCP gets from now on, the robot's controller goes on with
+        that of `kinematics`, which is the caller's no more."""
+        self._sent_as = kinematics
 
     def gate_limits(self, capabilities: RobotCapabilities) -> GateLimits:
         """What commands of this body may be: its joints' limits, and its robot's of the TCP."""

@@ -102,6 +102,11 @@ class Body(ABC):
         """Where the TCP is commanded to be, base frame. Only once placed."""
 
     @property
+    def tool(self) -> Pose:
+        """The commanded TCP in the arm's own; the identity where no model tells them apart."""
+        return IDENTITY_POSE
+
+    @property
     @abstractmethod
     def twist(self) -> Twist:
         """With which the commanded TCP moved in the last period, base axes."""

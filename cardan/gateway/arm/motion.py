@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import AuthorityState
+from cardan.gateway.arm.authority import VERBS, AuthorityState
 from cardan.gateway.arm.checks import Six
 from cardan.gateway.arm.codes import State, Stream
-from cardan.gateway.servo.servo import ServoStatus
+
+if TYPE_CHECKING:  # Imports Pinocchio, which who only asks does without.
+    from cardan.gateway.servo.servo import ServoStatus
 
 
 class Outcome(enum.Enum):
@@ -28,8 +30,10 @@ class Outcome(enum.Enum):
 class Motion:
     """What a verb started."""
 
-    def __init__(self, verb: str, ends: bool) -> None:
+    def __init__(self, verb: str, ends: bool, source: str = VERBS) -> None:
         self.verb = verb
+        self.source = source
+        """Who asked for it."""
         self.ends = ends
         """True for movj, relj and movl, which `wait` waits for."""
         self.outcome = Outcome.WAITING

@@ -10,6 +10,7 @@ from cardan.gateway.arm.authority import LEASE_S, AuthorityPolicy
 from cardan.gateway.arm.checks import Workspace
 from cardan.gateway.arm.planner import Margins
 from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.servo import ServoOptions
 from cardan.types import CommandKind
 
@@ -20,6 +21,9 @@ class ControllerOptions:
 
     drive: CommandKind | None = None
     """The command that motions are sent as; None: the best of those that the robot takes."""
+    limits: ReferenceLimits | None = None
+    """Speed and acceleration of the TCP that no verb exceeds, whatever the parameters ask for;
+    None: the parameters alone bound movj, relj, movl and movv."""
     workspace_m: Workspace = (None, None, None)
     """Range of the TCP along each base axis; None: unbounded."""
     stream_speed_m_s: float = 0.25

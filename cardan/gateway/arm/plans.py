@@ -39,6 +39,11 @@ from cardan.types import CommandKind, Frame, Pose, RobotCapabilities, Twist, Vec
 
 ALREADY_THERE_RAD = 1e-6
 
+SPEED_SAMPLES = 33
+"""Of a joint motion, at which the TCP's speed is looked at: every 6 degrees of half a turn."""
+
+_STILL = 1e-9
+
 
 class Plan(NamedTuple):
     """A motion that was worked out. No activity: the arm is there already."""
@@ -104,9 +109,30 @@ class Plans:
         goal = self.planner.joint_goal(verb, target, start, speeds)
         if float(np.abs(goal - start).max()) < ALREADY_THERE_RAD:
             return Plan(None, 0.0, "the arm is there already")
+        share = self._share_of_speed(start, goal, speeds)
+        note = f"slowed to {share:.0%}, for the TCP's speed" if share < 1.0 else ""
         # Not `continuous`: the goal's turns are chosen already.
-        path = JointPath(start, goal, speeds, accelerations)
-        return Plan(FollowJoints(self.servo, path, self.deceleration), path.duration_s)
+        path = JointPath(start, goal, share * speeds, accelerations)
+        return Plan(FollowJoints(self.servo, path, self.deceleration), path.duration_s, note)
+
+    def _share_of_speed(self, start: FloatArray, goal: FloatArray, speeds: FloatArray) -> float:
+        """Of the joints' `speeds`, with which the TCP stays within its own on the whole way."""
+        limits = self.options.limits
+        if limits is None:
+            return 1.0
+        way = goal - start
+        rate = way / float((np.abs(way) / speeds).max())
+        kinematics = self.planner.kinematics
+        share = 1.0
+        for along in np.linspace(0.0, 1.0, SPEED_SAMPLES):
+            kinematics.update(start + along * way)
+            twist = kinematics.jacobian @ rate
+            share = min(
+                share,
+                limits.linear_speed_m_s / max(float(np.linalg.norm(twist[:3])), _STILL),
+                limits.angular_speed_rad_s / max(float(np.linalg.norm(twist[3:])), _STILL),
+            )
+        return share
 
     def line(self, target: Pose, start: FloatArray) -> Plan:
         self.require_drive("movl")
@@ -132,13 +158,24 @@ class Plans:
         jerk = values[Parameter.PROFILE] == ProfileCode.JERK
         cap_m_s = self.capabilities.linear_speed_m_s or math.inf
         cap_rad_s = self.capabilities.angular_speed_rad_s or math.inf
+        linear_m_s2, angular_rad_s2 = self._accelerations
+        linear_m_s3, angular_rad_s3 = (
+            values[Parameter.TRAJECTORY_JERK],
+            values[Parameter.ROTATION_JERK],
+        )
+        most = self.options.limits
+        if most is not None:
+            cap_m_s = min(cap_m_s, most.linear_speed_m_s)
+            cap_rad_s = min(cap_rad_s, most.angular_speed_rad_s)
+            linear_m_s3 = min(linear_m_s3, most.linear_jerk_m_s3 or math.inf)
+            angular_rad_s3 = min(angular_rad_s3, most.angular_jerk_rad_s3 or math.inf)
         limits = PathLimits(
             linear_speed_m_s=min(values[Parameter.TRAJECTORY_SPEED], cap_m_s),
-            linear_acceleration_m_s2=values[Parameter.TRAJECTORY_ACCELERATION],
-            linear_jerk_m_s3=values[Parameter.TRAJECTORY_JERK],
+            linear_acceleration_m_s2=linear_m_s2,
+            linear_jerk_m_s3=linear_m_s3,
             angular_speed_rad_s=min(values[Parameter.ROTATION_SPEED], cap_rad_s),
-            angular_acceleration_rad_s2=values[Parameter.ROTATION_ACCELERATION],
-            angular_jerk_rad_s3=values[Parameter.ROTATION_JERK],
+            angular_acceleration_rad_s2=angular_rad_s2,
+            angular_jerk_rad_s3=angular_rad_s3,
         )
         profile: Literal["jerk", "trapezoid"] = "jerk" if jerk else "trapezoid"
         path = LinePath(begin, target, limits, profile=profile)
@@ -158,10 +195,7 @@ class Plans:
         note = f"slowed to {share:.0%}, the fastest allowed" if share < 1.0 else ""
         if not any((*linear, *angular)):
             raise MotionRefusedError("movv: a twist of zero moves nothing")
-        reference = self.reference(
-            self.parameters[Parameter.TRAJECTORY_ACCELERATION],
-            self.parameters[Parameter.ROTATION_ACCELERATION],
-        )
+        reference = self.reference(*self._accelerations)
         twist = Twist(linear, angular, Frame.BASE)
         controller = self._controller
         with controller.lock:
@@ -220,6 +254,19 @@ class Plans:
                 angular_jerk_rad_s3=self.options.stream_rotation_jerk_rad_s3,
             ),
             damping=self.parameters[Parameter.DAMPING],
+        )
+
+    @property
+    def _accelerations(self) -> tuple[float, float]:
+        """Of lines and movv: as the parameters say, within the limits."""
+        linear = self.parameters[Parameter.TRAJECTORY_ACCELERATION]
+        angular = self.parameters[Parameter.ROTATION_ACCELERATION]
+        limits = self.options.limits
+        if limits is None:
+            return linear, angular
+        return (
+            min(linear, limits.linear_acceleration_m_s2),
+            min(angular, limits.angular_acceleration_rad_s2),
         )
 
     @property

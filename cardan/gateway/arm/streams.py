@@ -92,8 +92,8 @@ class Streams:
         self._link, self._ended = None, reason
         return True
 
-    def choose(self, kind: Stream, start: Callable[[str], FloatArray]) -> None:
-        """Make `kind` the streaming command; `start` checks that a motion can begin.
+    def choose(self, kind: Stream, start: Callable[[str], FloatArray], source: str = VERBS) -> None:
+        """Make `kind` the streaming command; `start` checks that a motion can begin by `source`.
 
         Raises MotionRefusedError. Whoever streams first then gets the authority.
         """
@@ -115,7 +115,7 @@ class Streams:
         activity.silence_s = plans.parameters[Parameter.STREAM_TIMEOUT]
         activity.heard_s = NEVER_S
         controller.begin(activity)
-        controller.authority.release(VERBS)
+        controller.authority.release(source)
         self._link, self._ended = _Link(kind), ""
 
     def _activity(self, kind: Stream, at: FloatArray) -> Activity:
@@ -295,6 +295,8 @@ class Streams:
             isinstance(stamp_s, (int, float)) and math.isfinite(stamp_s)
         ):
             raise MotionRefusedError(f"{name}: the stamp {stamp_s!r} is not a time in seconds")
+        if owner == HAND:
+            raise MotionRefusedError(f"{name}: {HAND!r} is the operator device, no stream's owner")
         refusal = controller.authority.refuses(owner or VERBS)
         if refusal:
             controller.authority.take(owner or VERBS, controller.stamp_s)  # Notes the refusal.

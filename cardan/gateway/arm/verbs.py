@@ -52,6 +52,7 @@ AT_REST_SHARE = 0.02
 """Of each joint's speed: a robot that reports more moves by somebody else's will."""
 
 _TO_POLICY = {PolicyCode.PATH: Policy.PATH, PolicyCode.REACH: Policy.REACH}
+_TO_CODE = {policy: code for code, policy in _TO_POLICY.items()}
 
 _Prepare = Callable[[FloatArray], Plan]
 
@@ -89,10 +90,14 @@ class ArmVerbs:
             workspace=options.workspace_m,
             margins=options.margins,
         )
-        self.parameters = prm.defaults()
+        self.planner.set_tool(body.tool)
+        self.parameters = values = prm.defaults()
+        values[Parameter.GAIN] = body.velocity_gain_1_s * values[Parameter.CONTROL_PERIOD] / 1000.0
+        values[Parameter.POLICY] = float(_TO_CODE[body.servo.policy])
         self.plans = Plans(
             controller, body, model, self.planner, capabilities, options, self.parameters
         )
+        self.plans.measuring.set_tool(body.tool)
         self.streams = Streams(controller, body, self.plans)
         self._gripper = gripper
         self._planning = threading.RLock()
@@ -125,7 +130,7 @@ class ArmVerbs:
         Raises ConfigurationError where arm and robot do not fit together.
         """
         options = options or ControllerOptions()
-        model = _narrowed(model, capabilities)
+        model = narrowed(model, capabilities)
         drive = _drive(options.drive, capabilities)
         obstacles, tool_shapes = tuple(obstacles), tuple(tool_shapes)
         kinematics = ArmKinematics(model)
@@ -270,40 +275,42 @@ class ArmVerbs:
             check_workspace("inv", target.position, self.options.workspace_m)
             return tuple(self.planner.inverse("inv", target, start).tolist())
 
-    def movj(self, xd: Target) -> Motion:
+    def movj(self, xd: Target, *, source: str = VERBS) -> Motion:
         """Move all joints to the pose `xd`, arriving together; the way of the TCP is free.
 
         The quickest branch whose whole way is free of collisions is taken.
         """
         with self._counted():
             target = checked_pose("movj", xd)
-        return self._launch("movj", True, lambda q: self.plans.joints("movj", target, q))
+        return self._launch("movj", True, lambda q: self.plans.joints("movj", target, q), source)
 
-    def relj(self, xd: Target) -> Motion:
+    def relj(self, xd: Target, *, source: str = VERBS) -> Motion:
         """The same, relative to where the TCP is: in base axes (translate, R' = exp(dr)·R), or,
         where the frame is tcp, in its own (H·X)."""
         with self._counted():
             step = checked_pose("relj", xd)
-        return self._launch("relj", True, lambda q: self.plans.relative(step, q))
+        return self._launch("relj", True, lambda q: self.plans.relative(step, q), source)
 
-    def movl(self, xd: Target) -> Motion:
+    def movl(self, xd: Target, *, source: str = VERBS) -> Motion:
         """Move the TCP to the pose `xd` along a straight line, turning about one fixed axis."""
         with self._counted():
             target = checked_pose("movl", xd)
-        return self._launch("movl", True, lambda q: self.plans.line(target, q))
+        return self._launch("movl", True, lambda q: self.plans.line(target, q), source)
 
-    def movv(self, xdot: Sequence[float]) -> Motion:
+    def movv(self, xdot: Sequence[float], *, source: str = VERBS) -> Motion:
         """Move the TCP with the constant twist `xdot` (m/s, rad/s) until something ends it."""
         with self._counted():
             x, y, z, rx, ry, rz = six_numbers("movv", xdot)
         linear, angular = Vector3(x, y, z), Vector3(rx, ry, rz)
-        return self._launch("movv", False, lambda q: self.plans.twist(linear, angular, q))
+        return self._launch("movv", False, lambda q: self.plans.twist(linear, angular, q), source)
 
-    def gcmp(self) -> Motion:
+    def gcmp(self, *, source: str = VERBS) -> Motion:
         """Carry the arm's own weight and nothing more: it can be led by hand."""
-        return self._launch("gcmp", False, lambda q: self.plans.torque(State.GRAVITY, None, q))
+        return self._launch(
+            "gcmp", False, lambda q: self.plans.torque(State.GRAVITY, None, q), source
+        )
 
-    def forc(self, fd: Sequence[float]) -> Motion:
+    def forc(self, fd: Sequence[float], *, source: str = VERBS) -> Motion:
         """Exert the wrench `fd` (N, N·m; base axes, at the TCP) on the world."""
         with self._counted():
             numbers = six_numbers("forc", fd)
@@ -317,10 +324,12 @@ class ArmVerbs:
                     and activity.state is State.FORCE
                     and motion is not None
                 ):
-                    self._require_authority("forc")
+                    self._require_authority("forc", source)
                     activity.set_wrench(wrench)
                     return motion
-        return self._launch("forc", False, lambda q: self.plans.torque(State.FORCE, wrench, q))
+        return self._launch(
+            "forc", False, lambda q: self.plans.torque(State.FORCE, wrench, q), source
+        )
 
     def stop(self) -> None:
         """Brake along the path, then hold. Always works, also without a robot."""
@@ -331,7 +340,7 @@ class ArmVerbs:
         """True when `motion` is over, however it ended."""
         return motion.over
 
-    def tool(self, x: Target) -> None:
+    def tool(self, x: Target, *, source: str = VERBS) -> None:
         """Fix a link to the arm's own TCP: it replaces the one before, zeros take it off.
 
         All later poses, twists and wrenches refer to the new TCP.
@@ -339,7 +348,7 @@ class ArmVerbs:
         with self._planning, self.controller.lock, self._counted():
             tool = checked_pose("tool", x)
             self._require_idle("tool")
-            self._require_authority("tool")
+            self._require_authority("tool", source)
             self._end_stream("the tool was changed")
             self.planner.set_tool(tool)
             for kinematics in (self.servo.kinematics, self.plans.measuring):
@@ -347,8 +356,8 @@ class ArmVerbs:
                 kinematics.set_tool(tool)
             self.controller.drop()
 
-    def act(self, code: Action | int | str) -> None:
-        """Tell the gripper to close, open or stop."""
+    def act(self, code: Action | int | str, *, source: str = VERBS) -> None:
+        """Tell the gripper to close, open or stop; for this, too, `source` needs the authority."""
         with self._counted():
             try:
                 action = Action(vocab(code) if isinstance(code, str) else code)
@@ -359,6 +368,10 @@ class ArmVerbs:
                 raise MotionRefusedError(f"act: allowed are {allowed}, not {code!r}")
             if self._gripper is None:
                 raise MotionRefusedError("act: this arm has no gripper")
+            with self.controller.lock:
+                refusal = self.controller.authority.take(source, self.controller.stamp_s)
+            if refusal:
+                raise MotionRefusedError(f"act: {refusal}")
             try:
                 self._gripper(action)
             except CardanError as error:
@@ -378,9 +391,9 @@ class ArmVerbs:
                 generation = self.controller.generation
             try:
                 with self._counted():
-                    plan = prepare(self._start(motion.verb))
+                    plan = prepare(self._start(motion.verb, motion.source))
                     with self.controller.lock:
-                        self._require_generation(motion.verb, generation)
+                        self._require_generation(motion.verb, generation, motion.source)
                         if self._pending is not None and self._pending[0] is motion:
                             self._pending = None
                             self._begin(motion, plan)
@@ -393,13 +406,13 @@ class ArmVerbs:
                         self._pending = None
             return motion
 
-    def hand_over(self, to: str) -> None:
-        """Pass the authority over the arm on to the source `to`, after a stop.
+    def hand_over(self, to: str, *, source: str = VERBS) -> None:
+        """Pass the authority over the arm from `source` on to the source `to`, after a stop.
 
-        Raises MotionRefusedError where it is not ours.
+        Raises MotionRefusedError where `source` has none.
         """
         with self.controller.lock, self._counted():
-            refusal = self.controller.authority.hand_over(VERBS, to, self.controller.stamp_s)
+            refusal = self.controller.authority.hand_over(source, to, self.controller.stamp_s)
             if refusal:
                 raise MotionRefusedError(f"hand_over: {refusal}")
             self.controller.stop(f"authority was handed over to {to!r}")
@@ -436,14 +449,14 @@ class ArmVerbs:
         """All parameters by name."""
         return {rule.name: self.get_parameter(rule.key) for rule in prm.RULES}
 
-    def set_parameter(self, key: prm.Key, value: prm.Value) -> None:
+    def set_parameter(self, key: prm.Key, value: prm.Value, *, source: str = VERBS) -> None:
         """Set a parameter by its code or name. Refused while a motion is under way.
 
         Raises ConfigurationError for what is not accepted, MotionRefusedError for the moment.
         """
-        self.set_parameters({key: value})
+        self.set_parameters({key: value}, source=source)
 
-    def set_parameters(self, values: Mapping[prm.Key, prm.Value]) -> None:
+    def set_parameters(self, values: Mapping[prm.Key, prm.Value], *, source: str = VERBS) -> None:
         """Set all of `values`, or, where one of them is refused, none."""
         with self._planning, self.controller.lock, self._counted():
             found = prm.checked_group(values)
@@ -451,13 +464,15 @@ class ArmVerbs:
             self._require_idle(f"setting {names}")
             stream = found.pop(Parameter.STREAM, None)
             if stream is None:
-                self._require_authority(f"setting {names}")
+                self._require_authority(f"setting {names}", source)
             before = dict(self.parameters)
             self.parameters.update(found)
             try:
                 if stream is not None:
                     self.streams.choose(
-                        Stream(int(stream)), lambda verb: self._start(verb, claims=False)
+                        Stream(int(stream)),
+                        lambda verb: self._start(verb, source, claims=False),
+                        source,
                     )
             except MotionRefusedError:
                 self.parameters.update(before)
@@ -549,16 +564,16 @@ class ArmVerbs:
 
     # -- starting and ending ---------------------------------------------------------------------
 
-    def _launch(self, verb: str, ends: bool, prepare: _Prepare) -> Motion:
+    def _launch(self, verb: str, ends: bool, prepare: _Prepare, source: str) -> Motion:
         """Work the motion out and start it, or have it wait until the arm is at rest."""
         with self._planning, self._counted():
             with self.controller.lock:
-                start = self._start(verb)
+                start = self._start(verb, source)
                 generation = self.controller.generation
             plan = prepare(start)
             with self.controller.lock:
-                self._require_generation(verb, generation)
-                motion = Motion(verb, ends)
+                self._require_generation(verb, generation, source)
+                motion = Motion(verb, ends, source)
                 self._drop_pending(f"{verb} took over")
                 if self.controller.idle:
                     self._begin(motion, plan)
@@ -618,9 +633,9 @@ class ArmVerbs:
             raise MotionRefusedError(f"{verb}: the robot reports joints that are not numbers")
         return robot
 
-    def _start(self, verb: str, claims: bool = True) -> FloatArray:
+    def _start(self, verb: str, source: str = VERBS, claims: bool = True) -> FloatArray:
         """Joint positions that a motion would start from: the commanded ones, or, where nothing
-        is commanded, the measured ones. `claims`: the verbs take the authority for it."""
+        is commanded, the measured ones. `claims`: `source` takes the authority for it."""
         with self.controller.lock:
             robot = self._require_joints(verb)
             if verb != "inv":
@@ -630,7 +645,7 @@ class ArmVerbs:
                 if robot.alarm:
                     raise MotionRefusedError(f"{verb}: {robot.alarm}")
                 if claims:
-                    self._require_authority(verb)
+                    self._require_authority(verb, source)
                 elif self.controller.barred:
                     raise MotionRefusedError(f"{verb}: {self.controller.barred}")
             if self.controller.engaged:
@@ -664,19 +679,19 @@ class ArmVerbs:
         if isinstance(self.controller.activity, TorqueMotion):
             raise MotionRefusedError(f"{verb}: refused while torques are commanded; stop first")
 
-    def _require_authority(self, verb: str) -> None:
+    def _require_authority(self, verb: str, source: str) -> None:
         controller = self.controller
-        refusal = controller.barred or controller.authority.take(VERBS, controller.stamp_s)
+        refusal = controller.barred or controller.authority.take(source, controller.stamp_s)
         if refusal:
             raise MotionRefusedError(f"{verb}: {refusal}")
 
-    def _require_generation(self, verb: str, generation: int) -> None:
+    def _require_generation(self, verb: str, generation: int, source: str) -> None:
         """Nothing happened while it was worked out that makes the plan void."""
         robot = self.controller.robot
         if generation != self.controller.generation or robot is None or not robot.ready:
-            why = self._voided or "the robot is not ready"
+            why = self.controller.not_ready or self._voided or "the robot is not ready"
             raise MotionRefusedError(f"overtaken while it was worked out: {why}")
-        self._require_authority(verb)
+        self._require_authority(verb, source)
 
 
 class _Counted:
@@ -704,7 +719,7 @@ def _drive(wanted: CommandKind | None, capabilities: RobotCapabilities) -> Comma
     return wanted
 
 
-def _narrowed(model: ArmModel, capabilities: RobotCapabilities) -> ArmModel:
+def narrowed(model: ArmModel, capabilities: RobotCapabilities) -> ArmModel:
     """The arm with the limits of its robot driver, where those are tighter."""
     n = len(model.joints)
     if capabilities.joints != n:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +20,10 @@ from pydantic import (
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, MotionRefusedError
 from cardan.gateway.arm.authority import Authority
 from cardan.gateway.arm.body import Body, FreeBody
+from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.common.tables import DriverTable
 from cardan.gateway.force.conditioning import Conditioner, Conditioning
@@ -44,6 +45,7 @@ from cardan.gateway.hand.position import mirrors, unfollowed
 from cardan.gateway.hand.source import HandSource
 from cardan.gateway.session.config import (
     ForceConfig,
+    GripperTable,
     LimitsTable,
     MappingTable,
     ObstacleTable,
@@ -65,11 +67,16 @@ from cardan.types import (
 
 if TYPE_CHECKING:
     from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.verbs import ArmVerbs
     from cardan.gateway.kinematics.base import Kinematics
     from cardan.gateway.kinematics.collision import Obstacle
 
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
 """What a robot must take, one of them, for a session to drive it by the model of its arm."""
+
+OWN_BODY_SHARE = 0.5
+"""Of the safety distance, that a planned way keeps between parts of the arm itself: they are where
+the model has them, and a home position may have them near."""
 
 FREE_JOINTS = 6
 """An arm with more joints has a posture to choose; it is drawn to its home."""
@@ -107,7 +114,8 @@ def make_driver(table: DriverTable, key: str) -> Driver:
 
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
     """The operator device that is configured, not opened yet."""
-    assert config.device is not None
+    if config.device is None:
+        raise ConfigurationError("device", "is missing: which driver reads the operator's hand?")
     device = make_driver(config.device, "device")
     if not isinstance(device, OperatorDevice):
         raise ConfigurationError(
@@ -170,6 +178,86 @@ def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
         period_s=robot.capabilities.period_s,
         gate=None if arm is None else arm.gate_limits(robot.capabilities),
     )
+
+
+def why_no_verbs(config: SessionConfig) -> str:
+    """Why no verbs and streams can move a session's arm, in words; empty where they can."""
+    if config.arm is None:
+        return "verbs and streams need an [arm], with the model of the arm; this session has none"
+    from cardan.gateway.kinematics.soft_neck import SOFT_NECKS
+
+    if config.arm.model in SOFT_NECKS:
+        return f"verbs and streams need an arm of rigid links, which {config.arm.model} is not"
+    return ""
+
+
+def make_verbs(
+    config: SessionConfig,
+    robot: RobotDriver,
+    controller: ArmController,
+    gripper: Callable[[Action], None] | None,
+) -> ArmVerbs:
+    """The verbs of a session's arm, on the controller that it has, within the session's limits.
+
+    Takes tens of milliseconds. Raises MotionRefusedError where the session has no rigid arm.
+    """
+    if why := why_no_verbs(config):
+        raise MotionRefusedError(why)
+    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.options import ControllerOptions
+    from cardan.gateway.arm.planner import Margins
+    from cardan.gateway.arm.verbs import ArmVerbs, narrowed
+    from cardan.gateway.kinematics.arm import ArmKinematics
+
+    table, limits, body = config.arm, config.reference_limits(), controller.body
+    assert table is not None
+    assert isinstance(body, ArmBody)
+    model = narrowed(load_arm(table.model), robot.capabilities)
+    joints = tuple(
+        joint._replace(
+            velocity=joint.velocity * table.speed_share,
+            acceleration=joint.acceleration * table.acceleration_share,
+        )
+        for joint in model.joints
+    )
+    model = model._replace(joints=joints, shapes=model.shapes if table.collisions else ())
+    body.keep_sent_as(ArmKinematics(model, table.tool()))
+    defaults = ControllerOptions()
+    options = ControllerOptions(
+        limits=limits,
+        workspace_m=limits.workspace_m,
+        stream_speed_m_s=limits.linear_speed_m_s,
+        stream_acceleration_m_s2=limits.linear_acceleration_m_s2,
+        stream_rotation_speed_rad_s=limits.angular_speed_rad_s,
+        stream_rotation_acceleration_rad_s2=limits.angular_acceleration_rad_s2,
+        stop_deceleration_m_s2=limits.linear_acceleration_m_s2,
+        stop_deceleration_rad_s2=limits.angular_acceleration_rad_s2,
+        leash_m=limits.leash_m,
+        leash_rad=limits.leash_rad,
+        margins=Margins(
+            obstacle_m=table.safety_distance_m,
+            own_body_m=OWN_BODY_SHARE * table.safety_distance_m,
+        ),
+        stream_jerk_m_s3=limits.linear_jerk_m_s3 or defaults.stream_jerk_m_s3,
+        stream_rotation_jerk_rad_s3=limits.angular_jerk_rad_s3
+        or defaults.stream_rotation_jerk_rad_s3,
+    )
+    return ArmVerbs(
+        controller,
+        body,
+        model,
+        robot.capabilities,
+        options,
+        obstacles=[_obstacle(each) for each in config.obstacles],
+        gripper=gripper if has_output(config.gripper, robot.capabilities) else None,
+    )
+
+
+def has_output(table: GripperTable, robot: RobotCapabilities) -> bool:
+    """Whether the robot has the output that the gripper is on."""
+    if isinstance(table.output, str):
+        return robot.digital_outputs > 0
+    return robot.analog_outputs > table.output
 
 
 def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:

@@ -1,4 +1,4 @@
-"""A session: one device, one robot, one plain loop in one thread of a process of its own.
+"""A session: one robot, its sources, one plain loop in one thread of a process of its own.
 
 The robot is the clock: each of its control instants is answered from the loop's own turn, with
 no queue between. The process holds nothing else, because any other busy thread would show in the
@@ -20,9 +20,11 @@ from types import FrameType
 from typing import Any
 
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.errors import CardanError, ConfigurationError, DriverError
+from cardan.errors import CardanError, CommandError, ConfigurationError, DriverError
 from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.force.rendering import ForceRenderer
@@ -30,14 +32,18 @@ from cardan.gateway.hand.feedback import Felt, HandFeedback
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.session.assembly import (
     check_mode,
+    has_output,
     make_controller,
     make_device,
     make_force,
     make_robot,
+    make_verbs,
 )
 from cardan.gateway.session.config import SessionConfig, parse_config
-from cardan.gateway.session.heartbeat import Heartbeat
+from cardan.gateway.session.heartbeat import BEAT, Heartbeat
+from cardan.gateway.session.requests import MAX_REQUEST_BYTES
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.worker import RequestWorker
 from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
 from cardan.realtime import ask_for_real_time
@@ -54,10 +60,12 @@ from cardan.types import (
 SNAPSHOT_PERIOD_S = 0.1
 """A person reads no faster; at 250 Hz one tick in 25 pays for it, after its answer has left."""
 
-MAX_REQUEST_BYTES = 4096
-
 LISTEN_PERIOD_S = 0.025
-"""How often the supervisor is listened to: a call of the system, spared in most cycles."""
+"""How often the supervisor is listened to while it only beats: a call of the system, spared in most
+cycles. Once it has asked for anything, it is listened to in each."""
+
+PACKETS_AT_ONCE = 16
+"""Most that are taken from the channel in one cycle: a flood of them costs no deadline."""
 
 STOPPED_ON_REQUEST = "stopped on request"
 """How a session ends whose supervisor asked it to, for a Ctrl-C above all."""
@@ -81,16 +89,27 @@ class Session:
         channel: socket.socket | None = None,
         force: ForceRenderer | None = None,
     ) -> None:
-        """`force`: what a haptic device renders."""
+        """`channel`: where the supervisor beats and asks; `force`: what a haptic device renders."""
         self.device = device
         self.robot = robot
         self.controller = controller
         self.snapshot = Snapshot()
         self._gripper = config.gripper
+        self._gripper_closed = False
+        self._link = LoopLink()
+        self._requests: RequestWorker | None = None
+        if channel is not None:
+            self._requests = RequestWorker(
+                channel,
+                self._link,
+                lambda: make_verbs(config, robot, controller, self._act),
+                lambda: controller.stop("stopped"),
+                time.monotonic,
+            )
         self._mapping_table = config.mapping
         self._channel = channel
         self._force = force
-        self._tool_of_model = config.arm is not None and config.arm.tool() != IDENTITY_POSE
+        self._tool_of_robot = IDENTITY_POSE if config.arm is None else config.arm.tool()
         self._ticks = LatencyHistogram()
         self._square_sum_m2 = 0.0
         self._moving_cycles = 0
@@ -139,21 +158,28 @@ class Session:
             gc.disable()
             try:
                 with self.robot:
+                    self._link.begin()
                     self._loop(seconds)
             finally:
+                self._end_requests()
                 gc.enable()
                 gc.unfreeze()
                 self._give(self._feedback.last())
         return self.snapshot
 
+    def _end_requests(self) -> None:
+        self._link.end("the session has ended: " + (self.snapshot.ending or "its robot is closed"))
+        if self._requests is not None:
+            self._requests.close()
+
     def _check(self, device: OperatorDevice) -> None:
         hand = self.controller.hand
         assert hand is not None
         options = hand.mapping.options
-        able, output = self.robot.capabilities, self._gripper.output
-        outputs = able.digital_outputs if isinstance(output, str) else able.analog_outputs - output
-        if options.gripper and outputs < 1:
-            raise ConfigurationError("gripper.output", f"the robot has no output {output!r}")
+        if options.gripper and not has_output(self._gripper, self.robot.capabilities):
+            raise ConfigurationError(
+                "gripper.output", f"the robot has no output {self._gripper.output!r}"
+            )
         known = device.capabilities.buttons
         if options.enable and type(self.robot).enable is RobotDriver.enable:
             raise ConfigurationError(
@@ -181,7 +207,7 @@ class Session:
         mapping = None if controller.hand is None else controller.hand.mapping
         hand_feedback, spnav, force = self._feedback, self._spnav, self._force
         monotonic, tick_cost = time.monotonic, self._ticks.add
-        gripper_closed = False
+        requests = self._requests
         start_s = monotonic()
         heartbeat = None
         if self._channel is not None:
@@ -199,10 +225,11 @@ class Session:
                 snapshot.cycles += 1
                 if controller.phase in _IN_MOTION:
                     self._account(state)
+            if requests is not None and requests.busy:
+                requests.attend()
             if mapping is not None and hand is not None:
-                if mapping.gripper_closed is not gripper_closed:
-                    gripper_closed = mapping.gripper_closed
-                    self._move_gripper(gripper_closed)
+                if mapping.gripper_closed is not self._gripper_closed:
+                    self._move_gripper(mapping.gripper_closed)
                 if events and mapping.asks_to_enable(hand, events, state.stamp_s):
                     robot.enable()
                 if force is not None:
@@ -218,8 +245,9 @@ class Session:
                     felt = felt_of(controller.status())
                     self._give(hand_feedback.update(felt, state, now_s))
             if heartbeat is not None and now_s >= next_listen_s:
-                next_listen_s = now_s + LISTEN_PERIOD_S
                 self._listen(heartbeat, now_s)
+                asked = requests is not None and requests.busy
+                next_listen_s = now_s if asked else now_s + LISTEN_PERIOD_S
             if self._stop_reason or now_s >= end_s:
                 if give_up_s == math.inf:
                     snapshot.ending = self._stop_reason or "the session's time is over"
@@ -236,12 +264,18 @@ class Session:
             self._publish(state, hand, monotonic() - start_s)
 
     def _listen(self, heartbeat: Heartbeat, now_s: float) -> None:
-        """Take the supervisor's beats; without them nobody moves the arm."""
-        channel = self._channel
-        if channel is not None:
+        """Take the supervisor's beats and requests; without beats nobody moves the arm."""
+        channel, requests = self._channel, self._requests
+        if channel is not None and requests is not None and not requests.full:
             try:
-                while channel.recv(MAX_REQUEST_BYTES):
-                    heartbeat.heard(now_s)
+                for _ in range(PACKETS_AT_ONCE):
+                    packet = channel.recv(MAX_REQUEST_BYTES + 1)
+                    if packet == BEAT:
+                        heartbeat.heard(now_s)
+                    elif packet:
+                        requests.offer(packet, now_s)
+                    else:
+                        break
             except BlockingIOError:
                 pass
             except OSError:
@@ -252,7 +286,9 @@ class Session:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
         the robot reports joints alone."""
         body = self.controller.body
-        if isinstance(body, FreeBody) or (state.pose is not None and not self._tool_of_model):
+        # A verb may have changed the tool.
+        same_tool = body.tool == self._tool_of_robot == IDENTITY_POSE
+        if isinstance(body, FreeBody) or (state.pose is not None and same_tool):
             return state.pose
         return body.reported(state) if state.ready else None
 
@@ -274,8 +310,22 @@ class Session:
         snapshot.path_m += norm(body.twist.linear) * state.period_s
         snapshot.moving_s += state.period_s
 
+    def _act(self, action: Action) -> None:
+        """What a verb wants of the gripper, from any thread."""
+        if action is Action.STOP:
+            raise CommandError("a gripper on an output of the robot cannot stop half way")
+        closed = action is Action.CLOSE
+
+        def act() -> None:
+            self._move_gripper(closed)
+            if self.controller.hand is not None:
+                self.controller.hand.mapping.gripper_closed = closed
+
+        self._link.do(act)
+
     def _move_gripper(self, closed: bool) -> None:
         table = self._gripper
+        self._gripper_closed = closed
         if isinstance(table.output, str):
             self.robot.set_outputs(digital=(table.closed_value if closed else table.open_value) > 0)
         else:
@@ -313,7 +363,7 @@ class Session:
             s.reference = [*status.pose.position, *status.pose.orientation]
         s.twist = [*status.twist.linear, *status.twist.angular]
         s.leash_used, s.at_workspace_limit = status.leash_used, status.at_workspace_limit
-        s.gripper_closed, s.utilization = status.gripper_closed, state.utilization
+        s.gripper_closed, s.utilization = self._gripper_closed, state.utilization
         if status.arm is not None:
             s.path_speed, s.singular_value = (
                 status.arm.path_speed,

@@ -49,6 +49,127 @@ def _on_interrupt(action: Callable[[], None]) -> Iterator[None]:
             signal.signal(number, old)
 
 
+class SessionProcess:
+    """A session in a process of its own, from its start to its end.
+
+    Whoever reads its packets beats for it meanwhile: one that is stopped, or whose view hangs,
+    falls silent, and the session's arm brakes and holds.
+    """
+
+    def __init__(
+        self, config: SessionConfig, seconds: float = math.inf, through: Sequence[str] = ()
+    ) -> None:
+        """Start it; `through` as :func:`supervise` has it."""
+        self._config = config
+        self._stopping = False
+        self._give_up_s = math.inf
+        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(
+                [
+                    *through,
+                    sys.executable,
+                    "-m",
+                    "cardan.gateway.session.session",
+                    f"--channel-fd={theirs.fileno()}",
+                    f"--seconds={seconds}",
+                ],
+                stdin=subprocess.PIPE,
+                pass_fds=(theirs.fileno(),),
+                # Ctrl-C is ours to translate into an orderly stop.
+                start_new_session=True,
+            )
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def send(self, packet: bytes) -> None:
+        """Send a request. Raises OSError where nobody is there, or nobody reads any more."""
+        self._channel.send(packet, socket.MSG_DONTWAIT)
+
+    def stop(self) -> None:
+        """Ask it to brake, hold and leave. Safe in a signal handler."""
+        if not self._stopping:
+            self._stopping = True
+            self._give_up_s = time.monotonic() + KILL_AFTER_S
+            self._process.terminate()
+
+    def follow(
+        self,
+        take: Callable[[bytes], Snapshot | None],
+        poll: Callable[[], bool] = lambda: True,
+    ) -> Outcome:
+        """Beat until it ends, and see to its end; to be called once.
+
+        `take` gets each packet that it sends, and answers with the snapshot where it is one; an
+        exception in it asks the session to leave and goes on after. So does `poll`, called several
+        times a second, by returning False.
+        """
+        last = Snapshot()
+        try:
+            for packet in self._packets(poll):
+                last = take(packet) or last
+        except BaseException:
+            # A view that fails must not cost the robot its braking ramp.
+            self.stop()
+            raise
+        finally:
+            outcome = self._reap(last)
+        return outcome
+
+    def _packets(self, poll: Callable[[], bool]) -> Iterator[bytes]:
+        """Packets until it closes its end, or is to be ended by force."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError), self._process.stdin as stdin:
+            stdin.write(json.dumps(self._config.model_dump(mode="json")).encode())
+        beat_s = NEVER_S
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._channel, selectors.EVENT_READ)
+            while True:
+                if not poll():
+                    self.stop()
+                now_s = time.monotonic()
+                if now_s >= self._give_up_s:
+                    return
+                if now_s - beat_s >= BEAT_PERIOD_S:
+                    beat_s = now_s
+                    with contextlib.suppress(OSError):
+                        self.send(BEAT)
+                if not selector.select(BEAT_PERIOD_S):
+                    continue
+                try:
+                    packet = self._channel.recv(MAX_SNAPSHOT_BYTES)
+                except ConnectionResetError:
+                    continue  # It left beats unread; what it said last is still to come.
+                if not packet:
+                    return
+                yield packet
+
+    def _reap(self, last: Snapshot) -> Outcome:
+        """Its end, which is forced on it where it does not come."""
+        process = self._process
+        patience_s = min(KILL_AFTER_S, self._give_up_s - time.monotonic())
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(max(0.0, patience_s))
+        if process.poll() is None:
+            process.kill()
+        code = process.wait()
+        self._channel.close()
+        if self._stopping and code in (-signal.SIGTERM, 128 + signal.SIGTERM):
+            # It was asked before it had begun: nothing was open yet.
+            code, last.message = 0, "stopped before it began"
+        if code != 0 and not last.error:
+            last.error = f"the session's process ended with status {code}"
+            if code < 0:
+                last.error += (
+                    "; only its controller stops a robot that moved (EGM: CommTimeout; MotoROS: "
+                    "watchdog, or an empty queue)"
+                )
+        return Outcome(code if code >= 0 else EXIT_INTERNAL, last)
+
+
 def supervise(
     config: SessionConfig,
     seconds: float = math.inf,
@@ -63,92 +184,12 @@ def supervise(
     `through` is a command that runs the command after it in an environment of its making, hands
     signals on to it and ends with its code, as ``cardan sim omni --`` does.
     """
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with ours, theirs:
-        process = subprocess.Popen(
-            [
-                *through,
-                sys.executable,
-                "-m",
-                "cardan.gateway.session.session",
-                f"--channel-fd={theirs.fileno()}",
-                f"--seconds={seconds}",
-            ],
-            stdin=subprocess.PIPE,
-            pass_fds=(theirs.fileno(),),
-            # Ctrl-C is ours to translate into an orderly stop.
-            start_new_session=True,
-        )
-        theirs.close()
-        stopping = False
-        give_up_s = math.inf
+    process = SessionProcess(config, seconds, through)
 
-        def stop() -> None:
-            nonlocal stopping, give_up_s
-            if not stopping:
-                stopping = True
-                give_up_s = time.monotonic() + KILL_AFTER_S
-                process.terminate()
+    def take(packet: bytes) -> Snapshot:
+        snapshot = Snapshot.from_bytes(packet)
+        show(snapshot)
+        return snapshot
 
-        def go_on() -> bool:
-            if not poll():
-                stop()
-            return time.monotonic() < give_up_s
-
-        last = Snapshot()
-        with _on_interrupt(stop):
-            try:
-                assert process.stdin is not None
-                with contextlib.suppress(BrokenPipeError), process.stdin as stdin:
-                    stdin.write(json.dumps(config.model_dump(mode="json")).encode())
-                for snapshot in _snapshots(ours, go_on):
-                    last = snapshot
-                    show(snapshot)
-            except BaseException:
-                # A view that fails must not cost the robot its braking ramp.
-                stop()
-                raise
-            finally:
-                patience_s = min(KILL_AFTER_S, give_up_s - time.monotonic())
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    process.wait(max(0.0, patience_s))
-                if process.poll() is None:
-                    process.kill()
-                code = process.wait()
-        if stopping and code in (-signal.SIGTERM, 128 + signal.SIGTERM):
-            # It was asked before it had begun: nothing was open yet.
-            code, last.message = 0, "stopped before it began"
-        if code != 0 and not last.error:
-            last.error = f"the session's process ended with status {code}"
-            if code < 0:
-                last.error += (
-                    "; only its controller stops a robot that moved (EGM: CommTimeout; MotoROS: "
-                    "watchdog, or an empty queue)"
-                )
-        return Outcome(code if code >= 0 else EXIT_INTERNAL, last)
-
-
-def _snapshots(channel: socket.socket, go_on: Callable[[], bool]) -> Iterator[Snapshot]:
-    """Snapshots as they come, until the session closes its end or `go_on` says no.
-
-    Beats meanwhile: a supervisor that is stopped, or whose view hangs, falls silent.
-    """
-    beat_s = NEVER_S
-    with selectors.DefaultSelector() as selector:
-        selector.register(channel, selectors.EVENT_READ)
-        while go_on():
-            now_s = time.monotonic()
-            if now_s - beat_s >= BEAT_PERIOD_S:
-                beat_s = now_s
-                with contextlib.suppress(OSError):
-                    channel.send(BEAT, socket.MSG_DONTWAIT)
-            if not selector.select(BEAT_PERIOD_S):
-                continue
-            try:
-                packet = channel.recv(MAX_SNAPSHOT_BYTES)
-            except ConnectionResetError:
-                # It ended with beats unread; what it said last is still there to be read.
-                continue
-            if not packet:
-                return
-            yield Snapshot.from_bytes(packet)
+    with _on_interrupt(process.stop):
+        return process.follow(take, poll)

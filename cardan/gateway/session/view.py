@@ -245,7 +245,7 @@ def plain(snapshot: Snapshot) -> str:
     s = snapshot
     speed_mm_s = math.sqrt(sum(v * v for v in s.twist[:3])) * 1e3
     text = (
-        f"{s.elapsed_s:6.1f} s  {s.phase or 'starting':9} hand {s.device_link}, "
+        f"{s.elapsed_s:6.1f} s  {s.phase or 'starting':9} hand {s.device_link or '–'}, "
         f"robot {s.robot_link}  TCP {_position_mm(s.pose)} mm  {speed_mm_s:5.1f} mm/s  "
         f"answers {s.cycles}, missed {missed_cycles(s)}, "
         f"p99 {_microseconds(s.tick_p99_s)}"

@@ -122,7 +122,7 @@ def test_closed_and_ended_loops_say_so():
     device.open()
     device.open()
     device.robot.close()
-    device._ticked.wait_for(lambda: not device._running, 5.0)
+    device._link.wait_for(lambda: not device._link.running, 5.0)
     with pytest.raises(MotionLoopError, match="has ended"):
         device.stat()
     device.stop()
@@ -187,7 +187,7 @@ def test_a_driver_that_fails_ends_in_an_error():
 
     device = CartesianDevice(Failing(), arm="gofa_crb15000_5")
     device.open()
-    device._ticked.wait_for(lambda: not device._running, 5.0)
+    device._link.wait_for(lambda: not device._link.running, 5.0)
     with pytest.raises(MotionLoopError, match="the cable is cut"):
         device.movj([0.0] * 6)
     device.close()

@@ -1,0 +1,190 @@
+"""The Cartesian interface as its users have it, wherever the arm's loop runs."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from cardan.gateway.arm.authority import VERBS
+
+if TYPE_CHECKING:  # Import Pinocchio, which who only asks does without.
+    from cardan.gateway.arm.checks import Target
+    from cardan.gateway.arm.codes import Action
+    from cardan.gateway.arm.motion import ControllerStatus, Motion, Stat
+    from cardan.gateway.arm.parameters import Key, Value
+
+Self = TypeVar("Self", bound="CartesianArm")
+
+
+class CartesianArm(ABC):
+    """An arm with the verbs movj, movl, ... of the Cartesian interface, for any thread.
+
+    A verb that is refused raises MotionRefusedError and changes nothing. One that takes over from
+    a motion under way blocks until that one is braked to rest; if from there it turns out
+    impossible, it is refused and the arm stays at rest. All raise MotionLoopError once the loop
+    has ended.
+    """
+
+    source = VERBS
+    """As whom this asks: who gets the authority over the arm."""
+
+    @abstractmethod
+    def open(self) -> None:
+        """Start the loop; returns when the robot's first state is there."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Brake to rest and end the loop. Never raises; twice is fine."""
+
+    @abstractmethod
+    def _ask(
+        self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None
+    ) -> Any:
+        """Have `verb` carried out by the arm's :class:`VerbDesk`, for `source` or our own; raises
+        what it raises."""
+
+    def __enter__(self: Self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # -- requests --------------------------------------------------------------------------------
+
+    def stat(self) -> Stat:
+        """Measured pose of the TCP in the base, state code, time of the measurement."""
+        stat: Stat = self._ask("stat")
+        return stat
+
+    def inv(self, xd: Target) -> tuple[float, ...]:
+        """Joint positions (rad, m) with the TCP at `xd`, nearest to now."""
+        positions: tuple[float, ...] = self._ask("inv", xd)
+        return positions
+
+    def movj(self, xd: Target) -> Motion:
+        """Start moving all joints to the pose `xd`; they arrive together."""
+        return self._start("movj", xd)
+
+    def relj(self, xd: Target) -> Motion:
+        """Start the same to a pose relative to where the TCP is."""
+        return self._start("relj", xd)
+
+    def movl(self, xd: Target) -> Motion:
+        """Start moving the TCP along a straight line to the pose `xd`."""
+        return self._start("movl", xd)
+
+    def movv(self, xdot: Sequence[float]) -> Motion:
+        """Start moving the TCP with a constant twist, until something ends it."""
+        return self._start("movv", xdot)
+
+    def gcmp(self) -> Motion:
+        """Carry the arm's own weight; it can be led by hand."""
+        return self._start("gcmp", None)
+
+    def forc(self, fd: Sequence[float]) -> Motion:
+        """Exert a constant wrench on the world."""
+        return self._start("forc", fd)
+
+    def _start(self, verb: str, value: Any) -> Motion:
+        motion: Motion = self._ask(verb, value)
+        return motion
+
+    def wait(self, timeout_s: float = 0.0) -> bool:
+        """Block until the last movj, relj or movl has ended; True when it arrived.
+
+        True at once where the last motion is none of these. After `timeout_s` (of the robot's
+        time; 0: for ever) the motion is stopped and the answer is False.
+        """
+        arrived: bool = self._ask("wait", timeout_s)
+        return arrived
+
+    def stop(self) -> None:
+        """Brake along the path, then hold. Always works, whoever has authority."""
+        self._ask("stop")
+
+    def tool(self, x: Target) -> None:
+        """Fix a link to the arm's own TCP, in place of the one before; zeros take it off."""
+        self._ask("tool", x)
+
+    def act(self, code: Action | int | str) -> None:
+        """Close, open or stop the gripper."""
+        self._ask("act", code)
+
+    # -- streams ---------------------------------------------------------------------------------
+
+    def pose(self, x: Target, *, owner: str = "", sequence: int | None = None) -> str:
+        """Go to the pose `x` now. Answers why not, or ""."""
+        return self._stream("pose", x, owner, sequence)
+
+    def jog(self, dx: Target, *, owner: str = "", sequence: int | None = None) -> str:
+        """Move the pose that is gone to by `dx`. Answers why not, or ""."""
+        return self._stream("jog", dx, owner, sequence)
+
+    def twist(self, xdot: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
+        """Move with the twist `xdot` now. Answers why not, or ""."""
+        return self._stream("twist", xdot, owner, sequence)
+
+    def wrench(self, w: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
+        """Exert the wrench `w` now. Answers why not, or ""."""
+        return self._stream("wrench", w, owner, sequence)
+
+    def joints(
+        self, rates: Sequence[float], *, owner: str = "", sequence: int | None = None
+    ) -> str:
+        """Move the joints at `rates` (rad/s or m/s) now. Answers why not, or ""."""
+        return self._stream("joints", rates, owner, sequence)
+
+    def _stream(self, verb: str, value: Any, owner: str, sequence: int | None) -> str:
+        why_not: str = self._ask(verb, value, source=owner, sequence=sequence)
+        return why_not
+
+    # -- authority -------------------------------------------------------------------------------
+
+    def acknowledge(self) -> None:
+        """The deliberate act after measured joints were not believed, or the command did not come
+        together with its robot. Raises MotionRefusedError while it is too early."""
+        self._ask("acknowledge")
+
+    def hand_over(self, to: str) -> None:
+        """Pass the authority over the arm on to the source `to`: "hand", or who streams.
+
+        Raises MotionRefusedError where it is not ours.
+        """
+        self._ask("hand_over", to)
+
+    def release(self, owner: str = "") -> None:
+        """Give up the authority of whoever streams as `owner`, or, nameless, our own."""
+        self._ask("release", source=owner)
+
+    # -- parameters and status -------------------------------------------------------------------
+
+    def get_parameter(self, key: Key) -> float:
+        """A parameter by its code or name."""
+        value: float = self._ask("get_parameter", key)
+        return value
+
+    def get_parameters(self) -> dict[str, float]:
+        """All parameters by name."""
+        values: dict[str, float] = self._ask("get_parameters")
+        return values
+
+    def set_parameter(self, key: Key, value: Value) -> None:
+        """Set a parameter; waits for an arm that is coming to rest."""
+        self.set_parameters({key: value})
+
+    def set_parameters(self, values: Mapping[Key, Value]) -> None:
+        """Set all of `values`, or none where one is refused."""
+        self._ask("set_parameters", values)
+
+    def status(self) -> ControllerStatus:
+        """Flags and numbers of now."""
+        status: ControllerStatus = self._ask("status")
+        return status

@@ -1,0 +1,92 @@
+"""Where threads meet the loop of an arm: its ticks, work for it to do, and its end."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+from cardan.errors import DriverError, MotionLoopError
+
+POLL_S = 0.05
+"""Longest time between two looks at whether the loop still runs."""
+
+
+class LoopLink:
+    """Between the loop that drives an arm and the threads that wait for what it does.
+
+    The loop calls `begin`, `attend` once a cycle, and `end`; all else is for other threads.
+    """
+
+    def __init__(self) -> None:
+        self._ticked = threading.Condition()
+        self._listeners = 0
+        self._errands: deque[tuple[Callable[[], None], list[Exception | None]]] = deque()
+        self._why_not = "the arm is not open"
+
+    # -- for the loop ----------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """The loop runs from now on."""
+        self._errands.clear()
+        self._why_not = ""
+
+    def attend(self) -> None:
+        """Do what was asked for and wake up who waits; costs next to nothing where nobody does."""
+        while self._errands:
+            errand, answer = self._errands.popleft()
+            try:
+                errand()
+            except Exception as error:
+                answer.append(error)
+            else:
+                answer.append(None)
+        if self._listeners:
+            with self._ticked:
+                self._ticked.notify_all()
+
+    def end(self, why: str) -> None:
+        """The loop runs no more, for this reason in words."""
+        self._why_not = why
+        while self._errands:
+            self._errands.popleft()[1].append(DriverError("the loop has ended"))
+        with self._ticked:
+            self._ticked.notify_all()
+
+    # -- for other threads -----------------------------------------------------------------------
+
+    @property
+    def running(self) -> bool:
+        """Whether the loop drives the arm."""
+        return not self._why_not
+
+    def require(self) -> None:
+        """Raise MotionLoopError where the loop does not run."""
+        if self._why_not:
+            raise MotionLoopError(self._why_not)
+
+    def wait(self, timeout_s: float = POLL_S) -> None:
+        """Until the next tick, or the time is over."""
+        self.wait_for(None, timeout_s)
+
+    def wait_for(self, done: Callable[[], bool] | None, timeout_s: float) -> None:
+        """Until `done` after a tick, or the time is over."""
+        with self._ticked:
+            self._listeners += 1
+            try:
+                if done is None:
+                    self._ticked.wait(timeout_s)
+                else:
+                    self._ticked.wait_for(done, timeout_s)
+            finally:
+                self._listeners -= 1
+
+    def do(self, errand: Callable[[], None]) -> None:
+        """Have the loop's thread do it; raises what `errand` raises, or MotionLoopError."""
+        answer: list[Exception | None] = []
+        self._errands.append((errand, answer))
+        while not answer:
+            self.require()
+            self.wait()
+        if answer[0] is not None:
+            raise answer[0]

@@ -1,0 +1,526 @@
+"""A session in a process of its own, moved by verbs; and beside an operator device."""
+
+import io
+import json
+import math
+import runpy
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cardan.drivers import registry
+from cardan.drivers.base import OperatorDevice
+from cardan.errors import (
+    CollisionError,
+    ConfigurationError,
+    DriverError,
+    MotionLoopError,
+    MotionRefusedError,
+    OutOfReachError,
+)
+from cardan.gateway.arm.codes import State
+from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.session import remote
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.heartbeat import BEAT_PERIOD_S
+from cardan.gateway.session.remote import RemoteArm
+from cardan.gateway.session.session import make_session
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import Outcome as SessionOutcome
+from cardan.gateway.session.supervisor import SessionProcess
+from cardan.robots import load_arm
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
+from tests.serving import in_a_thread
+
+pytestmark = pytest.mark.realtime
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "verbs-ur5-simulated.toml"
+QUICK = {"cpts": 0.2, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0}
+TIMEOUT_S = 20.0
+HEARTBEAT_S = 0.5
+BRAKING_S = 0.3
+"""From 0.25 m/s at 1 m/s²."""
+
+TABLE = {
+    "robot": {"driver": "sim_arm", "robot": "ur5", "drive": "ideal"},
+    "arm": {"model": "ur5"},
+    "obstacles": [{"name": "table", "plane": [[0.0, 0.0, 1.0], -0.05]}],
+}
+
+
+def until(done, what="it"):
+    """Wait until `done` says so; what is waited for happens elsewhere."""
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while not (found := done()):
+        assert time.monotonic() < deadline_s, f"{what} did not happen"
+        threading.Event().wait(0.005)
+    return found
+
+
+def until_at(arm, pose, tolerance_m=1e-3):
+    """Wait until the arm is measured there: what arrives is the command, a few cycles before."""
+    until(lambda: np.allclose(arm.stat().pose[:3], pose[:3], atol=tolerance_m), "the arrival")
+
+
+def by(pose, *step):
+    return [*(np.array(pose[:3]) + step), *pose[3:]]
+
+
+# -- in a thread of this process ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class HandOptions:
+    """None."""
+
+
+class Hand(OperatorDevice):
+    """An operator device of which a test holds the cap."""
+
+    Options = HandOptions
+    capabilities = DeviceCapabilities(False, ("go",), frozenset(), False)
+    axes, buttons = (0.0,) * 6, frozenset()
+
+    def open(self):
+        """Always there."""
+
+    def close(self):
+        """Nothing to close."""
+
+    def diagnosis(self):
+        return ()
+
+    def state(self):
+        return DeviceState(time.monotonic(), DeviceLink.LIVE, Hand.axes, Hand.buttons)
+
+    def button_events(self):
+        return []
+
+
+class ThreadProcess(SessionProcess):
+    """A session in a thread, where a test sees its parts."""
+
+    newest = None
+
+    def __init__(self, config):
+        self._config, self._stopping, self._give_up_s = config, False, math.inf
+        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        theirs.setblocking(False)
+        self.session = make_session(config, theirs)
+        self._process = SimpleNamespace(
+            stdin=io.BytesIO(), terminate=lambda: self.session.stop("stopped on request")
+        )
+
+        def run():
+            with theirs:
+                self.session.run()
+
+        self._thread = threading.Thread(target=run, daemon=True)
+        self._thread.start()
+        ThreadProcess.newest = self
+
+    def _reap(self, last):
+        self._thread.join(TIMEOUT_S)
+        self._channel.close()
+        return SessionOutcome(0, last)
+
+
+@pytest.fixture
+def in_thread(monkeypatch):
+    monkeypatch.setattr(remote, "SessionProcess", ThreadProcess)
+    monkeypatch.setitem(registry.BUILT_IN, "hand", f"{__name__}:Hand")
+    monkeypatch.setattr(Hand, "axes", (0.0,) * 6)
+    monkeypatch.setattr(Hand, "buttons", frozenset())
+
+    def make(source="verbs", **tables):
+        return RemoteArm(parse_config({**TABLE, **tables}), source=source)
+
+    return make
+
+
+WITH_HAND = {"device": {"driver": "hand"}, "mapping": {"deadman": "go"}}
+
+
+def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
+    with in_thread(source="program", **WITH_HAND) as arm:
+        arm.set_parameters({"cpts": 0.02, "cpta": 0.5})
+        start = arm.stat().pose
+        line = arm.movl(by(start, 0.0, 0.0, -0.1))
+        assert line.outcome is Outcome.RUNNING
+        assert arm.status().authority.owner == "program"
+        Hand.buttons = frozenset({"go"})
+        until(lambda: line.over, "the end of the line")
+        assert (line.outcome, line.reason) == (Outcome.ABORTED, "the operator's hand took over")
+        assert arm.wait() is False
+        assert arm.status().authority.owner == "hand"
+        with pytest.raises(MotionRefusedError, match="'hand' has authority"):
+            arm.movl(start)
+        with pytest.raises(MotionRefusedError, match="'hand' has authority"):
+            arm.set_parameter("cpsc", "twst")
+        Hand.axes = (0.0, 0.5, 0.0, 0.0, 0.0, 0.0)
+        until(lambda: arm.stat().pose[1] > start[1] + 0.01, "the hand's motion")
+        Hand.axes, Hand.buttons = (0.0,) * 6, frozenset()
+        arm.stop()  # It needs no authority, and the hand's ends with it.
+        assert arm.status().authority.owner == ""
+        arm.set_parameters(QUICK)
+        assert arm.movl(start).source == "program"
+        assert arm.wait() is True
+        until_at(arm, start)
+        until(lambda: arm.snapshot.authority == "program")
+
+
+def test_two_sources_share_an_arm_by_authority(in_thread):
+    with in_thread() as arm:
+        arm.set_parameter("cpsc", "twst")
+        assert arm.twist([0.0] * 6, owner="pendant", sequence=1) == ""
+        assert "'pendant' has authority" in arm.twist([0.0] * 6, owner="phone")
+        assert "came after number 1" in arm.twist([0.0] * 6, owner="pendant", sequence=1)
+        with pytest.raises(MotionRefusedError, match="'pendant' has authority"):
+            arm.movv([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+        with pytest.raises(MotionRefusedError, match="'pendant' has authority"):
+            arm.tool([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+        with pytest.raises(MotionRefusedError, match="no authority over the arm to hand over"):
+            arm.hand_over("phone")
+        arm.release("pendant")
+        arm.movv([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+        arm.stop()
+        assert "operator device" in arm.twist([0.0] * 6, owner="hand")
+
+
+def test_the_sessions_limits_are_the_verbs(in_thread):
+    limits = {
+        "linear_speed_m_s": 0.05,
+        "linear_acceleration_m_s2": 0.5,
+        "workspace_z_m": [0.2, 2.0],
+    }
+    with in_thread(limits=limits) as arm:
+        arm.set_parameters({"cpts": 1.0, "cpta": 5.0, "cpjs": 1.0, "cpja": 1.0})
+        start = arm.stat().pose
+        down, up = by(start, 0.0, 0.0, -0.05), by(start, 0.0, 0.0, 0.0)
+        line = arm.movl(down)
+        assert line.duration_s == pytest.approx(0.05 / 0.05 + 0.05 / 0.5)
+        arm.wait()
+        joints = arm.movj(up)
+        assert "TCP's speed" in joints.note
+        assert joints.duration_s > 1.0
+        arm.wait()
+        with pytest.raises(MotionRefusedError, match="outside of the workspace"):
+            arm.movj(by(start, 0.0, 0.0, -0.3))
+        controller = ThreadProcess.newest.session.controller
+        kinematics = ArmKinematics(load_arm("ur5"))
+        fastest, motion = 0.0, arm.movj(down)
+        while not motion.over:
+            with controller.lock:
+                q, v = controller.body.servo.q.copy(), controller.body.servo.v.copy()
+            kinematics.update(q)
+            fastest = max(fastest, float(np.linalg.norm((kinematics.jacobian @ v)[:3])))
+        assert 0.04 < fastest < 0.0505
+
+
+def test_the_sessions_tool_is_the_verbs(in_thread):
+    tooled = {"arm": {"model": "ur5", "tool_xyz_m": [0.0, 0.0, 0.1], "tcp_tolerance_m": 0.2}}
+    with in_thread() as arm:
+        bare = np.array(arm.stat().pose)
+    with in_thread(**tooled) as arm:
+        pose = np.array(arm.stat().pose)
+        assert np.linalg.norm(pose[:3] - bare[:3]) == pytest.approx(0.1, abs=1e-6)
+        arm.set_parameters(QUICK)
+        arm.movl(by(pose, 0.0, 0.0, 0.05))
+        assert arm.wait() is True
+        until_at(arm, by(pose, 0.0, 0.0, 0.05))
+        arm.tool([0.0] * 6)
+        flange = np.array(arm.stat().pose[:3])
+        assert np.linalg.norm(flange - by(pose, 0.0, 0.0, 0.05)[:3]) == pytest.approx(0.1, abs=1e-3)
+        until(lambda: np.allclose(arm.snapshot.pose[:3], flange, atol=1e-3), "the new tool")
+
+
+def test_a_gripper_on_the_robots_output_is_everybodys(in_thread, monkeypatch):
+    done = []
+    with in_thread() as arm, pytest.raises(MotionRefusedError, match="has no gripper"):
+        arm.act("accg")
+    from cardan.drivers.sim_arm import SimArm
+
+    able = SimArm.capabilities.fget
+    monkeypatch.setattr(
+        SimArm, "capabilities", property(lambda robot: able(robot)._replace(digital_outputs=1))
+    )
+    monkeypatch.setattr(SimArm, "set_outputs", lambda _robot, **outputs: done.append(outputs))
+    with in_thread(**WITH_HAND) as arm:
+        arm.act("accg")
+        assert done == [{"digital": True}]
+        until(lambda: arm.snapshot.gripper_closed, "the news of it")
+        assert ThreadProcess.newest.session.controller.hand.mapping.gripper_closed
+        with pytest.raises(MotionRefusedError, match="half way"):
+            arm.act("acsg")
+        arm.release()
+        Hand.buttons = frozenset({"go"})
+        until(lambda: arm.snapshot.authority == "hand")
+        with pytest.raises(MotionRefusedError, match="'hand' has authority"):
+            arm.act("acog")
+    assert done == [{"digital": True}]
+
+
+def test_a_stop_during_planning_leaves_the_arm_at_rest(in_thread, monkeypatch):
+    with in_thread() as arm:
+        planning, go_on = threading.Event(), threading.Event()
+        planner = ThreadProcess.newest.session._requests._desk.verbs.planner
+        inverse = planner.joint_goal
+
+        def slow(*arguments):
+            planning.set()
+            assert go_on.wait(TIMEOUT_S)
+            return inverse(*arguments)
+
+        monkeypatch.setattr(planner, "joint_goal", slow)
+        said = []
+
+        def move():
+            try:
+                arm.movj(by(arm.stat().pose, 0.0, 0.0, -0.1))
+            except MotionRefusedError as error:
+                said.append(str(error))
+
+        mover = threading.Thread(target=move)
+        mover.start()
+        assert planning.wait(TIMEOUT_S)
+        arm.stop()
+        go_on.set()
+        mover.join(TIMEOUT_S)
+        assert said
+        assert "overtaken while it was worked out: stopped" in said[0]
+        assert arm.stat().state is State.NOT_CONTROLLING
+        assert ThreadProcess.newest.session.controller.idle
+
+
+def test_a_session_that_verbs_cannot_move_is_refused_at_once():
+    with pytest.raises(ConfigurationError, match=r"need an \[arm\]"):
+        RemoteArm(parse_config({"robot": {"driver": "abb_egm"}}))
+    neck = {"robot": {"driver": "sim_arm", "robot": "ur5"}, "arm": {"model": "teo_soft_neck"}}
+    with pytest.raises(ConfigurationError, match="rigid links"):
+        RemoteArm(parse_config(neck))
+    with pytest.raises(ConfigurationError, match="'hand'"):
+        RemoteArm(parse_config(TABLE), source="hand")
+
+
+# -- in a process of its own ----------------------------------------------------------------------
+
+
+def test_verbs_streams_and_stop_on_the_simulated_arm():
+    with RemoteArm(EXAMPLE) as arm:
+        assert arm.snapshot is not None
+        arm.set_parameters(QUICK)
+        start = arm.stat().pose
+        motion = arm.movj(by(start, 0.0, 0.0, -0.05))
+        assert arm.stat().state is State.MOVJ
+        assert arm.wait(20.0) is True
+        assert motion.outcome is Outcome.DONE
+        until_at(arm, by(start, 0.0, 0.0, -0.05), 5e-3)
+        assert len(arm.inv(start)) == 6
+
+        with pytest.raises(OutOfReachError) as far:
+            arm.movj(by(start, 5.0, 0.0, 0.0))
+        assert far.value.distance_m > 1.0
+        with pytest.raises(CollisionError) as met:
+            arm.movl(by(start, 0.0, 0.0, -start[2] - 0.04))
+        assert "table" in met.value.pair
+        with pytest.raises(ConfigurationError, match="jointSpeedShare"):
+            arm.set_parameter("cpjs", 2.0)
+
+        arm.set_parameter("cpsc", "twst")
+        before = arm.stat().pose
+        while arm.stat().pose[2] < before[2] + 0.02:
+            assert arm.twist([0.0, 0.0, 0.05, 0.0, 0.0, 0.0]) == ""
+        assert arm.status().moving
+        arm.stop()
+        until(lambda: not arm.status().moving)
+        assert "choose" in arm.twist([0.0] * 6)
+
+        arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
+        assert arm.get_parameter("streamingCommand") == arm.get_parameters()["streamingCommand"]
+        until(lambda: arm.snapshot.phase == "moving")
+    assert arm.snapshot.finished
+    with pytest.raises(MotionLoopError, match="not open"):
+        arm.stat()
+    arm.stop()
+    arm.close()
+
+
+def test_the_example_of_the_page_runs(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["verbs.py", str(EXAMPLE)])
+    runpy.run_path(str(EXAMPLE.with_name("verbs.py")), run_name="__main__")
+    said = capsys.readouterr().out
+    assert "movj arrived: True" in said
+    assert "movl arrived: True" in said
+    assert int(said.rsplit("streamed ", 1)[1].split()[0]) > 10
+
+
+def test_what_the_session_cannot_open_comes_as_its_own_error():
+    table = {**TABLE, "robot": {"driver": "sim_arm", "robot": "ur5", "transport": "udp"}}
+    table["device"] = {"driver": "spacemouse", "transport": "socket", "path": "/nowhere/hid"}
+    with pytest.raises(DriverError, match="/nowhere/hid"):
+        RemoteArm(parse_config(table)).open()
+
+
+def test_a_session_that_dies_ends_motions_and_requests():
+    with RemoteArm(EXAMPLE) as arm:
+        motion = arm.movv([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
+        arm._process._process.kill()
+        until(lambda: motion.over)
+        assert motion.outcome is Outcome.ABORTED
+        assert "ended with status -9" in motion.reason
+        with pytest.raises(MotionLoopError, match="ended with status -9"):
+            arm.stat()
+        arm.stop()
+
+
+# -- the supervising process stops ----------------------------------------------------------------
+
+PROGRAM = """
+import sys
+from cardan.gateway.session.remote import RemoteArm
+
+class Told(RemoteArm):
+    def _take(self, packet):
+        if packet.startswith(b'{"elapsed_s"'):
+            print(packet.decode(), flush=True)
+        return super()._take(packet)
+
+with Told(sys.argv[1]) as arm:
+    line = arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
+    sys.stdin.readline()
+    print("MOTION", line.outcome.value, line.reason, flush=True)
+    print("STREAM", arm.twist([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]), flush=True)
+    arm.movv([0.0, 0.0, 0.02, 0.0, 0.0, 0.0])
+    sys.stdin.readline()
+"""
+
+RUN = """
+import sys
+from pathlib import Path
+from cardan.gateway.session.assembly import load_config
+from cardan.gateway.session.supervisor import supervise
+
+supervise(load_config(Path(sys.argv[1])), 60.0,
+          lambda snapshot: print(snapshot.to_bytes().decode(), flush=True))
+"""
+
+HAND = """
+0.0 neutral
+0.3 press left
+0.6 axes 0 0.3 0 0 0 0
+1.6 axes 0 -0.3 0 0 0 0
+2.6 axes 0 0.3 0 0 0 0
+3.6 axes 0 -0.3 0 0 0 0
+4.6 neutral
+4.7 release left
+5.2 loop
+"""
+
+
+class Supervising:
+    """A process that supervises a session, and all that it was told."""
+
+    def __init__(self, program, config):
+        self.snapshots, self.words = [], {}
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", program, str(config)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self):
+        for line in self._process.stdout:
+            if line.startswith("{"):
+                self.snapshots.append(Snapshot(**json.loads(line)))
+            else:
+                word, _, rest = line.strip().partition(" ")
+                self.words[word] = rest
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_exception):
+        self._process.send_signal(signal.SIGCONT)
+        self._process.terminate()
+        self._process.wait(TIMEOUT_S)
+        self._reader.join(TIMEOUT_S)
+        for stream in (self._process.stdin, self._process.stdout):
+            stream.close()
+
+    def say(self):
+        self._process.stdin.write("\n")
+        self._process.stdin.flush()
+
+    def is_moving(self):
+        return bool(self.snapshots) and self.snapshots[-1].phase == "moving"
+
+    def stop_for(self, seconds):
+        """Stop it for so long; returns what the session said meanwhile, read after."""
+        at_s, known = self.snapshots[-1].elapsed_s, len(self.snapshots)
+        self._process.send_signal(signal.SIGSTOP)
+        threading.Event().wait(seconds)
+        self._process.send_signal(signal.SIGCONT)
+        until(lambda: self.snapshots[-1].elapsed_s > at_s + seconds + 0.3, "the going on")
+        return at_s, self.snapshots[known:]
+
+
+def assert_it_rested(at_s, said, seconds):
+    """The arm is disarmed and at rest within half a second and its braking, and says why."""
+    while_stopped = [each for each in said if each.elapsed_s <= at_s + seconds]
+    late_s = at_s + BEAT_PERIOD_S + HEARTBEAT_S + BRAKING_S + 0.15
+    resting = [each for each in while_stopped if each.elapsed_s > late_s]
+    assert len(resting) >= 3
+    for each in resting:
+        assert each.phase == "disarmed", each
+        assert each.twist == [0.0] * 6
+        assert "has not answered for" in each.message
+        assert each.authority != "hand"
+    assert while_stopped[0].phase == "moving"
+
+
+def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
+    with Supervising(PROGRAM, EXAMPLE) as program:
+        until(program.is_moving, "motion")
+        assert_it_rested(*program.stop_for(1.6), 1.6)
+        assert not program.is_moving()
+        program.say()
+        until(lambda: "STREAM" in program.words)
+        assert program.words["MOTION"].startswith("aborted the program that shows this session")
+        assert "choose this streaming command first" in program.words["STREAM"]
+        until(program.is_moving, "motion that was asked for anew")
+
+
+def test_an_arm_moved_by_a_hand_rests_while_its_view_is_stopped(tmp_path):
+    script = tmp_path / "script.txt"
+    script.write_text(HAND)
+    config = tmp_path / "session.toml"
+    config.write_text(
+        f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{tmp_path}/hid"\n'
+        '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
+        '[mapping]\ndeadman = "left"\n'
+    )
+    peer = SpaceMousePeer(SpaceMousePeerOptions(path=str(tmp_path / "hid"), script=str(script)))
+    with in_a_thread(peer), Supervising(RUN, config) as view:
+        until(view.is_moving, "motion")
+        at_s, said = view.stop_for(1.6)
+        assert_it_rested(at_s, said, 1.6)
+        last_off = max(n for n, each in enumerate(view.snapshots) if "not answered" in each.message)
+        until(lambda: "moving" in {each.phase for each in view.snapshots[last_off:]}, "an act")
+        after = view.snapshots[last_off + 1 :]
+        moving = next(n for n, each in enumerate(after) if each.phase == "moving")
+        assert any("left" not in each.buttons for each in after[:moving])
+        assert all(each.phase != "moving" for each in after[:moving])
