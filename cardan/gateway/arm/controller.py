@@ -379,10 +379,6 @@ class ArmController:
         return self._stop_reason or self._held_off or alarm
 
     @property
-    def _busy(self) -> bool:
-        return self._activity is not None and not self._activity.idle
-
-    @property
     def _occupied(self) -> bool:
         """Whether somebody's motion is under way, who need not be heard to keep the authority."""
         activity = self._activity

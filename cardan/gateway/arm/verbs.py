@@ -336,10 +336,6 @@ class ArmVerbs:
         with self.controller.lock:
             self.controller.stop("stopped")
 
-    def motion_done(self, motion: Motion) -> bool:
-        """True when `motion` is over, however it ended."""
-        return motion.over
-
     def tool(self, x: Target, *, source: str = VERBS) -> None:
         """Fix a link to the arm's own TCP: it replaces the one before, zeros take it off.
 
