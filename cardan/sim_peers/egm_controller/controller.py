@@ -32,16 +32,19 @@ from cardan.protocols.egm.messages import (
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run, Setup, StopMode
 from cardan.sim_peers.egm_controller.contact import Surface, tcp_velocity, touch
-from cardan.sim_peers.egm_controller.events import Event
+from cardan.sim_peers.egm_controller.events import Event, EventLog
+from cardan.sim_peers.egm_controller.external_motion import EgmState
 from cardan.sim_peers.egm_controller.faults import (
     CLOCK_STEP_AT_S,
     PAUSE_EVERY_S,
     RESTART_SILENCE_S,
 )
+from cardan.sim_peers.egm_controller.instructions import Instructions
 from cardan.sim_peers.egm_controller.kinematics import AXES, GOFA, forward
 from cardan.sim_peers.egm_controller.motion import Servo
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
-from cardan.sim_peers.egm_controller.rapid import EgmState, RapidTask
+from cardan.sim_peers.egm_controller.panel import Panel
+from cardan.sim_peers.egm_controller.rapid import RapidTask
 from cardan.sim_peers.egm_controller.scripts import (
     SCRIPT_VERBS,
     SCRIPTS,
@@ -115,7 +118,11 @@ class EgmController:
             math.radians(options.encoder_noise_deg),
             options.seed,
         )
-        self.rapid = RapidTask(options, self.servo, self._noted)
+        self._log = EventLog()
+        self.rapid = RapidTask(options, self.servo, self._noted, self._log)
+        self._egm = self.rapid.egm
+        self._instructions = Instructions(self.rapid)
+        self._panel = Panel(self.rapid, self._instructions)
         self.port_changes = 0
         """Counts the changes of the local port that the shell has to make."""
         self._random = random.Random(options.seed)
@@ -179,7 +186,7 @@ class EgmController:
         """The shell tells that nobody listens at the PC's address."""
         if not self._send_failing:
             self._send_failing = True
-            self.rapid.log(SENDING_FAILED, "Error sending EGM UdpUc message")
+            self._log.add(SENDING_FAILED, "Error sending EGM UdpUc message")
 
     def sending_worked(self) -> None:
         """The shell tells that the PC was heard."""
@@ -191,12 +198,12 @@ class EgmController:
     @property
     def state(self) -> EgmState:
         """RAPID's egmstate."""
-        return self.rapid.state
+        return self._egm.state
 
     @property
     def events(self) -> list[Event]:
         """The event log, oldest first."""
-        return self.rapid.events
+        return self._log.events
 
     @property
     def counters(self) -> Counters:
@@ -243,7 +250,7 @@ class EgmController:
 
         False while EGM moves the arm or motors are off.
         """
-        return self.rapid.jog([math.radians(q) for q in joints_deg])
+        return self._panel.jog([math.radians(q) for q in joints_deg])
 
     def do(self, verb: str, **arguments: Any) -> None:
         """Do what a script's `verb` does now; arguments as in `Action`. For tests and consoles."""
@@ -256,7 +263,7 @@ class EgmController:
 
     def _set_time(self, now_s: float) -> None:
         self._now_s = now_s
-        self.rapid.set_time(now_s)
+        self._log.now_s = now_s
         if self._off_until_s is not None:
             if now_s < self._off_until_s:
                 return
@@ -275,8 +282,8 @@ class EgmController:
     def _timed_faults(self) -> deque[tuple[float, Callable[[], None]]]:
         actions: Mapping[str, Callable[[], None]] = {
             "restart": self._restart,
-            "estop": self.rapid.emergency_stop,
-            "motors-off": lambda: self.rapid.set_motors(False),
+            "estop": self._panel.emergency_stop,
+            "motors-off": lambda: self._panel.set_motors(False),
         }
         faults = self.options.faults
         return deque(
@@ -291,7 +298,7 @@ class EgmController:
         return self._now_s % PAUSE_EVERY_S > PAUSE_EVERY_S - pause_s
 
     def _restart(self) -> None:
-        self.rapid.power_cycle()
+        self._panel.power_cycle()
         self._queue.clear()
         self._off_until_s = self._now_s + RESTART_SILENCE_S
 
@@ -301,26 +308,26 @@ class EgmController:
         self._tm_start_ms = 0
         self.port_changes += 1
         self._seqno = self.options.seqno_start
-        self.rapid.program_start()
+        self._panel.program_start()
 
     # ------------------------------------------------------------------------------------
     # Cycle
 
     def _due(self) -> bool:
         """True in the cycles in which EGM exchanges datagrams."""
-        rapid = self.rapid
-        if rapid.connections != self._connections:
-            self._connections = rapid.connections
+        egm = self._egm
+        if egm.connections != self._connections:
+            self._connections = egm.connections
             self._queue.clear()
-        if not rapid.sending or self._off_until_s is not None:
+        if not egm.sending or self._off_until_s is not None:
             return False
-        if rapid.session != self._session:
-            self._session = rapid.session
+        if egm.session != self._session:
+            self._session = egm.session
             self._session_cycle = 0
             self._pc_seqno = None
             if self.options.seqno_restarts:
                 self._seqno = self.options.seqno_start
-        due = self._session_cycle % (rapid.sample_rate_ms // 4) == 0
+        due = self._session_cycle % (egm.settings.sample_rate_ms // 4) == 0
         self._session_cycle += 1
         return due
 
@@ -345,7 +352,7 @@ class EgmController:
         if isinstance(message, Malformed):
             self._ignored[message.fault.value] += 1
             if message.fault is Fault.NOT_FINITE and self.options.nan_is_fatal:
-                self.rapid.log(SYSTEM_FAILURE, "System failure state")
+                self._log.add(SYSTEM_FAILURE, "System failure state")
                 self._restart()
                 self._off_until_s = math.inf
             return
@@ -377,7 +384,8 @@ class EgmController:
     # Content
 
     def _datagram(self) -> bytes:
-        options, profile, rapid, servo = self.options, self._profile, self.rapid, self.servo
+        options, profile, servo = self.options, self._profile, self.servo
+        rapid, egm = self.rapid, self._egm
         measured = servo.measured
         wall_s = self._wall_start_s + self._now_s
         if self._now_s >= CLOCK_STEP_AT_S:
@@ -395,18 +403,16 @@ class EgmController:
             feed_back=self._motion(measured, tcp, wall_ns),
             planned=self._motion(servo.planned, servo.planned_frames.pose, wall_ns + delay_ns),
             motor_state=MotorState.ON if rapid.motors_on else MotorState.OFF,
-            mci_state=rapid.mci_state,
-            mci_convergence_met=rapid.converged,
+            mci_state=egm.mci_state,
+            mci_convergence_met=egm.converged,
             test_signals=(0.0,) * AXES,
             rapid_exec_state=rapid_state,
             measured_force=self._force(tcp) if options.force else None,
             utilization_rate=100.0 * servo.utilization if profile.utilization_rate else None,
-            move_index=rapid.move_index if profile.move_index else None,
+            move_index=egm.move_index if profile.move_index else None,
             collision_info=self._collision() if profile.move_index else None,
             rapid_from_robot=rapid.rapid_out if profile.rapid_data else None,
-            torque_ref=(
-                self._torques() if profile.torque_ref and rapid.active_guidance_at_level_0 else None
-            ),
+            torque_ref=(self._torques() if profile.torque_ref and egm.guided_at_level_0 else None),
         )
         self._seqno += 1
         self._sent += 1
@@ -447,11 +453,11 @@ class EgmController:
         most_n = self.options.collision_force_n
         hard = 0.0 < most_n < norm(self._pressing)
         if hard and not self._hard:
-            self.rapid.collide()
+            self._panel.collide()
         self._hard = hard
 
     def _collision(self) -> EgmCollisionInfo:
-        collision = self.rapid.collision
+        collision = self._panel.collision
         quota = _COLLISION_QUOTA if collision else _QUIET_QUOTA
         if self.options.collision_force_n:
             quota = max(quota, 100.0 * norm(self._pressing) / self.options.collision_force_n)
@@ -470,30 +476,30 @@ class EgmController:
     # Script verbs
 
     def _verb_table(self) -> dict[str, Callable[..., None]]:
-        rapid = self.rapid
+        rapid, does, panel = self.rapid, self._instructions, self._panel
         return {
             "movej": self._movej,
-            "getid": lambda: rapid.execute(rapid.get_id),
+            "getid": lambda: rapid.execute(does.get_id),
             "setup": self._setup,
             "act": self._act,
-            "stream-start": lambda: rapid.execute(rapid.stream_start),
-            "stream-stop": lambda: rapid.execute(rapid.stream_stop),
+            "stream-start": lambda: rapid.execute(does.stream_start),
+            "stream-stop": lambda: rapid.execute(does.stream_stop),
             "run": self._run,
             "egmmovel": self._egmmovel,
             "stop": self._stop,
-            "reset": lambda: rapid.execute(rapid.reset),
-            "loop": rapid.loop,
-            "on-error": rapid.on_error,
-            "restart": rapid.restart_program,
-            "pp-to-main": rapid.pp_to_main,
-            "program-stop": rapid.program_stop,
-            "program-start": rapid.program_start,
-            "motors-off": lambda: rapid.set_motors(False),
-            "motors-on": lambda: rapid.set_motors(True),
-            "estop": rapid.emergency_stop,
+            "reset": lambda: rapid.execute(does.reset),
+            "loop": self._set_loop,
+            "on-error": panel.on_error,
+            "restart": panel.restart_program,
+            "pp-to-main": panel.pp_to_main,
+            "program-stop": panel.program_stop,
+            "program-start": panel.program_start,
+            "motors-off": lambda: panel.set_motors(False),
+            "motors-on": lambda: panel.set_motors(True),
+            "estop": panel.emergency_stop,
             "controller-restart": self._restart,
             "jog": self._jog,
-            "collision": rapid.collide,
+            "collision": panel.collide,
             "contact": self._set_contact,
             "wall": self._set_surface,
             "force-control": self._set_force_control,
@@ -512,31 +518,30 @@ class EgmController:
         return kind(**merged)
 
     def _movej(self, joints_deg: Sequence[float] | None = None) -> None:
-        rapid = self.rapid
         target = None if joints_deg is None else [math.radians(q) for q in joints_deg]
-        rapid.execute(lambda: rapid.move(target))
+        self.rapid.execute(lambda: self._instructions.move(target))
 
     def _jog(self, joints_deg: Sequence[float]) -> None:
         self.jog_to(joints_deg)
 
     def _setup(self, **arguments: Any) -> None:
         setup: Setup = self._with_defaults(Setup, arguments)
-        self.rapid.execute(lambda: self.rapid.setup(setup))
+        self.rapid.execute(lambda: self._instructions.setup(setup))
 
     def _act(self, **arguments: Any) -> None:
         act: Act = self._with_defaults(Act, arguments)
-        self.rapid.execute(lambda: self.rapid.act(act))
+        self.rapid.execute(lambda: self._instructions.act(act))
 
     def _run(self, **arguments: Any) -> None:
         run: Run = self._with_defaults(Run, arguments)
-        self.rapid.execute(lambda: self.rapid.run(run))
+        self.rapid.execute(lambda: self._instructions.run(run))
 
     def _egmmovel(self, **arguments: Any) -> None:
         move = PathMove(**arguments)
-        self.rapid.execute(lambda: self.rapid.egm_move(move))
+        self.rapid.execute(lambda: self._instructions.egm_move(move))
 
     def _stop(self, stop_mode: StopMode = StopMode.HOLD, ramp_out_s: float | None = None) -> None:
-        self.rapid.stop(stop_mode, ramp_out_s)
+        self._instructions.stop(stop_mode, ramp_out_s)
 
     def _set_contact(self, wrench: Sequence[float]) -> None:
         self._contact = tuple(wrench)
@@ -555,6 +560,9 @@ class EgmController:
         self.rapid.rapid_out = EgmRapidData(
             now.dig_val if dig_val is None else dig_val, now.dnum if dnum is None else dnum
         )
+
+    def _set_loop(self, on: bool) -> None:
+        self.rapid.loop = on
 
     def _set_echo(self, on: bool) -> None:
         self.rapid.echo = on

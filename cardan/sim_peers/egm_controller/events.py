@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+UNNUMBERED = 0
+"""For events whose number is not published."""
+
 MOTORS_OFF = 10010
 MOTORS_ON = 10011
 EMERGENCY_STOP = 10013
@@ -11,6 +14,8 @@ PROGRAM_STOPPED = 10125
 PROGRAM_STARTED = 10151
 NO_DATA = 41822
 MODE_MISMATCH = 41826
+NEAR_SINGULARITY = 50026
+JOINT_OUT_OF_RANGE = 50027
 MOTION_SUPERVISION = 50204
 MOVE_NOT_ALLOWED = 50453
 
@@ -23,3 +28,17 @@ class Event(NamedTuple):
     code: int
     """0 where the number is not published."""
     text: str
+
+
+class EventLog:
+    """The event log of one controller, and the time that its next events get."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        """Since the start of the controller."""
+        self.events: list[Event] = []
+        """Oldest first."""
+
+    def add(self, code: int, text: str) -> None:
+        """Add an event."""
+        self.events.append(Event(self.now_s, code, text))

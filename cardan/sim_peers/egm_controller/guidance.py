@@ -14,6 +14,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 from cardan.protocols.egm.messages import EgmPose, EgmSensor, EgmSensorPathCorr
 from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run
+from cardan.sim_peers.egm_controller.events import NEAR_SINGULARITY, UNNUMBERED
 from cardan.sim_peers.egm_controller.kinematics import (
     AXES,
     Differential,
@@ -31,11 +32,6 @@ from cardan.spatial import (
     scale,
 )
 from cardan.types import Pose, Vector3
-
-NEAR_SINGULARITY = 50026
-JOINT_OUT_OF_RANGE = 50027
-UNNUMBERED = 0
-"""For events whose number is not published."""
 
 _ZERO = (0.0,) * AXES
 _UNIT_TOLERANCE = 1e-5

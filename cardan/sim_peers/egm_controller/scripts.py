@@ -15,7 +15,7 @@ from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.egm_controller.arguments import ALL_AXES, Mode, StopMode
 from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.kinematics import AXES
-from cardan.sim_peers.egm_controller.rapid import OnError
+from cardan.sim_peers.egm_controller.panel import OnError
 
 SCRIPT_VERBS: dict[str, str] = {
     "movej": "movej [J1 ... J6 deg] (a programmed movement; without values: stay)",

@@ -1,0 +1,49 @@
+"""What EGMSetupUC and EGMAct have set, with the system parameters where they left something out."""
+
+from __future__ import annotations
+
+import math
+
+from cardan.sim_peers.egm_controller.arguments import Act, Mode, Setup
+from cardan.sim_peers.egm_controller.options import EgmControllerOptions
+
+PATH_LEVEL = 2
+"""The External Motion Interface level of path correction, and of nothing else."""
+
+_STREAM_RATE_MS = 4
+_PATH_RATE_MS = 48
+
+
+class EgmSettings:
+    """Settings of one EGM identity; a run under way follows them when the program changes them."""
+
+    def __init__(self, options: EgmControllerOptions) -> None:
+        self.options = options
+        self.setup: Setup | None = None
+        """None before EGMSetupUC."""
+        self.act: Act | None = None
+        """None before EGMAct, and again after another EGMSetupUC."""
+
+    @property
+    def sample_rate_ms(self) -> int:
+        """Nominal time between datagrams."""
+        act = self.act
+        if act is None:
+            return _STREAM_RATE_MS
+        if act.sample_rate_ms is not None:
+            return act.sample_rate_ms
+        return _PATH_RATE_MS if act.mode is Mode.PATH else _STREAM_RATE_MS
+
+    @property
+    def level(self) -> int:
+        """Level of the External Motion Interface, 0 to 2."""
+        if self.options.level is not None:
+            return self.options.level
+        return PATH_LEVEL if self.act is not None and self.act.mode is Mode.PATH else 1
+
+    @property
+    def comm_timeout_s(self) -> float:
+        """Longest time without a message that guidance goes on; path correction knows none."""
+        if self.setup is None or self.setup.mode is Mode.PATH:
+            return math.inf
+        return self.setup.comm_timeout_s
