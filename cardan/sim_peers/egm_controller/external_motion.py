@@ -95,7 +95,7 @@ class ExternalMotion:
 
     @property
     def guided_at_level_0(self) -> bool:
-        """When torqueRef is filled."""
+        """True during a run at Level 0, when torqueRef is filled."""
         return self.run is not None and self.settings.level == 0
 
     # ------------------------------------------------------------------------------------
@@ -152,7 +152,7 @@ class ExternalMotion:
         self._break_off(ramp_s)
 
     def reset(self) -> None:
-        """Forget the identity with its settings; what it does ends at once."""
+        """Forget the identity with its settings; streaming and a run under way end at once."""
         self.streaming = False
         if self.run is not None:
             self.interrupt(0.0)

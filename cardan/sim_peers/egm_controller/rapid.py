@@ -30,7 +30,7 @@ _ECHO_AFTER_S = 0.024
 
 
 class Recovery(NamedTuple):
-    """What happens `after_s` after EGM ended with an error; without both others nothing."""
+    """What happens `after_s` after EGM ended with an error; as constructed: nothing."""
 
     after_s: float = 0.0
     retries: bool = False
