@@ -107,7 +107,8 @@ class ArmController:
         self.not_ready = "nothing was heard of the robot yet"
         """Why the robot cannot be commanded now, in words; empty when it can."""
         self._gate = Gate(gate or limits_of_free_body(limits))
-        self._dt_s = 0.0
+        self.advanced_s = 0.0
+        """By how much the last tick advanced: lost time is not in it."""
         self._activity: Activity | None = None
         self._braking = False
         self._engaged = False
@@ -346,7 +347,7 @@ class ArmController:
             self.robot = robot
             self._tripped = False
             finding = self.supervision.look(robot, self.body)
-            self._dt_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
+            self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
             cause = None if finding is None else finding.cause
             if finding is not None and cause in (Cause.LOST, Cause.NOT_READY):
                 return self._without_robot(finding, robot, device, events, dt_s)

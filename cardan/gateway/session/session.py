@@ -307,7 +307,7 @@ class Session:
         self._moving_cycles += 1
         snapshot = self.snapshot
         snapshot.error_max_m = max(snapshot.error_max_m, error_m)
-        snapshot.path_m += norm(body.twist.linear) * state.period_s
+        snapshot.path_m += norm(body.twist.linear) * controller.advanced_s
         snapshot.moving_s += state.period_s
 
     def _act(self, action: Action) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import load_arm
+from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
 from cardan.types import (
     CommandKind,
     HoldCommand,
@@ -17,9 +18,12 @@ from cardan.types import (
     RobotLink,
     RobotState,
     TorqueCommand,
+    Vector3,
 )
 
 DT_S = 0.004
+QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
+GOFA = "gofa_crb15000_5"
 JOINT = frozenset({CommandKind.JOINT, CommandKind.TORQUE})
 
 
@@ -139,3 +143,23 @@ class World:
                 return
             self.tick()
         raise AssertionError("still moving")
+
+
+def quick(arm=GOFA, **more):
+    world = World(arm, **more)
+    world.verbs.set_parameters(QUICK)
+    return world
+
+
+def streaming(kind, **more):
+    world = quick(**more)
+    world.verbs.set_parameter("cpsc", kind)
+    return world
+
+
+def turned(six, rotation):
+    """`six` after the rotation vector `rotation` in base axes."""
+    after = multiply(
+        from_rotation_vector(Vector3(*rotation)), from_rotation_vector(Vector3(*six[3:]))
+    )
+    return [*six[:3], *to_rotation_vector(after)]
