@@ -150,7 +150,7 @@ FORCE_RATE_S = Range(
 )
 HAND_FORCE_N = Range(0.0, 100.0, "N", "no hand holds against more for long", above=True)
 HAND_STIFFNESS_N_M = Range(
-    0.0, 500.0, "N/m", "what the device goes on with by itself: a stiffer one buzzes"
+    0.0, 500.0, "N/m", "what the device goes on with by itself: a stiffer one oscillates"
 )
 FIXTURE_STIFFNESS_N_M = Range(
     0.0, 100_000.0, "N/m", "a hand feels no difference to a rigid wall", above=True

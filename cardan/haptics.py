@@ -155,8 +155,9 @@ class OperatingState(enum.Enum):
     """No force until enabled."""
     ENABLED = "enabled"
     PAUSED = "paused"
-    """On request, or since commands stopped coming, ticks were late or it buzzed: no force until
-    that is over and it is small; after a short stall of the loop alone it comes back by a ramp."""
+    """On request, or since commands stopped coming, ticks were late or it oscillated: no force
+    until that is over and it is small; after a short stall of the loop alone it comes back by a
+    ramp."""
     FAULT = "fault"
     """Latched, with a reason; enable tries again."""
 
@@ -210,7 +211,7 @@ class HapticState(NamedTuple):
     """Most energy that the hand was given, net, within one engagement; booked likewise."""
     passivity_damping_n_s_m: float = 0.0
     """What the passivity controller damps with now."""
-    squeeze: float = 1.0
+    thermal_derating: float = 1.0
     """Share of the clamp that the thermal limiter leaves."""
     temperature: float = 0.0
     """Of the hottest motor as predicted, 0 cold to 1 hottest."""

@@ -28,7 +28,7 @@ PLAIN = UncheckedLimits(
     extrapolate_s=0.0,
     slew_rise_n_s=400.0,
     velocity_gate_m_s=100.0,
-    buzz_speed_m_s=100.0,
+    oscillation_speed_m_s=100.0,
 )
 """Slew at the most that a tick's own release needs: 0.4 N a tick."""
 CONTROLLER_OFF = dataclasses.replace(OURS, passivity=False)

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, TextIO
 
 from cardan.dissect import network
-from cardan.dissect.capture import Capture, Frame
+from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.dissect.errors import ScapyMissingError
 from cardan.dissect.ports import (
     EGM_PORTS,
@@ -131,7 +131,7 @@ def dissect_file(
     return counts
 
 
-def _print_line(frame: Frame, line: str, start_ns: int, out: TextIO) -> None:
+def _print_line(frame: CapturedPacket, line: str, start_ns: int, out: TextIO) -> None:
     print(f"#{frame.number} {(frame.time_ns - start_ns) / 1e9:.6f} {line}", file=out)
 
 

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 
 H4, H4_WITH_DIRECTION = 187, 201
 LINK_TYPES = (H4, H4_WITH_DIRECTION)
@@ -78,7 +78,7 @@ class Links:
         """The name of the device of an address, where the capture has it."""
         return self._names.get(address)
 
-    def feed(self, frame: Frame) -> Iterator[Payload | int]:
+    def feed(self, frame: CapturedPacket) -> Iterator[Payload | int]:
         """Payloads that the frame completes; the handle of a connection that begins or ends."""
         data, to_host = frame.data, None
         if frame.link_type == H4_WITH_DIRECTION:

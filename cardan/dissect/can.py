@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 
 CAN_SOCKETCAN = 227
 LINK_TYPES = (CAN_SOCKETCAN,)
@@ -13,7 +13,7 @@ HEADER_BYTES = 8
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 
 
-class CanFrame(NamedTuple):
+class CapturedCanFrame(NamedTuple):
     """A data frame with an identifier of 11 bits; `cut` when the capture lacks a part of it."""
 
     identifier: int
@@ -21,7 +21,7 @@ class CanFrame(NamedTuple):
     cut: bool
 
 
-def parse(frame: Frame) -> CanFrame | None:
+def parse(frame: CapturedPacket) -> CapturedCanFrame | None:
     """The data frame in a captured one; None for extended, remote, error and broken frames."""
     if frame.link_type != CAN_SOCKETCAN or len(frame.data) < HEADER_BYTES:
         return None
@@ -29,4 +29,4 @@ def parse(frame: Frame) -> CanFrame | None:
     if word & (EXTENDED | REMOTE | ERROR):
         return None
     data = frame.data[HEADER_BYTES : HEADER_BYTES + size]
-    return CanFrame(word & 0x7FF, data, len(data) < size)
+    return CapturedCanFrame(word & 0x7FF, data, len(data) < size)

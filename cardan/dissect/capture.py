@@ -31,7 +31,7 @@ SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 OPTION_END, OPTION_RESOLUTION, OPTION_OFFSET = 0, 9, 14
 
 
-class Frame(NamedTuple):
+class CapturedPacket(NamedTuple):
     """One captured packet. `number` counts from 1; `time_ns` is since the Unix epoch."""
 
     number: int
@@ -61,7 +61,7 @@ class Capture:
         self.path = os.fspath(path)
         self._count = 0
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[CapturedPacket]:
         try:
             with open(self.path, "rb") as stream:
                 yield from self._frames(stream)
@@ -72,7 +72,7 @@ class Capture:
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be read: {error.strerror}") from error
 
-    def _frames(self, stream: BinaryIO) -> Iterator[Frame]:
+    def _frames(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         magic = stream.read(2)
         stream.seek(0)
         if magic == GZIP_MAGIC:
@@ -81,7 +81,7 @@ class Capture:
         else:
             yield from self._unzipped(stream)
 
-    def _unzipped(self, stream: BinaryIO) -> Iterator[Frame]:
+    def _unzipped(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         magic = stream.read(4)
         if magic in PCAP_MAGICS:
             yield from self._pcap(stream, *PCAP_MAGICS[magic])
@@ -108,13 +108,13 @@ class Capture:
 
     def _frame(
         self, time_ns: int, link_type: int, order: str, data: bytes, wire_bytes: int
-    ) -> Frame:
+    ) -> CapturedPacket:
         if not 0 <= time_ns < MAX_TIME_NS:
             raise self._damaged("damaged: a time stamp out of range")
         self._count += 1
-        return Frame(self._count, time_ns, link_type, order, data, wire_bytes)
+        return CapturedPacket(self._count, time_ns, link_type, order, data, wire_bytes)
 
-    def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[Frame]:
+    def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[CapturedPacket]:
         link_type = struct.unpack(f"{order}16xI", self._exactly(stream, 20))[0] & 0xFFFF
         while first := stream.read(1):
             header = first + self._exactly(stream, 15)
@@ -123,7 +123,7 @@ class Capture:
             time_ns = seconds * 10**9 + units * unit_ns
             yield self._frame(time_ns, link_type, order, data, wire_bytes)
 
-    def _pcapng(self, stream: BinaryIO) -> Iterator[Frame]:
+    def _pcapng(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         order, interfaces, time_ns = "<", list[_Interface](), 0
         start = PCAPNG_MAGIC + self._exactly(stream, 4)
         while True:

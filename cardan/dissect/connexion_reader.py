@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 
 from cardan.dissect import usbmon
 from cardan.dissect._scapy import Packet
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.connexion import (
     ONE_BYTES,
     SPLIT_BYTES,
@@ -28,7 +28,7 @@ from cardan.dissect.connexion import (
 )
 from cardan.dissect.connexion_text import describe
 from cardan.dissect.network import Segment
-from cardan.dissect.reader import Options, ProtocolReader
+from cardan.dissect.reader import Options, PacketLine, ProtocolReader
 from cardan.dissect.statistics import Intervals, tally
 from cardan.dissect.usbmon import Urb
 
@@ -127,7 +127,7 @@ class _Device:
     def __init__(self) -> None:
         self.ids: tuple[int, int] | None = None
         self.ours: bool | None = None  # None: not known yet
-        self.held: list[tuple[Frame, Urb]] = []
+        self.held: list[tuple[CapturedPacket, Urb]] = []
         self.endpoints: dict[str, _Endpoint] = {}
 
     def identify(self, vendor: int, product: int) -> None:
@@ -157,7 +157,7 @@ class ConnexionReader(ProtocolReader):
         self._devices: dict[tuple[int, int], _Device] = {}
         self._asked: dict[int, None] = {}  # ids of URBs that asked for a device descriptor
 
-    def feed(self, frame: Frame, network: Segment | str) -> Iterable[tuple[Frame, str]]:
+    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
         urb = usbmon.parse(frame)
         if urb is None:
             return
@@ -176,7 +176,7 @@ class ConnexionReader(ProtocolReader):
             if len(urb.data) >= 12 and urb.data[1] == 1:
                 device.identify(*struct.unpack_from("<HH", urb.data, 8))
 
-    def _recognise(self, device: _Device, frame: Frame, urb: Urb) -> Iterator[tuple[Frame, str]]:
+    def _recognise(self, device: _Device, frame: CapturedPacket, urb: Urb) -> Iterator[PacketLine]:
         if not (_is_input(urb) and urb.data):
             return
         device.held.append((frame, urb))
@@ -188,7 +188,7 @@ class ConnexionReader(ProtocolReader):
         elif len(device.held) == HELD_FRAMES:
             del device.held[0]
 
-    def _take(self, device: _Device, frame: Frame, urb: Urb) -> Iterator[tuple[Frame, str]]:
+    def _take(self, device: _Device, frame: CapturedPacket, urb: Urb) -> Iterator[PacketLine]:
         self.frames += 1
         direction = "IN" if urb.to_host else "OUT"
         where = f"USB {urb.bus}.{urb.device} endpoint {urb.endpoint} {direction}"

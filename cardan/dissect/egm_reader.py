@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.egm import (
     CORRECTION,
     PATH_CORRECTION,
@@ -19,7 +19,7 @@ from cardan.dissect.egm import (
 from cardan.dissect.egm_text import describe
 from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.protobuf import ProtoMessage
-from cardan.dissect.reader import Options, ProtocolReader
+from cardan.dissect.reader import Options, PacketLine, ProtocolReader
 from cardan.dissect.statistics import Intervals, Latencies, Sequence, tally
 
 PENDING = 256
@@ -130,7 +130,7 @@ class EgmReader(ProtocolReader):
         self._ports = options.egm_ports
         self._flows: dict[tuple[Endpoint, Endpoint], _Flow] = {}
 
-    def feed(self, frame: Frame, network: Segment | str) -> Iterable[tuple[Frame, str]]:
+    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
         if not isinstance(network, Segment) or network.protocol != "UDP":
             return
         route = self._route(network)

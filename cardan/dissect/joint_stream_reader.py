@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 
 from cardan.dissect._scapy import Packet
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.joint_stream import (
     HOLD,
     MAGIC,
@@ -19,7 +19,7 @@ from cardan.dissect.joint_stream import (
 from cardan.dissect.joint_stream_text import describe
 from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.ports import JOINT_STREAM_PORT
-from cardan.dissect.reader import Options, ProtocolReader
+from cardan.dissect.reader import Options, PacketLine, ProtocolReader
 from cardan.dissect.statistics import Intervals, Latencies, Sequence, tally
 
 PENDING = 256
@@ -139,7 +139,7 @@ class JointStreamReader(ProtocolReader):
         self._egm_ports = options.egm_ports
         self._flows: dict[tuple[Endpoint, Endpoint], _Flow] = {}
 
-    def feed(self, frame: Frame, network: Segment | str) -> Iterable[tuple[Frame, str]]:
+    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
         if not isinstance(network, Segment) or not self._is_ours(network):
             return
         self.frames += 1

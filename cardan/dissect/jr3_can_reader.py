@@ -11,8 +11,8 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 
 from cardan.dissect import can
-from cardan.dissect.can import CanFrame
-from cardan.dissect.capture import Frame
+from cardan.dissect.can import CapturedCanFrame
+from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.jr3_can import (
     ACKNOWLEDGED,
     COUNTER_MODULUS,
@@ -34,7 +34,7 @@ from cardan.dissect.jr3_can import (
 )
 from cardan.dissect.jr3_can_text import Scales, describe, overrange
 from cardan.dissect.network import Segment
-from cardan.dissect.reader import Options, ProtocolReader
+from cardan.dissect.reader import Options, PacketLine, ProtocolReader
 from cardan.dissect.statistics import Intervals, Latencies, tally
 
 HELD_FRAMES = 64
@@ -50,7 +50,7 @@ class _Board:
     def __init__(self, node: int, ours: bool) -> None:
         self.node = node
         self.ours = ours
-        self.held: deque[tuple[Frame, CanFrame]] = deque(maxlen=HELD_FRAMES)
+        self.held: deque[tuple[CapturedPacket, CapturedCanFrame]] = deque(maxlen=HELD_FRAMES)
         self.frames: Counter[str] = Counter()
         self.malformed: Counter[str] = Counter()
         self._force_scales: Scales | None = None
@@ -174,7 +174,7 @@ class Jr3CanReader(ProtocolReader):
         self._syncs = Intervals()
         self._sync_count = 0
 
-    def feed(self, frame: Frame, network: Segment | str) -> Iterable[tuple[Frame, str]]:
+    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
         captured = can.parse(frame)
         if captured is None:
             return
@@ -197,14 +197,14 @@ class Jr3CanReader(ProtocolReader):
                 yield self._take(board, earlier, held)
             board.held.clear()
 
-    def _sync(self, frame: Frame) -> tuple[Frame, str]:
+    def _sync(self, frame: CapturedPacket) -> PacketLine:
         self.frames += 1
         self.messages += 1
         self._sync_count += 1
         self._syncs.add(frame.time_ns)
         return frame, f"CAN 0x{SYNC_IDENTIFIER:03x} SYNC to every node"
 
-    def _take(self, board: _Board, frame: Frame, captured: CanFrame) -> tuple[Frame, str]:
+    def _take(self, board: _Board, frame: CapturedPacket, captured: CapturedCanFrame) -> PacketLine:
         self.frames += 1
         self.messages += 1
         where = f"CAN 0x{captured.identifier:03x} JR3 node {board.node}"
@@ -226,7 +226,7 @@ class Jr3CanReader(ProtocolReader):
             yield f"SYNC of the CAN bus: {self._sync_count}, {self._syncs}"
 
 
-def _is_sample(first: CanFrame, second: CanFrame) -> bool:
+def _is_sample(first: CapturedCanFrame, second: CapturedCanFrame) -> bool:
     """Whether two frames of one node that follow each other are a board's sample."""
     return (
         first.identifier & OPCODE_MASK == FORCES_OPCODE

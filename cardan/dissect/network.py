@@ -6,7 +6,7 @@ import ipaddress
 import struct
 from typing import NamedTuple
 
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 
 NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2 = 0, 1, 108, 101, 113, 228, 229, 276
 RAW_OF_BSD = (12, 14)
@@ -55,7 +55,7 @@ class Segment(NamedTuple):
         return f"{self.protocol} {low}/{high}"
 
 
-def parse(frame: Frame) -> Segment | str:
+def parse(frame: CapturedPacket) -> Segment | str:
     """The segment in a frame; of a frame without one its name ("ARP", "USB", "CAN"...)."""
     try:
         found = _link(frame)
@@ -64,7 +64,7 @@ def parse(frame: Frame) -> Segment | str:
     return found._replace(cut=found.cut or frame.cut) if isinstance(found, Segment) else found
 
 
-def _link(frame: Frame) -> Segment | str:
+def _link(frame: CapturedPacket) -> Segment | str:
     data, link_type = frame.data, frame.link_type
     if link_type in (RAW, IPV4, IPV6, *RAW_OF_BSD):
         return _ip(data)

@@ -12,9 +12,12 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import ClassVar, NamedTuple
 
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import Segment
 from cardan.dissect.ports import SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT
+
+PacketLine = tuple[CapturedPacket, str]
+"""A line to print, with the packet that it is about."""
 
 READERS = (
     "cardan.dissect.egm_reader:EgmReader",
@@ -58,13 +61,13 @@ class ProtocolReader(ABC):
         """Those that are not what they should be, by reason."""
 
     @abstractmethod
-    def feed(self, frame: Frame, network: Segment | str) -> Iterable[tuple[Frame, str]]:
+    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
         """Lines to show, each with its frame; none when the frame holds nothing of the protocol.
 
         `network` is what :func:`cardan.dissect.network.parse` says of the frame.
         """
 
-    def finish(self) -> Iterable[tuple[Frame, str]]:
+    def finish(self) -> Iterable[PacketLine]:
         """Lines that were held back when the capture ended."""
         return ()
 

@@ -7,10 +7,10 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import TCP_ACK, TCP_FIN, TCP_RST, TCP_SYN, Endpoint, Segment
 from cardan.dissect.ports import SIMPLE_MESSAGE_RT_PORT
-from cardan.dissect.reader import Options, ProtocolReader
+from cardan.dissect.reader import Options, PacketLine, ProtocolReader
 from cardan.dissect.simple_message import (
     BUSY,
     DISCONNECT,
@@ -449,9 +449,9 @@ class SimpleMessageReader(ProtocolReader):
         super().__init__(options)
         self._ports, self._egm_ports = options.simple_message_ports, options.egm_ports
         self._flows: dict[tuple[Endpoint, Endpoint], _Flow] = {}
-        self._last: Frame | None = None
+        self._last: CapturedPacket | None = None
 
-    def feed(self, frame: Frame, network: Segment | str) -> Iterable[tuple[Frame, str]]:
+    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
         if not isinstance(network, Segment):
             return
         ways = (network.source, network.destination), (network.destination, network.source)
@@ -478,7 +478,7 @@ class SimpleMessageReader(ProtocolReader):
         for text in self._lines(flow, from_controller, pieces, frame.time_ns):
             yield frame, text
 
-    def finish(self) -> Iterable[tuple[Frame, str]]:
+    def finish(self) -> Iterable[PacketLine]:
         for flow in self._flows.values():
             for from_controller in (True, False):
                 direction = flow.from_controller if from_controller else flow.from_client
@@ -520,8 +520,8 @@ class SimpleMessageReader(ProtocolReader):
         return from_port if from_port or to_port else None
 
     def _datagram(
-        self, frame: Frame, segment: Segment, ways: tuple[tuple[Endpoint, Endpoint], ...]
-    ) -> Iterator[tuple[Frame, str]]:
+        self, frame: CapturedPacket, segment: Segment, ways: tuple[tuple[Endpoint, Endpoint], ...]
+    ) -> Iterator[PacketLine]:
         ports = {segment.source.port, segment.destination.port}
         if SIMPLE_MESSAGE_RT_PORT not in ports or ports & self._egm_ports or segment.cut:
             return

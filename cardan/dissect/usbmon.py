@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 
 HEADER_BYTES = {189: 48, 220: 64}
 """By link type: LINKTYPE_USB_LINUX, LINKTYPE_USB_LINUX_MMAPPED."""
@@ -32,7 +32,7 @@ class Urb(NamedTuple):
     cut: bool
 
 
-def parse(frame: Frame) -> Urb | None:
+def parse(frame: CapturedPacket) -> Urb | None:
     """The request block in a frame; None where there is none or its header is cut."""
     header_bytes = HEADER_BYTES.get(frame.link_type)
     if header_bytes is None or len(frame.data) < header_bytes:

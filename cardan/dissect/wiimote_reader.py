@@ -15,9 +15,9 @@ from collections.abc import Iterable, Iterator
 from cardan.dissect import bluetooth
 from cardan.dissect._scapy import Packet
 from cardan.dissect.bluetooth import Links, Payload
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import Segment
-from cardan.dissect.reader import Options, ProtocolReader
+from cardan.dissect.reader import Options, PacketLine, ProtocolReader
 from cardan.dissect.statistics import Intervals, Latencies, tally
 from cardan.dissect.wiimote import (
     DATA_MODES,
@@ -210,7 +210,7 @@ class WiimoteReader(ProtocolReader):
         self._remotes: dict[int, _Remote] = {}
         self._done: list[tuple[_Remote, str | None]] = []
 
-    def feed(self, frame: Frame, network: Segment | str) -> Iterable[tuple[Frame, str]]:
+    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
         if frame.link_type not in bluetooth.LINK_TYPES:
             return
         for found in self._links.feed(frame):

@@ -14,7 +14,7 @@ from scapy.utils import wrpcap
 
 from cardan.dissect import dissect_file
 from cardan.dissect import simple_message as sm
-from cardan.dissect.capture import Frame
+from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.reader import Options
 from cardan.dissect.simple_message_reader import SimpleMessageReader
@@ -37,7 +37,7 @@ def fed(listed, options=None, period_s=0.001):
     """Lines without their addresses, and the reader."""
     reader, lines = SimpleMessageReader(options or Options(frozenset())), []
     for number, segment in enumerate(listed, 1):
-        frame = Frame(number, round(number * period_s * 1e9), 1, "<", b"", 0)
+        frame = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)
         lines += [text for _, text in reader.feed(frame, segment)]
     lines += [text for _, text in reader.finish()]
     return [line.split(" ", 3)[3] for line in lines], reader

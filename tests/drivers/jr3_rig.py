@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from cardan.drivers.jr3_can import Jr3Core, Jr3Options
-from cardan.protocols.jr3_can import TEO_SENSORS, Frame
+from cardan.protocols.jr3_can import TEO_SENSORS, CanFrame
 from cardan.sim_peers.jr3 import SimulatedJr3
 from cardan.types import DeviceState
 
@@ -24,11 +24,11 @@ class Rig:
         self.board = SimulatedJr3(NODE_ID, SCALES, faults=faults, **board)
         self.core = Jr3Core(options or Jr3Options())
         self.now_s = 0.0
-        self.sent: list[Frame] = []
+        self.sent: list[CanFrame] = []
         """What the driver sent."""
         self.states: list[DeviceState] = []
         self.each: Callable[[], None] = lambda: None
-        self.mangle: Callable[[Frame], Frame | None] = lambda frame: frame
+        self.mangle: Callable[[CanFrame], CanFrame | None] = lambda frame: frame
         """What the bus makes of the board's frames; None: it loses them."""
         self.master_period_s = 0.0
         """Of a bus master's SYNC; 0: there is none."""

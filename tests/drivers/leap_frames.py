@@ -7,10 +7,10 @@ from typing import Any
 from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.protocols.leap import (
     DeviceEvent,
-    Frame,
     Hand,
     Malformed,
     ServiceMessage,
+    TrackingFrame,
     Version,
     direction_and_normal,
     position_to_leap,
@@ -61,7 +61,7 @@ class Rig:
         if frame_id is None:
             self.frame_id = frame_id = self.frame_id + 1
         stamp_us = round(self.now_s * 1e6)
-        self.tell(Frame(frame_id, stamp_us, 110.0, hands, unreadable))
+        self.tell(TrackingFrame(frame_id, stamp_us, 110.0, hands, unreadable))
         return self.state
 
     def frames(self, seconds: float, *hands: Hand) -> DeviceState:

@@ -17,7 +17,7 @@ from cardan.errors import (
     DriverError,
     NotOpenError,
 )
-from cardan.protocols.jr3_can import Frame
+from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from cardan.types import DeviceLink
 from tests.serving import in_a_thread
@@ -290,12 +290,12 @@ def test_what_cannot_be_read_is_told_from_a_bus_that_is_gone():
     open_bus.close()
     down = can.CanOperationError("Failed to transmit: Network is down", 100)
     with pytest.raises(OSError, match="Network is down") as raised:
-        bus.CanBus(_BrokenBus(down)).send(Frame(0x421, b""))
+        bus.CanBus(_BrokenBus(down)).send(CanFrame(0x421, b""))
     words = str(bus.in_use(Jr3Options(), raised.value))
     assert "sudo ip link set can0 up" in words
     nobody = can.CanOperationError("Failed to transmit", 105)
     with pytest.raises(OSError, match="buffer space") as raised:
-        bus.CanBus(_BrokenBus(nobody)).send(Frame(0x421, b""))
+        bus.CanBus(_BrokenBus(nobody)).send(CanFrame(0x421, b""))
     assert "nobody on the bus acknowledges" in str(bus.in_use(Jr3Options(), raised.value))
     flood = bus.CanBus(_BrokenBus(*[garbled] * 60))
     for _ in range(50):
@@ -319,7 +319,7 @@ def test_other_kinds_of_frames_are_sorted_out():
             return messages.pop(0)
 
     one = bus.CanBus(Bus())
-    assert one.receive(0.0) == Frame(0x621, b"\1")
+    assert one.receive(0.0) == CanFrame(0x621, b"\1")
     assert one.receive(0.0) == one.receive(0.0) == bus.Unusable("foreign_frames")
     assert one.receive(0.0) == bus.Unusable("bus_errors")
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cardan.drivers.leap import LeapOptions
-from cardan.protocols.leap import DeviceEvent, Frame, Hand, Malformed, Version
+from cardan.protocols.leap import DeviceEvent, Hand, Malformed, TrackingFrame, Version
 from cardan.spatial import from_rotation_vector, norm, rotation_between, subtract
 from cardan.types import DeviceLink, Vector3
 from tests.drivers.leap_frames import HOME, PERIOD_S, Rig, engaged, hand
@@ -289,7 +289,7 @@ class TestPose:
         for step in range(1, int(0.2 * rate_hz) + 1):
             rig.now_s = start_s + step / rate_hz
             frame_us = stamp_us + round(1e6 * step / rate_hz)
-            rig.tell(Frame(1000 + step, frame_us, rate_hz, (hand(position=moved(0.05)),)))
+            rig.tell(TrackingFrame(1000 + step, frame_us, rate_hz, (hand(position=moved(0.05)),)))
         state = rig.state
         assert state.pose is not None
         expected = 0.05 * (1.0 - math.exp(-math.tau * 2.0 * (rig.now_s - start_s)))
@@ -364,7 +364,7 @@ class TestOptions:
 
 messages = st.one_of(
     st.builds(
-        Frame,
+        TrackingFrame,
         st.none() | st.integers(0, 50),
         st.none() | st.integers(0, 10**7),
         st.none(),
@@ -403,7 +403,7 @@ def test_whatever_comes_the_state_is_consistent(clutch, story):
         if message is not None:
             rig.tell(message)
         state = rig.state
-        if isinstance(message, Frame):
+        if isinstance(message, TrackingFrame):
             good_s = rig.now_s
         for event in rig.core.events():
             assert (event.button in held) != event.pressed

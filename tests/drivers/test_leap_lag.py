@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from cardan.drivers.leap import Leap, LeapOptions, core
 from cardan.drivers.leap.connection import connect
 from cardan.drivers.leap.lag import Lag
-from cardan.protocols.leap import Frame
+from cardan.protocols.leap import TrackingFrame
 from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.types import DeviceLink
 from tests.drivers.leap_frames import PERIOD_S, PLUGGED, engaged, hand
@@ -83,7 +83,7 @@ def tell(rig, *hands, late_s=0.0):
     """A frame a period later that was made `late_s` ago."""
     rig.now_s += PERIOD_S
     rig.frame_id += 1
-    rig.tell(Frame(rig.frame_id, round(1e6 * (rig.now_s - late_s)), 110.0, hands))
+    rig.tell(TrackingFrame(rig.frame_id, round(1e6 * (rig.now_s - late_s)), 110.0, hands))
     return rig.state
 
 
@@ -188,7 +188,7 @@ def test_frames_without_a_stamp_are_no_sign_of_life():
     for _ in range(12):
         rig.now_s += PERIOD_S
         rig.frame_id += 1
-        rig.tell(Frame(rig.frame_id, None, 110.0, (hand(),)))
+        rig.tell(TrackingFrame(rig.frame_id, None, 110.0, (hand(),)))
     assert rig.state.link is DeviceLink.STALE
     assert rig.core.metrics(rig.now_s)["undated"] == 12
 

@@ -270,14 +270,14 @@ def test_a_fast_hand_without_force_is_none() -> None:
     assert rig.state.state is OperatingState.ENABLED
 
 
-def test_continuous_force_is_squeezed_to_what_the_motors_bear() -> None:
+def test_continuous_force_is_derated_to_what_the_motors_bear() -> None:
     rig = Rig(passivity=False, engage_ramp_s=0.0)
     rig.engage()
     rig.send(force=Vector3(2.0, 0.0, 0.0))
     rig.run(30.0)
     assert size(rig.forces[-1]) == pytest.approx(0.88, abs=0.01)
     state = rig.state
-    assert state.squeeze == pytest.approx(0.44, abs=0.01)
+    assert state.thermal_derating == pytest.approx(0.44, abs=0.01)
     assert state.reason == "limited to spare the motors"
     mean = 0.0
     for f in rig.forces:
@@ -285,7 +285,7 @@ def test_continuous_force_is_squeezed_to_what_the_motors_bear() -> None:
         assert mean <= 0.88**2 * (1 + 1e-3)
     rig.send(force=ZERO3)
     rig.run(15.0)
-    assert rig.state.squeeze == 1.0
+    assert rig.state.thermal_derating == 1.0
 
 
 @pytest.mark.parametrize(("temperature", "share"), [(0.6, 1.0), (0.8, 0.5), (0.9, 0.0), (1.0, 0.0)])
@@ -297,7 +297,7 @@ def test_warm_motors_get_less(temperature: float, share: float) -> None:
     assert size(force) == pytest.approx(2.0 * share, abs=1e-9)
 
 
-def test_buzzing_halves_the_force_then_pauses() -> None:
+def test_oscillating_halves_the_force_then_pauses() -> None:
     rig = Rig(passivity=False, damping_n_s_m=0.0)
     rig.press()
     halved = False
@@ -306,12 +306,12 @@ def test_buzzing_halves_the_force_then_pauses() -> None:
             position=Vector3(0.0, 0.0, BELOW.z + 2e-4 * math.sin(2 * math.pi * 60 * rig.now_s))
         )
         state = rig.state
-        halved = halved or state.reason == "it buzzed: force reduced"
+        halved = halved or state.reason == "it oscillated: force reduced"
         if state.state is OperatingState.PAUSED:
             break
     assert halved
     assert 0.05 < k * PERIOD_S < 0.4
-    assert rig.tick.details().buzzes == 2
+    assert rig.tick.details().oscillations == 2
     rig.glide(ABOVE, 0.5)
     assert rig.state.state is OperatingState.PAUSED, "not by itself"
     rig.send(engaged=False)

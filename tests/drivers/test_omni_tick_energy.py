@@ -100,7 +100,7 @@ def live(
     **limits: Any,
 ) -> tuple[Rig, Ledger]:
     """Engage in free space, then let the hand live in a scene of commands; returns the account."""
-    rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, buzz_changes=32, **limits)
+    rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32, **limits)
     rig.tick.enable()
     ledger = Ledger(rig.limits)
 
@@ -205,7 +205,7 @@ def test_energy_is_bounded_through_interruptions(
 ) -> None:
     """Silence, late ticks, the inkwell and force that comes and goes: one engagement, one bound."""
     random = np.random.default_rng(seed)
-    rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, buzz_changes=32)
+    rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32)
     rig.tick.enable()
     rig.send()
     body, ledger = Hand(*hand, ZERO3), Ledger(rig.limits)
@@ -246,7 +246,9 @@ def test_a_plain_loop_would_have_given_energy() -> None:
 
     def given(passivity: bool) -> float:
         body, past = Hand(0.1, 0.1, 0.0, ZERO3), []
-        rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, buzz_changes=32, passivity=passivity)
+        rig = Rig(
+            engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32, passivity=passivity
+        )
         rig.tick.enable()
         rig.send()
         rig.run(0.01)

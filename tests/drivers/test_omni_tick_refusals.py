@@ -149,7 +149,7 @@ def test_bad_commands_are_refused_and_change_nothing(change: dict[str, Any], wor
         ({"hold_s": 0.5, "pause_s": 0.9}, "dead program"),
         ({"velocity_gate_m_s": 1e9}, "0.2 to 2"),
         ({"energy_budget_j": 1e9}, "0 to 0.2"),
-        ({"buzz_changes": 50}, "2 to 32"),
+        ({"oscillation_reversals": 50}, "2 to 32"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(change: dict[str, Any], words: str) -> None:

@@ -645,7 +645,7 @@ def test_hidapi_that_is_missing_or_hidden_is_the_obstacle(only_usb, monkeypatch)
 
 
 COMPACT = model_by_key("spacemouse-compact")
-ON_USB = transports.FoundDevice(
+ON_USB = transports.HidCandidate(
     COMPACT.name, COMPACT.vendor_id, COMPACT.product_id, "usb", "1-2:1.0", model=COMPACT, port="1-2"
 )
 

@@ -25,7 +25,7 @@ STOPS = {
     "silence", "out-of-range", "in-range", "power-off", "power-on", "close-control",
     "close-interrupt", "burst",
 }  # fmt: skip
-"""These take the hand off the robot."""
+"""These disengage teleoperation."""
 NEEDS = {"woken-by-1-2": {"tr": True}, "hot-plug": {"extension": "nunchuk"}}
 
 

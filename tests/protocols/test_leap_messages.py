@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from cardan.protocols.leap import (
     ClientOptions,
     DeviceEvent,
-    Frame,
     Hand,
     Ignored,
     Malformed,
+    TrackingFrame,
     Version,
     decode_options,
     decode_service,
@@ -90,17 +90,17 @@ class TestWorkedMessages:
             0.0,
             0.98,
         )
-        assert decode_service(MINIMAL) == Frame(1, 1000, 110.0, (hand,))
+        assert decode_service(MINIMAL) == TrackingFrame(1, 1000, 110.0, (hand,))
 
     def test_recorded_frames(self):
         first, second, bridge = map(decode_service, (RECORDED_V1, RECORDED_V2, RECORDED_BRIDGE))
-        assert isinstance(first, Frame)
+        assert isinstance(first, TrackingFrame)
         assert first.timestamp_us is None
         assert first.hands[0][4:] == ("", None, None, None, 1.09306)
-        assert isinstance(second, Frame)
+        assert isinstance(second, TrackingFrame)
         assert second.hands[0].palm_position_mm == (47.033, 113.621, 102.153)
         assert second.hands[0][4:] == ("right", 0.0, 0.0, 1.0, 810.321)
-        assert isinstance(bridge, Frame)
+        assert isinstance(bridge, TrackingFrame)
         assert bridge.hands[0][4:] == ("left", 0.017353, 0.153614, 1.0, 0.001606)
 
     def test_options_leave_as_single_objects_with_the_focus_last(self):
@@ -141,14 +141,14 @@ def frame_with(**changes):
 )
 def test_a_hand_that_cannot_be_read_is_counted_and_left_out(changes):
     frame = frame_with(**changes)
-    assert isinstance(frame, Frame)
+    assert isinstance(frame, TrackingFrame)
     assert (frame.hands, frame.unreadable_hands) == ((), 1)
 
 
 @pytest.mark.parametrize("changes", [{"grabStrength": "x"}, {"type": "middle"}])
 def test_some_of_what_is_optional_may_be_nonsense(changes):
     frame = frame_with(**changes)
-    assert isinstance(frame, Frame)
+    assert isinstance(frame, TrackingFrame)
     assert len(frame.hands) == 1
 
 
@@ -225,7 +225,7 @@ def test_frames_round_trip(hands):
         ],
     }
     frame = decode_service(encode_json(document))
-    assert frame == Frame(
+    assert frame == TrackingFrame(
         5, 6, None, tuple(Hand(h[0], Vector3(*h[1:4]), h[4:7], h[7:10]) for h in hands)
     )
 
@@ -245,7 +245,7 @@ def test_random_objects_never_raise(document):
 @given(st.lists(st.dictionaries(st.sampled_from(["id", "palmPosition", "type"]), json_values)))
 def test_random_hands_never_raise(hands):
     frame = decode_service(json.dumps({"hands": hands}))
-    assert isinstance(frame, Frame)
+    assert isinstance(frame, TrackingFrame)
     assert len(frame.hands) + frame.unreadable_hands == len(hands)
 
 
@@ -268,7 +268,7 @@ WORKED = re.findall(r"^\| `(.+?)` \| `(.+)` \|$", PAGE.read_text(encoding="utf-8
 @pytest.mark.judged(device="Leap Motion", transport="WebSocket", by="worked bytes")
 @pytest.mark.parametrize(("text", "value"), [row for row in WORKED if row[0][0] in "{["])
 def test_worked_bytes_of_the_page(text, value):
-    kinds = (DeviceEvent, Frame, Hand, Ignored, Malformed, Vector3, Version)
+    kinds = (DeviceEvent, TrackingFrame, Hand, Ignored, Malformed, Vector3, Version)
     assert decode_service(text) == eval(value, {kind.__name__: kind for kind in kinds})
 
 

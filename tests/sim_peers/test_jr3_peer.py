@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cardan.errors import AddressError, ConfigurationError, ScriptError
-from cardan.protocols.jr3_can import Frame
+from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions, socketcand
 from cardan.sim_peers.jr3.socketcand import Session, SocketcandHub, frame_line
 from tests.serving import in_a_thread
@@ -28,12 +28,12 @@ def joined():
 def test_worked_lines():
     assert joined().feed(b"< send 221 6 c8 0 10 27 0 0 >") == (
         b"",
-        [Frame(0x221, bytes.fromhex("c80010270000"))],
+        [CanFrame(0x221, bytes.fromhex("c80010270000"))],
     )
-    line = frame_line(Frame(0x621, bytes.fromhex("5703ffff00403412")), 23.424242)
+    line = frame_line(CanFrame(0x621, bytes.fromhex("5703ffff00403412")), 23.424242)
     assert line == b"< frame 621 23.424242 5703FFFF00403412 >"
     # Two blanks where there is no data: clients count the words.
-    assert frame_line(Frame(0x080, b""), 1.0) == b"< frame 080 1.000000  >"
+    assert frame_line(CanFrame(0x080, b""), 1.0) == b"< frame 080 1.000000  >"
 
 
 def test_commands_may_come_in_pieces():
@@ -41,7 +41,7 @@ def test_commands_may_come_in_pieces():
     frames = []
     for byte in b"< send 080 0 >< send 121 1 ff >":
         frames += session.feed(bytes([byte]))[1]
-    assert frames == [Frame(0x080, b""), Frame(0x121, b"\xff")]
+    assert frames == [CanFrame(0x080, b""), CanFrame(0x121, b"\xff")]
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_a_client_that_does_not_read_is_let_go(monkeypatch):
             count = 0
             while hub._clients:
                 assert time.monotonic() < end_s
-                hub.send(Frame(0x621, bytes(8)))
+                hub.send(CanFrame(0x621, bytes(8)))
                 count += 1
             assert count > 65536 / 45  # so much waits for it at least
             assert client.closed()
@@ -246,9 +246,9 @@ def test_python_can_loses_nothing_of_a_burst():
         end_s = time.monotonic() + 5.0
         while (asked := hub.receive(0.02)) == []:
             assert time.monotonic() < end_s
-        assert asked == [Frame(0x421, b"")]
+        assert asked == [CanFrame(0x421, b"")]
         for count in range(2000):
-            hub.send(Frame(0x621, count.to_bytes(8, "little")))
+            hub.send(CanFrame(0x621, count.to_bytes(8, "little")))
         while client.is_alive() and time.monotonic() < end_s:
             hub.receive(0.02)
     finally:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols.leap import DeviceEvent, Frame, Malformed, Version, decode_service
+from cardan.protocols.leap import DeviceEvent, Malformed, TrackingFrame, Version, decode_service
 from cardan.sim_peers.leap import FAULTS, SimulatedLeapService
 
 BACKGROUND = '{"background":true}'
@@ -25,7 +25,7 @@ def run(service, until_s):
 
 
 def frames_of(messages):
-    return [message for message in messages if isinstance(message, Frame)]
+    return [message for message in messages if isinstance(message, TrackingFrame)]
 
 
 def listening(**options):
@@ -45,7 +45,7 @@ class TestHandshake:
         messages = run(service, 0.1)[1]
         assert messages[0] == Version(6, "2.3.1+33747")
         assert messages[1] == DeviceEvent("LP00000000001", "peripheral", True, True)
-        assert all(isinstance(message, Frame) for message in messages[2:])
+        assert all(isinstance(message, TrackingFrame) for message in messages[2:])
         assert len(messages) > 5
 
     def test_older_versions_get_no_device_event_first(self):
@@ -242,7 +242,9 @@ class TestFaults:
 
     def test_unknown_messages_come_between(self):
         messages = self.messages("unknown", 2.0)
-        assert sum(not isinstance(m, Frame) for m in messages) == len(frames_of(messages)) // 2
+        assert (
+            sum(not isinstance(m, TrackingFrame) for m in messages) == len(frames_of(messages)) // 2
+        )
 
     def test_lost_focus(self):
         service = SimulatedLeapService(faults={"lost-focus": 0.5})

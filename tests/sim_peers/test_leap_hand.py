@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols.leap import Frame, decode_service
+from cardan.protocols.leap import TrackingFrame, decode_service
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService, play
 
@@ -20,7 +20,7 @@ def frames(text, until_s, step_s=None):
     hands = ScriptedHands(parse_script(text, SCRIPT_VERBS))
     sent = play(service, hands, until_s)
     told = [(time_s, decode_service(message)) for time_s, _, message in sent]
-    return [(time_s, frame) for time_s, frame in told if isinstance(frame, Frame)], service
+    return [(time_s, frame) for time_s, frame in told if isinstance(frame, TrackingFrame)], service
 
 
 def at(told, time_s):

@@ -116,7 +116,7 @@ class EvdevCore(ABC):
     def _on_key(self, code: int, pressed: bool, now_s: float) -> None:  # noqa: B027
         """A key went down or up; `_down` says so already."""
 
-    def _on_distrust(self) -> None:  # noqa: B027
+    def _on_input_invalidated(self) -> None:  # noqa: B027
         """What is deflected does not count any more."""
 
     def _changes_by_itself(self, now_s: float) -> bool:
@@ -296,11 +296,11 @@ class EvdevCore(ABC):
             if self._buttons.held or self._away_from_rest():
                 self._counts["silences"] += 1
                 reason = UNANSWERED_REASON if self._unanswered else UNREAD_REASON
-                self._distrust(DeviceLink.STALE, reason, now_s)
+                self._invalidate_input(DeviceLink.STALE, reason, now_s)
         elif 0.0 < self._stale_after_s < now_s - self._event_s and self._away_from_rest():
             self._counts["silences"] += 1
             silent = f"deflected, but no event for {self._stale_after_s:g} s (stale_after_s)"
-            self._distrust(DeviceLink.STALE, silent, now_s)
+            self._invalidate_input(DeviceLink.STALE, silent, now_s)
 
     def _words(self) -> str:
         """Why the link is not LIVE, and what to do."""
@@ -315,7 +315,7 @@ class EvdevCore(ABC):
         self._counts[counter] += 1
         self._frame.clear()
         self.needs_snapshot = True
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
 
     def _renew(self, snapshot: Snapshot, reason: str, now_s: float) -> None:
         """Begin anew from what the device holds."""
@@ -324,7 +324,7 @@ class EvdevCore(ABC):
         self._down = {*snapshot.keys}
         self._values = dict(snapshot.values)
         self._stamp_s = now_s
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
         self._tell_buttons(now_s)  # Those that were held, and are up by now, count again.
         self._settle()
 
@@ -333,12 +333,12 @@ class EvdevCore(ABC):
         self._values.clear()
         self._frame.clear()
         self._open = self._heard = self.needs_snapshot = False
-        self._distrust(link, reason, now_s)
+        self._invalidate_input(link, reason, now_s)
 
-    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
         """Go to a state in which no deflection and no button that was known counts any more."""
         self._link, self._reason = link, reason
-        self._on_distrust()
+        self._on_input_invalidated()
         self._buttons.release_all(now_s)
         self._not_before_release = {*self._labels()}
         self._cached = None

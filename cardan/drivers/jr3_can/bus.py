@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.jr3_can.options import Jr3Options
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
-from cardan.protocols.jr3_can import NODE_MASK, Frame
+from cardan.protocols.jr3_can import NODE_MASK, CanFrame
 
 if TYPE_CHECKING:
     import can
@@ -56,7 +56,7 @@ class CanBus:
         self._error = can.CanError
         self._garbled = 0
 
-    def receive(self, timeout_s: float) -> Frame | Unusable | None:
+    def receive(self, timeout_s: float) -> CanFrame | Unusable | None:
         """The next frame, at most `timeout_s` from now; None: there was none."""
         try:
             if self._stream is not None:
@@ -73,9 +73,9 @@ class CanBus:
             return Unusable("bus_errors")
         if message.is_extended_id or message.is_remote_frame or message.is_fd:
             return Unusable("foreign_frames")
-        return Frame(message.arbitration_id, bytes(message.data))
+        return CanFrame(message.arbitration_id, bytes(message.data))
 
-    def send(self, frame: Frame) -> None:
+    def send(self, frame: CanFrame) -> None:
         """Send `frame`."""
         arbitration_id, data = frame
         message = self._message(arbitration_id=arbitration_id, data=data, is_extended_id=False)

@@ -32,8 +32,8 @@ from cardan.protocols.jr3_can import (
     SAMPLE_PERIOD_S,
     Ack,
     Bootup,
+    CanFrame,
     Forces,
-    Frame,
     GetFsForces,
     GetFsMoments,
     GetState,
@@ -59,11 +59,9 @@ from cardan.types import (
     ButtonEvent,
     DeviceLink,
     DeviceState,
+    Frame,
     Vector3,
     Wrench,
-)
-from cardan.types import (
-    Frame as CoordinateFrame,
 )
 
 NEUTRAL: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -285,20 +283,20 @@ class Jr3Core:
         self._heard = self._answered = False
         self._retry_s = RETRY_FIRST_S
         self._bring_up(now_s)
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
 
     def on_lost(self, reason: str, now_s: float) -> None:
         """The bus cannot be read, or the sensor is not there."""
         self._halt()
         self._open = False
-        self._distrust(DeviceLink.LOST, reason)
+        self._invalidate_input(DeviceLink.LOST, reason)
 
     def on_closed(self, now_s: float) -> None:
         """It was closed on request."""
         self._halt()
         self._open = self._has_run = self._zero_lost = False
         self._newest_counter = None
-        self._distrust(DeviceLink.CLOSED, "closed")
+        self._invalidate_input(DeviceLink.CLOSED, "closed")
 
     def on_frame(self, arbitration_id: int, data: bytes, now_s: float) -> None:
         """A data frame with an eleven-bit identifier was received at `now_s`. Never raises."""
@@ -344,16 +342,16 @@ class Jr3Core:
             due_s = min(due_s, self._not_before_s)
         return min(due_s, self._silent_s + RESTART_AFTER_S)
 
-    def poll(self, now_s: float) -> list[Frame]:
+    def poll(self, now_s: float) -> list[CanFrame]:
         """The frames to send at `now_s`, in this order."""
         if not self._open:
             return []
-        frames: list[Frame] = []
+        frames: list[CanFrame] = []
         if self._asked is not None:
             if now_s >= self._deadline_s:
                 self._on_no_answer(self._asked, now_s)
         elif now_s - self._silent_s >= RESTART_AFTER_S:
-            self._distrust(DeviceLink.STALE, self._silence())
+            self._invalidate_input(DeviceLink.STALE, self._silence())
             self._bring_up(now_s)
         if self._asked is None and self._done < len(self._plan) and now_s >= self._not_before_s:
             step = self._plan[self._done]
@@ -371,7 +369,7 @@ class Jr3Core:
             frames.append(_SYNC)
         return frames
 
-    def farewell(self) -> list[Frame]:
+    def farewell(self) -> list[CanFrame]:
         """What to send before the bus is closed in good order."""
         return [encode_from_host(Stop(), self._options.node_id)] if self._answered else []
 
@@ -388,7 +386,7 @@ class Jr3Core:
         self._running = False
         self._plan, self._done = (_ZERO,), 0
         self._asked, self._not_before_s = None, now_s
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, ZEROING_REASON)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, ZEROING_REASON)
         return self._zeros + 1
 
     # -- what it says --------------------------------------------------------------------------
@@ -495,7 +493,7 @@ class Jr3Core:
         pause_s = self._retry_s
         self._retry_s = min(2.0 * self._retry_s, RETRY_LAST_S)
         self._bring_up(now_s + pause_s)
-        self._distrust(DeviceLink.LOST, why)
+        self._invalidate_input(DeviceLink.LOST, why)
 
     def _on_no_answer(self, step: _Step, now_s: float) -> None:
         self._counts["timeouts"] += 1
@@ -532,7 +530,7 @@ class Jr3Core:
         if step is _PING:
             self._retry_s = RETRY_FIRST_S
             if self._link is DeviceLink.LOST:
-                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
+                self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
             if self._has_run and not (self._zero_lost or self._continuous):
                 self._not_before_s = now_s + PROOF_S
                 if self._options.mode == "sync" and self._options.send_sync:
@@ -581,7 +579,9 @@ class Jr3Core:
         self._running = True
         if self._link is DeviceLink.NEEDS_NEUTRAL:
             zeroed = self._plan[-1] is _ZERO or not self._has_run
-            self._distrust(DeviceLink.NEEDS_NEUTRAL, REST_REASON if zeroed else RESUMED_REASON)
+            self._invalidate_input(
+                DeviceLink.NEEDS_NEUTRAL, REST_REASON if zeroed else RESUMED_REASON
+            )
         self._has_run = True
 
     def _settle_s(self) -> float:
@@ -605,7 +605,7 @@ class Jr3Core:
         self._zero_lost = self._has_run
         self._retry_s = RETRY_FIRST_S
         self._bring_up(now_s)
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, BOOTED_REASON)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, BOOTED_REASON)
 
     # -- samples -------------------------------------------------------------------------------
 
@@ -618,7 +618,7 @@ class Jr3Core:
         self._stamp_s = stamp_s
         self._cached = None
         if self._link is DeviceLink.STALE:
-            self._distrust(DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON)
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON)
         per_count = self._per_count
         if per_count is None:
             return
@@ -627,7 +627,7 @@ class Jr3Core:
         if max(raw) > FULL_SCALE_COUNTS or min(raw) < -FULL_SCALE_COUNTS:
             self._counts["overloads"] += 1
             self._steady.clear(overloaded=True)
-            self._distrust(DeviceLink.NEEDS_NEUTRAL, _overload(raw))
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _overload(raw))
             return
         self._steady.add(stamp_s, self._measured)
         if not self._running or self._zero_lost or self._link is not DeviceLink.NEEDS_NEUTRAL:
@@ -663,7 +663,7 @@ class Jr3Core:
             self._counts["silences"] += 1
             self._believed = False
             self._steady.clear()
-            self._distrust(DeviceLink.STALE, self._silence())
+            self._invalidate_input(DeviceLink.STALE, self._silence())
 
     def _stamp_of(self, counter: int, now_s: float) -> float | None:
         """When a sample that came at `now_s` was taken at the latest; None: it is of no use."""
@@ -715,7 +715,7 @@ class Jr3Core:
         if self._levered:
             (x, y, z), (fx, fy, fz) = self._lever, force
             torque = add(torque, Vector3(y * fz - z * fy, z * fx - x * fz, x * fy - y * fx))
-        return Wrench(force, torque, CoordinateFrame.TOOL)
+        return Wrench(force, torque, Frame.TOOL)
 
     def _axes(self, wrench: Wrench) -> Six:
         options = self._options
@@ -748,7 +748,7 @@ class Jr3Core:
     def _on_malformed(self, value: Malformed) -> None:
         self._malformed[value.reason, value.opcode] += 1
 
-    def _distrust(self, link: DeviceLink, reason: str) -> None:
+    def _invalidate_input(self, link: DeviceLink, reason: str) -> None:
         """Go to a state in which nothing that was measured moves anything."""
         if link is DeviceLink.NEEDS_NEUTRAL and self._zero_lost:
             reason = ZERO_LOST_REASON

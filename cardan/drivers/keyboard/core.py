@@ -99,12 +99,12 @@ class KeyboardCore(EvdevCore):
         elif pressed and self._grabs and code == GIVE_BACK:
             self._given_back = True
             reason = "the keyboard was given back with Esc: press F12 to take it again"
-            self._distrust(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
         elif pressed and self._grabs and code == TAKE_AGAIN and self._given_back:
             self._given_back = False
-            self._distrust(DeviceLink.NEEDS_NEUTRAL, "the keyboard was taken again", now_s)
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, "the keyboard was taken again", now_s)
 
-    def _on_distrust(self) -> None:
+    def _on_input_invalidated(self) -> None:
         self._muted.clear()
         self._goal = [0.0] * 6
 

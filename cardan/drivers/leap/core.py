@@ -27,9 +27,9 @@ from cardan.drivers.shaping import NEUTRAL
 from cardan.protocols.leap import (
     SKELETON_SINCE,
     DeviceEvent,
-    Frame,
     Malformed,
     ServiceMessage,
+    TrackingFrame,
     Version,
 )
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
@@ -113,7 +113,7 @@ class LeapCore:
         self._heard = False
         self._stamp_s = NEVER_S
         self._silent_since_s = 0.0
-        self._believe_s = NEVER_S
+        self._ignore_rest_until_s = NEVER_S
         self._frame_id: int | None = None
         self._timestamp_us: int | None = None
         self._old_id = 0
@@ -130,23 +130,23 @@ class LeapCore:
         self._late_since_s = None
         self._silent_since_s = now_s
         self._open = True
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
 
     def on_lost(self, reason: str, now_s: float) -> None:
         """The connection is gone, or could not be made."""
         self._open = False
-        self._distrust(DeviceLink.LOST, reason, now_s)
+        self._invalidate_input(DeviceLink.LOST, reason, now_s)
 
     def on_closed(self, now_s: float) -> None:
         """It was closed on request."""
         self._open = False
-        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
 
     def on_message(self, message: ServiceMessage, now_s: float) -> None:
         """A message, as `decode_service` reads it, was received at `now_s`. Never raises."""
         if not self._open:
             return
-        if isinstance(message, Frame):
+        if isinstance(message, TrackingFrame):
             self._on_frame(message, now_s)
         elif isinstance(message, Malformed):
             self._malformed[message.reason] += 1
@@ -229,15 +229,15 @@ class LeapCore:
         if any(device.attached and device.streaming for device in devices):
             if self._link in (DeviceLink.LOST, DeviceLink.STALE):
                 self._silent_since_s = now_s
-                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+                self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
         elif any(device.attached for device in devices):
-            self._distrust(
+            self._invalidate_input(
                 DeviceLink.STALE,
                 "the tracker does not deliver: tracking is paused, or it is held up by USB",
                 now_s,
             )
         else:
-            self._distrust(
+            self._invalidate_input(
                 DeviceLink.LOST, "the tracker is unplugged: plug it into this machine", now_s
             )
 
@@ -247,7 +247,7 @@ class LeapCore:
         devices = self._devices.values()
         return not devices or any(device.attached and device.streaming for device in devices)
 
-    def _on_frame(self, frame: Frame, now_s: float) -> None:
+    def _on_frame(self, frame: TrackingFrame, now_s: float) -> None:
         self._watch(now_s)
         if frame.timestamp_us is None:  # Nobody can tell how old it is.
             self._counts["undated"] += 1
@@ -255,14 +255,14 @@ class LeapCore:
         if not self._is_new(frame.id):
             self._counts["old_frames"] += 1
             if self._old_run == RESTARTED_AFTER and self._link is DeviceLink.LIVE:
-                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+                self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
             return
         if self._lag.is_another_clock(frame.timestamp_us):
             self._counts["clock_changes"] += 1
             self._lag.reset()
             if self._link is DeviceLink.LIVE:
-                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
-                self._believe_s = now_s + SETTLE_S
+                self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+                self._ignore_rest_until_s = now_s + SETTLE_S
         step_s = self._step_s(frame.timestamp_us, now_s)
         self._lag_s = self._lag.update(frame.timestamp_us, now_s)
         self._frames += 1
@@ -277,7 +277,7 @@ class LeapCore:
         self._was_late = False
         self._stamp_s = self._silent_since_s = now_s - self._lag_s
         if self._link is DeviceLink.STALE:
-            self._believe_s = now_s + SETTLE_S
+            self._ignore_rest_until_s = now_s + SETTLE_S
             self._link = DeviceLink.NEEDS_NEUTRAL
         live = self._link is DeviceLink.LIVE
         self._tracker.on_frame(frame, now_s, step_s, may_engage=live)
@@ -285,7 +285,7 @@ class LeapCore:
             # Nobody knows whether the hand was closed on purpose: it has to be seen open first.
             self._buttons.mask([label for label in self._labels() if label != BUTTONS[0]])
             self._reason = NEUTRAL_REASONS[self._options.clutch]
-            if self._tracker.at_rest and now_s >= self._believe_s:
+            if self._tracker.at_rest and now_s >= self._ignore_rest_until_s:
                 self._link = DeviceLink.LIVE
         self._show(now_s)
 
@@ -296,7 +296,7 @@ class LeapCore:
         if self._late_since_s is None:
             self._late_since_s = now_s
         if self._reason is not LATE_REASON or self._link is not DeviceLink.STALE:
-            self._distrust(DeviceLink.STALE, LATE_REASON, now_s)
+            self._invalidate_input(DeviceLink.STALE, LATE_REASON, now_s)
 
     def _is_new(self, frame_id: int | None) -> bool:
         """Whether a frame is newer than the newest; a service that counts anew is noticed."""
@@ -328,7 +328,7 @@ class LeapCore:
             return
         if now_s - self._silent_since_s > STALE_AFTER_S:
             self._counts["silences"] += self._heard
-            self._distrust(
+            self._invalidate_input(
                 DeviceLink.STALE,
                 f"no frame for {STALE_AFTER_S:g} s: is a tracker plugged in, tracking on, and "
                 "the service alive?",
@@ -347,7 +347,7 @@ class LeapCore:
         flags = (tracker.id is not None, tracker.engaged, tracker.grabbing, tracker.pinching)
         return [label for label, held in zip(BUTTONS, flags, strict=True) if held]
 
-    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
         """Go to a state in which nothing that was known of the hand counts any more."""
         self._link, self._reason = link, reason
         self._tracker.drop()

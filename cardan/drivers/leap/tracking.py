@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from cardan.drivers.leap.options import LeapOptions
 from cardan.drivers.leap.smoothing import PoseFilter
-from cardan.protocols.leap import Frame, Hand, hand_orientation, position_from_leap
+from cardan.protocols.leap import Hand, TrackingFrame, hand_orientation, position_from_leap
 from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import IDENTITY_POSE, ZERO3, Pose
 
@@ -97,7 +97,7 @@ class HandTracker:
         self._forget()
         return True
 
-    def on_frame(self, frame: Frame, now_s: float, dt_s: float, may_engage: bool) -> None:
+    def on_frame(self, frame: TrackingFrame, now_s: float, dt_s: float, may_engage: bool) -> None:
         """Take a frame that came `dt_s` after the one before."""
         self.counts["unreadable"] += frame.unreadable_hands
         self.watch(now_s)
@@ -125,14 +125,14 @@ class HandTracker:
     def _is_meant(self, hand: Hand) -> bool:
         return self._options.hand in ("first", hand.type)
 
-    def _remember(self, frame: Frame, now_s: float) -> None:
+    def _remember(self, frame: TrackingFrame, now_s: float) -> None:
         """Keep since when each hand has been in view."""
         if not frame.hands and not self._seen:
             return
         before = self._seen
         self._seen = {hand.id: before.get(hand.id, now_s) for hand in frame.hands}
 
-    def _choose(self, frame: Frame, now_s: float) -> Hand | None:
+    def _choose(self, frame: TrackingFrame, now_s: float) -> Hand | None:
         """The hand to follow from now on."""
         best: Hand | None = None
         best_key = (math.inf, 0)
@@ -228,7 +228,7 @@ class HandTracker:
             self._place, self._place_s = self._raw.position, now_s
         return now_s - self._place_s >= STILL_S
 
-    def _is_at_rest(self, frame: Frame, followed: Hand | None) -> bool:
+    def _is_at_rest(self, frame: TrackingFrame, followed: Hand | None) -> bool:
         if followed is None:
             return not frame.unreadable_hands and not any(
                 self._is_meant(hand) or not hand.type for hand in frame.hands

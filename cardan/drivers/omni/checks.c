@@ -30,7 +30,7 @@ static const struct {
     R(velocity_cutoff_hz, 5.0, 100.0),
     R(continuous_n, 0.01, 1.5),
     R(continuous_window_s, 1.0, 30.0),
-    R(squeeze_s, 0.05, 10.0),
+    R(thermal_derating_s, 0.05, 10.0),
     R(temperature_limit, 0.05, 1.0),
     R(alpha_max_n_s_m, 0.0, 10.0),
     R(energy_budget_j, 0.0, 0.2),
@@ -40,8 +40,8 @@ static const struct {
     R(extrapolate_s, 0.0, 0.05),
     R(overrun_gap_s, 0.0012, 0.02),
     R(pause_gap_s, 0.002, 0.1),
-    R(buzz_window_s, 0.02, 1.0),
-    R(buzz_speed_m_s, 0.001, 0.2),
+    R(oscillation_window_s, 0.02, 1.0),
+    R(oscillation_speed_m_s, 0.001, 0.2),
     R(force_error_wait_s, 0.1, 10.0),
     R(torque_limit_n_m, 0.01, 0.5),
     R(lowest_rate_hz, 800.0, 960.0),
@@ -78,14 +78,14 @@ bool limits_are_sound(const TickLimits *l)
            l->engage_ramp_s >= 0.0 && l->engage_below_n > 0.0 && l->hold_s > 0.0 &&
            l->pause_s >= l->hold_s && l->measured_hold_s > 0.0 && l->velocity_gate_m_s > 0.0 &&
            l->damping_n_s_m >= 0.0 && l->velocity_cutoff_hz > 0.0 && l->continuous_n > 0.0 &&
-           l->continuous_window_s > 0.0 && l->squeeze_s > 0.0 && l->temperature_limit > 0.0 &&
+           l->continuous_window_s > 0.0 && l->thermal_derating_s > 0.0 && l->temperature_limit > 0.0 &&
            l->alpha_max_n_s_m >= 0.0 && l->energy_budget_j >= 0.0 &&
            l->prediction_error_m >= 0.0 && l->leak_s > 0.0 && l->edge_stiffness_n_m >= 0.0 &&
            l->extrapolate_s >= 0.0 && l->overrun_gap_s > 0.0 &&
-           l->pause_gap_s >= l->overrun_gap_s && l->buzz_window_s > 0.0 &&
-           l->buzz_speed_m_s > 0.0 && l->force_error_wait_s >= 0.0 &&
+           l->pause_gap_s >= l->overrun_gap_s && l->oscillation_window_s > 0.0 &&
+           l->oscillation_speed_m_s > 0.0 && l->force_error_wait_s >= 0.0 &&
            l->torque_limit_n_m > 0.0 && l->lowest_rate_hz >= 0.0 && l->engage_ticks >= 1 &&
-           l->buzz_changes >= 2 && l->buzz_changes <= BUZZ_RING;
+           l->oscillation_reversals >= 2 && l->oscillation_reversals <= OSCILLATION_RING;
 }
 
 int check_command(const TickCommand *c)

@@ -43,7 +43,7 @@ SETTLES = (Calibration.OK, Calibration.UNKNOWN)
 SLOW_S = 0.3
 """A rate below is no passing stall when it lasts so long."""
 
-GAP_TOLD_S = 0.05
+GAP_REPORT_HOLD_S = 0.05
 """A gap between two ticks that nobody saw is told for so long, so that everybody sees it."""
 
 TICK_TOLD_FROM_S = 0.8e-3
@@ -144,17 +144,17 @@ class OmniCore:
         self._gap_seen_s = NEVER_S
         self._stamp_s = NEVER_S
         self._open, self._opened_s = True, now_s
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, UNSEEN_REASON, now_s)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, UNSEEN_REASON, now_s)
 
     def on_lost(self, reason: str, now_s: float) -> None:
         """The device is gone, or could not be opened."""
         self._open = False
-        self._distrust(DeviceLink.LOST, reason, now_s)
+        self._invalidate_input(DeviceLink.LOST, reason, now_s)
 
     def on_closed(self, now_s: float) -> None:
         """It was closed on request."""
         self._open = False
-        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
 
     def on_snapshot(self, snapshot: HapticState, now_s: float) -> None:
         """The newest snapshot of the tick, at `now_s`. Never raises."""
@@ -303,7 +303,7 @@ class OmniCore:
             "command_age_s": snapshot.command_age_s,
             "force_age_s": snapshot.force_age_s,
             "temperature": snapshot.temperature,
-            "squeeze": snapshot.squeeze,
+            "thermal_derating": snapshot.thermal_derating,
             "energy_j": snapshot.energy_j,
             "delivered_j": snapshot.delivered_j,
             "passivity_damping_n_s_m": snapshot.passivity_damping_n_s_m,
@@ -338,10 +338,10 @@ class OmniCore:
             words.append(
                 f"the motors are warm ({snapshot.temperature:.0%} of what they stand): rest them"
             )
-        if snapshot.squeeze < 0.99:
+        if snapshot.thermal_derating < 0.99:
             words.append(
-                f"the force is limited to {snapshot.squeeze:.0%}: it was strong for long, and the "
-                "motors would get too warm"
+                f"the force is limited to {snapshot.thermal_derating:.0%}: it was strong for "
+                "long, and the motors would get too warm"
             )
         if self.hint:
             words.append(self.hint)
@@ -385,7 +385,7 @@ class OmniCore:
         elif self._link is not link or self._reason != reason:
             if link is DeviceLink.STALE and self._link is not DeviceLink.STALE:
                 self._silences += self._heard
-            self._distrust(link, reason, now_s)
+            self._invalidate_input(link, reason, now_s)
 
     def _judge_rate(self, snapshot: HapticState, now_s: float) -> None:
         if snapshot.rate_hz >= self._options.lowest_rate_hz:
@@ -408,7 +408,7 @@ class OmniCore:
                 f"no tick of the force loop for {options.stale_after_s * 1e3:g} ms: is the machine "
                 "busy, or the device gone?",
             )
-        if now_s - self._gap_seen_s < GAP_TOLD_S:
+        if now_s - self._gap_seen_s < GAP_REPORT_HOLD_S:
             return (
                 DeviceLink.STALE,
                 f"no tick of the force loop for more than {options.stale_after_s * 1e3:g} ms a "
@@ -455,7 +455,7 @@ class OmniCore:
         self._axes_count = self._axes_count or not any(axes)
         self._axes = axes if self._axes_count else NEUTRAL
 
-    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
         """Go to a state in which nothing that was known of the hand counts any more."""
         self._link, self._reason = link, reason
         self._axes, self._axes_count = NEUTRAL, False

@@ -47,7 +47,7 @@ class TickLimits:
     warms, stays below this, N."""
     continuous_window_s: float = 10.0
     """s."""
-    squeeze_s: float = 1.0
+    thermal_derating_s: float = 1.0
     """Time constant with which the clamp then goes down to continuous_n, s."""
     temperature_limit: float = 0.9
     """No force at this motor temperature (0 cold, 1 hottest); less and less from 0.2 below it."""
@@ -72,18 +72,18 @@ class TickLimits:
     """After a gap of so long between ticks, s, no force is asked for in the next one."""
     pause_gap_s: float = 0.020
     """After a gap of so long, s, the state is PAUSED."""
-    buzz_changes: int = 8
+    oscillation_reversals: int = 8
     """So many changes of the velocity's sign along one axis ..."""
-    buzz_window_s: float = 0.1
+    oscillation_window_s: float = 0.1
     """... within this time, s, ..."""
-    buzz_speed_m_s: float = 0.02
+    oscillation_speed_m_s: float = 0.02
     """... each between speeds above this halve the force; the second time it is PAUSED."""
     force_error_wait_s: float = 0.5
     """No force for so long after a force error of the library, s; three in 10 s are a FAULT."""
     torque_limit_n_m: float = 0.35
     """Of each joint, where the device is driven by joint torques, N·m."""
     lowest_rate_hz: float = 900.0
-    """No force while the loop runs slower than this, Hz: a wall would buzz."""
+    """No force while the loop runs slower than this, Hz: a wall would oscillate."""
 
     def __post_init__(self) -> None:
         self._check_sense()
@@ -108,7 +108,7 @@ class TickLimits:
                 raise ValueError(f"{name} is {value:g}; allowed: 0 or more")
             if name not in _MAY_BE_ZERO and value <= 0.0:
                 raise ValueError(f"{name} is {value:g}; allowed: above 0")
-        for name in ("engage_ticks", "buzz_changes"):
+        for name in ("engage_ticks", "oscillation_reversals"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int):
                 raise ValueError(f"{name} is {value!r}; allowed: a whole number")
@@ -147,8 +147,10 @@ class TickLimits:
             )
         if not 1 <= self.engage_ticks < 2**31:
             raise ValueError(f"engage_ticks is {self.engage_ticks}; allowed: 1 to 10000")
-        if not 2 <= self.buzz_changes <= 32:
-            raise ValueError(f"buzz_changes is {self.buzz_changes}; allowed: 2 to 32")
+        if not 2 <= self.oscillation_reversals <= 32:
+            raise ValueError(
+                f"oscillation_reversals is {self.oscillation_reversals}; allowed: 2 to 32"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,18 +178,18 @@ RANGES: Mapping[str, tuple[float, float, str]] = MappingProxyType(
         "velocity_cutoff_hz": (5.0, 100.0, "lower is late, higher is the encoders' quantum, Hz"),
         "continuous_n": (0.01, 1.5, "the motors bear 0.88 for long, N"),
         "continuous_window_s": (1.0, 30.0, "a motor warms within some ten seconds, s"),
-        "squeeze_s": (0.05, 10.0, "warm motors are spared soon, s"),
+        "thermal_derating_s": (0.05, 10.0, "warm motors are spared soon, s"),
         "temperature_limit": (0.05, 1.0, "at 1 the library switches off by itself"),
         "alpha_max_n_s_m": (0.0, 10.0, "more is unstable by itself, N·s/m"),
         "energy_budget_j": (0.0, 0.2, "1 m/s of a hand of 0.4 kg, J"),
         "prediction_error_m": (1e-5, 1e-3, "10 to 1000 m/s² at 1 kHz, m"),
         "leak_s": (0.01, 60.0, "a surplus is not kept for the next contact, s"),
-        "edge_stiffness_n_m": (0.0, 500.0, "a stiffer one buzzes, N/m"),
+        "edge_stiffness_n_m": (0.0, 500.0, "a stiffer one oscillates, N/m"),
         "extrapolate_s": (0.0, 0.05, "a force of later is a guess, s"),
         "overrun_gap_s": (0.0012, 0.02, "a tick comes every 1 ms, s"),
         "pause_gap_s": (0.002, 0.1, "a hand moves on meanwhile, s"),
-        "buzz_window_s": (0.02, 1.0, "a buzz is 20 Hz and more, s"),
-        "buzz_speed_m_s": (0.001, 0.2, "a buzz is not faster, m/s"),
+        "oscillation_window_s": (0.02, 1.0, "an oscillation is 20 Hz and more, s"),
+        "oscillation_speed_m_s": (0.001, 0.2, "an oscillation is not faster, m/s"),
         "force_error_wait_s": (0.1, 10.0, "the library's own ramp takes its time, s"),
         "torque_limit_n_m": (0.01, 0.5, "the motors give no more, N·m"),
         "lowest_rate_hz": (800.0, 960.0, "the limits are those of a loop of 1 kHz, Hz"),

@@ -57,20 +57,20 @@ void filter_velocity(Tick *tick, double dt)
         tick->velocity[i] = (tick->velocity[i] + omega * tick->moved[i]) / (1.0 + omega * dt);
 }
 
-bool buzzes(Tick *tick, double now_s)
+bool oscillates(Tick *tick, double now_s)
 {
     bool found = false;
-    unsigned changes = (unsigned)tick->limits.buzz_changes;
+    unsigned changes = (unsigned)tick->limits.oscillation_reversals;
     for (int i = 0; i < 3; i++) {
-        if (fabs(tick->velocity[i]) < tick->limits.buzz_speed_m_s)
+        if (fabs(tick->velocity[i]) < tick->limits.oscillation_speed_m_s)
             continue;
         int sign = tick->velocity[i] > 0.0 ? 1 : -1;
         if (tick->signs[i] && sign != tick->signs[i]) {
             double *ring = tick->turns[i];
-            ring[tick->turn_at[i] % BUZZ_RING] = now_s;
+            ring[tick->turn_at[i] % OSCILLATION_RING] = now_s;
             tick->turn_at[i]++;
             if (tick->turn_at[i] >= changes &&
-                ring[(tick->turn_at[i] - changes) % BUZZ_RING] > now_s - tick->limits.buzz_window_s)
+                ring[(tick->turn_at[i] - changes) % OSCILLATION_RING] > now_s - tick->limits.oscillation_window_s)
                 found = true;
         }
         tick->signs[i] = sign;
@@ -80,7 +80,7 @@ bool buzzes(Tick *tick, double now_s)
     return found;
 }
 
-void forget_buzz(Tick *tick)
+void forget_oscillation(Tick *tick)
 {
     tick->gain = 1.0;
     tick->turn_at[0] = tick->turn_at[1] = tick->turn_at[2] = 0;

@@ -21,7 +21,7 @@ void forget_interruptions(Tick *tick);
 void filter_velocity(Tick *tick, double dt);
 
 /* True once the velocity has changed sign often enough in the window. */
-bool buzzes(Tick *tick, double now_s);
-void forget_buzz(Tick *tick);
+bool oscillates(Tick *tick, double now_s);
+void forget_oscillation(Tick *tick);
 
 #endif

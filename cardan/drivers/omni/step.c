@@ -10,8 +10,8 @@
 #include "tick_internal.h"
 #include "vectors.h"
 
-#define BUZZ_GAIN_FLOOR 0.3
-#define BUZZ_RECOVERY_S 20.0
+#define OSCILLATION_GAIN_FLOOR 0.3
+#define OSCILLATION_RECOVERY_S 20.0
 #define DERATING_BAND 0.2
 #define LONGEST_STEP_S 0.02
 /* After a late tick the library's velocity is too large for this long: it divides the distance by its
@@ -178,17 +178,17 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
         if ((because == TICK_PAUSED_IRREGULAR &&
              ((c && !c->engaged) || now_s - tick->irregular_s >= CALM_S)) ||
             ((because == TICK_PAUSED_SILENT || because == TICK_PAUSED_LATE) && alive && !late) ||
-            (because == TICK_PAUSED_BUZZ && c && !c->engaged))
+            (because == TICK_PAUSED_OSCILLATION && c && !c->engaged))
             change_state(tick, &word, TICK_ENABLED, TICK_AS_COMMANDED);
         else if (because == TICK_PAUSED_LATE && age > l->pause_s)
             change_state(tick, &word, TICK_PAUSED, TICK_PAUSED_SILENT);
     }
     if ((word & 0xffu) == TICK_ENABLED && tick->phase != OUT) {
-        if (buzzes(tick, now_s)) {
-            now->buzzes++;
+        if (oscillates(tick, now_s)) {
+            now->oscillations++;
             tick->gain *= 0.5;
-            if (tick->gain < BUZZ_GAIN_FLOOR)
-                change_state(tick, &word, TICK_PAUSED, TICK_PAUSED_BUZZ);
+            if (tick->gain < OSCILLATION_GAIN_FLOOR)
+                change_state(tick, &word, TICK_PAUSED, TICK_PAUSED_OSCILLATION);
         }
         if (tick->phase >= RAMPING && c && c->engaged && (fell_silent || let_go || failed)) {
             tick->broken = true;
@@ -203,7 +203,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     }
     if ((word & 0xffu) == TICK_ENABLED && c && c->engaged && age > l->pause_s)
         change_state(tick, &word, TICK_PAUSED, TICK_PAUSED_SILENT);
-    tick->gain = fmin(1.0, tick->gain + dt / BUZZ_RECOVERY_S);
+    tick->gain = fmin(1.0, tick->gain + dt / OSCILLATION_RECOVERY_S);
 
     bool hold_phase = false, slow = is_slow(tick, now_s);
     bool barred = atomic_load_explicit(&tick->barred, memory_order_relaxed) != 0;
@@ -252,7 +252,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
             if (tick->anew) {
                 tick->anew = false;
                 tick->energy_j = tick->given_j = energy_before = 0.0;
-                forget_buzz(tick);
+                forget_oscillation(tick);
                 forget_interruptions(tick);
             }
             if (tick->resumes) {
@@ -302,14 +302,14 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     double alpha = 0.0;
     double mean_most = l->continuous_n * l->continuous_n;
     double heat = fmin(1.0, sqrt(mean_most + fmax(0.0, mean_most - tick->mean_square) *
-                                                 l->continuous_window_s / l->squeeze_s) /
+                                                 l->continuous_window_s / l->thermal_derating_s) /
                                 l->clamp_n);
-    now->squeeze =
+    now->thermal_derating =
         heat * within(0.0, (l->temperature_limit - now->temperature) / DERATING_BAND, 1.0);
     if (rendering) {
         add(target, tick->share * tick->gain, force);
         if (tick->gain < 1.0 && !reason)
-            reason = TICK_BUZZ;
+            reason = TICK_OSCILLATION;
         if (!c->has_torques)
             add(target, -tick->share * l->damping_n_s_m, tick->velocity);
         double speed2 = dot(tick->velocity, tick->velocity);
@@ -319,11 +319,11 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
         }
         if (torque_mode && limit_torques(target, s->jacobian, l->torque_limit_n_m) && !reason)
             reason = TICK_CLAMPED;
-        double most = l->clamp_n * now->squeeze;
+        double most = l->clamp_n * now->thermal_derating;
         if (norm(target) > most) {
             limit_norm(target, most);
             if (!reason)
-                reason = now->squeeze < 1.0 ? TICK_THERMAL : TICK_CLAMPED;
+                reason = now->thermal_derating < 1.0 ? TICK_THERMAL : TICK_CLAMPED;
         }
     }
 

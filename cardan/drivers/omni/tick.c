@@ -89,7 +89,7 @@ Tick *tick_create(const TickLimits *limits)
         tick->direction_kinds[i] = -1;
     tick->now.stamp_s = TICK_NEVER;
     tick->now.command_age_s = tick->now.force_age_s = INFINITY;
-    tick->now.squeeze = 1.0;
+    tick->now.thermal_derating = 1.0;
     tick->now.realtime = -1;
     tick->now.calibration = -1;
     tick->now.reason = TICK_NOT_ENABLED;

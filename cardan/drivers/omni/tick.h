@@ -11,7 +11,7 @@
  *
  * Order in a step. Work of the force sent last -> velocity -> faults and whatever forbids force ->
  * the commanded force (fixtures, measured force, plain force, workspace edge) -> engage ramp,
- * buzz gain -> damping -> alpha of the passivity controller -> thermal squeeze and norm clamp ->
+ * oscillation gain -> damping -> alpha of the passivity controller -> thermal derating and norm clamp ->
  * slew limit -> energy tank. What forbids force makes the target zero, and the force falls there
  * along its own direction at slew_fall_n_s >= clamp_n / release_s: so within release_s.
  *
@@ -64,7 +64,7 @@ enum {
     TICK_PAUSED_SILENT,
     TICK_PAUSED_LATE,
     TICK_PAUSED_IRREGULAR,
-    TICK_PAUSED_BUZZ,
+    TICK_PAUSED_OSCILLATION,
     TICK_FAULT_NOT_FINITE,
     TICK_FAULT_VELOCITY,
     TICK_FAULT_FORCE_ERRORS,
@@ -82,7 +82,7 @@ enum {
     TICK_ENGAGING,
     TICK_LATE,
     TICK_AFTER_FORCE_ERROR,
-    TICK_BUZZ,
+    TICK_OSCILLATION,
     TICK_PASSIVITY,
     TICK_THERMAL,
     TICK_CLAMPED,
@@ -126,7 +126,7 @@ typedef struct {
     double velocity_cutoff_hz;
     double continuous_n;
     double continuous_window_s;
-    double squeeze_s;
+    double thermal_derating_s;
     double temperature_limit;
     double alpha_max_n_s_m;
     double energy_budget_j;
@@ -138,13 +138,13 @@ typedef struct {
     double extrapolate_s;
     double overrun_gap_s;
     double pause_gap_s;
-    double buzz_window_s;
-    double buzz_speed_m_s;
+    double oscillation_window_s;
+    double oscillation_speed_m_s;
     double force_error_wait_s;
     double torque_limit_n_m;
     double lowest_rate_hz;
     int32_t engage_ticks;
-    int32_t buzz_changes;
+    int32_t oscillation_reversals;
     int32_t passivity;
     int32_t unchecked; /* of experiments: only what makes no sense is refused */
 } TickLimits;
@@ -225,7 +225,7 @@ typedef struct {
     double energy_j;
     double delivered_j;
     double alpha_n_s_m;
-    double squeeze;
+    double thermal_derating;
     double temperature;
     uint64_t command_sequence;
     double command_age_s;
@@ -242,7 +242,7 @@ typedef struct {
     uint32_t late_ticks;
     uint32_t stale_commands;
     uint32_t faults;
-    uint32_t buzzes;
+    uint32_t oscillations;
     uint32_t errors;       /* of the library, all */
     uint32_t force_errors; /* of the library, 0x02xx */
     uint32_t error;        /* of the library, the newest */

@@ -12,7 +12,7 @@
 enum { OUT, WAITING, RAMPING, IN };
 
 #define FORCE_ERRORS 3
-#define BUZZ_RING 32
+#define OSCILLATION_RING 32
 /* Interruptions within INTERRUPTIONS_WINDOW_S after which the tick pauses: a force that comes and goes
  * is worse than none. */
 #define INTERRUPTIONS 4
@@ -82,7 +82,7 @@ struct Tick {
     double mean_square;
     double gain;
     int signs[3];
-    double turns[3][BUZZ_RING];
+    double turns[3][OSCILLATION_RING];
     unsigned turn_at[3];
     int32_t buttons;
     double button_s[TICK_BUTTONS]; /* when its level changed last */

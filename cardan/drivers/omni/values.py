@@ -56,7 +56,7 @@ class TickDetails(NamedTuple):
     """Counts as the library has them: three of the joints, three of the gimbal."""
     torques_n_m: Vector3
     """The force as torques of the joints."""
-    buzzes: int
+    oscillations: int
     errors: int
     """Of the library, all that the tick has seen."""
     force_errors: int
@@ -91,7 +91,7 @@ _REASONS = (
     "paused: commands stopped coming",
     "paused: the force loop stood still",
     "paused: commands or ticks are too irregular",
-    "paused: it buzzed; disengage, or resume",
+    "paused: it oscillated; disengage, or resume",
     "fault: a number was not finite",
     "fault: the stylus flew under force",
     "fault: three force errors of the library within 10 s",
@@ -109,7 +109,7 @@ _REASONS = (
     "engaging",
     "the tick was late",
     "waiting after a force error of the library",
-    "it buzzed: force reduced",
+    "it oscillated: force reduced",
     "limited to stay passive",
     "limited to spare the motors",
     "limited to the largest force",
@@ -226,7 +226,7 @@ def haptic_state(snapshot: bytearray, dropped: int) -> HapticState:
         energy_j=v[34],
         delivered_j=v[35],
         passivity_damping_n_s_m=v[36],
-        squeeze=v[37],
+        thermal_derating=v[37],
         temperature=v[38],
         command_sequence=v[39],
         command_age_s=v[40],
@@ -254,7 +254,7 @@ def tick_details(snapshot: bytearray) -> TickDetails:
     return TickDetails(
         encoders=v[45:51],
         torques_n_m=Vector3(*v[31:34]),
-        buzzes=v[60],
+        oscillations=v[60],
         errors=v[61],
         force_errors=v[62],
         error=v[63],

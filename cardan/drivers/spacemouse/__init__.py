@@ -3,10 +3,10 @@
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.drivers.spacemouse.device import SpaceMouse, list_devices
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
-from cardan.drivers.spacemouse.transports import FoundDevice
+from cardan.drivers.spacemouse.transports import HidCandidate
 
 __all__ = [
-    "FoundDevice",
+    "HidCandidate",
     "SpaceMouse",
     "SpaceMouseCore",
     "SpaceMouseOptions",

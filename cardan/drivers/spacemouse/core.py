@@ -131,7 +131,7 @@ class SpaceMouseCore:
         self._active = False
         self._active_since_s = NEVER_S
         self._motion_s = NEVER_S
-        self._believe_s = NEVER_S
+        self._ignore_rest_until_s = NEVER_S
         self._gap_after_s = GAP_AFTER_S
         self._stale_after_s = STALE_AFTER_S
         self._set_model(model, None)
@@ -160,18 +160,18 @@ class SpaceMouseCore:
         self._split = None
         self._battery = None
         self._heard = False
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
         self._buttons.on_opened()
         self._open = True
 
     def on_lost(self, reason: str, now_s: float) -> None:
         """It was unplugged, cannot be read, or is not there: buttons are released, axes zero."""
-        self._distrust(DeviceLink.LOST, reason, now_s)
+        self._invalidate_input(DeviceLink.LOST, reason, now_s)
         self._open = False
 
     def on_closed(self, now_s: float) -> None:
         """It was closed on request."""
-        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
         self._open = False
 
     def on_notice(self, notice: Notice, now_s: float) -> None:
@@ -183,7 +183,7 @@ class SpaceMouseCore:
         elif self._open:
             self._counts["doubts"] += 1
             self._resumed_reason = notice.reason
-            self._distrust(DeviceLink.STALE, notice.reason, now_s)
+            self._invalidate_input(DeviceLink.STALE, notice.reason, now_s)
 
     def on_report(self, report: bytes, now_s: float) -> None:
         """An input report of its true length was received at `now_s`. Never raises."""
@@ -354,7 +354,7 @@ class SpaceMouseCore:
                 self._watch(now_s)
         if self._link is DeviceLink.STALE:
             self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, self._resumed_reason
-            self._believe_s = now_s + SETTLE_S
+            self._ignore_rest_until_s = now_s + SETTLE_S
         self._motion_s = now_s
 
     def _take(self, half: _Half, a: int, b: int, c: int, now_s: float) -> None:
@@ -370,7 +370,7 @@ class SpaceMouseCore:
             half.active = not (-dead <= a <= dead and -dead <= b <= dead and -dead <= c <= dead)
         if half.active:
             self._translation.at_rest = self._rotation.at_rest = False
-        elif now_s >= self._believe_s:
+        elif now_s >= self._ignore_rest_until_s:
             half.at_rest = True
 
     def _after_motion(self, now_s: float) -> None:
@@ -393,7 +393,7 @@ class SpaceMouseCore:
         self._counts["silences"] += 1
         self._resumed_reason = RESUMED_REASON
         what = older.name if now_s - self._motion_s <= self._gap_after_s else "motion"
-        self._distrust(
+        self._invalidate_input(
             DeviceLink.STALE,
             f"deflected, but no {what} report for {self._stale_after_s:g} s: check radio, cable "
             "and other programs, then let go of the cap",
@@ -422,13 +422,13 @@ class SpaceMouseCore:
         self._full_scale = full_scale
         self._dead_counts = self._options.dead_zone * full_scale
 
-    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
         """Go to a state in which no deflection and no button that was known counts any more."""
         self._link, self._reason = link, reason
         self._translation.forget()
         self._rotation.forget()
         self._active = False
-        self._believe_s = NEVER_S
+        self._ignore_rest_until_s = NEVER_S
         self._last_half = None
         self._drift.reset()
         self._buttons.release_all(now_s)

@@ -15,7 +15,7 @@ from cardan.drivers.spacemouse.options import SpaceMouseOptions
 from cardan.drivers.spacemouse.serial_port import SerialTransport
 from cardan.drivers.spacemouse.serial_session import device_model
 from cardan.drivers.spacemouse.transports import (
-    FoundDevice,
+    HidCandidate,
     Link,
     Reading,
     SocketTransport,
@@ -219,7 +219,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         raise DeviceNotFoundError(self._not_found())
 
     def _open_group(
-        self, transport: Transport, group: Sequence[FoundDevice], refusals: list[str]
+        self, transport: Transport, group: Sequence[HidCandidate], refusals: list[str]
     ) -> bool:
         links = []
         for device in group:
@@ -244,7 +244,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         self._led_shown = None
         return True
 
-    def _is_meant(self, device: FoundDevice) -> bool:
+    def _is_meant(self, device: HidCandidate) -> bool:
         options = self.options
         key = device.model.key if device.model else ""
         return (
@@ -342,7 +342,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         self._links = []
 
 
-def list_devices(transports: Sequence[Transport] | None = None) -> list[FoundDevice]:
+def list_devices(transports: Sequence[Transport] | None = None) -> list[HidCandidate]:
     """The devices that are plugged in, each with what stands in its way.
 
     Asks `transports` (hidapi's back ends) in turn until one finds some. Raises DriverError when
@@ -363,7 +363,7 @@ def list_devices(transports: Sequence[Transport] | None = None) -> list[FoundDev
     return []
 
 
-def _usb_devices() -> list[FoundDevice]:
+def _usb_devices() -> list[HidCandidate]:
     """The devices that raw USB shows, each with the option that opens it. Raises DriverError."""
     return [
         device._replace(obstacle="; ".join(filter(None, (obstacle(device.path), USB_HINT))))
@@ -376,7 +376,7 @@ def _unlisted(transport: str, error: Exception) -> base.FoundDevice:
     return base.FoundDevice("3Dconnexion devices", "", transport, "", obstacle=str(error))
 
 
-def _place(device: FoundDevice) -> str:
+def _place(device: HidCandidate) -> str:
     """Where a device is, as its options call it."""
     words = [f"port {device.port}"] if device.port else []
     if device.model is not None and device.model.receiver and device.interface >= 0:
@@ -384,9 +384,9 @@ def _place(device: FoundDevice) -> str:
     return f" ({', '.join(words)})" if words else ""
 
 
-def _groups(found: Iterable[FoundDevice]) -> list[list[FoundDevice]]:
+def _groups(found: Iterable[HidCandidate]) -> list[list[HidCandidate]]:
     """Devices one by one, but the interfaces of one receiver together."""
-    groups: dict[tuple[object, ...], list[FoundDevice]] = {}
+    groups: dict[tuple[object, ...], list[HidCandidate]] = {}
     for device in found:
         ids = (device.vendor_id, device.product_id, device.serial)
         key = (*ids, device.path) if device.certain else ids

@@ -19,7 +19,7 @@ except ImportError:  # where there are no terminals
 
 
 from cardan.drivers.spacemouse.serial_session import SerialSession, device_model
-from cardan.drivers.spacemouse.transports import FoundDevice, Link, Reading, Transport
+from cardan.drivers.spacemouse.transports import HidCandidate, Link, Reading, Transport
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.connexion_serial import SerialModel
 
@@ -46,15 +46,15 @@ class SerialTransport(Transport):
         self._model = model
         self._stopping = stopping
 
-    def find(self) -> list[FoundDevice]:
+    def find(self) -> list[HidCandidate]:
         """The port, if there is one. It is not asked what is there: that would disturb it."""
         if os.name == "posix" and not os.path.exists(self._path):
             return []
         name = self._model.name if self._model else "serial device"
         model = device_model(self._model) if self._model else None
-        return [FoundDevice(name, 0, 0, self.name, self._path, model=model)]
+        return [HidCandidate(name, 0, 0, self.name, self._path, model=model)]
 
-    def open(self, device: FoundDevice) -> Link:
+    def open(self, device: HidCandidate) -> Link:
         """Open the port, find out what is there and start it."""
         port = _open_port(device.path)
         session = SerialSession(self._model, time.monotonic())

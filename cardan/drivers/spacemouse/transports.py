@@ -31,7 +31,7 @@ REPORT_ROOM = 64
 """Asked of every read: a read that is too small loses the rest of the report."""
 
 
-class FoundDevice(NamedTuple):
+class HidCandidate(NamedTuple):
     """A device, or one interface of a receiver, that can be tried."""
 
     name: str
@@ -89,11 +89,11 @@ class Transport(ABC):
     name: str
 
     @abstractmethod
-    def find(self) -> list[FoundDevice]:
+    def find(self) -> list[HidCandidate]:
         """What is there now. Raises DriverError when this way does not exist here."""
 
     @abstractmethod
-    def open(self, device: FoundDevice) -> Link:
+    def open(self, device: HidCandidate) -> Link:
         """Open what find() gave. Raises DeviceAccessError that says what to do."""
 
 
@@ -108,7 +108,7 @@ class HidTransport(Transport):
         self.name = name
         self._module_name = module_name
 
-    def find(self) -> list[FoundDevice]:
+    def find(self) -> list[HidCandidate]:
         """Candidate HID collections, in the order of the system."""
         module = load_hid(self._module_name)
         found = []
@@ -120,7 +120,7 @@ class HidTransport(Transport):
                 model = find_model(vendor_id, product_id)
                 path = os.fsdecode(info["path"])
                 found.append(
-                    FoundDevice(
+                    HidCandidate(
                         name=model.name if model else info.get("product_string") or "unknown model",
                         vendor_id=vendor_id,
                         product_id=product_id,
@@ -135,7 +135,7 @@ class HidTransport(Transport):
                 )
         return found
 
-    def open(self, device: FoundDevice) -> Link:
+    def open(self, device: HidCandidate) -> Link:
         """Open a HID collection by its path."""
         try:
             return _HidLink(load_hid(self._module_name), device.path)
@@ -176,7 +176,7 @@ class SocketTransport(Transport):
         self._path = path
         self._model = model
 
-    def find(self) -> list[FoundDevice]:
+    def find(self) -> list[HidCandidate]:
         """The one device, if its socket is there."""
         if not os.path.exists(self._path):
             return []
@@ -185,11 +185,11 @@ class SocketTransport(Transport):
             (model.name, model.vendor_id, model.product_id) if model else ("device", 0, 0)
         )
         return [
-            FoundDevice(f"simulated {name}", vendor_id, product_id, self.name, self._path,
+            HidCandidate(f"simulated {name}", vendor_id, product_id, self.name, self._path,
                         model=model)
         ]  # fmt: skip
 
-    def open(self, device: FoundDevice) -> Link:
+    def open(self, device: HidCandidate) -> Link:
         """Connect to the socket."""
         if not hasattr(socket, "AF_UNIX"):
             raise DeviceAccessError("this system has no Unix sockets: use another transport")

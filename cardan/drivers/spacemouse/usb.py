@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from cardan.drivers.access import refusal
-from cardan.drivers.spacemouse.transports import REPORT_ROOM, FoundDevice, Link, Transport
+from cardan.drivers.spacemouse.transports import REPORT_ROOM, HidCandidate, Link, Transport
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.connexion import CONNEXION, LOGITECH, Model, find_model, is_candidate
 
@@ -36,9 +36,9 @@ class UsbTransport(Transport):
 
     name = "usb"
 
-    def find(self) -> list[FoundDevice]:
+    def find(self) -> list[HidCandidate]:
         """The interfaces that may carry motion, in the order of the system."""
-        found: list[FoundDevice] = []
+        found: list[HidCandidate] = []
         failures = []
         for device in _devices():
             model = find_model(device.idVendor, device.idProduct)
@@ -55,11 +55,11 @@ class UsbTransport(Transport):
             raise DeviceAccessError("; ".join(failures))
         return found
 
-    def _found(self, device: Any, model: Model) -> list[FoundDevice]:
+    def _found(self, device: Any, model: Model) -> list[HidCandidate]:
         """The interfaces of `device`. Raises OSError when it cannot be asked."""
         port = _port_of(device)
         return [
-            FoundDevice(
+            HidCandidate(
                 name=model.name,
                 vendor_id=model.vendor_id,
                 product_id=model.product_id,
@@ -74,7 +74,7 @@ class UsbTransport(Transport):
             for configuration, interface in _interfaces(device)
         ]
 
-    def open(self, device: FoundDevice) -> Link:
+    def open(self, device: HidCandidate) -> Link:
         """Take the interface from the kernel's driver and claim it."""
         for usb_device in _devices():
             if _port_of(usb_device) != device.port:

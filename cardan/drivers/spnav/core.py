@@ -143,13 +143,13 @@ class SpnavCore:
         self._motion: Motion | None = None
         self._active = False
         self._motion_s = NEVER_S
-        self._believe_s = NEVER_S
+        self._ignore_rest_until_s = NEVER_S
 
     # -- what happens to the connection --------------------------------------------------------
 
     def on_opened(self, now_s: float) -> None:
         """The socket was connected (again): what was known is void."""
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
         self._forget_connection()
         self._set_full_scale()
         self._open = True
@@ -159,12 +159,12 @@ class SpnavCore:
 
     def on_lost(self, reason: str, now_s: float) -> None:
         """The daemon is gone, or cannot be reached."""
-        self._distrust(DeviceLink.LOST, reason, now_s)
+        self._invalidate_input(DeviceLink.LOST, reason, now_s)
         self._open = False
 
     def on_closed(self, now_s: float) -> None:
         """It was closed on request."""
-        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
         self._open = False
 
     def on_bytes(self, data: bytes, now_s: float) -> None:
@@ -309,7 +309,7 @@ class SpnavCore:
             self._watch(now_s)
         if self._link is DeviceLink.STALE:
             self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON
-            self._believe_s = now_s + SETTLE_S
+            self._ignore_rest_until_s = now_s + SETTLE_S
         elif self._link is DeviceLink.LOST:
             self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, OPENED_REASON
             self._has_device = True
@@ -324,7 +324,7 @@ class SpnavCore:
             self._link is DeviceLink.NEEDS_NEUTRAL
             and self._motion is not None
             and not self._active
-            and now_s >= self._believe_s
+            and now_s >= self._ignore_rest_until_s
         ):
             self._link = DeviceLink.LIVE
             self._cached = None
@@ -360,10 +360,10 @@ class SpnavCore:
             pass  # one of the same kind beside it, or it has more buttons than the daemon knew
         elif value.added:
             self._has_device = True
-            self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
         else:
             self._has_device = False
-            self._distrust(DeviceLink.LOST, UNPLUGGED_REASON, now_s)
+            self._invalidate_input(DeviceLink.LOST, UNPLUGGED_REASON, now_s)
         # Another device may be left, or this one may give other counts than the last.
         self._ask_all(now_s)
 
@@ -380,7 +380,7 @@ class SpnavCore:
         if now_s - self._motion_s <= STALE_AFTER_S:
             return
         self._counts["silences"] += 1
-        self._distrust(
+        self._invalidate_input(
             DeviceLink.STALE,
             f"deflected, but no motion for {STALE_AFTER_S:.1f} s: the device may be unplugged, or "
             "the daemon stuck; let go of the cap",
@@ -440,10 +440,10 @@ class SpnavCore:
             if not ok:
                 self._has_device = False
                 if self._link is not DeviceLink.LOST:
-                    self._distrust(DeviceLink.LOST, NO_DEVICE_REASON, now_s)
+                    self._invalidate_input(DeviceLink.LOST, NO_DEVICE_REASON, now_s)
             elif not self._has_device:
                 self._has_device = True
-                self._distrust(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+                self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
         elif code == Code.DEV_TYPE:
             self._described = ok
             self._device_type = data[0] if ok else 0
@@ -477,12 +477,12 @@ class SpnavCore:
         self._dead_counts = self._options.dead_zone * self._full_scale
         self._rotation_dead_counts = self._options.dead_zone * self._rotation_full_scale
 
-    def _distrust(self, link: DeviceLink, reason: str, now_s: float) -> None:
+    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
         """Go to a state in which no deflection and no button that was known counts any more."""
         self._link, self._reason = link, reason
         self._motion = None
         self._active = False
-        self._believe_s = NEVER_S
+        self._ignore_rest_until_s = NEVER_S
         self._down.clear()
         self._buttons.release_all(now_s)
         self._cached = None

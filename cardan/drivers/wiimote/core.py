@@ -140,7 +140,7 @@ class WiimoteCore:
         self._extension_buttons: tuple[str, ...] = ()
         self._axes: Axes = NEUTRAL
         self._held = False
-        self._believe_s = NEVER_S
+        self._ignore_rest_until_s = NEVER_S
         self._changes = 0
         self._skip_frame = True
         self._led_s = NEVER_S
@@ -158,7 +158,7 @@ class WiimoteCore:
         self._rumble.reset()
         self._roles.reset()
         self._forget(now_s)
-        self._distrust(DeviceLink.NEEDS_NEUTRAL, _OPENED, now_s)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _OPENED, now_s)
         self._reason = _STARTING
         self._open = True
 
@@ -167,12 +167,12 @@ class WiimoteCore:
         if self._open and not self.failure(now_s):
             early = now_s - self._opened_s < EARLY_LOSS_S
             self._early_losses = self._early_losses + 1 if early else 0
-        self._distrust(DeviceLink.LOST, reason, now_s)
+        self._invalidate_input(DeviceLink.LOST, reason, now_s)
         self._open = False
 
     def on_closed(self, now_s: float) -> None:
         """It was closed on request."""
-        self._distrust(DeviceLink.CLOSED, "closed", now_s)
+        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
         self._open = False
         self._led = None
 
@@ -469,7 +469,7 @@ class WiimoteCore:
         self._skip_frame = True
         self._gyro.reset()
         if self._link is DeviceLink.LIVE:
-            self._distrust(DeviceLink.NEEDS_NEUTRAL, _CHANGED, now_s)
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _CHANGED, now_s)
 
     # -- what is believed ----------------------------------------------------------------------
 
@@ -484,9 +484,9 @@ class WiimoteCore:
         missing = self._missing(now_s)
         if missing and self._link is DeviceLink.LIVE:
             self._silences += 1
-            self._distrust(DeviceLink.STALE, missing, now_s)
+            self._invalidate_input(DeviceLink.STALE, missing, now_s)
         elif now_s - self._data_s > STALE_AFTER_S:
-            self._distrust(DeviceLink.STALE, _SILENT, now_s)
+            self._invalidate_input(DeviceLink.STALE, _SILENT, now_s)
 
     def _missing(self, now_s: float) -> str:
         """Which needed part says nothing, in words; empty when all do."""
@@ -513,8 +513,8 @@ class WiimoteCore:
         if self._link is DeviceLink.STALE:
             if missing:
                 return
-            self._distrust(DeviceLink.NEEDS_NEUTRAL, _RESUMED, now_s)
-            self._believe_s = now_s + SETTLE_S
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _RESUMED, now_s)
+            self._ignore_rest_until_s = now_s + SETTLE_S
         before = self._buttons.held
         labels = (*_labels(self._core_buttons), *self._extension_buttons)
         self._buttons.set(labels, now_s)
@@ -541,7 +541,7 @@ class WiimoteCore:
         `held`: a clutch button is down, be it one that does not count until it was up.
         """
         let_go = not held and max(map(abs, self._stick)) < CENTRED
-        if not missing and let_go and now_s >= self._believe_s:
+        if not missing and let_go and now_s >= self._ignore_rest_until_s:
             self._link = DeviceLink.LIVE
         else:
             stick = "" if held or let_go else "let go of the Nunchuk's stick once"
@@ -573,12 +573,12 @@ class WiimoteCore:
         self._buttons.release_all(now_s)
         self._cached = None
 
-    def _distrust(self, link: DeviceLink, why: str, now_s: float) -> None:
+    def _invalidate_input(self, link: DeviceLink, why: str, now_s: float) -> None:
         """Go to a state in which no tilt and no button that was known counts any more."""
         self._link, self._reason, self._why = link, why, why
         self._axes = NEUTRAL
         self._fresh_until_s = NEVER_S
-        self._believe_s = NEVER_S
+        self._ignore_rest_until_s = NEVER_S
         self._release(now_s)
 
 

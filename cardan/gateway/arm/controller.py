@@ -134,7 +134,7 @@ class ArmController:
         """Whether a button ended a recovery, so that none begins until motion is asked for."""
         self._strange = False
         """Whether the robot was elsewhere when it became ready, and is placed by the act."""
-        self._objection = self._held_off = ""
+        self._disengage_reason = self._held_off = ""
         self._stop_reason = ""
         self._suspended = False
         self._filter_fault = ""
@@ -265,7 +265,7 @@ class ArmController:
     def trip(self, reason: str) -> None:
         """Take the arm from whoever moves it in the next tick, as the watchdogs do; without effect
         where nobody does by then."""
-        self._objection = self._objection or reason
+        self._disengage_reason = self._disengage_reason or reason
 
     def hold_off(self, reason: str) -> None:
         """From the next tick on nobody moves the arm, for this reason in words; "" lifts that."""
@@ -361,9 +361,9 @@ class ArmController:
                 finding = self.supervision.compare(robot, self.body, self._observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
-            if (objection := self._objection or self._held_off) and self._driven:
-                self._trip(objection)
-            self._objection = ""
+            if (disengage_reason := self._disengage_reason or self._held_off) and self._driven:
+                self._trip(disengage_reason)
+            self._disengage_reason = ""
             if self.recovering and (why := self._why_still):
                 self._give_up(why)
             if self.hand is not None and device is not None:
@@ -781,7 +781,7 @@ class ArmController:
             recovers = activity is not None and activity.recovers
             blind = blind or bool(self.supervision.distrust)
             command = body.command(robot, dt_s, recovers, blind)
-        wrong = self._gate.objection(command, dt_s)
+        wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command
         self._trip(f"a command was held back at the last gate: {wrong}")

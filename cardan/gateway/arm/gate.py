@@ -76,7 +76,7 @@ class Gate:
         """The robot is elsewhere, or was not commanded: the next command is only to be finite."""
         self._last = self._speeds = None
 
-    def objection(self, command: RobotCommand, dt_s: float) -> str:
+    def violation(self, command: RobotCommand, dt_s: float) -> str:
         """Why `command`, for a period of `dt_s`, must not be sent, in words; empty when it may."""
         last, dt_s = self._last, max(0.0, dt_s)
         if type(command) is JointCommand:

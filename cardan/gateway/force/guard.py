@@ -27,11 +27,11 @@ BEGINS_WITHIN_S = 1.0
 SOURCE_LOST_S = 0.1
 """How long after the age at which a measured force is not felt any more the hand is taken off."""
 
-SQUEEZE_LEAST = 0.2
+LEAST_DERATING = 0.2
 """Share of the device's largest force, below which what spares the motors leaves nothing to lean
 on."""
 
-SQUEEZED, LET_OUT = 0.4, 0.8
+DERATED, LET_OUT = 0.4, 0.8
 """Where it leaves less than the first of the largest force, and of what is asked for less than the
 second is sent, the hand is falling in. Without warm motors it leaves 0.88 N in the end, and so
 never less than 0.44 of the 2 N that `clamp_n` is by default; of 3.3 N it leaves 0.27."""
@@ -52,7 +52,7 @@ class ForceGuard:
         self.heard = False
         """Whether the device's newest snapshot is of this engagement."""
         self.losses = 0
-        """How often the hand was taken off."""
+        """How often teleoperation was disengaged."""
         self.out_s = 0.0
         """How long, in all, a hand was followed without the force that it had had before."""
         self.lost_reason = ""
@@ -60,9 +60,9 @@ class ForceGuard:
         self._engaged = False
         self._sequence = 0
         self._begun_s = self._seen_s = NEVER_S
-        self._missing_s = self._squeezed_s = 0.0
+        self._missing_s = self._derated_s = 0.0
         self._given_s = NEVER_S
-        self._objection = ""
+        self._disengage_reason = ""
 
     def engage(self, sequence: int, now_s: float) -> None:
         """The hand is taken up; the command `sequence` is the first that says so."""
@@ -73,18 +73,18 @@ class ForceGuard:
     def release(self) -> None:
         """The hand is followed no more."""
         self._engaged = self.rendered = self.heard = self.in_doubt = False
-        self._missing_s = self._squeezed_s = 0.0
+        self._missing_s = self._derated_s = 0.0
         self._given_s = NEVER_S
-        self._objection = ""
+        self._disengage_reason = ""
 
     def give(self, stamp_s: float) -> None:
         """A measured force of `stamp_s` goes to the device."""
         self._given_s = stamp_s
 
-    def objection(
+    def disengage_reason(
         self, state: HapticState, now_s: float, *, fixtures: bool, refusal: str, source: str
     ) -> str:
-        """Why the hand must be taken off the robot, in words; empty while it need not.
+        """Why teleoperation must be disengaged, in words; empty while it need not.
 
         `state` is the device's newest snapshot; `refusal` says why it does not take what it is
         told, `source` why there is no measured force.
@@ -101,15 +101,15 @@ class ForceGuard:
             self._missing_s += dt_s
             self.out_s += dt_s
             self.lost_reason = state.reason or "the device gives none"
-        self._squeezed_s = self._squeezed_s + dt_s if _squeezes(state) else 0.0
+        self._derated_s = self._derated_s + dt_s if _derated(state) else 0.0
         missing = not self.rendered or (not state.rendering and self._missing_s > IN_DOUBT_S)
-        self.in_doubt = missing or self._squeezed_s > IN_DOUBT_S
-        if not self._objection:
-            self._objection = self._why(state, now_s, fixtures, refusal, source)
-            if self._objection:
+        self.in_doubt = missing or self._derated_s > IN_DOUBT_S
+        if not self._disengage_reason:
+            self._disengage_reason = self._why(state, now_s, fixtures, refusal, source)
+            if self._disengage_reason:
                 self.losses += 1
-                self.lost_reason = self._objection
-        return self._objection
+                self.lost_reason = self._disengage_reason
+        return self._disengage_reason
 
     def _why(
         self,
@@ -135,10 +135,11 @@ class ForceGuard:
                     "once: move out of the fixture, then clutch in"
                 )
             return f"the force has not begun: {why}"
-        if state.rendering and (state.squeeze < SQUEEZE_LEAST or self._squeezed_s > FORCE_LOST_S):
+        left = state.thermal_derating
+        if state.rendering and (left < LEAST_DERATING or self._derated_s > FORCE_LOST_S):
             return (
-                f"the force is limited to {state.squeeze:.0%} of the largest to spare the motors: "
-                "let them cool down"
+                f"the force is limited to {left:.0%} of the largest to spare the motors: let them "
+                "cool down"
             )
         if self._given_s > NEVER_S and now_s - self._given_s > self._source_lost_s:
             return f"the measured force is lost: none for {now_s - self._given_s:.2f} s" + (
@@ -147,9 +148,9 @@ class ForceGuard:
         return ""
 
 
-def _squeezes(state: HapticState) -> bool:
+def _derated(state: HapticState) -> bool:
     return (
         state.rendering
-        and state.squeeze < SQUEEZED
+        and state.thermal_derating < DERATED
         and norm(state.force) < LET_OUT * norm(state.force_commanded)
     )

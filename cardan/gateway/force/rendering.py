@@ -3,7 +3,7 @@
 Fixtures go to the device as geometry, together with the map from the hand's place to the TCP's, so
 that its own loop evaluates them. A measured force goes with its rate and its stamp. The operator
 takes hold of both by clutching in: before the first time the device is not even enabled. Should the
-force vanish that the hand leans on, the hand is taken off the robot (`guard`).
+force vanish that the hand leans on, teleoperation is disengaged (`guard`).
 """
 
 from __future__ import annotations
@@ -118,8 +118,8 @@ class ForceRenderer:
     ) -> str:
         """Render what this cycle of the robot brings.
 
-        `world` is None while clutched out; `at_rest`: nothing is commanded to move. Returns why the
-        hand must be taken off the robot, in words; empty while it need not.
+        `world` is None while clutched out; `at_rest`: nothing is commanded to move. Returns why
+        teleoperation must be disengaged, in words; empty while it need not.
         """
         if self._rendering:
             self._render(state, hand, world, at_rest)
@@ -133,7 +133,7 @@ class ForceRenderer:
         if not self._engaged:
             return ""
         source = "" if self.source is None else self.source.reason or self.conditioner.reason
-        return self.guard.objection(
+        return self.guard.disengage_reason(
             told, now_s, fixtures=fixtures, refusal=self._refusal or self._rejection, source=source
         )
 

@@ -95,7 +95,7 @@ class FixtureTable(Table):
 
 
 class ContactTable(Table):
-    """One of ``[[force.contact]]``: something solid that the TCP touches in thought alone."""
+    """One of ``[[force.contact]]``: a virtual contact surface."""
 
     shape: Literal["plane", "sphere"]
     point_m: Place | None = None

@@ -40,7 +40,7 @@ class FeedbackOptions:
     led: bool = True
     """The device's light says that the hand is on the robot."""
     rumble: tuple[str, ...] = ("trip", "limit")
-    """What is felt: trip, the hand was taken off the robot; limit, the workspace or the arm ends;
+    """What is felt: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
     leash, how far the robot is behind; force, what its sensor measures. The strongest counts."""
     full_force_n: float = 20.0
     """Measured force that rumbles at full strength."""

@@ -222,7 +222,7 @@ def shortcomings(last: Snapshot) -> list[str]:
     if (missed := missed_cycles(last)) > MISSED_SHARE * last.cycles:
         found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")
     if last.trips:
-        found.append(f"the hand was taken off the robot {last.trips} times")
+        found.append(f"teleoperation was disengaged {last.trips} times")
     return found
 
 

@@ -2,9 +2,9 @@
 
 So the paper of 2026 has it: one node drives the robot, another renders force. Fixtures are
 evaluated here on the robot's measured TCP, in each of its cycles, which is what the paper does and
-what makes stiff ones buzz: a session's own ``[[fixtures]]`` are evaluated at 1 kHz where the hand
-is. The node is not trusted with more: the session filters its forces, drops stale ones, and the
-device bounds what is left.
+what makes stiff ones oscillate: a session's own ``[[fixtures]]`` are evaluated at 1 kHz where the
+hand is. The node is not trusted with more: the session filters its forces, drops stale ones, and
+the device bounds what is left.
 """
 
 from __future__ import annotations

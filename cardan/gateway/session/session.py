@@ -234,9 +234,9 @@ class Session:
                     robot.enable()
                 if force is not None:
                     at_rest = controller.at_rest and not controller.following
-                    objection = force.cycle(state, hand, controller.hand_map(), at_rest)
-                    if objection:
-                        controller.trip(objection)
+                    disengage_reason = force.cycle(state, hand, controller.hand_map(), at_rest)
+                    if disengage_reason:
+                        controller.trip(disengage_reason)
                     elif force.guard.in_doubt:
                         controller.suspend()
                 if spnav is not None:

@@ -87,7 +87,7 @@ class Snapshot:
     force_peak_n: float = 0.0
     """The strongest that was sent, in any tick."""
     force_losses: int = 0
-    """How often the hand was taken off the robot because the force was lost, or did not come."""
+    """How often teleoperation was disengaged because the force was lost, or did not come."""
     force_out_s: float = 0.0
     """How long, in all, the hand was followed without the force that it had had before."""
     force_lost_reason: str = ""

@@ -288,7 +288,7 @@ def summary(snapshot: Snapshot) -> Table:
         ),
         *_force_rows(s),
         ("scheduling of the loop", s.scheduling or "–"),
-        ("hand taken off the robot", f"{s.trips} times"),
+        ("teleoperation disengaged", f"{s.trips} times"),
         ("last message", escape(s.message) or "–"),
     ):
         table.add_row(name, value)

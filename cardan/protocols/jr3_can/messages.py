@@ -50,7 +50,7 @@ class State(enum.IntEnum):
     NOT_INITIALIZED = 1
 
 
-class Frame(NamedTuple):
+class CanFrame(NamedTuple):
     """A data frame with an eleven-bit identifier."""
 
     arbitration_id: int
@@ -207,17 +207,17 @@ def decode_from_board(arbitration_id: int, data: bytes) -> BoardMessage | Malfor
     return None
 
 
-def encode_from_board(message: BoardMessage, node_id: int) -> Frame:
+def encode_from_board(message: BoardMessage, node_id: int) -> CanFrame:
     """The frame in which the board `node_id` says `message`."""
     if isinstance(message, Forces):
-        return Frame(Opcode.FORCES + node_id, _SAMPLE.pack(*message))
+        return CanFrame(Opcode.FORCES + node_id, _SAMPLE.pack(*message))
     if isinstance(message, Moments):
-        return Frame(Opcode.MOMENTS + node_id, _SAMPLE.pack(*message))
+        return CanFrame(Opcode.MOMENTS + node_id, _SAMPLE.pack(*message))
     if isinstance(message, Bootup):
-        return Frame(Opcode.BOOTUP + node_id, b"")
+        return CanFrame(Opcode.BOOTUP + node_id, b"")
     if message.full_scales is None:
-        return Frame(Opcode.ACK + node_id, bytes((message.state,)))
-    return Frame(Opcode.ACK + node_id, _SCALES.pack(message.state, *message.full_scales))
+        return CanFrame(Opcode.ACK + node_id, bytes((message.state,)))
+    return CanFrame(Opcode.ACK + node_id, _SCALES.pack(message.state, *message.full_scales))
 
 
 def decode_from_host(arbitration_id: int, data: bytes) -> HostMessage | None:
@@ -241,7 +241,7 @@ def decode_from_host(arbitration_id: int, data: bytes) -> HostMessage | None:
     return None if plain is None else plain()
 
 
-def encode_from_host(message: HostMessage, node_id: int) -> Frame:
+def encode_from_host(message: HostMessage, node_id: int) -> CanFrame:
     """The frame that asks the board `node_id`; ValueError for a value that does not fit."""
     try:
         if isinstance(message, StartAsync):
@@ -255,7 +255,7 @@ def encode_from_host(message: HostMessage, node_id: int) -> Frame:
     except (struct.error, OverflowError) as error:
         raise ValueError(f"{message}: {error}") from None
     opcode = _OPCODES[type(message)]
-    return Frame(opcode if opcode is Opcode.SYNC else opcode + node_id, data)
+    return CanFrame(opcode if opcode is Opcode.SYNC else opcode + node_id, data)
 
 
 def _unsigned(data: bytes, offset: int, size: int) -> int:

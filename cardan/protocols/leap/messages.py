@@ -76,7 +76,7 @@ class Hand(NamedTuple):
     time_visible_s: float | None = None
 
 
-class Frame(NamedTuple):
+class TrackingFrame(NamedTuple):
     """What the service saw at one instant. Without hands in view the frames go on, empty."""
 
     id: int | None
@@ -103,7 +103,7 @@ class Malformed(NamedTuple):
     """One of a few fixed phrases, fit for counting by."""
 
 
-ServiceMessage = Version | DeviceEvent | Frame | Ignored | Malformed
+ServiceMessage = Version | DeviceEvent | TrackingFrame | Ignored | Malformed
 
 
 class ClientOptions(NamedTuple):
@@ -234,11 +234,11 @@ def _document(data: bytes | str) -> dict[str, Any] | Malformed:
     return document if isinstance(document, dict) else Malformed(NO_OBJECT)
 
 
-def _frame(document: Mapping[str, Any], hands: Any) -> Frame | Malformed:
+def _frame(document: Mapping[str, Any], hands: Any) -> TrackingFrame | Malformed:
     if not isinstance(hands, list):
         return Malformed(BAD_HANDS)
     read = [hand for entry in hands if (hand := _hand(entry)) is not None]
-    return Frame(
+    return TrackingFrame(
         _integer(document.get("id")),
         _integer(document.get("timestamp")),
         _number(document.get("currentFrameRate")),

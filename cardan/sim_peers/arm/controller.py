@@ -293,7 +293,7 @@ class SimulatedArm:
         if self._stopped:
             self._ignored[self._stopped] += 1
             return
-        self._refused = self._objection(command)
+        self._refused = self._refusal(command)
         if self._refused:
             self._ignored["refused"] += 1
             self.plant.hold()
@@ -313,7 +313,7 @@ class SimulatedArm:
         else:
             self.plant.hold()
 
-    def _objection(self, command: ArmCommand) -> str:
+    def _refusal(self, command: ArmCommand) -> str:
         """Why the controller does not take `command`; empty when it does."""
         if command.mode is ControlMode.HOLD:
             return ""

@@ -60,7 +60,7 @@ from cardan.protocols.evdev.uinput import (
     encode_setup,
     end_upload,
 )
-from cardan.sim_peers.evdev.core import EFFECTS, Frame, SimulatedInput
+from cardan.sim_peers.evdev.core import EFFECTS, InputEvents, SimulatedInput
 from cardan.sim_peers.unix_socket import Client, PacketServer
 
 if sys.platform != "win32":
@@ -98,7 +98,7 @@ class Carrier(ABC):
         """Unplug it. Never raises."""
 
     @abstractmethod
-    def send(self, frames: Sequence[Frame]) -> None:
+    def send(self, frames: Sequence[InputEvents]) -> None:
         """Carry what the device reported."""
 
 
@@ -191,7 +191,7 @@ class SocketCarrier(Carrier):
             self._server.close()
             self._server = None
 
-    def send(self, frames: Sequence[Frame]) -> None:
+    def send(self, frames: Sequence[InputEvents]) -> None:
         """One packet a frame, to all, or to the one that has grabbed the device."""
         assert self._server is not None
         # The kernel stamps events with the wall clock unless a program asks for another.
@@ -300,7 +300,7 @@ class UinputCarrier(Carrier):
                 fcntl.ioctl(fd, UI_DEV_DESTROY)
             os.close(fd)
 
-    def send(self, frames: Sequence[Frame]) -> None:
+    def send(self, frames: Sequence[InputEvents]) -> None:
         """One write a frame; the kernel puts its own time to it."""
         assert self._fd is not None
         for frame in frames:

@@ -97,7 +97,7 @@ _SCAN_CODES = {
 """Of a keyboard's controller, where it is not the key's own number."""
 
 
-class Frame(NamedTuple):
+class InputEvents(NamedTuple):
     """What changed at one poll: type, code and value of each event, SYN_REPORT last."""
 
     time_s: float
@@ -238,9 +238,9 @@ class SimulatedInput:
             due_s = min(due_s, self._repeat_s)
         return due_s
 
-    def frames(self, now_s: float) -> list[Frame]:
+    def frames(self, now_s: float) -> list[InputEvents]:
         """What the kernel reports from the last call until `now_s`."""
-        frames: list[Frame] = []
+        frames: list[InputEvents] = []
         while True:
             plug_s = self._plugging[0][0] if self._plugging else math.inf
             self._run(min(now_s, plug_s), frames)
@@ -332,7 +332,7 @@ class SimulatedInput:
         elif self.plugged:
             self._changes.append((self.model.codes[label], pressed))
 
-    def _run(self, until_s: float, frames: list[Frame]) -> None:
+    def _run(self, until_s: float, frames: list[InputEvents]) -> None:
         period_s = self.model.period_s
         while True:
             poll_s = self._poll * period_s
@@ -347,7 +347,7 @@ class SimulatedInput:
             self._poll += 1
             events = self._sample(at_s)
             if events:
-                frames.append(Frame(at_s, (*events, (EV_SYN, SYN_REPORT, 0))))
+                frames.append(InputEvents(at_s, (*events, (EV_SYN, SYN_REPORT, 0))))
         self.skip_to(until_s)
 
     def _sample(self, at_s: float) -> list[tuple[int, int, int]]:
@@ -376,9 +376,11 @@ class SimulatedInput:
         scan = [(EV_MSC, MSC_SCAN, _SCAN_CODES.get(code, code))] if self.model.repeats else []
         return [*scan, (EV_KEY, code, KEY_DOWN if pressed else KEY_UP)]
 
-    def _repeat(self, frames: list[Frame]) -> None:
+    def _repeat(self, frames: list[InputEvents]) -> None:
         code = [*self._keys][-1]
-        frames.append(Frame(self._repeat_s, ((EV_KEY, code, KEY_REPEAT), (EV_SYN, SYN_REPORT, 1))))
+        frames.append(
+            InputEvents(self._repeat_s, ((EV_KEY, code, KEY_REPEAT), (EV_SYN, SYN_REPORT, 1)))
+        )
         self._repeat_s += REPEAT_PERIOD_S
 
     def _readings(self) -> list[tuple[int, int]]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from operator import methodcaller
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.evdev.core import NEUTRAL, Controls, Frame, SimulatedInput
+from cardan.sim_peers.evdev.core import NEUTRAL, Controls, InputEvents, SimulatedInput
 from cardan.sim_peers.scripted import DeflectingHand, StepWords, Timeline
 from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 
@@ -159,9 +159,9 @@ class ScriptedHand(DeflectingHand[SimulatedInput, Controls]):
         device.set_controls(vector)
 
 
-def play(device: SimulatedInput, hand: ScriptedHand, until_s: float) -> list[Frame]:
+def play(device: SimulatedInput, hand: ScriptedHand, until_s: float) -> list[InputEvents]:
     """Move `device` by `hand` until `until_s`, each at its due times; the frames it reported."""
-    frames: list[Frame] = []
+    frames: list[InputEvents] = []
     while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
         hand.advance(due_s, device)
         frames += device.frames(due_s)

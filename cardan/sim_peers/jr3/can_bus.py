@@ -6,7 +6,7 @@ import contextlib
 from typing import TYPE_CHECKING, Any
 
 from cardan.errors import AddressError
-from cardan.protocols.jr3_can import Frame
+from cardan.protocols.jr3_can import CanFrame
 
 if TYPE_CHECKING:
     import can
@@ -66,7 +66,7 @@ class PythonCanBus:
             with contextlib.suppress(Exception):
                 bus.shutdown()
 
-    def receive(self, timeout_s: float) -> list[Frame]:
+    def receive(self, timeout_s: float) -> list[CanFrame]:
         """The data frames that have come, once there is one or after `timeout_s`."""
         import can
 
@@ -85,10 +85,10 @@ class PythonCanBus:
                 break
             timeout_s = 0.0
             if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
-                frames.append(Frame(message.arbitration_id, bytes(message.data)))
+                frames.append(CanFrame(message.arbitration_id, bytes(message.data)))
         return frames
 
-    def send(self, frame: Frame) -> None:
+    def send(self, frame: CanFrame) -> None:
         """Send `frame`; one that the bus does not take is lost, as on a bus without listeners."""
         import can
 

@@ -15,8 +15,8 @@ from cardan.protocols.jr3_can import (
     Ack,
     BoardMessage,
     Bootup,
+    CanFrame,
     Forces,
-    Frame,
     FullScales,
     GetFsForces,
     GetFsMoments,
@@ -96,7 +96,7 @@ class SimulatedJr3:
         self._drift_n_s = faults.get("drift", 0.0)
         self._random = random.Random(seed)
         self._now_s = 0.0
-        self._under_way: list[tuple[float, int, Frame]] = []
+        self._under_way: list[tuple[float, int, CanFrame]] = []
         self._sent = 0
         self._acks = 0
         self._pairs = 0
@@ -173,7 +173,7 @@ class SimulatedJr3:
         arrival_s = self._under_way[0][0] if self._under_way else math.inf
         return min(self._event_s, arrival_s)
 
-    def frames(self, now_s: float) -> list[Frame]:
+    def frames(self, now_s: float) -> list[CanFrame]:
         """What the board has sent by `now_s`, in order."""
         while (event_s := self._event_s) <= now_s:
             self._now_s = max(self._now_s, event_s)
@@ -364,7 +364,7 @@ class SimulatedJr3:
         moments = Moments(*counts[3:], counter)
         if self._strikes("unknown-frame", self._pairs):
             junk = self._random.randbytes(self._random.randrange(9))
-            self._push(Frame(Opcode.BOOTUP + self.node_id, b"\0" + junk[:7]), now_s)
+            self._push(CanFrame(Opcode.BOOTUP + self.node_id, b"\0" + junk[:7]), now_s)
         if self._strikes("short-frame", self._pairs):
             whole = encode_from_board(forces, self.node_id)
             self._push(whole._replace(data=whole.data[: self._random.randrange(8)]), now_s)
@@ -387,7 +387,7 @@ class SimulatedJr3:
     def _emit(self, message: BoardMessage, sent_s: float) -> None:
         self._push(encode_from_board(message, self.node_id), sent_s)
 
-    def _push(self, frame: Frame, sent_s: float) -> None:
+    def _push(self, frame: CanFrame, sent_s: float) -> None:
         if self.hung or self._random.random() < self._faults.get("lost", 0.0):
             return
         self._sent += 1

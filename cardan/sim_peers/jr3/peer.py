@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from cardan.errors import ConfigurationError
-from cardan.protocols.jr3_can import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, Frame, Six
+from cardan.protocols.jr3_can import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, CanFrame, Six
 from cardan.sim_peers.base import SimulatedPeer, check_faults, load_script
 from cardan.sim_peers.command import option
 from cardan.sim_peers.jr3.can_bus import PythonCanBus
@@ -98,9 +98,9 @@ class _Bus(Protocol):
 
     def close(self) -> None: ...
 
-    def receive(self, timeout_s: float) -> list[Frame]: ...
+    def receive(self, timeout_s: float) -> list[CanFrame]: ...
 
-    def send(self, frame: Frame) -> None: ...
+    def send(self, frame: CanFrame) -> None: ...
 
 
 class Jr3Peer(SimulatedPeer):

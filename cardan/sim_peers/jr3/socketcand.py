@@ -13,7 +13,7 @@ import socket
 import time
 
 from cardan.errors import AddressError
-from cardan.protocols.jr3_can import Frame
+from cardan.protocols.jr3_can import CanFrame
 
 GREETING = b"< hi >"
 OK = b"< ok >"
@@ -39,7 +39,7 @@ class Session:
         """It says what no client says; it is to be let go."""
         self._buffer = b""
 
-    def feed(self, data: bytes) -> tuple[bytes, list[Frame]]:
+    def feed(self, data: bytes) -> tuple[bytes, list[CanFrame]]:
         """Take what the client sent: what to reply, and the frames it sends to the bus."""
         self._buffer += data
         replies, frames = b"", []
@@ -71,7 +71,7 @@ class Session:
         return b"< error unknown command >"
 
 
-def frame_line(frame: Frame, stamp_s: float) -> bytes:
+def frame_line(frame: CanFrame, stamp_s: float) -> bytes:
     """How a frame reaches a client; `stamp_s` by the wall clock."""
     width = 3 if frame.arbitration_id <= 0x7FF else 8
     return (
@@ -79,7 +79,7 @@ def frame_line(frame: Frame, stamp_s: float) -> bytes:
     ).encode()
 
 
-def _frame(words: list[bytes]) -> Frame | None:
+def _frame(words: list[bytes]) -> CanFrame | None:
     """The frame of ``send ID DLC BYTE ...``, all hexadecimal; None: it is none."""
     try:
         arbitration_id, size = int(words[0], 16), int(words[1], 16)
@@ -89,7 +89,7 @@ def _frame(words: list[bytes]) -> Frame | None:
     # An identifier of eight digits is one of 29 bits, which no node here has.
     if len(words[0]) != 3 or not 0 <= arbitration_id <= 0x7FF or len(data) != size or size > 8:
         return None
-    return Frame(arbitration_id, data)
+    return CanFrame(arbitration_id, data)
 
 
 class _Client:
@@ -150,13 +150,13 @@ class SocketcandHub:
             self._listener.close()
         self._selector = self._listener = None
 
-    def receive(self, timeout_s: float) -> list[Frame]:
+    def receive(self, timeout_s: float) -> list[CanFrame]:
         """The frames of all clients, once there are some or after `timeout_s`."""
         selector = self._selector
         assert selector is not None, "receive() before open()"
         joins_s = min((client.joins_s for client in self._clients), default=float("inf"))
         timeout_s = max(0.0, min(timeout_s, joins_s - time.monotonic()))
-        frames: list[Frame] = []
+        frames: list[CanFrame] = []
         for key, events in selector.select(timeout_s):
             if key.fileobj is self._listener:
                 self._accept()
@@ -171,7 +171,7 @@ class SocketcandHub:
                 self._join(client)
         return frames
 
-    def send(self, frame: Frame, but_not_to: _Client | None = None) -> None:
+    def send(self, frame: CanFrame, but_not_to: _Client | None = None) -> None:
         """Give `frame` to every client."""
         line = frame_line(frame, time.time())
         for client in tuple(self._clients):
@@ -196,7 +196,7 @@ class SocketcandHub:
         self._selector.register(sock, selectors.EVENT_READ, client)
         self._write(client, GREETING)
 
-    def _read(self, client: _Client) -> list[Frame]:
+    def _read(self, client: _Client) -> list[CanFrame]:
         try:
             data = client.sock.recv(_CHUNK)
         except BlockingIOError:

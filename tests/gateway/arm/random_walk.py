@@ -415,7 +415,7 @@ def acknowledge(w):
 
 
 @event
-def objection(w):
+def violation(w):
     w.core.trip("the force guard objects")
 
 

@@ -54,7 +54,7 @@ def passed(*commands, dt_s=DT_S):
     """A gate that all of these passed, one a period."""
     gate = Gate(LIMITS)
     for command in commands:
-        assert gate.objection(command, dt_s) == ""
+        assert gate.violation(command, dt_s) == ""
     return gate
 
 
@@ -78,13 +78,13 @@ def passed(*commands, dt_s=DT_S):
     ],
 )
 def test_what_is_no_number_never_passes_not_even_first(command, bad):
-    assert "not numbers" in Gate(LIMITS).objection(command(bad), DT_S)
+    assert "not numbers" in Gate(LIMITS).violation(command(bad), DT_S)
 
 
 @pytest.mark.parametrize("orientation", [(0.0,) * 4, (2.0, 0.0, 0.0, 0.0), (1e300,) * 4])
 def test_an_orientation_that_is_no_rotation_does_not_pass(orientation):
     command = PoseCommand(Pose(ZERO3, Quaternion(*orientation)))
-    assert "no rotation" in Gate(LIMITS).objection(command, DT_S)
+    assert "no rotation" in Gate(LIMITS).violation(command, DT_S)
 
 
 @pytest.mark.parametrize(
@@ -97,11 +97,11 @@ def test_an_orientation_that_is_no_rotation_does_not_pass(orientation):
     ],
 )
 def test_a_command_for_another_number_of_joints_does_not_pass(command):
-    assert "for 2 joints" in passed(JointCommand((0.0, 0.0))).objection(command, DT_S)
+    assert "for 2 joints" in passed(JointCommand((0.0, 0.0))).violation(command, DT_S)
 
 
 def test_a_kind_of_command_that_nothing_limits_does_not_pass():
-    assert "nothing here limits" in Gate(LIMITS).objection(TwistCommand(Twist(ZERO3, ZERO3)), DT_S)
+    assert "nothing here limits" in Gate(LIMITS).violation(TwistCommand(Twist(ZERO3, ZERO3)), DT_S)
 
 
 # -- what leaps ----------------------------------------------------------------------------------
@@ -125,28 +125,28 @@ def test_a_kind_of_command_that_nothing_limits_does_not_pass():
     ],
 )
 def test_what_no_limit_allows_is_named(before, command, words):
-    assert words in passed(before).objection(command, DT_S)
+    assert words in passed(before).violation(command, DT_S)
 
 
 def test_a_turn_of_the_tcp_that_is_too_far_is_named():
     turned = PoseCommand(Pose(ZERO3, from_rotation_vector(Vector3(0.0, 0.1, 0.0))))
-    assert passed(at()).objection(turned, DT_S) == "a turn of the TCP by 0.1 rad"
+    assert passed(at()).violation(turned, DT_S) == "a turn of the TCP by 0.1 rad"
     spinning = at()._replace(twist=Twist(ZERO3, Vector3(0.0, 2.0, 0.0)))
-    assert passed(at()).objection(spinning, DT_S) == "a TCP turn of 2 rad/s"
+    assert passed(at()).violation(spinning, DT_S) == "a TCP turn of 2 rad/s"
 
 
 def test_joints_that_turn_round_at_once_are_held_back():
     gate = passed(JointCommand((0.0, 0.0)), JointCommand((0.0, 0.01)))
-    words = gate.objection(JointCommand((0.0, 0.0)), DT_S)
+    words = gate.violation(JointCommand((0.0, 0.0)), DT_S)
     assert words == "joint 2 to change its speed by 5 rad/s in 4 ms"
 
 
 def test_a_joint_that_is_beyond_its_range_may_only_come_back():
     gate = passed(JointCommand((2.1, 0.0)), JointCommand((2.1, 0.0)))
-    assert "joint 1 at 2.1 rad, beyond its range" in gate.objection(
+    assert "joint 1 at 2.1 rad, beyond its range" in gate.violation(
         JointCommand((2.1 + 1e-4, 0.0)), DT_S
     )
-    assert gate.objection(JointCommand((2.1 - 1e-4, 0.0)), DT_S) == ""
+    assert gate.violation(JointCommand((2.1 - 1e-4, 0.0)), DT_S) == ""
 
 
 def test_where_no_time_passes_nothing_moves():
@@ -157,26 +157,26 @@ def test_where_no_time_passes_nothing_moves():
     ):
         for dt_s in (0.0, -DT_S, NAN):
             gate = passed(before)
-            assert gate.objection(after, dt_s)
-            assert gate.objection(before, dt_s) == ""
+            assert gate.violation(after, dt_s)
+            assert gate.violation(before, dt_s) == ""
 
 
 def test_what_was_held_back_is_not_what_the_next_is_compared_with():
     gate = passed(at())
-    assert gate.objection(at(1.0), DT_S)
-    assert gate.objection(at(1.0), DT_S)
-    assert gate.objection(at(0.0005), DT_S) == ""
+    assert gate.violation(at(1.0), DT_S)
+    assert gate.violation(at(1.0), DT_S)
+    assert gate.violation(at(0.0005), DT_S) == ""
 
 
 def test_after_a_reset_any_place_may_be_the_first():
     gate = passed(JointCommand((0.0, 0.0)), JointCommand((0.004, 0.0)))
     gate.reset()
-    assert gate.objection(JointCommand((-1.9, 0.9)), DT_S) == ""
+    assert gate.violation(JointCommand((-1.9, 0.9)), DT_S) == ""
 
 
 def test_a_hold_passes_and_breaks_no_comparison():
     gate = passed(at(), HoldCommand(), at(0.0005))
-    assert gate.objection(at(0.5), DT_S)
+    assert gate.violation(at(0.5), DT_S)
 
 
 # -- periods that are uneven ---------------------------------------------------------------------
@@ -197,7 +197,7 @@ def test_full_acceleration_passes_however_uneven_the_periods_are(periods):
                 q[i] += v[i] * step
             if abs(v[0]) == fastest[0]:
                 sign = -sign
-        assert gate.objection(JointCommand(tuple(q), tuple(v)), dt_s) == ""
+        assert gate.violation(JointCommand(tuple(q), tuple(v)), dt_s) == ""
 
 
 # -- whatever comes ------------------------------------------------------------------------------
@@ -229,7 +229,7 @@ periods = st.sampled_from((0.0, 0.004, 0.01, NAN))
 def test_what_passes_is_finite_and_within_speed_and_acceleration_of_the_last(sequence):
     gate, last, rates = Gate(LIMITS), None, None
     for command, dt_s in sequence:
-        if gate.objection(command, dt_s) or isinstance(command, HoldCommand):
+        if gate.violation(command, dt_s) or isinstance(command, HoldCommand):
             rates = None if isinstance(command, HoldCommand) else rates
             continue
         dt_s = max(0.0, dt_s)

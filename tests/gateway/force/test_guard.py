@@ -1,4 +1,4 @@
-"""When a force that is gone takes the hand off the robot, in virtual time."""
+"""When a lost force disengages teleoperation, in virtual time."""
 
 import pytest
 from hypothesis import given
@@ -26,7 +26,7 @@ class Rig:
         begun_s = self.now_s
         for _ in range(max(1, round(seconds / PERIOD_S))):
             self.now_s += PERIOD_S
-            words = self.guard.objection(
+            words = self.guard.disengage_reason(
                 state, self.now_s, fixtures=fixtures, refusal=refusal, source=source
             )
             if words:
@@ -119,14 +119,14 @@ def test_a_loop_that_never_hears_of_the_clutch_in_gives_no_force():
 def test_the_share_that_warm_motors_leave():
     rig = Rig()
     pressed = {"force": Vector3(0.7, 0, 0), "force_commanded": Vector3(0.7, 0, 0)}
-    assert rig.see(IN._replace(squeeze=0.36, **pressed), 10.0)[0] == ""
-    assert "let them cool down" in rig.see(IN._replace(squeeze=0.19, **pressed), 1.0)[0]
+    assert rig.see(IN._replace(thermal_derating=0.36, **pressed), 10.0)[0] == ""
+    assert "let them cool down" in rig.see(IN._replace(thermal_derating=0.19, **pressed), 1.0)[0]
 
 
 def test_a_force_of_long_pressing_is_not_taken_for_one_of_warm_motors():
     rig = Rig()
     strong = {"force": Vector3(0.88, 0, 0), "force_commanded": Vector3(2.0, 0, 0)}
-    assert rig.see(IN._replace(squeeze=0.44, **strong), 10.0)[0] == ""
+    assert rig.see(IN._replace(thermal_derating=0.44, **strong), 10.0)[0] == ""
 
 
 def test_a_measured_force_that_ends_is_missed_and_one_that_never_was_is_not():

@@ -177,10 +177,14 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     [
         ({"state": OperatingState.FAULT, "reason": "fault: it flew"}, 0.0, "fault: it flew"),
         ({"state": OperatingState.DISABLED, "reason": "not enabled"}, 0.0, "not enabled"),
-        ({"state": OperatingState.PAUSED, "reason": "it buzzed"}, 0.15, "it buzzed"),
-        ({"squeeze": 0.15}, 0.0, "limited to 15%"),
+        ({"state": OperatingState.PAUSED, "reason": "it oscillated"}, 0.15, "it oscillated"),
+        ({"thermal_derating": 0.15}, 0.0, "limited to 15%"),
         (
-            {"squeeze": 0.3, "force": Vector3(0.5, 0, 0), "force_commanded": Vector3(0.9, 0, 0)},
+            {
+                "thermal_derating": 0.3,
+                "force": Vector3(0.5, 0, 0),
+                "force_commanded": Vector3(0.9, 0, 0),
+            },
             0.15,
             "limited to 30%",
         ),

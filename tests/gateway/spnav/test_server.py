@@ -13,7 +13,7 @@ import pytest
 
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
-from cardan.drivers.spacemouse.transports import FoundDevice, Link, Transport
+from cardan.drivers.spacemouse.transports import HidCandidate, Link, Transport
 from cardan.errors import AddressError, DeviceNotFoundError
 from cardan.gateway.spnav import (
     DeviceIdentity,
@@ -478,7 +478,7 @@ class OneDevice(Transport):
     name = "stand-in"
 
     def __init__(self, model):
-        self.found = FoundDevice(
+        self.found = HidCandidate(
             model.name, model.vendor_id, model.product_id, self.name, "here", model=model
         )
 

@@ -34,8 +34,8 @@ class TwistFilter(Driver):
         It is called when nobody drives or the robot is silent too, with a twist of zero and
         perhaps without `robot.pose`, so that the sensor is always read; what it then returns is
         not used, because a filter cannot start a motion. Now is `robot.stamp_s`. Never blocks,
-        never raises, never gives a value that is not finite: any of the last two takes the
-        operator's hand off the robot.
+        never raises, never gives a value that is not finite: either of the last two disengages
+        teleoperation.
         """
 
     @abstractmethod
