@@ -1,7 +1,6 @@
 """Braking bounds hold in discrete time, whatever the periods."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.braking import stopping_speed
 

@@ -13,8 +13,7 @@ import random
 import pytest
 
 from cardan.drivers.spacemouse.core import SLOW_STALE_AFTER_S
-from cardan.drivers.spnav import SpnavCore, SpnavOptions
-from cardan.drivers.spnav import core as spnav
+from cardan.drivers.spnav import SpnavCore, SpnavOptions, core as spnav
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.leap import decode_service
 from cardan.protocols.spnav import encode_button, encode_motion

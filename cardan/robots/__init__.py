@@ -1,29 +1,15 @@
 """Arm models as data (URDF of primitives and a few lines of TOML), and their loader."""
 
 from cardan.robots.arm_model import (
-    TIME_TO_FULL_SPEED_S,
-    ArmModel,
-    BodyShape,
-    Box,
-    Capsule,
-    JointKind,
-    Shape,
-    SixWeights,
-    arm_names,
-    load_arm,
-    parse_urdf,
+    TIME_TO_FULL_SPEED_S as TIME_TO_FULL_SPEED_S,
+    ArmModel as ArmModel,
+    BodyShape as BodyShape,
+    Box as Box,
+    Capsule as Capsule,
+    JointKind as JointKind,
+    Shape as Shape,
+    SixWeights as SixWeights,
+    arm_names as arm_names,
+    load_arm as load_arm,
+    parse_urdf as parse_urdf,
 )
-
-__all__ = [
-    "TIME_TO_FULL_SPEED_S",
-    "ArmModel",
-    "BodyShape",
-    "Box",
-    "Capsule",
-    "JointKind",
-    "Shape",
-    "SixWeights",
-    "arm_names",
-    "load_arm",
-    "parse_urdf",
-]

@@ -6,11 +6,9 @@ The layers hold the units of the wire, the codec SI: the conversions here are a 
 import math
 
 import pytest
-from hypothesis import assume, example, given
-from hypothesis import strategies as st
+from hypothesis import assume, example, given, strategies as st
 
-from cardan.dissect import connexion as hid_layers
-from cardan.dissect import egm as layers
+from cardan.dissect import connexion as hid_layers, egm as layers
 from cardan.dissect.protobuf import tagged
 from cardan.protocols import connexion, egm
 from cardan.types import Pose, Quaternion, Twist, Vector3

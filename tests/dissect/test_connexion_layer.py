@@ -1,8 +1,7 @@
 """The 3Dconnexion layers against worked reports, in both directions, and against damage."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.dissect.connexion import (
     V3DK,

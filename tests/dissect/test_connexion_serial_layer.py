@@ -1,8 +1,7 @@
 """The layers of serial devices against worked packets and the codec, and against damage."""
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from cardan.dissect import connexion_serial as layers
 from cardan.dissect.connexion_serial import (

@@ -6,15 +6,13 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.packet import Raw
 from scapy.utils import wrpcap
 
-from cardan.dissect import dissect_file
-from cardan.dissect import joint_stream as layers
+from cardan.dissect import dissect_file, joint_stream as layers
 from cardan.dissect.joint_stream import (
     JointStream,
     JointStreamBroken,

@@ -4,13 +4,11 @@ import io
 import struct
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from scapy.layers.can import CAN
 from scapy.utils import RawPcapWriter
 
-from cardan.dissect import dissect_file
-from cardan.dissect import jr3_can as layers
+from cardan.dissect import dissect_file, jr3_can as layers
 from cardan.dissect.jr3_can import BrokenFrame, UnknownFrame, dissect
 from cardan.dissect.jr3_can_text import describe
 from cardan.errors import ConfigurationError

@@ -5,15 +5,13 @@ import re
 import struct
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 from scapy.packet import Raw
 from scapy.utils import wrpcap
 
-from cardan.dissect import dissect_file
-from cardan.dissect import simple_message as sm
+from cardan.dissect import dissect_file, simple_message as sm
 from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.reader import Options

@@ -5,8 +5,7 @@ import struct
 import sys
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from cardan.dissect import spnav as layers
 from cardan.dissect.spnav import (

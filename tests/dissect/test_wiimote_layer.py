@@ -1,8 +1,7 @@
 """The Wii Remote's layers against worked reports, against the codec, and against damage."""
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.dissect import wiimote as layers
 from cardan.dissect.wiimote import (

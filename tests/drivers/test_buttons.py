@@ -1,7 +1,6 @@
 """Button edges: none lost, none reordered, all released when nobody can tell any more."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers import buttons
 from cardan.drivers.buttons import ButtonEdges

@@ -14,8 +14,7 @@ from typing import Any
 import pytest
 
 from cardan.drivers import registry
-from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions, address
-from cardan.drivers.abb_egm import driver as driver_module
+from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions, address, driver as driver_module
 from cardan.errors import AddressError, CommandError, DriverError, NotOpenError
 from cardan.protocols.egm import EgmMeasuredForce, EgmRapidData
 from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotLink, RobotState

@@ -9,8 +9,7 @@ import time
 import pytest
 
 from cardan.drivers import reading
-from cardan.drivers.evdev import device as shell
-from cardan.drivers.evdev import links, nodes
+from cardan.drivers.evdev import device as shell, links, nodes
 from cardan.drivers.evdev.core import UNREAD_AFTER_S
 from cardan.drivers.gamepad import Gamepad, GamepadOptions
 from cardan.drivers.keyboard import Keyboard, KeyboardOptions

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.abb_egm import AbbEgmOptions
 from cardan.drivers.motoros.options import MotorosOptions
@@ -18,8 +17,13 @@ from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.errors import CommandError
 from cardan.protocols.egm import Malformed, decode_from_pc
-from cardan.protocols.joint_stream import ArmCommand, ArmState, decode_command, encode_state
-from cardan.protocols.joint_stream import ControlMode as ArmMode
+from cardan.protocols.joint_stream import (
+    ArmCommand,
+    ArmState,
+    ControlMode as ArmMode,
+    decode_command,
+    encode_state,
+)
 from cardan.protocols.simple_message import Message, wire
 from cardan.types import (
     HoldCommand,

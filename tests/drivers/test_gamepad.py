@@ -1,13 +1,11 @@
 """The gamepad's core: layouts, buttons, models, rest."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.evdev.nodes import Description, Snapshot
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
-from cardan.protocols.evdev import AbsInfo, InputEvent, encode_events
-from cardan.protocols.evdev import codes as c
+from cardan.protocols.evdev import AbsInfo, InputEvent, codes as c, encode_events
 from cardan.types import DeviceLink
 from tests.drivers.evdev_bench import REST, Bench
 

@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.jr3_can import Jr3Core, Jr3Options
 from cardan.errors import CommandError

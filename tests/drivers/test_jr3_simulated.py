@@ -9,8 +9,7 @@ import time
 
 import pytest
 
-from cardan.drivers.jr3_can import Jr3, Jr3Options, bus, can_interfaces
-from cardan.drivers.jr3_can import device as device_module
+from cardan.drivers.jr3_can import Jr3, Jr3Options, bus, can_interfaces, device as device_module
 from cardan.errors import (
     CommandError,
     DeviceNotFoundError,

@@ -10,8 +10,7 @@ import threading
 import time
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.leap import Leap, LeapOptions, core
 from cardan.drivers.leap.connection import connect

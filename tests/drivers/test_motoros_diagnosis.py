@@ -7,8 +7,7 @@ import itertools
 import re
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words, status_in_words
 from cardan.protocols.simple_message import (

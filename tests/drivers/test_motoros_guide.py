@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.motoros.guide import LONGEST_STEP_S, JointGuide
 from cardan.errors import CommandError, ConfigurationError

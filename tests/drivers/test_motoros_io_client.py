@@ -8,8 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.motoros.diagnosis import io_result_in_words
 from cardan.drivers.motoros.io_client import (

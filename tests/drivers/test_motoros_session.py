@@ -4,8 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion_control import Phase

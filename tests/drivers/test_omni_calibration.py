@@ -1,8 +1,7 @@
 """When force is allowed and what the operator is told, by what the library's check answers."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.omni.calibration import (
     SETTLE_S,

@@ -5,8 +5,7 @@ import dataclasses
 
 import pyspacemouse
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from pyspacemouse.config_helpers import apply_axis_convention
 from pyspacemouse.device import SpaceMouseDevice
 from pyspacemouse.types import AxisConvention

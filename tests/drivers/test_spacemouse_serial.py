@@ -9,8 +9,7 @@ import time
 import types
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.drivers import reading
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseCore, SpaceMouseOptions, serial_port

@@ -4,8 +4,7 @@ import itertools
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.shaping import NEUTRAL, Shaper
 from cardan.drivers.spacemouse import SpaceMouseOptions

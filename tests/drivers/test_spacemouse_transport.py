@@ -17,10 +17,10 @@ from cardan.drivers import access, base, reading, registry
 from cardan.drivers.spacemouse import (
     SpaceMouse,
     SpaceMouseOptions,
+    device as shell,
     list_devices,
     transports,
 )
-from cardan.drivers.spacemouse import device as shell
 from cardan.drivers.spacemouse.transports import HidTransport, SocketTransport
 from cardan.errors import (
     CommandError,

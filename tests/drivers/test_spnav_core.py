@@ -3,8 +3,7 @@
 import struct
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.drivers.spnav.core import (

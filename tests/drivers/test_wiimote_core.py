@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.wiimote import Identity, WiimoteCore, WiimoteOptions
 from cardan.drivers.wiimote.core import BUTTON_NAMES, STALE_AFTER_S

@@ -6,8 +6,7 @@ import types
 import pytest
 
 from cardan.drivers import reading
-from cardan.drivers.wiimote import Wiimote, WiimoteOptions
-from cardan.drivers.wiimote import device as device_module
+from cardan.drivers.wiimote import Wiimote, WiimoteOptions, device as device_module
 from cardan.drivers.wiimote.transports import Found, Link, Transport
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
 from cardan.sim_peers.wiimote import FAULTS, WiimotePeer, WiimotePeerOptions

@@ -1,8 +1,7 @@
 """What a hand means, whatever it does."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.drivers.wiimote.core import BUTTON_NAMES, NUNCHUK_BUTTONS
 from cardan.drivers.wiimote.options import ROLES as ROLE_NAMES

@@ -1,8 +1,7 @@
 """The device table, and the descriptors made from it."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from pyspacemouse.loader import get_device_specs
 
 from cardan.protocols.connexion import (

@@ -1,8 +1,7 @@
 """Reports against worked bytes, their own inverses, and arbitrary bytes."""
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from cardan.protocols.connexion import (
     Battery,

@@ -3,8 +3,7 @@
 import itertools
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.protocols.connexion import to_robot_axes
 from cardan.protocols.connexion_serial import (

@@ -3,15 +3,13 @@
 from contextlib import suppress
 
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from cardan.protocols import egm
 from cardan.protocols.egm import Malformed
 from tests.dissect.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 
-from . import egm_oracle as oracle
-from . import egm_values as values
+from . import egm_oracle as oracle, egm_values as values
 from .egm_wire import double, messages, spoilt, tagged, varint
 
 bounded = settings(max_examples=250, deadline=None, derandomize=True)

@@ -6,8 +6,7 @@ import enum
 import struct
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import codec, messages

@@ -4,8 +4,7 @@ import contextlib
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.robots import arm_names, load_arm, parse_urdf

@@ -10,13 +10,11 @@ import stat
 import time
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.errors import AddressError, ScriptError
 from cardan.protocols import evdev
-from cardan.protocols.evdev import codes as c
-from cardan.protocols.evdev import uinput
+from cardan.protocols.evdev import codes as c, uinput
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.evdev import (
     FAULTS,

@@ -7,8 +7,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.protocols.leap import hand_orientation, pitch_yaw_roll
 from cardan.sim_peers.leap import Anatomy, HandPosture, rotation_rows

@@ -6,8 +6,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.protocols.simple_message import InvalidSubcode
 from cardan.sim_peers.motoros_controller.group import ControlGroup, milliseconds

@@ -8,8 +8,7 @@ import struct
 from collections import defaultdict
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.protocols.simple_message import (
     ByteOrder,

@@ -6,8 +6,7 @@ import itertools
 import math
 
 import pytest
-from hypothesis import given, reject
-from hypothesis import strategies as st
+from hypothesis import given, reject, strategies as st
 
 from cardan.errors import ScriptError
 from cardan.protocols.hdapi import rotation_to_hand, to_hand

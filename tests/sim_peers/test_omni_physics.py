@@ -10,8 +10,7 @@ from ctypes import c_double, c_int, c_long
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from cardan.protocols.hdapi import Error, Info, State
 from tests.sim_peers.omni_virtual import LibHD, needs_library, program

@@ -6,8 +6,7 @@ import contextlib
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep, parse_script

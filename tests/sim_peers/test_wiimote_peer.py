@@ -37,8 +37,7 @@ from cardan.sim_peers.uhid import (
     Output,
     SetReport,
 )
-from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
-from cardan.sim_peers.wiimote import carriers as carriers_module
+from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions, carriers as carriers_module
 from cardan.sim_peers.wiimote.carriers import (
     BluetoothChannels,
     UhidCarrier,

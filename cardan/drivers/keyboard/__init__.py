@@ -1,7 +1,11 @@
 """A keyboard as an operator device: keys held down move the robot."""
 
-from cardan.drivers.keyboard.core import KeyboardCore
-from cardan.drivers.keyboard.device import Keyboard
-from cardan.drivers.keyboard.options import KeyboardOptions
-
-__all__ = ["Keyboard", "KeyboardCore", "KeyboardOptions"]
+from cardan.drivers.keyboard.core import (
+    KeyboardCore as KeyboardCore,
+)
+from cardan.drivers.keyboard.device import (
+    Keyboard as Keyboard,
+)
+from cardan.drivers.keyboard.options import (
+    KeyboardOptions as KeyboardOptions,
+)

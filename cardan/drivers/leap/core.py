@@ -21,8 +21,7 @@ from types import MappingProxyType
 from cardan.drivers.buttons import ButtonEdges
 from cardan.drivers.leap.lag import Lag
 from cardan.drivers.leap.options import LeapOptions
-from cardan.drivers.leap.tracking import COUNTERS as TRACKING_COUNTERS
-from cardan.drivers.leap.tracking import HandTracker
+from cardan.drivers.leap.tracking import COUNTERS as TRACKING_COUNTERS, HandTracker
 from cardan.drivers.shaping import NEUTRAL
 from cardan.protocols.leap import (
     SKELETON_SINCE,

@@ -14,8 +14,18 @@ import re
 import struct
 import threading
 from collections.abc import Iterator, Mapping
-from ctypes import c_char_p, c_double, c_float, c_int, c_long, c_ubyte, c_uint, c_ulong, c_ushort
-from ctypes import c_void_p as pointer
+from ctypes import (
+    c_char_p,
+    c_double,
+    c_float,
+    c_int,
+    c_long,
+    c_ubyte,
+    c_uint,
+    c_ulong,
+    c_ushort,
+    c_void_p as pointer,
+)
 from pathlib import Path
 from typing import Any, NamedTuple
 

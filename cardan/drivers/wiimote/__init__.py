@@ -1,7 +1,12 @@
 """Nintendo's Wii Remote as an operator device."""
 
-from cardan.drivers.wiimote.core import Identity, WiimoteCore
-from cardan.drivers.wiimote.device import Wiimote
-from cardan.drivers.wiimote.options import WiimoteOptions
-
-__all__ = ["Identity", "Wiimote", "WiimoteCore", "WiimoteOptions"]
+from cardan.drivers.wiimote.core import (
+    Identity as Identity,
+    WiimoteCore as WiimoteCore,
+)
+from cardan.drivers.wiimote.device import (
+    Wiimote as Wiimote,
+)
+from cardan.drivers.wiimote.options import (
+    WiimoteOptions as WiimoteOptions,
+)

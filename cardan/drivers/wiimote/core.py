@@ -28,6 +28,7 @@ from cardan.protocols.wiimote import (
     Interleaved,
     Leds,
     MalformedReport,
+    Rumble as RumbleReport,
     Status,
     button_labels,
     decode_dots,
@@ -42,9 +43,6 @@ from cardan.protocols.wiimote import (
     to_operator_axes,
     to_rad_s,
     with_rumble,
-)
-from cardan.protocols.wiimote import (
-    Rumble as RumbleReport,
 )
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
 

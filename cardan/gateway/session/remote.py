@@ -21,8 +21,7 @@ from cardan.errors import (
 )
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.gateway.arm.motion import Motion
-from cardan.gateway.arm.motion import Outcome as MotionOutcome
+from cardan.gateway.arm.motion import Motion, Outcome as MotionOutcome
 from cardan.gateway.session.assembly import load_config, why_no_verbs
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.requests import (

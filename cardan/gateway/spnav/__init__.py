@@ -1,16 +1,17 @@
 """Serves any operator device to the programs that know spacenavd."""
 
-from cardan.gateway.spnav.core import SpnavServerCore
-from cardan.gateway.spnav.identity import DeviceIdentity, identity_of
-from cardan.gateway.spnav.options import SpnavServerOptions
-from cardan.gateway.spnav.server import SpnavServer, SpnavService, serve_device
-
-__all__ = [
-    "DeviceIdentity",
-    "SpnavServer",
-    "SpnavServerCore",
-    "SpnavServerOptions",
-    "SpnavService",
-    "identity_of",
-    "serve_device",
-]
+from cardan.gateway.spnav.core import (
+    SpnavServerCore as SpnavServerCore,
+)
+from cardan.gateway.spnav.identity import (
+    DeviceIdentity as DeviceIdentity,
+    identity_of as identity_of,
+)
+from cardan.gateway.spnav.options import (
+    SpnavServerOptions as SpnavServerOptions,
+)
+from cardan.gateway.spnav.server import (
+    SpnavServer as SpnavServer,
+    SpnavService as SpnavService,
+    serve_device as serve_device,
+)

@@ -4,65 +4,42 @@ Source: ABB Application manual, Externally Guided Motion, RobotWare 7.16 (3HAC07
 published ``egm.proto`` of RobotWare 6.08 to 7.16.
 """
 
-from cardan.protocols.egm.decode import decode_feedback, decode_from_pc, decode_robot
+from cardan.protocols.egm.decode import (
+    decode_feedback as decode_feedback,
+    decode_from_pc as decode_from_pc,
+    decode_robot as decode_robot,
+)
 from cardan.protocols.egm.encode import (
-    encode_path_corr,
-    encode_rapid_to_robot,
-    encode_robot,
-    encode_sensor,
+    encode_path_corr as encode_path_corr,
+    encode_rapid_to_robot as encode_rapid_to_robot,
+    encode_robot as encode_robot,
+    encode_sensor as encode_sensor,
 )
 from cardan.protocols.egm.messages import (
-    DNUM_MAX,
-    MAX_DATAGRAM_BYTES,
-    EgmCollisionInfo,
-    EgmFeedback,
-    EgmHeader,
-    EgmMeasuredForce,
-    EgmMotion,
-    EgmPose,
-    EgmRapidData,
-    EgmRobot,
-    EgmSensor,
-    EgmSensorPathCorr,
-    EgmSpeedRef,
-    Fault,
-    Malformed,
-    MCIState,
-    MessageType,
-    MotorState,
-    RapidState,
+    DNUM_MAX as DNUM_MAX,
+    MAX_DATAGRAM_BYTES as MAX_DATAGRAM_BYTES,
+    EgmCollisionInfo as EgmCollisionInfo,
+    EgmFeedback as EgmFeedback,
+    EgmHeader as EgmHeader,
+    EgmMeasuredForce as EgmMeasuredForce,
+    EgmMotion as EgmMotion,
+    EgmPose as EgmPose,
+    EgmRapidData as EgmRapidData,
+    EgmRobot as EgmRobot,
+    EgmSensor as EgmSensor,
+    EgmSensorPathCorr as EgmSensorPathCorr,
+    EgmSpeedRef as EgmSpeedRef,
+    Fault as Fault,
+    Malformed as Malformed,
+    MCIState as MCIState,
+    MessageType as MessageType,
+    MotorState as MotorState,
+    RapidState as RapidState,
 )
-from cardan.protocols.egm.reader import FeedbackReader
-from cardan.protocols.egm.replies import encode_joint_reply, encode_pose_reply
-
-__all__ = [
-    "DNUM_MAX",
-    "MAX_DATAGRAM_BYTES",
-    "EgmCollisionInfo",
-    "EgmFeedback",
-    "EgmHeader",
-    "EgmMeasuredForce",
-    "EgmMotion",
-    "EgmPose",
-    "EgmRapidData",
-    "EgmRobot",
-    "EgmSensor",
-    "EgmSensorPathCorr",
-    "EgmSpeedRef",
-    "Fault",
-    "FeedbackReader",
-    "MCIState",
-    "Malformed",
-    "MessageType",
-    "MotorState",
-    "RapidState",
-    "decode_feedback",
-    "decode_from_pc",
-    "decode_robot",
-    "encode_joint_reply",
-    "encode_path_corr",
-    "encode_pose_reply",
-    "encode_rapid_to_robot",
-    "encode_robot",
-    "encode_sensor",
-]
+from cardan.protocols.egm.reader import (
+    FeedbackReader as FeedbackReader,
+)
+from cardan.protocols.egm.replies import (
+    encode_joint_reply as encode_joint_reply,
+    encode_pose_reply as encode_pose_reply,
+)

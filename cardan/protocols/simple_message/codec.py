@@ -9,8 +9,7 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 from cardan.protocols.simple_message import messages as m
-from cardan.protocols.simple_message.codes import MessageType as T
-from cardan.protocols.simple_message.codes import name_of
+from cardan.protocols.simple_message.codes import MessageType as T, name_of
 from cardan.protocols.simple_message.framing import (
     HEADER_BYTES,
     PREFIX_BYTES,

@@ -3,51 +3,34 @@
 libHD.so is compiled from the C sources beside this file; any program that loads libHD can load it.
 """
 
-from cardan.sim_peers.omni.hand import SCRIPT_VERBS, SCRIPTS, compile_script, load_motion
+from cardan.sim_peers.omni.hand import (
+    SCRIPT_VERBS as SCRIPT_VERBS,
+    SCRIPTS as SCRIPTS,
+    compile_script as compile_script,
+    load_motion as load_motion,
+)
 from cardan.sim_peers.omni.library import (
-    LIBRARY_NAMES,
-    LIBRARY_VARIABLE,
-    SETTINGS_VARIABLE,
-    OmniTruth,
-    SimulatedOmni,
-    available,
-    library_path,
+    LIBRARY_NAMES as LIBRARY_NAMES,
+    LIBRARY_VARIABLE as LIBRARY_VARIABLE,
+    SETTINGS_VARIABLE as SETTINGS_VARIABLE,
+    OmniTruth as OmniTruth,
+    SimulatedOmni as SimulatedOmni,
+    available as available,
+    library_path as library_path,
 )
-from cardan.sim_peers.omni.program import environment, missing_log, run_program
+from cardan.sim_peers.omni.program import (
+    environment as environment,
+    missing_log as missing_log,
+    run_program as run_program,
+)
 from cardan.sim_peers.omni.settings import (
-    FAULTS,
-    GIMBAL_NOISE_LSB,
-    INKWELL_M,
-    MODELS,
-    HandMotion,
-    OmniFault,
-    OmniSettings,
-    Waypoint,
-    parse_omni_faults,
+    FAULTS as FAULTS,
+    GIMBAL_NOISE_LSB as GIMBAL_NOISE_LSB,
+    INKWELL_M as INKWELL_M,
+    MODELS as MODELS,
+    HandMotion as HandMotion,
+    OmniFault as OmniFault,
+    OmniSettings as OmniSettings,
+    Waypoint as Waypoint,
+    parse_omni_faults as parse_omni_faults,
 )
-
-__all__ = [
-    "FAULTS",
-    "GIMBAL_NOISE_LSB",
-    "INKWELL_M",
-    "LIBRARY_NAMES",
-    "LIBRARY_VARIABLE",
-    "MODELS",
-    "SCRIPTS",
-    "SCRIPT_VERBS",
-    "SETTINGS_VARIABLE",
-    "HandMotion",
-    "OmniFault",
-    "OmniSettings",
-    "OmniTruth",
-    "SimulatedOmni",
-    "Waypoint",
-    "available",
-    "compile_script",
-    "environment",
-    "library_path",
-    "load_motion",
-    "missing_log",
-    "parse_omni_faults",
-    "run_program",
-]

@@ -26,8 +26,13 @@ from cardan.protocols.connexion_serial import (
     keys_of_mask,
 )
 from cardan.protocols.connexion_serial.magellan import ALPHABET, COMPRESSED_MAX, COMPRESSED_MIN
-from cardan.protocols.connexion_serial.spaceball import LONGEST_PERIOD, PERIOD_UNIT_S, XOFF, XON
-from cardan.protocols.connexion_serial.spaceball import SpaceballKeys as Keys
+from cardan.protocols.connexion_serial.spaceball import (
+    LONGEST_PERIOD,
+    PERIOD_UNIT_S,
+    XOFF,
+    XON,
+    SpaceballKeys as Keys,
+)
 from cardan.protocols.connexion_serial.spaceorb import COUNT_MAX, COUNT_MIN, HEARTBEAT_S
 from cardan.sim_peers.spacemouse.core import NEUTRAL
 from cardan.sim_peers.spacemouse.serial_line import SerialLine

@@ -1,19 +1,20 @@
 """A simulated Wii Remote: its memory and sensors, the hand that holds it, and ways to reach it."""
 
-from cardan.sim_peers.wiimote.core import EXTENSIONS, LogEntry, SimulatedWiimote
-from cardan.sim_peers.wiimote.faults import FAULTS
-from cardan.sim_peers.wiimote.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand, play
-from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
-
-__all__ = [
-    "EXTENSIONS",
-    "FAULTS",
-    "SCRIPTS",
-    "SCRIPT_VERBS",
-    "LogEntry",
-    "ScriptedHand",
-    "SimulatedWiimote",
-    "WiimotePeer",
-    "WiimotePeerOptions",
-    "play",
-]
+from cardan.sim_peers.wiimote.core import (
+    EXTENSIONS as EXTENSIONS,
+    LogEntry as LogEntry,
+    SimulatedWiimote as SimulatedWiimote,
+)
+from cardan.sim_peers.wiimote.faults import (
+    FAULTS as FAULTS,
+)
+from cardan.sim_peers.wiimote.hand import (
+    SCRIPT_VERBS as SCRIPT_VERBS,
+    SCRIPTS as SCRIPTS,
+    ScriptedHand as ScriptedHand,
+    play as play,
+)
+from cardan.sim_peers.wiimote.peer import (
+    WiimotePeer as WiimotePeer,
+    WiimotePeerOptions as WiimotePeerOptions,
+)

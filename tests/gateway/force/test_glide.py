@@ -4,8 +4,7 @@ import itertools
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.gateway.force.fixtures import world_point
 from cardan.gateway.force.glide import GLIDE_M_S, LONGEST_STEP_S, MapGlide

@@ -1,8 +1,7 @@
 """When a lost force disengages teleoperation, in virtual time."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.gateway.force.guard import BEGINS_WITHIN_S, FORCE_LOST_S, ForceGuard
 from cardan.haptics import HapticState, OperatingState

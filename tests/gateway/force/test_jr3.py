@@ -26,8 +26,7 @@ from cardan.spatial import from_euler_zyx
 from cardan.types import DeviceCapabilities
 from tests.drivers import jr3_rig
 from tests.gateway.force.fakes import PERIOD_S, robot_state
-from tests.gateway.force.test_session import ScriptedRobot, drivers  # noqa: F401
-from tests.gateway.force.test_session import session as fake_session
+from tests.gateway.force.test_session import ScriptedRobot, drivers, session as fake_session  # noqa: F401
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.realtime

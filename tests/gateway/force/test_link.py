@@ -4,8 +4,7 @@ import math
 import re
 from pathlib import Path
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.gateway.force.lease import LEASE_S, Lease
 from cardan.gateway.force.link import (

@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.gateway.hand.mapping import AXES, GripperAction, MappingOptions, Mode, TwistMapping
 from cardan.spatial import norm

@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.source import CLUTCH_WITHIN_S, HandSource, HandView

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.base import Kinematics

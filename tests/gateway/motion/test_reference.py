@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.spatial import from_rotation_vector, norm, rotate, rotation_between, scale, subtract

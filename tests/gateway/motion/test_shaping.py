@@ -4,8 +4,7 @@ import math
 
 import pytest
 import ruckig
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.motion.profiles import JerkLimited

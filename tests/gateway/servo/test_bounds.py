@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.servo.bounds import JointBounds

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle

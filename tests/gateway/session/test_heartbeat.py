@@ -1,7 +1,6 @@
 """A session whose supervisor fell silent does not move the arm."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.session.heartbeat import BEAT_PERIOD_S, Heartbeat

@@ -36,8 +36,7 @@ from cardan.gateway.session.heartbeat import BEAT_PERIOD_S
 from cardan.gateway.session.remote import RemoteArm
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.supervisor import Outcome as SessionOutcome
-from cardan.gateway.session.supervisor import SessionProcess
+from cardan.gateway.session.supervisor import Outcome as SessionOutcome, SessionProcess
 from cardan.robots import load_arm
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState

@@ -4,8 +4,7 @@ import struct
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.gateway.spnav import DeviceIdentity, SpnavServerCore, SpnavServerOptions
 from cardan.gateway.spnav.client import QUIET_S, UNREAD_EDGES

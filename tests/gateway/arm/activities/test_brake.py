@@ -1,8 +1,7 @@
 """Braking from whatever speed an arm has."""
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.gateway.arm.activities.base import ARRIVED
 from cardan.gateway.arm.activities.brake import Brake

@@ -1,8 +1,7 @@
 """A command that lost its robot is brought back to it: slowly, and not for ever."""
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from cardan.gateway.arm.activities.recover import MARGIN_M, MARGIN_SHARE, Recover
 from cardan.gateway.arm.body import (

@@ -1,8 +1,7 @@
 """The proximity rule in virtual time."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from cardan.gateway.hand.filters.proximity import PeakFilter, ProximityFilter, ProximityOptions
 from cardan.types import ZERO_TWIST, Frame, Twist, Vector3
