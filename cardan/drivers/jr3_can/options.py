@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
+from cardan.options import check_options
 from cardan.bounds import Range
 from cardan.protocols.jr3_can import MAX_CUTOFF_HZ, MAX_NODE_ID
 
@@ -91,12 +92,10 @@ class Jr3Options:
     """open() succeeds without a sensor, which is picked up once it answers."""
 
     def __post_init__(self) -> None:
-        bounds.check_ranges(self)
+        check_options(self)
         for key in ("interface", "channel"):
             if not getattr(self, key):
                 raise ValueError(f"{key} is ''; it needs a name, as python-can calls it")
-        if self.mode not in MODES:
-            raise ValueError(f"mode is {self.mode!r}; allowed: {', '.join(MODES)}")
         if 0.0 < self.cutoff_hz < 0.01:
             raise ValueError(f"cutoff_hz is {self.cutoff_hz!r}; allowed: 0, or 0.01 Hz and more")
         for key in (

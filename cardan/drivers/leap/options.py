@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
+from cardan.options import check_options
 from cardan.protocols.leap import PORT
 
 HAND_CHOICES = ("first", "left", "right")
@@ -52,10 +53,6 @@ class LeapOptions:
     """open() succeeds without the service, which is picked up once it runs."""
 
     def __post_init__(self) -> None:
-        bounds.check_ranges(self)
-        for name, allowed in (("hand", HAND_CHOICES), ("clutch", CLUTCHES)):
-            value = getattr(self, name)
-            if value not in allowed:
-                raise ValueError(f"{name} is {value!r}; allowed: {', '.join(allowed)}")
+        check_options(self)
         if not self.host:
             raise ValueError("host is ''; allowed: a host name or an address")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
+from cardan.options import check_options
 from cardan.protocols.spnav import DEFAULT_SOCKET
 
 ACCESS = ("owner", "everybody")
@@ -30,7 +31,7 @@ class SpnavServerOptions:
     known."""
 
     def __post_init__(self) -> None:
-        bounds.check_ranges(self)
+        check_options(self)
         if not 0 < len(self.socket.encode()) <= LONGEST_PATH_BYTES or "\0" in self.socket:
             raise ValueError(
                 f"socket is {self.socket!r}; allowed: a path of up to {LONGEST_PATH_BYTES} bytes"

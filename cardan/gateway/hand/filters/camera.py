@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from cardan import bounds
-from cardan.bounds import check_ranges
+from cardan.options import check_options
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.filters.listener import DatagramListener, check_host
 from cardan.gateway.hand.filters.readings import Malformed, decode_centroid
@@ -41,7 +41,7 @@ class CameraOptions:
     """How long a target still counts after it was last seen."""
 
     def __post_init__(self) -> None:
-        check_ranges(self)
+        check_options(self)
         check_host(self.host)
 
 
