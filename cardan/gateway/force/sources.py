@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
+from cardan.haptics import WorldMap
 from cardan.spatial import add, dot, is_finite, norm, scale, subtract
 from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3
 
@@ -80,6 +81,11 @@ class ForceSource(ABC):
     @abstractmethod
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
         """The newest reading in the cycle of `state`; None while there is none."""
+
+    def publish(  # noqa: B027
+        self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
+    ) -> None:
+        """Tell the robot's state, before each `read`, to whom the force is made by elsewhere."""
 
     def diagnosis(self) -> tuple[str, ...]:
         """What stands in the way, in plain words."""

@@ -23,6 +23,7 @@ from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.common.tables import DriverTable, keys_of, read_table
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.fixtures import FixtureSet
+from cardan.gateway.force.input import ForceInput
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import (
@@ -383,15 +384,21 @@ def make_force(
         )
     table = config.force
     source = make_source(table)
+    measured = None
+    if source is not None:
+        measured = ForceInput(
+            source,
+            make_conditioner(table, source),
+            max_age_s=table.max_age_s,
+            stiffness_n_m=table.stiffness_n_m,
+            contact_target_n=table.contact_target_n,
+        )
     return ForceRenderer(
         device,
         FixtureSet(config.fixtures),
-        source,
-        make_conditioner(table, source),
+        measured,
         rendering=config.gives_force,
         max_age_s=table.max_age_s,
-        stiffness_n_m=table.stiffness_n_m,
-        contact_target_n=table.contact_target_n,
         warnings=_force_warnings(config, device, robot),
     )
 

@@ -139,8 +139,8 @@ class Session:
                 opened.enter_context(each)
             if self._force is not None:
                 opened.callback(self._force.stop)
-                if self._force.source is not None:
-                    opened.enter_context(self._force.source)
+                if self._force.measured is not None:
+                    opened.enter_context(self._force.measured.source)
                 self._force.start(self._tcp)
             if (spnav := self._spnav_options) is not None and device is not None:
                 self._spnav = SpnavService(

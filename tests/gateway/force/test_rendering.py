@@ -9,6 +9,7 @@ from cardan.errors import CommandError
 from cardan.gateway.force.conditioning import Conditioner, Conditioning
 from cardan.gateway.force.figures import ContactFigures, FeltFigures
 from cardan.gateway.force.fixtures import FixtureSet, matrix_of
+from cardan.gateway.force.input import ForceInput
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.force.sources import MeasuredSource, SensorSource
 from cardan.gateway.force.stability import fixture_warning, loop_warning, stable_stiffness_n_m
@@ -28,10 +29,13 @@ QUIET = Conditioning(scale=0.1, deadband_n=0.0, tare=False)
 class Rig:
     """A renderer, its device, and virtual time that goes on by one cycle of the robot."""
 
-    def __init__(self, fixtures=(), source=None, conditioning=QUIET, **options):
+    def __init__(self, fixtures=(), source=None, conditioning=QUIET, rendering=True, **options):
         self.device = FakeHaptic()
         self.renderer = ForceRenderer(
-            self.device, FixtureSet(fixtures), source, Conditioner(conditioning), **options
+            self.device,
+            FixtureSet(fixtures),
+            None if source is None else ForceInput(source, Conditioner(conditioning), **options),
+            rendering=rendering,
         )
         self.renderer.start(lambda state: state.pose)
         self.now_s = 1.0
@@ -162,7 +166,7 @@ def test_a_hand_without_a_pose_is_not_engaged():
 def test_the_sequence_goes_on_where_the_device_is():
     device = FakeHaptic()
     device.told = HapticState(command_sequence=41)
-    renderer = ForceRenderer(device, FixtureSet([SPHERE]), None, Conditioner(QUIET))
+    renderer = ForceRenderer(device, FixtureSet([SPHERE]))
     renderer.start(lambda state: state.pose)
     looked = DeviceState(1.0, DeviceLink.LIVE, REST, frozenset(), HAND)
     renderer.cycle(robot_state(1.0), looked, None, True)

@@ -149,7 +149,7 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     force = {"source": "sensor", "sensor": {"driver": "fake_sensor"}, "scale": 0.1}
 
     def sense(k, now_s, place):
-        sensor = s._force.source.device
+        sensor = s._force.measured.source.device
         if k < 300:
             sensor.measure(now_s, 0.0, 0.0, 0.0 if k < 160 else 10.0)
         else:
@@ -170,7 +170,7 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     assert "stopped before: the measured force is lost" in last.message
     assert "unplugged" in last.message
     assert "press 'button_2' to move" in last.message
-    assert s._force.source.device.calls == ["open", "close"]
+    assert s._force.measured.source.device.calls == ["open", "close"]
 
 
 @pytest.mark.parametrize(
