@@ -91,7 +91,9 @@ def refusal(hint: Any, value: object) -> str:
     if allowed := choices(hint):
         # 1 == True, and an enum of texts equals its texts.
         good = any(value == each and type(value) is type(each) for each in allowed)
-        return "" if good else f"one of {', '.join(str(_shown(each)) for each in allowed)}"
+        words = [str(_shown(each)) for each in allowed]
+        near = suggestion(value, words) if isinstance(value, str) else ""
+        return "" if good else f"one of {', '.join(words)}{near}"
     if origin is tuple:
         return _refused_elements(inner, value)
     if origin is Mapping:
@@ -117,7 +119,7 @@ def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
 
 def _refused_elements(allowed: tuple[Any, ...], value: object) -> str:
     if not isinstance(value, (tuple, list)):
-        return "several values"
+        return "several values" if allowed[-1] is Ellipsis else f"{len(allowed)} values"
     if allowed[-1] is Ellipsis:
         allowed = allowed[:1] * len(value)
     if len(allowed) != len(value):

@@ -12,7 +12,7 @@ import enum
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from types import NoneType, UnionType
-from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 from cardan.bounds import ANGLE_DEG, COORDINATE_M, DIRECTION, LENGTH_M
 from cardan.errors import ConfigurationError, OptionError
@@ -70,6 +70,11 @@ class AtMost(NamedTuple):
     most: int
 
 
+def keys_of(kind: type[Any]) -> dict[str, Field[Any]]:
+    """The keys of a table, and the fields that they set."""
+    return {each.name: each for each in fields(kind) if each.init and not each.metadata}
+
+
 def read_table(kind: type[Kind], table: object, key: str = "") -> Kind:
     """The `kind`, a dataclass, that `table` describes.
 
@@ -88,14 +93,8 @@ def read_table(kind: type[Kind], table: object, key: str = "") -> Kind:
 
 def as_table(options: Any) -> dict[str, Any]:
     """The table that describes `options`, as JSON has it: read_table makes the same of it."""
-    table: dict[str, Any] = {}
-    for each in fields(options):
-        value = getattr(options, each.name)
-        if each.metadata == OTHER_KEYS:
-            table |= value
-        elif _from_file(each):
-            table[each.name] = _plain(value)
-    return table
+    table = {key: _plain(getattr(options, key)) for key in keys_of(type(options))}
+    return table | (getattr(options, _others(type(options)), {}))
 
 
 def _plain(value: Any) -> Any:
@@ -106,15 +105,13 @@ def _plain(value: Any) -> Any:
     return value.value if isinstance(value, enum.Enum) else value
 
 
-def _from_file(each: Field[Any]) -> bool:
-    return each.init and each.metadata != CODE_ONLY
+def _others(kind: Any) -> str:
+    """The field that takes all keys that no other field has; empty: there is none."""
+    return next((each.name for each in fields(kind) if each.metadata == OTHER_KEYS), "")
 
 
-def keys_of(kind: type[Any]) -> dict[str, Field[Any]]:
-    """The keys of a table, and the fields that they set."""
-    return {
-        each.name: each for each in fields(kind) if _from_file(each) and each.metadata != OTHER_KEYS
-    }
+def _below(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
 
 
 class _Reader:
@@ -123,37 +120,34 @@ class _Reader:
     def __init__(self) -> None:
         self.errors: list[ConfigurationError] = []
 
+    def _wrong(self, key: str, message: str) -> None:
+        self.errors.append(ConfigurationError(key, message))
+
     def table(self, kind: Any, table: object, key: str, tag: str = "") -> Any:
         """`tag` says in words which of several tables this is."""
         if not isinstance(table, Mapping):
             return self._wrong(key, f"{table!r} is not a table")
         before, keys, allowed = len(self.errors), keys_of(kind), hints(kind)
-        others = next((each.name for each in fields(kind) if each.metadata == OTHER_KEYS), "")
-        unknown = {name: table[name] for name in table if name not in keys}
-        values: dict[str, Any] = {others: unknown} if others else {}
-        for name in () if others else unknown:
-            self._wrong(
-                _below(key, name),
-                f"there is no such key{tag and f' with {tag}'}; allowed: {', '.join(keys)}"
-                + suggestion(name, keys),
-            )
+        values: dict[str, Any] = {}
+        unknown = {name: value for name, value in table.items() if name not in keys}
+        if others := _others(kind):
+            values[others] = unknown
+        else:
+            words = f"there is no such key{tag and f' with {tag}'}; allowed: {', '.join(keys)}"
+            for name in unknown:
+                self._wrong(_below(key, name), words + suggestion(name, keys))
         for name, each in keys.items():
             if name in table:
                 values[name] = self._value(allowed[name], table[name], _below(key, name))
-            elif each.default is MISSING and each.default_factory is MISSING:
+            elif each.default is each.default_factory is MISSING:
                 self._wrong(_below(key, name), f"is missing{tag and f': {tag} needs it'}")
-        if len(self.errors) > before:
-            return None
-        try:
-            return kind(**values)
-        except ConfigurationError as error:
-            self.errors.append(error.below(key))
-        except ValueError as error:
-            self._wrong(key, str(error))
-        return None
-
-    def _wrong(self, key: str, message: str) -> Any:
-        self.errors.append(ConfigurationError(key, message))
+        if len(self.errors) == before:
+            try:
+                return kind(**values)
+            except ConfigurationError as error:
+                self.errors.append(error.below(key))
+            except ValueError as error:  # Of another package's options.
+                self._wrong(key, str(error))
         return None
 
     def _value(self, hint: Any, value: object, key: str) -> Any:
@@ -161,8 +155,7 @@ class _Reader:
         before = len(self.errors)
         found = self._converted(hint, value, key)
         if len(self.errors) == before and (allowed := refusal(hint, found)):
-            near = suggestion(value, _words(hint)) if isinstance(value, str) else ""
-            self.errors.append(OptionError(key, value, allowed + near))
+            self.errors.append(OptionError(key, value, allowed))
         return found
 
     def _converted(self, hint: Any, value: Any, key: str) -> Any:
@@ -177,10 +170,8 @@ class _Reader:
             return self._converted(inner[0], value, key)
         if origin in (Union, UnionType):
             kinds = [each for each in inner if each is not NoneType]
-            if value is None and len(kinds) < len(inner):
-                return None
             if len(kinds) == 1:
-                return self._converted(kinds[0], value, key)
+                return None if value is None else self._converted(kinds[0], value, key)
             tried = ((each, self._converted(each, value, key)) for each in kinds)
             return next((found for each, found in tried if not refusal(each, found)), value)
         if is_dataclass(hint):
@@ -196,47 +187,23 @@ class _Reader:
         return value
 
     def _several(self, inner: tuple[Any, ...], value: Any, key: str) -> Any:
-        tables = inner[-1] is Ellipsis and _is_table(inner[0])
+        if isinstance(value, Mapping):
+            return self._wrong(key, f"one table for each of them, under the heading [[{key}]]")
         if not isinstance(value, (list, tuple)):
-            if tables:
-                self._wrong(key, f"one table for each of them, under the heading [[{key}]]")
             return value
-        each = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
-        if len(each) != len(value):
-            return value
-        return tuple(
-            self._converted(hint, element, _below(key, str(index)) if tables else key)
-            for index, (hint, element) in enumerate(zip(each, value, strict=True))
-        )
+        kinds = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
+        each = enumerate(zip(kinds, value, strict=False))
+        found = [self._converted(*pair, _below(key, str(index))) for index, pair in each]
+        return (*found, *value[len(found) :])
 
     def _tagged(self, kinds: tuple[Any, ...], tag: Tag, table: Any, key: str) -> Any:
         if not isinstance(table, Mapping):
             return self._wrong(key, f"{table!r} is not a table")
-        by_name = {name: kind for kind in kinds for name in choices(hints(kind)[tag.key])}
+        by_name = {choices(hints(kind)[tag.key])[0]: kind for kind in kinds}
         name = table.get(tag.key, tag.default)
         if name == "" and tag.key not in table:
             return self._wrong(_below(key, tag.key), "is missing")
-        if not isinstance(name, str) or name not in by_name:
-            allowed = f"one of {', '.join(by_name)}"
-            near = suggestion(name, by_name) if isinstance(name, str) else ""
-            self.errors.append(OptionError(_below(key, tag.key), name, allowed + near))
+        if allowed := refusal(Literal[tuple(by_name)], name):
+            self.errors.append(OptionError(_below(key, tag.key), name, allowed))
             return None
         return self.table(by_name[name], table, key, f'{tag.key} = "{name}"')
-
-
-def _below(key: str, name: str) -> str:
-    return f"{key}.{name}" if key else name
-
-
-def _is_table(hint: Any) -> bool:
-    """Whether `hint` is a table, or one of several that a Tag tells apart."""
-    notes = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-    return is_dataclass(hint) or any(isinstance(note, Tag) for note in notes)
-
-
-def _words(hint: Any) -> list[str]:
-    """The values of an enum or a Literal, by itself or in a union."""
-    found = [str(each.value if isinstance(each, enum.Enum) else each) for each in choices(hint)]
-    if get_origin(hint) in (Union, UnionType):
-        found += [word for each in get_args(hint) for word in _words(each)]
-    return found

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from cardan import bounds
 from cardan.errors import ConfigurationError
@@ -80,24 +80,26 @@ class StiffFixtureTable(_FixtureTable):
 
 @dataclass(frozen=True, kw_only=True)
 class _PlacedFixtureTable(StiffFixtureTable):
+    """A fixture that stands where the field `_PLACE` says, or where the TCP is at a moment."""
+
+    _PLACE: ClassVar[str]
     at: Literal["start", "clutch-in"] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (getattr(self, self._PLACE) is None) is (self.at is None):
+            raise ConfigurationError(
+                self._PLACE,
+                'it is needed, or at = "start" or "clutch-in" (where the TCP is then), one of both',
+            )
 
     @property
     def moment(self) -> str:
         return self.at or ""
 
-    def _check_place(self, key: str, place: Place | None, shape: str) -> None:
-        if (place is None) is (self.at is None):
-            raise ConfigurationError(
-                key,
-                f'shape = "{shape}" needs it, or at = "start" or "clutch-in" (where the TCP is '
-                "then), one of both",
-            )
-
-    def _place(self, place: Place | None, tcp: Vector3 | None) -> Vector3:
-        if place is None:
-            assert tcp is not None
-            return tcp
+    def _place(self, tcp: Vector3 | None) -> Vector3:
+        place = getattr(self, self._PLACE) or tcp
+        assert place is not None
         return Vector3(*place)
 
 
@@ -118,6 +120,7 @@ class SphereTable(StiffFixtureTable):
 class PlaneTable(_PlacedFixtureTable):
     """Solid below a plane."""
 
+    _PLACE = "point_m"
     shape: Literal["plane"] = "plane"
     point_m: Place | None = None
     normal: Direction
@@ -125,10 +128,9 @@ class PlaneTable(_PlacedFixtureTable):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_direction("normal", self.normal)
-        self._check_place("point_m", self.point_m, self.shape)
 
     def made(self, tcp: Vector3 | None = None) -> Plane:
-        return Plane(self._place(self.point_m, tcp), unit(self.normal), *self._material)
+        return Plane(self._place(tcp), unit(self.normal), *self._material)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,15 +172,12 @@ class CylinderTable(StiffFixtureTable):
 class SpringTable(_PlacedFixtureTable):
     """A spring to a point."""
 
+    _PLACE = "target_m"
     shape: Literal["spring"] = "spring"
     target_m: Place | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_place("target_m", self.target_m, self.shape)
-
     def made(self, tcp: Vector3 | None = None) -> Spring:
-        return Spring(self._place(self.target_m, tcp), *self._material)
+        return Spring(self._place(tcp), *self._material)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -153,9 +153,9 @@ class MappingOptions:
             )
         for axis in self.joints:
             require(axis.removeprefix("-") in AXES, "joints", axis, f"one of {AXES_IN_WORDS}")
-        self._check_mode()
-        if self.mode is Mode.ABSOLUTE:
-            self._check_absolute()
+        for key, wrong, message in self._rules():
+            if wrong:
+                raise ConfigurationError(key, message)
 
     @property
     def deadman_buttons(self) -> tuple[str, ...]:
@@ -164,61 +164,61 @@ class MappingOptions:
             return (self.deadman,) if self.deadman else ()
         return self.deadman
 
-    def _check_mode(self) -> None:
-        mode = f'mode = "{self.mode.value}"'
-        if self.mode is Mode.RATE:
-            if any(self.device_rpy_deg):
-                raise ConfigurationError(
-                    "device_rpy_deg",
-                    'only mode = "position" and mode = "absolute" turn the device\'s axes',
-                )
-            if self.orientation is not None:
-                raise ConfigurationError(
-                    "orientation",
-                    f'{mode} follows no pose; "fixed" in axes keeps what must not turn',
-                )
-        elif not self.deadman_buttons and not self.clutch:
-            raise ConfigurationError(
+    def _rules(self) -> tuple[tuple[str, object, str], ...]:
+        """What must fit the mode: a key, whether it is wrong, and why."""
+        mode, only = f'mode = "{self.mode.value}"', 'only mode = "absolute" has one'
+        rate, absolute = self.mode is Mode.RATE, self.mode is Mode.ABSOLUTE
+        whole = self.orientation is Orientation.ABSOLUTE
+        mapped = self.axes[3:] != AXES[3:] or self.scale[3:] != (1.0,) * 3
+        return (
+            (
+                "device_rpy_deg",
+                rate and any(self.device_rpy_deg),
+                'only mode = "position" and mode = "absolute" turn the device\'s axes',
+            ),
+            (
+                "orientation",
+                rate and self.orientation is not None,
+                f'{mode} follows no pose; "fixed" in axes keeps what must not turn',
+            ),
+            (
                 "deadman",
+                not rate and not self.deadman_buttons and not self.clutch,
                 f"{mode} needs one, the clutch: what the hand moves while it is held, the TCP "
                 'moves; or a button that begins and ends it, clutch = "..."',
-            )
-        elif self.joints:
-            raise ConfigurationError("joints", f"in {mode} no axis drives a joint")
-        if self.recapture and self.mode is not Mode.POSITION:
-            raise ConfigurationError("recapture", f"{mode} has no references to take anew")
-        if self.mode is not Mode.ABSOLUTE:
-            for key, value, default in (
-                ("origin_m", self.origin_m, None),
-                ("device_centre_m", self.device_centre_m, ZERO3),
-                ("hand_to_tool_rpy_deg", self.hand_to_tool_rpy_deg, NO_ANGLES),
-            ):
-                if value != default:
-                    raise ConfigurationError(key, 'only mode = "absolute" has one')
-            if self.orientation is Orientation.ABSOLUTE:
-                raise ConfigurationError("orientation", '"absolute" is for mode = "absolute" only')
-
-    def _check_absolute(self) -> None:
-        if self.origin_m is None:
-            raise ConfigurationError(
+            ),
+            ("joints", not rate and self.joints, f"in {mode} no axis drives a joint"),
+            (
+                "recapture",
+                self.recapture and self.mode is not Mode.POSITION,
+                f"{mode} has no references to take anew",
+            ),
+            ("origin_m", not absolute and self.origin_m is not None, only),
+            ("device_centre_m", not absolute and self.device_centre_m != ZERO3, only),
+            ("hand_to_tool_rpy_deg", not absolute and any(self.hand_to_tool_rpy_deg), only),
+            ("orientation", not absolute and whole, '"absolute" is for mode = "absolute" only'),
+            (
                 "origin_m",
-                'mode = "absolute" needs it: where the TCP is when the hand is at device_centre_m',
-            )
-        if self.frame is not Frame.BASE:
-            raise ConfigurationError(
-                "frame", f'{self.frame.value!r} moves; in mode = "absolute" it is "base"'
-            )
-        mapped = self.axes[3:] != AXES[3:] or self.scale[3:] != (1.0,) * 3
-        if self.orientation is Orientation.ABSOLUTE and mapped:
-            raise ConfigurationError(
+                absolute and self.origin_m is None,
+                f"{mode} needs it: where the TCP is when the hand is at device_centre_m",
+            ),
+            (
+                "frame",
+                absolute and self.frame is not Frame.BASE,
+                f'{self.frame.value!r} moves; in {mode} it is "base"',
+            ),
+            (
                 "orientation",
+                whole and mapped,
                 '"absolute" takes the hand\'s orientation whole: leave the last three of axes and '
                 "scale as they are by themselves",
-            )
-        if self.orientation is not Orientation.ABSOLUTE and any(self.hand_to_tool_rpy_deg):
-            raise ConfigurationError(
-                "hand_to_tool_rpy_deg", 'only orientation = "absolute" has one'
-            )
+            ),
+            (
+                "hand_to_tool_rpy_deg",
+                not whole and any(self.hand_to_tool_rpy_deg),
+                'only orientation = "absolute" has one',
+            ),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
