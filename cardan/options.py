@@ -91,9 +91,7 @@ def refusal(hint: Any, value: object) -> str:
     if allowed := choices(hint):
         # 1 == True, and an enum of texts equals its texts.
         good = any(value == each and type(value) is type(each) for each in allowed)
-        words = [str(_shown(each)) for each in allowed]
-        near = suggestion(value, words) if isinstance(value, str) else ""
-        return "" if good else f"one of {', '.join(words)}{near}"
+        return "" if good else _one_of([str(_shown(each)) for each in allowed], value)
     if origin is tuple:
         return _refused_elements(inner, value)
     if origin is Mapping:
@@ -103,6 +101,11 @@ def refusal(hint: Any, value: object) -> str:
     if hint is not Any and isinstance(hint, type) and not isinstance(value, hint):
         return f"of type {hint.__name__}"
     return ""
+
+
+def _one_of(words: list[str], value: object) -> str:
+    near = suggestion(value, words) if isinstance(value, str) and value not in words else ""
+    return f"one of {', '.join(words)}{near}"
 
 
 def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:

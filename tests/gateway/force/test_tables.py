@@ -65,7 +65,10 @@ def test_a_configuration_is_the_same_in_the_sessions_own_process(tables):
             '0.at: there is no such key with shape = "sphere"; .* centre_m, rad',
         ),
         ({"fixtures": [{**SPHERE, "stifness": 1.0}]}, "fixtures.0.stifness: there is no such key"),
-        ({"fixtures": [{**PLANE, "normal": [0.0, 0.0, 0.0]}]}, "has no direction"),
+        (
+            {"fixtures": [{**PLANE, "at": "start", "normal": [0.0, 0.0, 0.0]}]},
+            r"fixtures\.0\.normal: \[0.0, 0.0, 0.0\] has no direction",
+        ),
         (
             {"fixtures": [{**SPHERE, "stiffness_n_m": -1.0}]},
             "-1.0 is not allowed; it must be above 0, at most",
