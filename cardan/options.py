@@ -94,11 +94,12 @@ def refusal(hint: Any, value: object) -> str:
         return "" if good else _one_of([str(_shown(each)) for each in allowed], value)
     if origin is tuple:
         return _refused_elements(inner, value)
-    if origin is Mapping:
+    if origin in (Mapping, dict):
         return _refused_items(inner, value)
     if isinstance(hint, type) and issubclass(hint, tuple):
         return _refused_elements(tuple(hints(hint).values()), value)
-    if hint is not Any and isinstance(hint, type) and not isinstance(value, hint):
+    plain = origin is None and hint is not Any and isinstance(hint, type)
+    if plain and not isinstance(value, hint):
         return f"of type {hint.__name__}"
     return ""
 
