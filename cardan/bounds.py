@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from typing import Annotated
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,16 @@ ANGLE_DEG = Range(-360.0, 360.0, "deg", "after a whole turn it is as before")
 JOINT_ANGLE_DEG = Range(-3600.0, 3600.0, "deg", "no joint with cables turns ten times")
 JOINT_POSITION = Range(-100.0, 100.0, "rad or m", "no joint turns so often or is so long")
 DIRECTION = Range(-1e6, 1e6, "", "only its direction counts")
+
+Length = Annotated[float, LENGTH_M]
+Coordinate = Annotated[float, COORDINATE_M]
+Angle = Annotated[float, ANGLE_DEG]
+Component = Annotated[float, DIRECTION]
+
+Bounds = tuple[Coordinate, Coordinate]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Angles = tuple[Angle, Angle, Angle]
+Direction = tuple[Component, Component, Component]
 
 # -- times for which something may go on unseen ----------------------------------------------------
 

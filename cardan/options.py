@@ -34,6 +34,10 @@ _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
 }
 
 
+CODE_ONLY = {"from_file": False}
+"""Metadata of a field that programs set and configuration files do not."""
+
+
 def check_options(options: Any) -> None:
     """Raise OptionError for the first field of a dataclass that its annotation does not allow.
 

@@ -17,9 +17,8 @@ from typing import Annotated, NamedTuple
 from cardan import bounds
 from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.body import Body, FollowingError
-from cardan.gateway.common.tables import CODE_ONLY
 from cardan.gateway.motion.reference import Reference
-from cardan.options import check_options
+from cardan.options import CODE_ONLY, check_options
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5

@@ -14,22 +14,8 @@ from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
-from cardan.bounds import ANGLE_DEG, COORDINATE_M, DIRECTION, LENGTH_M
 from cardan.errors import ConfigurationError, OptionError
 from cardan.options import choices, hints, refusal, suggestion
-
-Length = Annotated[float, LENGTH_M]
-Coordinate = Annotated[float, COORDINATE_M]
-Angle = Annotated[float, ANGLE_DEG]
-Component = Annotated[float, DIRECTION]
-
-Bounds = tuple[Coordinate, Coordinate]
-Point = tuple[Coordinate, Coordinate, Coordinate]
-Angles = tuple[Angle, Angle, Angle]
-Direction = tuple[Component, Component, Component]
-
-CODE_ONLY = {"from_file": False}
-"""Metadata of a field that programs set and files do not."""
 
 OTHER_KEYS = {"other_keys": True}
 """Metadata of the field that takes all keys that no other field has."""

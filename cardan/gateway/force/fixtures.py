@@ -8,9 +8,12 @@ it, and for contacts that are computed.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import Annotated
 
+from cardan import bounds
 from cardan.haptics import (
     Box,
     Cylinder,
@@ -22,11 +25,9 @@ from cardan.haptics import (
     Viscous,
     WorldMap,
 )
+from cardan.options import check_options
 from cardan.spatial import add, dot, limit_norm, norm, rotate, scale, subtract
 from cardan.types import ZERO3, Quaternion, Vector3
-
-if TYPE_CHECKING:
-    from cardan.gateway.force.tables import FixtureTable
 
 UP = Vector3(0.0, 0.0, 1.0)
 """Where a body pushes whose very centre the point is in: every direction is as near."""
@@ -64,6 +65,25 @@ def unit(direction: Sequence[float]) -> Vector3:
     """`direction` at length 1."""
     v = Vector3(*direction)
     return scale(v, 1.0 / norm(v))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixtureTable(ABC):
+    """One of ``[[fixtures]]``: geometry in the robot's base frame that pushes the hand."""
+
+    cap_n: Annotated[float, bounds.HAND_FORCE_N] = 3.0
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @property
+    def moment(self) -> str:
+        """When it is put where the TCP is; empty: it has a place of its own."""
+        return ""
+
+    @abstractmethod
+    def made(self, tcp: Vector3 | None = None) -> Fixture:
+        """The fixture; one without a place of its own stands where `tcp` is."""
 
 
 class FixtureSet:

@@ -8,17 +8,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import TracebackType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Annotated, NamedTuple
 
+from cardan import bounds
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
 from cardan.haptics import WorldMap
+from cardan.options import check_options
 from cardan.spatial import add, dot, is_finite, norm, scale, subtract
 from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3
-
-if TYPE_CHECKING:
-    from cardan.gateway.force.tables import ContactTable
 
 STICK_SPEED_M_S = 0.005
 """Friction of a computed contact grows with speed below this, and is Coulomb's above it."""
@@ -236,6 +236,22 @@ class PointVelocity:
         share = 1.0 - math.exp(-2.0 * math.pi * VELOCITY_CUTOFF_HZ * dt_s)
         self._velocity = add(self._velocity, scale(subtract(raw, self._velocity), share))
         return self._velocity
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactTable(ABC):
+    """One of ``[[force.contact]]``: a virtual contact surface."""
+
+    stiffness_n_m: Annotated[float, bounds.ENVIRONMENT_STIFFNESS_N_M]
+    damping_n_s_m: Annotated[float, bounds.DAMPING_N_S_M] = 0.0
+    friction: Annotated[float, bounds.FRICTION] = 0.0
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @abstractmethod
+    def depth_at(self, place: Vector3) -> tuple[Vector3, float]:
+        """The unit normal out of the body, and how deep `place` is in it, m; <= 0: outside."""
 
 
 def contact_force(contact: ContactTable, place: Vector3, velocity: Vector3) -> Vector3:

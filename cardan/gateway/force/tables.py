@@ -3,36 +3,34 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
 from cardan import bounds
+from cardan.bounds import Angles, Direction, Length
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import Angles, AtMost, Direction, DriverTable, Length, Tag
+from cardan.gateway.common.tables import AtMost, DriverTable, Tag
 from cardan.gateway.force.conditioning import Conditioning
-from cardan.gateway.force.fixtures import matrix_of, outward_of_round, unit
+from cardan.gateway.force.fixtures import FixtureTable, matrix_of, outward_of_round, unit
+from cardan.gateway.force.sources import ContactTable
 from cardan.haptics import (
     MAX_FIXTURES,
     Box,
     Cylinder,
-    Fixture,
     Plane,
     Sphere,
     Spring,
     Viscous,
 )
-from cardan.options import check_options, require
+from cardan.options import require
 from cardan.spatial import dot, from_euler_zyx, norm, subtract
 from cardan.types import Vector3
 
 Near = Annotated[float, bounds.NEAR_M]
 Place = tuple[Near, Near, Near]
 """m"""
-
-Damping = Annotated[float, bounds.DAMPING_N_S_M]
 
 MAX_CONTACTS = 8
 
@@ -50,28 +48,11 @@ def require_direction(key: str, direction: Sequence[float]) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _FixtureTable(ABC):
-    cap_n: Annotated[float, bounds.HAND_FORCE_N] = 3.0
-
-    def __post_init__(self) -> None:
-        check_options(self)
-
-    @property
-    def moment(self) -> str:
-        """When it is put where the TCP is; empty: it has a place of its own."""
-        return ""
-
-    @abstractmethod
-    def made(self, tcp: Vector3 | None = None) -> Fixture:
-        """The fixture; one without a place of its own stands where `tcp` is."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StiffFixtureTable(_FixtureTable):
+class StiffFixtureTable(FixtureTable):
     """A fixture that pushes the harder the deeper the TCP is in it."""
 
     stiffness_n_m: Annotated[float, bounds.FIXTURE_STIFFNESS_N_M]
-    damping_n_s_m: Damping = 0.0
+    damping_n_s_m: Annotated[float, bounds.DAMPING_N_S_M] = 0.0
 
     @property
     def _material(self) -> tuple[float, float, float]:
@@ -181,11 +162,11 @@ class SpringTable(_PlacedFixtureTable):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViscousTable(_FixtureTable):
+class ViscousTable(FixtureTable):
     """Drag against every motion."""
 
     shape: Literal["viscous"] = "viscous"
-    damping_n_s_m: Damping
+    damping_n_s_m: Annotated[float, bounds.DAMPING_N_S_M]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -195,31 +176,17 @@ class ViscousTable(_FixtureTable):
         return Viscous(self.damping_n_s_m, self.cap_n)
 
 
-FixtureTable = Annotated[
+AnyFixtureTable = Annotated[
     SphereTable | PlaneTable | BoxTable | CylinderTable | SpringTable | ViscousTable, Tag("shape")
 ]
-FixtureTables = Annotated[tuple[FixtureTable, ...], AtMost(MAX_FIXTURES)]
+FixtureTables = Annotated[tuple[AnyFixtureTable, ...], AtMost(MAX_FIXTURES)]
 
 
 # -- [[force.contact]]: virtual contact surfaces ---------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ContactTable(ABC):
-    stiffness_n_m: Annotated[float, bounds.ENVIRONMENT_STIFFNESS_N_M]
-    damping_n_s_m: Damping = 0.0
-    friction: Annotated[float, bounds.FRICTION] = 0.0
-
-    def __post_init__(self) -> None:
-        check_options(self)
-
-    @abstractmethod
-    def depth_at(self, place: Vector3) -> tuple[Vector3, float]:
-        """The unit normal out of the body, and how deep `place` is in it, m; <= 0: outside."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlaneContactTable(_ContactTable):
+class PlaneContactTable(ContactTable):
     """A surface that is solid below."""
 
     shape: Literal["plane"] = "plane"
@@ -239,7 +206,7 @@ class PlaneContactTable(_ContactTable):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SphereContactTable(_ContactTable):
+class SphereContactTable(ContactTable):
     """A solid sphere."""
 
     shape: Literal["sphere"] = "sphere"
@@ -251,7 +218,7 @@ class SphereContactTable(_ContactTable):
         return outward_of_round(away, self.radius_m)
 
 
-ContactTable = Annotated[PlaneContactTable | SphereContactTable, Tag("shape")]
+AnyContactTable = Annotated[PlaneContactTable | SphereContactTable, Tag("shape")]
 
 
 # -- [force]: where the force comes from that the hand feels, and how it gets there ----------------
@@ -298,7 +265,7 @@ class ContactForceTable(ForceTable):
     """Contacts computed from the measured TCP."""
 
     source: Literal["contact"] = "contact"
-    contact: Annotated[tuple[ContactTable, ...], AtMost(MAX_CONTACTS)]
+    contact: Annotated[tuple[AnyContactTable, ...], AtMost(MAX_CONTACTS)]
 
     def __post_init__(self) -> None:
         super().__post_init__()

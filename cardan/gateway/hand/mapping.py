@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from cardan import bounds
+from cardan.bounds import Angle, Angles, Point
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import Angle, Angles, Point
 from cardan.options import check_options, require
 from cardan.spatial import rotate
 from cardan.types import (

@@ -16,8 +16,8 @@ from functools import cached_property
 from typing import Annotated
 
 from cardan import bounds
+from cardan.bounds import Bounds
 from cardan.braking import stopping_speed
-from cardan.gateway.common.tables import Bounds
 from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.spatial import (
     add,

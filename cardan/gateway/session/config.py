@@ -14,19 +14,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cardan import bounds
+from cardan.bounds import Angles, Coordinate, Direction, Length, Point
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.authority import LEASE_S, AuthorityPolicy
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.common.tables import (
-    Angles,
-    Coordinate,
-    Direction,
-    DriverTable,
-    FilterTable,
-    Length,
-    Point,
-    read_table,
-)
+from cardan.gateway.common.tables import DriverTable, FilterTable, read_table
 from cardan.gateway.force.tables import (
     FixtureTables,
     ForceTables,

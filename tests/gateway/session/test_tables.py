@@ -11,16 +11,8 @@ import pytest
 
 from cardan.bounds import Range
 from cardan.errors import ConfigurationError, OptionError
-from cardan.gateway.common.tables import (
-    CODE_ONLY,
-    AtMost,
-    DriverTable,
-    Tag,
-    as_table,
-    keys_of,
-    read_table,
-)
-from cardan.options import check_options, require
+from cardan.gateway.common.tables import AtMost, DriverTable, Tag, as_table, keys_of, read_table
+from cardan.options import CODE_ONLY, check_options, require
 
 LENGTH_M = Range(0.0, 10.0, "m", "no table is longer", above=True)
 
