@@ -82,10 +82,11 @@ class ForceSource(ABC):
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
         """The newest reading in the cycle of `state`; None while there is none."""
 
-    def publish(  # noqa: B027
+    def publish(
         self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
     ) -> None:
-        """Tell the robot's state, before each `read`, to whom the force is made by elsewhere."""
+        """Tell the robot's state to a process that makes the force, before each `read`."""
+        return
 
     def diagnosis(self) -> tuple[str, ...]:
         """What stands in the way, in plain words."""
