@@ -15,7 +15,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 from cardan.errors import ConfigurationError, OptionError
-from cardan.options import choices, hints, refusal, suggestion
+from cardan.options import CODE_ONLY, choices, hints, refusal, suggestion
 
 OTHER_KEYS = {"other_keys": True}
 """Metadata of the field that takes all keys that no other field has."""
@@ -58,7 +58,8 @@ class AtMost(NamedTuple):
 
 def keys_of(kind: type[Any]) -> dict[str, Field[Any]]:
     """The keys of a table, and the fields that they set."""
-    return {each.name: each for each in fields(kind) if each.init and not each.metadata}
+    others = (CODE_ONLY, OTHER_KEYS)
+    return {each.name: each for each in fields(kind) if each.init and each.metadata not in others}
 
 
 def read_table(kind: type[Kind], table: object, key: str = "") -> Kind:

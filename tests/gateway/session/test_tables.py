@@ -154,7 +154,7 @@ def test_an_error_of_one_option_keeps_its_value():
 
 @dataclass
 class Foreign:
-    speed: float = 1.0
+    speed: float = field(default=1.0, metadata={"unit": "m/s"})
 
     def __post_init__(self) -> None:
         if self.speed > 1.0:
