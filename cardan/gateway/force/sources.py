@@ -18,7 +18,7 @@ from cardan.errors import DriverError
 from cardan.haptics import WorldMap
 from cardan.options import check_options
 from cardan.spatial import add, dot, is_finite, norm, scale, subtract
-from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3
+from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3, Wrench
 
 STICK_SPEED_M_S = 0.005
 """Friction of a computed contact grows with speed below this, and is Coulomb's above it."""
@@ -66,7 +66,16 @@ class ForceSource(ABC):
 
     reason = ""
 
+    def open(self) -> None:
+        """Open what the force comes through. Raises DriverError."""
+        return
+
+    def close(self) -> None:
+        """Let go of what was opened. Never raises."""
+        return
+
     def __enter__(self) -> ForceSource:
+        self.open()
         return self
 
     def __exit__(
@@ -75,8 +84,7 @@ class ForceSource(ABC):
         exc: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Let go of what was opened. Never raises."""
-        return
+        self.close()
 
     @abstractmethod
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
@@ -138,23 +146,23 @@ class Sieve:
         return (f"readings of a force refused: {self.refused}",) if self.refused else ()
 
 
-class MeasuredSource(ForceSource):
-    """What the robot itself reports (EGM's measuredForce)."""
+class _Instrument(ForceSource):
+    """What measures a wrench."""
 
-    def __init__(self, *, felt: bool = False) -> None:
-        """`felt`: its numbers are what the tool feels; else what it exerts."""
+    def __init__(self, name: str, felt: bool) -> None:
         self._sign = 1.0 if felt else -1.0
-        self._sieve = Sieve("the robot")
+        self._sieve = Sieve(name)
 
-    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
-        """The wrench of this cycle's state."""
-        wrench = state.wrench
+    def _reading(
+        self, wrench: Wrench | None, stamp_s: float, now_s: float, why_none: str
+    ) -> Reading | None:
+        """The reading of a wrench of `stamp_s`; `why_none` says why there is no wrench."""
         if wrench is None:
             self._sieve.forget()
-            self.reason = "the robot reports none" if state.link is RobotLink.LIVE else ""
+            self.reason = why_none
             return None
-        new = Reading(state.stamp_s, scale(wrench.force, self._sign), wrench.frame)
-        reading = self._sieve.take(new, state.stamp_s)
+        new = Reading(stamp_s, scale(wrench.force, self._sign), wrench.frame)
+        reading = self._sieve.take(new, now_s)
         self.reason = self._sieve.reason
         return reading
 
@@ -163,17 +171,29 @@ class MeasuredSource(ForceSource):
         return (*super().diagnosis(), *self._sieve.diagnosis())
 
 
-class SensorSource(ForceSource):
+class MeasuredSource(_Instrument):
+    """What the robot itself reports (EGM's measuredForce)."""
+
+    def __init__(self, *, felt: bool = False) -> None:
+        """`felt`: its numbers are what the tool feels; else what it exerts."""
+        super().__init__("the robot", felt)
+
+    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
+        """The wrench of this cycle's state."""
+        why_none = "the robot reports none" if state.link is RobotLink.LIVE else ""
+        return self._reading(state.wrench, state.stamp_s, state.stamp_s, why_none)
+
+
+class SensorSource(_Instrument):
     """A force-torque sensor with a driver of its own (JR3), along the tool's axes."""
 
     def __init__(self, device: OperatorDevice, *, felt: bool = True, zero: bool = False) -> None:
         """`felt`: its numbers are what the tool feels; `zero`: it takes zero when opened."""
+        super().__init__("the sensor", felt)
         self.device = device
-        self._sign = 1.0 if felt else -1.0
         self._zero = zero
-        self._sieve = Sieve("the sensor")
 
-    def __enter__(self) -> SensorSource:
+    def open(self) -> None:
         """Open the sensor. Raises DriverError."""
         self.device.open()
         if self._zero:
@@ -182,35 +202,21 @@ class SensorSource(ForceSource):
             except DriverError:
                 self.device.close()
                 raise
-        return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Close the sensor."""
         self.device.close()
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
         """The sensor's newest wrench. It must be of the same clock as the robot's stamps."""
         sensed = self.device.state()
-        wrench = sensed.wrench
-        if wrench is None:
-            self._sieve.forget()
-            self.reason = sensed.reason or "the sensor gives no wrench"
-            return None
-        new = Reading(sensed.stamp_s, scale(wrench.force, self._sign), wrench.frame)
-        reading = self._sieve.take(new, state.stamp_s)
-        self.reason = self._sieve.reason
-        return reading
+        why_none = sensed.reason or "the sensor gives no wrench"
+        return self._reading(sensed.wrench, sensed.stamp_s, state.stamp_s, why_none)
 
     def diagnosis(self) -> tuple[str, ...]:
         """Why there is no force, and what the sensor says."""
         lines = (line for line in self.device.diagnosis() if line != self.reason)
-        said = (f"force sensor: {line}" for line in lines)
-        return (*super().diagnosis(), *self._sieve.diagnosis(), *said)
+        return (*super().diagnosis(), *(f"force sensor: {line}" for line in lines))
 
 
 class PointVelocity:
