@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from typing import Annotated
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,16 @@ JOINT_ANGLE_DEG = Range(-3600.0, 3600.0, "deg", "no joint with cables turns ten 
 JOINT_POSITION = Range(-100.0, 100.0, "rad or m", "no joint turns so often or is so long")
 DIRECTION = Range(-1e6, 1e6, "", "only its direction counts")
 
+Length = Annotated[float, LENGTH_M]
+Coordinate = Annotated[float, COORDINATE_M]
+Angle = Annotated[float, ANGLE_DEG]
+Component = Annotated[float, DIRECTION]
+
+Bounds = tuple[Coordinate, Coordinate]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Angles = tuple[Angle, Angle, Angle]
+Direction = tuple[Component, Component, Component]
+
 # -- times for which something may go on unseen ----------------------------------------------------
 
 LONGEST_BLIND_S = 0.5
@@ -191,6 +202,7 @@ SHARE_OR_NONE = Range(0.0, 1.0, "", "a share of the whole")
 DEAD_ZONE = Range(0.0, 1.0, "", "with all of the deflection at rest nothing would move", below=True)
 MOTION_SCALE = Range(-100.0, 100.0, "", "a millimetre of the hand is ten centimetres of the TCP")
 OUTPUT_VALUE = Range(-1e9, 1e9, "", "whole numbers beyond are not exact in a program's own")
+ANALOG_OUTPUT = Range(0, 39, "", "EGM carries 40 values")
 COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")
 SENSOR_LEVEL = Range(0.0, 1e6, "", "no sensor's raw numbers are larger")
 SEED = Range(0, 2**32 - 1, "", "32 bits")

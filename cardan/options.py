@@ -15,9 +15,10 @@ A ``Literal`` or an enum lists the choices, a :class:`cardan.bounds.Range` bound
 
 from __future__ import annotations
 
+import difflib
 import enum
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from types import NoneType, UnionType
@@ -32,6 +33,10 @@ _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
     float: ((int, float), "a number"),
     str: ((str,), "a text without a NUL"),
 }
+
+
+CODE_ONLY = {"from_file": False}
+"""Metadata of a field that programs set and configuration files do not."""
 
 
 def check_options(options: Any) -> None:
@@ -99,16 +104,22 @@ def refusal(hint: Any, value: object) -> str:
     if allowed := choices(hint):
         # 1 == True, and an enum of texts equals its texts.
         good = any(value == each and type(value) is type(each) for each in allowed)
-        return "" if good else f"one of {', '.join(str(_shown(each)) for each in allowed)}"
+        return "" if good else _one_of([str(_shown(each)) for each in allowed], value)
     if origin is tuple:
         return _refused_elements(inner, value)
+    if origin in (Mapping, dict):
+        return _refused_items(inner, value)
     if isinstance(hint, type) and issubclass(hint, tuple):
         return _refused_elements(tuple(hints(hint).values()), value)
-    if origin is Mapping:
-        return _refused_items(inner, value)
-    if hint is not Any and isinstance(hint, type) and not isinstance(value, hint):
+    plain = origin is None and hint is not Any and isinstance(hint, type)
+    if plain and not isinstance(value, hint):
         return f"of type {hint.__name__}"
     return ""
+
+
+def _one_of(words: list[str], value: object) -> str:
+    near = suggestion(value, words) if isinstance(value, str) and value not in words else ""
+    return f"one of {', '.join(words)}{near}"
 
 
 def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
@@ -126,7 +137,7 @@ def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
 
 def _refused_elements(allowed: tuple[Any, ...], value: object) -> str:
     if not isinstance(value, (tuple, list)):
-        return "several values"
+        return "several values" if allowed[-1] is Ellipsis else f"{len(allowed)} values"
     if allowed[-1] is Ellipsis:
         allowed = allowed[:1] * len(value)
     if len(allowed) != len(value):
@@ -143,3 +154,9 @@ def _refused_items(allowed: tuple[Any, ...], value: object) -> str:
 def _shown(choice: Any) -> Any:
     choice = choice.value if isinstance(choice, enum.Enum) else choice
     return choice if choice != "" else '""'
+
+
+def suggestion(word: str, allowed: Iterable[str]) -> str:
+    """The nearest of `allowed`, as the end of a sentence; empty when none is near."""
+    near = difflib.get_close_matches(word, list(allowed), 1)
+    return f"; did you mean {near[0]!r}?" if near else ""

@@ -7,7 +7,6 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from hypothesis import strategies as st
-from pydantic.fields import FieldInfo
 
 from cardan.bounds import Range
 
@@ -21,11 +20,6 @@ def found_in(hint: Any) -> Iterator[tuple[Range, bool]]:
         for note in inner[1:]:
             if isinstance(note, Range):
                 yield note, inner[0] is int
-            elif isinstance(note, FieldInfo):
-                ends = {type(end).__name__: end for end in note.metadata}
-                if "Le" in ends:
-                    low = ends["Gt"].gt if "Gt" in ends else ends["Ge"].ge
-                    yield Range(low, ends["Le"].le, "", "", above="Gt" in ends), inner[0] is int
     for each in inner:
         yield from found_in(each)
 
@@ -69,8 +63,6 @@ def spoilt(hint: Any, bad: float) -> list[Any]:
         return spoilt(inner[0], bad)
     if origin in (Union, UnionType):
         return [value for each in inner if each is not NoneType for value in spoilt(each, bad)]
-    if origin is list:
-        return [[value] * 6 for value in spoilt(inner[0], bad)]
     if origin is tuple and inner[-1] is Ellipsis:
         return [(value,) for value in spoilt(inner[0], bad)]
     if origin is tuple:

@@ -1,45 +1,196 @@
-"""What the tables of a configuration file have in common: their base, and kinds of numbers."""
+"""From the tables of a configuration file to the options that they describe, and back.
+
+A table is a dataclass. Its annotations say what is allowed (:mod:`cardan.options`), its defaults
+what holds where a key is left out, and its ``__post_init__`` what must fit together. A field may be
+a table of its own, several of them, or one of several kinds that a key tells apart (:class:`Tag`).
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import contextlib
+import enum
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field
+from cardan.errors import ConfigurationError, OptionError
+from cardan.options import CODE_ONLY, choices, hints, refusal, suggestion
 
-from cardan.bounds import ANGLE_DEG, COORDINATE_M, DIRECTION, LENGTH_M, Range
+OTHER_KEYS = {"other_keys": True}
+"""Metadata of the field that takes all keys that no other field has."""
 
-
-def within(bounds: Range) -> Any:
-    """What pydantic checks of a number in `bounds`, for ``Annotated[float, within(...)]``."""
-    return Field(
-        gt=bounds.lowest if bounds.above else None,
-        ge=None if bounds.above else bounds.lowest,
-        lt=bounds.highest if bounds.below else None,
-        le=None if bounds.below else bounds.highest,
-        allow_inf_nan=False,
-        strict=True,
-    )
+Kind = TypeVar("Kind")
 
 
-Length = Annotated[float, within(LENGTH_M)]
-Coordinate = Annotated[float, within(COORDINATE_M)]
-Angle = Annotated[float, within(ANGLE_DEG)]
-Component = Annotated[float, within(DIRECTION)]
-
-Bounds = tuple[Coordinate, Coordinate]
-Point = tuple[Coordinate, Coordinate, Coordinate]
-Angles = tuple[Angle, Angle, Angle]
-Direction = tuple[Component, Component, Component]
-
-
-class Table(BaseModel):
-    """A table of keys that are all known."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class DriverTable(BaseModel):
+@dataclass(frozen=True)
+class DriverTable:
     """A driver's name; all other keys are that driver's options."""
 
-    model_config = ConfigDict(extra="allow", frozen=True)
     driver: str
+    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
+
+
+@dataclass(frozen=True)
+class FilterTable:
+    """A filter's name; all other keys are that filter's options."""
+
+    filter: str
+    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
+
+
+class Tag(NamedTuple):
+    """The key that tells which of several tables one is: ``Annotated[Sphere | Box, Tag("shape")]``.
+
+    Each of the tables has a field of that name, a ``Literal`` of one text.
+    """
+
+    key: str
+    default: str = ""
+    """Holds where the key is left out; empty: it must be given."""
+
+
+class AtMost(NamedTuple):
+    """How many tables there may be: ``Annotated[tuple[Fixture, ...], AtMost(8)]``."""
+
+    most: int
+
+
+def keys_of(kind: type[Any]) -> dict[str, Field[Any]]:
+    """The keys of a table, and the fields that they set."""
+    others = (CODE_ONLY, OTHER_KEYS)
+    return {each.name: each for each in fields(kind) if each.init and each.metadata not in others}
+
+
+def read_table(kind: type[Kind], table: object, key: str = "") -> Kind:
+    """The `kind`, a dataclass, that `table` describes.
+
+    Lists become tuples, and texts the members of an enum. ConfigurationError names the first key
+    that is wrong, below `key`, and says how many more there are.
+    """
+    reader = _Reader()
+    made: Kind = reader.table(kind, table, key)
+    if reader.errors:
+        first, more = reader.errors[0], len(reader.errors) - 1
+        if more:
+            raise ConfigurationError(first.key, f"{first.message} (and {more} more)")
+        raise first
+    return made
+
+
+def as_table(options: Any) -> dict[str, Any]:
+    """The table that describes `options`, as JSON has it: read_table makes the same of it."""
+    table = {key: _plain(getattr(options, key)) for key in keys_of(type(options))}
+    return table | (getattr(options, _others(type(options)), {}))
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return as_table(value)
+    if isinstance(value, (tuple, list)):
+        return [_plain(each) for each in value]
+    return value.value if isinstance(value, enum.Enum) else value
+
+
+def _others(kind: Any) -> str:
+    """The field that takes all keys that no other field has; empty: there is none."""
+    return next((each.name for each in fields(kind) if each.metadata == OTHER_KEYS), "")
+
+
+def _below(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+class _Reader:
+    """Collects what is wrong, each with its whole key. What it makes of a wrong table is None."""
+
+    def __init__(self) -> None:
+        self.errors: list[ConfigurationError] = []
+
+    def _wrong(self, key: str, message: str) -> None:
+        self.errors.append(ConfigurationError(key, message))
+
+    def table(self, kind: Any, table: object, key: str, tag: str = "") -> Any:
+        """`tag` says in words which of several tables this is."""
+        if not isinstance(table, Mapping):
+            return self._wrong(key, f"{table!r} is not a table")
+        before, keys, allowed = len(self.errors), keys_of(kind), hints(kind)
+        values: dict[str, Any] = {}
+        unknown = {name: value for name, value in table.items() if name not in keys}
+        if others := _others(kind):
+            values[others] = unknown
+        else:
+            words = f"there is no such key{tag and f' with {tag}'}; allowed: {', '.join(keys)}"
+            for name in unknown:
+                self._wrong(_below(key, name), words + suggestion(name, keys))
+        for name, each in keys.items():
+            if name in table:
+                values[name] = self._value(allowed[name], table[name], _below(key, name))
+            elif each.default is each.default_factory is MISSING:
+                self._wrong(_below(key, name), f"is missing{tag and f': {tag} needs it'}")
+        if len(self.errors) == before:
+            try:
+                return kind(**values)
+            except ConfigurationError as error:
+                self.errors.append(error.below(key))
+            except ValueError as error:  # Of another package's options.
+                self._wrong(key, str(error))
+        return None
+
+    def _value(self, hint: Any, value: object, key: str) -> Any:
+        """What `value` is as `hint` has it."""
+        before = len(self.errors)
+        found = self._converted(hint, value, key)
+        if len(self.errors) == before and (allowed := refusal(hint, found)):
+            self.errors.append(OptionError(key, value, allowed))
+        return found
+
+    def _converted(self, hint: Any, value: Any, key: str) -> Any:
+        origin, inner = get_origin(hint), get_args(hint)
+        if origin is Annotated:
+            note = inner[1]
+            if isinstance(note, Tag):
+                return self._tagged(get_args(inner[0]), note, value, key)
+            several = isinstance(note, AtMost) and isinstance(value, (list, tuple))
+            if several and len(value) > note.most:
+                return self._wrong(key, f"{len(value)} are too many; allowed: at most {note.most}")
+            return self._converted(inner[0], value, key)
+        if origin in (Union, UnionType):
+            kinds = [each for each in inner if each is not NoneType]
+            if len(kinds) == 1:
+                return None if value is None else self._converted(kinds[0], value, key)
+            tried = ((each, self._converted(each, value, key)) for each in kinds)
+            return next((found for each, found in tried if not refusal(each, found)), value)
+        if is_dataclass(hint):
+            return self.table(hint, value, key)
+        if origin is tuple:
+            return self._several(inner, value, key)
+        if isinstance(hint, type) and issubclass(hint, enum.Enum):
+            with contextlib.suppress(ValueError):
+                return hint(value)
+        if hint is float and type(value) is int:
+            with contextlib.suppress(OverflowError):
+                return float(value)
+        return value
+
+    def _several(self, inner: tuple[Any, ...], value: Any, key: str) -> Any:
+        if isinstance(value, Mapping):
+            return self._wrong(key, f"one table for each of them, under the heading [[{key}]]")
+        if not isinstance(value, (list, tuple)):
+            return value
+        kinds = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
+        each = enumerate(zip(kinds, value, strict=False))
+        found = [self._converted(*pair, _below(key, str(index))) for index, pair in each]
+        return (*found, *value[len(found) :])
+
+    def _tagged(self, kinds: tuple[Any, ...], tag: Tag, table: Any, key: str) -> Any:
+        if not isinstance(table, Mapping):
+            return self._wrong(key, f"{table!r} is not a table")
+        by_name = {choices(hints(kind)[tag.key])[0]: kind for kind in kinds}
+        name = table.get(tag.key, tag.default)
+        if name == "" and tag.key not in table:
+            return self._wrong(_below(key, tag.key), "is missing")
+        if allowed := refusal(Literal[tuple(by_name)], name):
+            self.errors.append(OptionError(_below(key, tag.key), name, allowed))
+            return None
+        return self.table(by_name[name], table, key, f'{tag.key} = "{name}"')

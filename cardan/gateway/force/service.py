@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
-from types import TracebackType
 
 from cardan.errors import AddressError
 from cardan.gateway.common.serving import make_room
@@ -54,7 +53,7 @@ class RemoteSource(ForceSource):
         self._accept_s = NEVER_S
         self.reason = "no force node is connected"
 
-    def __enter__(self) -> RemoteSource:
+    def open(self) -> None:
         """Offer the socket. Raises AddressError where that cannot be."""
         path = self._path
         make_room(path, socket.SOCK_SEQPACKET, "another session")
@@ -74,14 +73,8 @@ class RemoteSource(ForceSource):
                 f"cannot offer {path} to a force node: {error.strerror or error}"
             ) from None
         self._listener, self._identity = listener, (status.st_dev, status.st_ino)
-        return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Disconnect the node and remove the socket."""
         self._drop()
         listener, self._listener = self._listener, None

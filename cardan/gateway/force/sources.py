@@ -8,15 +8,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import TracebackType
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from cardan import bounds
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
-from cardan.gateway.force.fixtures import unit
-from cardan.gateway.force.tables import ContactTable
+from cardan.haptics import WorldMap
+from cardan.options import check_options
 from cardan.spatial import add, dot, is_finite, norm, scale, subtract
-from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3
+from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3, Wrench
 
 STICK_SPEED_M_S = 0.005
 """Friction of a computed contact grows with speed below this, and is Coulomb's above it."""
@@ -64,7 +66,16 @@ class ForceSource(ABC):
 
     reason = ""
 
+    def open(self) -> None:
+        """Open what the force comes through. Raises DriverError."""
+        return
+
+    def close(self) -> None:
+        """Let go of what was opened. Never raises."""
+        return
+
     def __enter__(self) -> ForceSource:
+        self.open()
         return self
 
     def __exit__(
@@ -73,12 +84,17 @@ class ForceSource(ABC):
         exc: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Let go of what was opened. Never raises."""
-        return
+        self.close()
 
     @abstractmethod
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
         """The newest reading in the cycle of `state`; None while there is none."""
+
+    def publish(
+        self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
+    ) -> None:
+        """Tell the robot's state to a process that makes the force, before each `read`."""
+        return
 
     def diagnosis(self) -> tuple[str, ...]:
         """What stands in the way, in plain words."""
@@ -130,23 +146,23 @@ class Sieve:
         return (f"readings of a force refused: {self.refused}",) if self.refused else ()
 
 
-class MeasuredSource(ForceSource):
-    """What the robot itself reports (EGM's measuredForce)."""
+class _Instrument(ForceSource):
+    """What measures a wrench."""
 
-    def __init__(self, *, felt: bool = False) -> None:
-        """`felt`: its numbers are what the tool feels; else what it exerts."""
+    def __init__(self, name: str, felt: bool) -> None:
         self._sign = 1.0 if felt else -1.0
-        self._sieve = Sieve("the robot")
+        self._sieve = Sieve(name)
 
-    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
-        """The wrench of this cycle's state."""
-        wrench = state.wrench
+    def _reading(
+        self, wrench: Wrench | None, stamp_s: float, now_s: float, why_none: str
+    ) -> Reading | None:
+        """The reading of a wrench of `stamp_s`; `why_none` says why there is no wrench."""
         if wrench is None:
             self._sieve.forget()
-            self.reason = "the robot reports none" if state.link is RobotLink.LIVE else ""
+            self.reason = why_none
             return None
-        new = Reading(state.stamp_s, scale(wrench.force, self._sign), wrench.frame)
-        reading = self._sieve.take(new, state.stamp_s)
+        new = Reading(stamp_s, scale(wrench.force, self._sign), wrench.frame)
+        reading = self._sieve.take(new, now_s)
         self.reason = self._sieve.reason
         return reading
 
@@ -155,17 +171,29 @@ class MeasuredSource(ForceSource):
         return (*super().diagnosis(), *self._sieve.diagnosis())
 
 
-class SensorSource(ForceSource):
+class MeasuredSource(_Instrument):
+    """What the robot itself reports (EGM's measuredForce)."""
+
+    def __init__(self, *, felt: bool = False) -> None:
+        """`felt`: its numbers are what the tool feels; else what it exerts."""
+        super().__init__("the robot", felt)
+
+    def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
+        """The wrench of this cycle's state."""
+        why_none = "the robot reports none" if state.link is RobotLink.LIVE else ""
+        return self._reading(state.wrench, state.stamp_s, state.stamp_s, why_none)
+
+
+class SensorSource(_Instrument):
     """A force-torque sensor with a driver of its own (JR3), along the tool's axes."""
 
     def __init__(self, device: OperatorDevice, *, felt: bool = True, zero: bool = False) -> None:
         """`felt`: its numbers are what the tool feels; `zero`: it takes zero when opened."""
+        super().__init__("the sensor", felt)
         self.device = device
-        self._sign = 1.0 if felt else -1.0
         self._zero = zero
-        self._sieve = Sieve("the sensor")
 
-    def __enter__(self) -> SensorSource:
+    def open(self) -> None:
         """Open the sensor. Raises DriverError."""
         self.device.open()
         if self._zero:
@@ -174,35 +202,21 @@ class SensorSource(ForceSource):
             except DriverError:
                 self.device.close()
                 raise
-        return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Close the sensor."""
         self.device.close()
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
         """The sensor's newest wrench. It must be of the same clock as the robot's stamps."""
         sensed = self.device.state()
-        wrench = sensed.wrench
-        if wrench is None:
-            self._sieve.forget()
-            self.reason = sensed.reason or "the sensor gives no wrench"
-            return None
-        new = Reading(sensed.stamp_s, scale(wrench.force, self._sign), wrench.frame)
-        reading = self._sieve.take(new, state.stamp_s)
-        self.reason = self._sieve.reason
-        return reading
+        why_none = sensed.reason or "the sensor gives no wrench"
+        return self._reading(sensed.wrench, sensed.stamp_s, state.stamp_s, why_none)
 
     def diagnosis(self) -> tuple[str, ...]:
         """Why there is no force, and what the sensor says."""
         lines = (line for line in self.device.diagnosis() if line != self.reason)
-        said = (f"force sensor: {line}" for line in lines)
-        return (*super().diagnosis(), *self._sieve.diagnosis(), *said)
+        return (*super().diagnosis(), *(f"force sensor: {line}" for line in lines))
 
 
 class PointVelocity:
@@ -231,48 +245,30 @@ class PointVelocity:
         return self._velocity
 
 
-class Contact(NamedTuple):
-    """A body of a ContactTable, its geometry at hand."""
+@dataclass(frozen=True, kw_only=True)
+class ContactTable(ABC):
+    """One of ``[[force.contact]]``: a virtual contact surface."""
 
-    place: Vector3
-    """A point on the plane, or the sphere's centre."""
-    normal: Vector3 | None
-    """Of the plane, unit length; None: a sphere."""
-    radius_m: float
-    stiffness_n_m: float
-    damping_n_s_m: float
-    friction: float
+    stiffness_n_m: Annotated[float, bounds.ENVIRONMENT_STIFFNESS_N_M]
+    damping_n_s_m: Annotated[float, bounds.DAMPING_N_S_M] = 0.0
+    friction: Annotated[float, bounds.FRICTION] = 0.0
 
+    def __post_init__(self) -> None:
+        check_options(self)
 
-def make_contact(table: ContactTable) -> Contact:
-    """The body of `table`."""
-    material = table.stiffness_n_m, table.damping_n_s_m, table.friction
-    if table.shape == "plane":
-        assert table.point_m is not None
-        assert table.normal is not None
-        return Contact(Vector3(*table.point_m), unit(table.normal), 0.0, *material)
-    assert table.centre_m is not None
-    assert table.radius_m is not None
-    return Contact(Vector3(*table.centre_m), None, table.radius_m, *material)
+    @abstractmethod
+    def depth_at(self, place: Vector3) -> tuple[Vector3, float]:
+        """The unit normal out of the body, and how deep `place` is in it, m; <= 0: outside."""
 
 
-def contact_force(contact: Contact, place: Vector3, velocity: Vector3) -> Vector3:
+def contact_force(contact: ContactTable, place: Vector3, velocity: Vector3) -> Vector3:
     """What `contact` does to a TCP at `place` that moves at `velocity`: N, world axes.
 
     Stiffness · depth, damped and never pulling, and friction against the sliding.
     """
-    away = subtract(place, contact.place)
-    if contact.normal is not None:
-        outward = contact.normal
-        depth = -dot(away, outward)
-        if depth <= 0.0:
-            return ZERO3
-    else:
-        distance = norm(away)
-        depth = contact.radius_m - distance
-        if depth <= 0.0:
-            return ZERO3
-        outward = scale(away, 1.0 / distance) if distance > 1e-9 else Vector3(0.0, 0.0, 1.0)
+    outward, depth = contact.depth_at(place)
+    if depth <= 0.0:
+        return ZERO3
     towards = dot(velocity, outward)
     pressed = contact.stiffness_n_m * depth - contact.damping_n_s_m * towards
     if pressed <= 0.0:
@@ -291,8 +287,8 @@ class ContactSource(ForceSource):
     needs_tcp = True
     rests_at_zero = True
 
-    def __init__(self, tables: Sequence[ContactTable]) -> None:
-        self._contacts = tuple(map(make_contact, tables))
+    def __init__(self, contacts: Sequence[ContactTable]) -> None:
+        self._contacts = tuple(contacts)
         self._velocity = PointVelocity()
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:

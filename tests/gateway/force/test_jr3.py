@@ -97,7 +97,7 @@ def test_a_pen_that_is_pressed_down_pushes_the_hand_up(monkeypatch):
         }
     )
     s = make_session(config)
-    hand, jr3 = s.device, s._force.source.device.rig
+    hand, jr3 = s.device, s._force.measured.source.device.rig
     presses = [3.0]
     with Rig(TickLimits()) as omni:
         hand.rig = omni
@@ -156,7 +156,7 @@ def test_the_driver_on_a_bus_is_felt_and_missed():
             engaged = bool(hand.commands) and hand.commands[-1].engaged
             if engaged and (measured := hand.commands[-1].measured) is not None:
                 felt.append(measured.force.z)
-            if stage == 0 and s._force.conditioner.tare.taken:
+            if stage == 0 and s._force.measured.conditioner.tare.taken:
                 hand.press("button_2")
                 load(lambda board: board.set_wrench((0.0, 0.0, -BOARD_N, 0.0, 0.0, 0.0)))
                 stage = 1

@@ -1,0 +1,172 @@
+"""Tables become the options that they describe; errors name the whole key, and what is allowed."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+import pytest
+
+from cardan.bounds import Range
+from cardan.errors import ConfigurationError, OptionError
+from cardan.gateway.common.tables import AtMost, DriverTable, Tag, as_table, keys_of, read_table
+from cardan.options import CODE_ONLY, check_options, require
+
+LENGTH_M = Range(0.0, 10.0, "m", "no table is longer", above=True)
+
+
+class Colour(enum.Enum):
+    RED = "red"
+    BLUE = "blue"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ball:
+    shape: Literal["ball"] = "ball"
+    radius_m: Annotated[float, LENGTH_M]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cube:
+    shape: Literal["cube"] = "cube"
+    side_m: Annotated[float, LENGTH_M] = 1.0
+    colour: Colour = Colour.RED
+
+
+Body = Annotated[Ball | Cube, Tag("shape")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    name: str
+    size_m: tuple[Annotated[float, LENGTH_M], Annotated[float, LENGTH_M]] = (1.0, 1.0)
+    bodies: Annotated[tuple[Body, ...], AtMost(3)] = ()
+    best: Annotated[Ball | Cube, Tag("shape", "cube")] = field(default_factory=Cube)
+    driver: DriverTable | None = None
+    labels: Mapping[str, str] = field(default_factory=dict)
+    buttons: str | tuple[str, ...] = ""
+    count: int | Literal["all"] = "all"
+    made_s: float = field(default=5.0, metadata=CODE_ONLY)
+
+    def __post_init__(self) -> None:
+        check_options(self)
+        require(self.size_m[0] >= self.size_m[1], "size_m", self.size_m, "longer than wide")
+
+
+WHOLE = {
+    "name": "cell",
+    "size_m": [2, 1.5],
+    "bodies": [{"shape": "ball", "radius_m": 1}, {"shape": "cube", "colour": "blue"}],
+    "best": {"side_m": 2.0},
+    "driver": {"driver": "camera", "port": 5, "rate": [1, 2]},
+    "labels": {"x": "left"},
+    "buttons": ["a", "b"],
+    "count": 3,
+}
+
+
+def test_a_table_becomes_the_options_and_they_the_table():
+    scene = read_table(Scene, WHOLE)
+    assert scene.size_m == (2.0, 1.5)
+    assert type(scene.size_m[0]) is float
+    assert scene.bodies == (Ball(radius_m=1.0), Cube(colour=Colour.BLUE))
+    assert scene.best == Cube(side_m=2.0)
+    assert scene.driver == DriverTable("camera", {"port": 5, "rate": [1, 2]})
+    assert (scene.labels, scene.buttons, scene.count) == ({"x": "left"}, ("a", "b"), 3)
+    assert scene.made_s == 5.0
+    assert read_table(Scene, as_table(scene)) == scene
+    assert "made_s" not in as_table(scene)
+    assert as_table(scene)["bodies"][1] == {"shape": "cube", "side_m": 1.0, "colour": "blue"}
+
+
+def test_what_is_left_out_has_its_default():
+    scene = read_table(Scene, {"name": "cell", "driver": None})
+    assert scene == Scene(name="cell")
+    assert "made_s" not in keys_of(Scene)
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "words"),
+    [
+        ({"nam": "x"}, "nam", "there is no such key; allowed: name, size_m, "),
+        ({"bodys": []}, "bodys", "did you mean 'bodies'?"),
+        ({"made_s": 1.0}, "made_s", "there is no such key"),
+        ({"name": 5}, "name", "5 is not allowed; it must be a text without a NUL"),
+        ({"name": None}, "name", "None is not allowed"),
+        ({"size_m": [1, 2]}, "size_m", "(1.0, 2.0) is not allowed; it must be longer than wide"),
+        ({"size_m": [1]}, "size_m", "2 values"),
+        ({"size_m": 1}, "size_m", "2 values"),
+        ({"size_m": [1, True]}, "size_m", "above 0, at most 10 m: no table is longer"),
+        ({"size_m": [10**400, 1]}, "size_m", "above 0, at most 10 m: no table is longer"),
+        ({"size_m": ["1", 1]}, "size_m", "above 0, at most 10 m: no table is longer"),
+        ({"count": 1.5}, "count", "a whole number or one of all"),
+        ({"count": "al"}, "count", "did you mean 'all'?"),
+        ({"labels": {"x": 1}}, "labels", "a text"),
+        ({"buttons": ["a", 1]}, "buttons", "a text"),
+        ({"driver": {"port": 1}}, "driver.driver", "is missing"),
+        ({"driver": "camera"}, "driver", "'camera' is not a table"),
+        ({"best": 1}, "best", "1 is not a table"),
+        ({"best": {"shape": "ball"}}, "best.radius_m", 'is missing: shape = "ball" needs it'),
+        ({"bodies": {}}, "bodies", "one table for each of them, under the heading [["),
+        ({"bodies": 1}, "bodies", "1 is not allowed; it must be several values"),
+        ({"bodies": [1]}, "bodies.0", "1 is not a table"),
+        ({"bodies": [{}]}, "bodies.0.shape", "is missing"),
+        (
+            {"bodies": [{"shape": "bal"}]},
+            "bodies.0.shape",
+            "ball, cube; did you mean 'ball'",
+        ),
+        ({"bodies": [{"shape": []}]}, "bodies.0.shape", "[] is not allowed; it must be one of"),
+        (
+            {"bodies": [WHOLE["bodies"][1], {**WHOLE["bodies"][0], "side_m": 1.0}]},
+            "bodies.1.side_m",
+            'there is no such key with shape = "ball"; allowed: shape, radius_m',
+        ),
+        (
+            {"bodies": [{"shape": "cube", "colour": "blu"}]},
+            "bodies.0.colour",
+            "'blu' is not allowed; it must be one of red, blue; did you mean 'blue'?",
+        ),
+        ({"bodies": [{"shape": "cube"}] * 4}, "bodies", "4 are too many; allowed: at most 3"),
+    ],
+)
+def test_errors_name_the_whole_key(change, key, words):
+    for below in ("", "cells.1"):
+        with pytest.raises(ConfigurationError) as caught:
+            read_table(Scene, {**WHOLE, **change}, below)
+        assert caught.value.key == (f"{below}.{key}" if below else key)
+        assert words in str(caught.value)
+
+
+def test_the_first_error_says_how_many_more_there_are():
+    table = {"nam": "x", "count": 1.5, "bodies": [{"shape": "ball"}]}
+    with pytest.raises(ConfigurationError, match=r"^nam: .* \(and 3 more\)$"):
+        read_table(Scene, table)
+
+
+def test_an_error_of_one_option_keeps_its_value():
+    with pytest.raises(OptionError) as caught:
+        read_table(Scene, {**WHOLE, "count": 1.5})
+    assert caught.value.value == 1.5
+
+
+@dataclass
+class Foreign:
+    speed: float = field(default=1.0, metadata={"unit": "m/s"})
+
+    def __post_init__(self) -> None:
+        if self.speed > 1.0:
+            raise ValueError("too fast")
+
+
+def test_options_of_another_package_may_raise_a_value_error():
+    with pytest.raises(ConfigurationError, match=r"^device: too fast$"):
+        read_table(Foreign, {"speed": 2.0}, "device")
+
+
+@pytest.mark.parametrize("table", [None, 1, "x", [], [{}]])
+def test_what_is_no_table_is_refused(table: Any):
+    with pytest.raises(ConfigurationError, match="is not a table"):
+        read_table(Scene, table, "scene")
