@@ -35,7 +35,11 @@ class ConfigurationError(CardanError, ValueError):
     def __init__(self, key: str, message: str) -> None:
         super().__init__(f"{key}: {message}" if key else message)
         self.key = key
-        self.message = message
+
+    @property
+    def message(self) -> str:
+        """What is wrong, without the key."""
+        return str(self).removeprefix(f"{self.key}: ")
 
     def below(self, table: str) -> ConfigurationError:
         """The same error, of a setting in `table`."""

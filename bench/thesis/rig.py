@@ -115,14 +115,14 @@ class Streams:
 
     def pose(self, position: Array, rotation: Array, **how: float) -> str:
         """Stream a pose (m; rotation matrix). Answers why not."""
-        answer = self.verbs.pose(pose_of(position, rotation), **how)  # type: ignore[arg-type]
+        answer = self.verbs.stream("pose", pose_of(position, rotation), **how)  # type: ignore[arg-type]
         if answer:
             self.refusals.append(answer)
         return answer
 
     def twist(self, linear: Sequence[float]) -> None:
         """Stream a twist without turning, m/s in the base."""
-        answer = self.verbs.twist((*linear, 0.0, 0.0, 0.0))
+        answer = self.verbs.stream("twist", (*linear, 0.0, 0.0, 0.0))
         if answer:
             self.refusals.append(answer)
 

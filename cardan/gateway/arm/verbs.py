@@ -6,6 +6,7 @@ beside the loop, which only ever holds the controller's lock for a moment.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -29,7 +30,7 @@ from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import Planner
 from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
-from cardan.gateway.arm.streams import Streams
+from cardan.gateway.arm.streams import STREAMED, Sender, Streams
 from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
 from cardan.gateway.hand.source import HandSource
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -480,80 +481,26 @@ class ArmVerbs:
 
     # -- streams ---------------------------------------------------------------------------------
 
-    def pose(
+    def stream(
         self,
-        x: Target,
+        verb: str,
+        value: Sequence[float] | Target,
         *,
         owner: str = "",
         sequence: int | None = None,
         stamp_s: float | None = None,
     ) -> str:
-        """Go to the pose `x` now. Answers why not, or "".
+        """Do what the streamed command `verb` (a key of `STREAMED`) asks for now; "" or why not.
 
         `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
         grow.
         """
-        heard_s = self.stamp_s
-        with self._planning:
-            return self._answer(lambda: self.streams.pose(x, owner, sequence, stamp_s, heard_s))
-
-    def jog(
-        self,
-        dx: Target,
-        *,
-        owner: str = "",
-        sequence: int | None = None,
-        stamp_s: float | None = None,
-    ) -> str:
-        """Move the pose that is gone to by `dx` (m, rotation vector in rad); see `pose`.
-
-        Relative jogging: the deltas of a stream add up, so none is lost, however they are
-        bunched. In base axes p + d and exp(dr)·R, with the TCP frame H·X. Needs the stream
-        command `pose`, follows the parameter poseDamping, and is refused where the sum would run
-        away from the arm.
-        """
-        heard_s = self.stamp_s
-        with self._planning:
-            return self._answer(lambda: self.streams.jog(dx, owner, sequence, stamp_s, heard_s))
-
-    def twist(
-        self,
-        xdot: Sequence[float],
-        *,
-        owner: str = "",
-        sequence: int | None = None,
-        stamp_s: float | None = None,
-    ) -> str:
-        """Move with the twist `xdot` (m/s, rad/s) now; see `pose`. Too fast a one is slowed."""
-        return self._answer(lambda: self.streams.twist(xdot, owner, sequence, stamp_s))
-
-    def wrench(
-        self,
-        w: Sequence[float],
-        *,
-        owner: str = "",
-        sequence: int | None = None,
-        stamp_s: float | None = None,
-    ) -> str:
-        """Exert the wrench `w` (N, N·m, at the TCP) on the world now; see `pose`."""
-        return self._answer(lambda: self.streams.wrench(w, owner, sequence, stamp_s))
-
-    def joints(
-        self,
-        rates: Sequence[float],
-        *,
-        owner: str = "",
-        sequence: int | None = None,
-        stamp_s: float | None = None,
-    ) -> str:
-        """Move the joints at `rates` (rad/s or m/s, one a joint) now; see `pose`. Speeds are
-        bounded by the parameter jointSpeedShare, all slowed alike."""
-        return self._answer(lambda: self.streams.joints(rates, owner, sequence, stamp_s))
-
-    def _answer(self, command: Callable[[], None]) -> str:
+        sender = Sender(owner, sequence, stamp_s, self.stamp_s)
+        # Poses are checked by the inverse kinematics, which takes milliseconds.
+        plans = self._planning if verb in ("pose", "jog") else contextlib.nullcontext()
         try:
-            with self._counted():
-                command()
+            with plans, self._counted():
+                STREAMED[verb](self.streams, value, sender)
         except MotionRefusedError as error:
             return str(error)
         return ""

@@ -312,7 +312,7 @@ _FIELDS: dict[type[CardanError], tuple[str, ...]] = {
     errors.CollisionError: ("pair", "share"),
     errors.MotionRefusedError: (),
     errors.MotionLoopError: (),
-    errors.ConfigurationError: ("key", "message"),
+    errors.ConfigurationError: ("key",),
     PacketError: (),
     CardanError: (),
 }

@@ -467,13 +467,13 @@ def stream(w):
     for _ in range(w.random.choice((1, 10, 40))):
         kind = w.verbs.streams.kind.name
         if kind == "TWIST":
-            w.verbs.twist(way, owner=owner)
+            w.verbs.stream("twist", way, owner=owner)
         elif kind == "JOINT":
-            w.verbs.joints([w.random.uniform(-0.5, 0.5) for _ in w.q], owner=owner)
+            w.verbs.stream("joints", [w.random.uniform(-0.5, 0.5) for _ in w.q], owner=owner)
         elif kind == "WRENCH":
-            w.verbs.wrench([10 * x for x in way], owner=owner)
+            w.verbs.stream("wrench", [10 * x for x in way], owner=owner)
         elif kind == "POSE":
-            w.verbs.jog([0.02 * x for x in way], owner=owner)
+            w.verbs.stream("jog", [0.02 * x for x in way], owner=owner)
         w.tick()
 
 

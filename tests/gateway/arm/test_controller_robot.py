@@ -282,7 +282,7 @@ DOWN = [0.0, 0.0, -0.02, 0.0, 0.0, 0.0]
 def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends():
     world = hand_and_verbs(AuthorityPolicy.FIRST)
     world.verbs.set_parameter("cpsc", "twst")
-    assert world.verbs.twist(DOWN, owner="a") == ""
+    assert world.verbs.stream("twist", DOWN, owner="a") == ""
     world.act()
     assert world.owner == "a"
     assert not world.verbs.controller.following
@@ -305,11 +305,11 @@ def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends(
 def test_with_the_policy_hand_the_act_takes_the_arm_from_a_stream():
     world = hand_and_verbs()
     world.verbs.set_parameter("cpsc", "twst")
-    assert world.verbs.twist(DOWN, owner="a") == ""
+    assert world.verbs.stream("twist", DOWN, owner="a") == ""
     world.tick(20)
     world.act()
     assert world.owner == HAND
-    assert "the operator's hand took over" in world.verbs.twist(DOWN, owner="a")
+    assert "the operator's hand took over" in world.verbs.stream("twist", DOWN, owner="a")
     with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.05))
 

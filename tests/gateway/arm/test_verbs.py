@@ -444,7 +444,7 @@ def test_a_new_motion_takes_over_without_a_step(first, second):
     old = None
     if first == "twist":
         world.verbs.set_parameter("cpsc", "twst")
-        assert world.verbs.twist([0.0, 0.0, -0.1, 0.0, 0.0, 0.0]) == ""
+        assert world.verbs.stream("twist", [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]) == ""
         world.tick(20)
     else:
         old = call[first](there)
@@ -720,9 +720,9 @@ def test_limits_hold_whatever_is_asked(arm, drive, sequence):
                 controller.stop()
             elif name in ("twst", "pose"):
                 controller.set_parameter("cpsc", name)
-                controller.pose([*(world.six() + 0.3 * np.array(step))])
+                controller.stream("pose", [*(world.six() + 0.3 * np.array(step))])
             elif name == "twist":
-                controller.twist(step)
+                controller.stream("twist", step)
             elif name == "frame":
                 controller.set_parameter("cpf", "cpft" if step[0] > 0 else "cpfb")
             elif name == "lost":

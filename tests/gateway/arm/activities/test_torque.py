@@ -112,13 +112,13 @@ def test_a_silent_wrench_stream_leaves_the_weight():
     world.tick()
     weight = world.command.torques
     for _ in range(20):
-        assert world.verbs.wrench([0.0, 0.0, 10.0, 0.0, 0.0, 0.0]) == ""
+        assert world.verbs.stream("wrench", [0.0, 0.0, 10.0, 0.0, 0.0, 0.0]) == ""
         world.tick()
     assert not np.allclose(world.command.torques, weight, atol=0.1)
     world.tick(int(0.1 / DT_S) + 2)
     assert isinstance(world.command, TorqueCommand)
     np.testing.assert_allclose(world.command.torques, weight)
-    assert "silent" in world.verbs.wrench([0.0] * 6)
+    assert "silent" in world.verbs.stream("wrench", [0.0] * 6)
 
 
 def test_arms_that_cannot_carry_themselves_are_refused():
