@@ -55,6 +55,9 @@ class OptionError(ConfigurationError):
         self.value = value
         self.allowed = allowed
 
+    def below(self, table: str) -> OptionError:
+        return OptionError(super().below(table).key, self.value, self.allowed)
+
 
 class DriverError(CardanError):
     """A driver cannot do what it was asked."""
