@@ -33,11 +33,11 @@ class AuthorityState(NamedTuple):
     """Who has the authority, since when, and whom it was refused to last."""
 
     owner: str
-    """Empty: nobody."""
+    """Empty: no source."""
     since_s: float
     """Local monotonic time."""
     refused: str
-    """The last refusal, in words; empty before the first."""
+    """The last refusal; empty before the first."""
 
 
 class Authority:
@@ -58,7 +58,7 @@ class Authority:
 
     @property
     def owner(self) -> str:
-        """Who has it; empty: nobody."""
+        """The source that has it; empty: none."""
         return self._owner
 
     def state(self) -> AuthorityState:
@@ -76,7 +76,7 @@ class Authority:
             self._owner = self._entrusted = ""
 
     def refuses(self, source: str) -> str:
-        """Why `source` may not take it now, in words; empty when it may."""
+        """Why `source` may not take it now; empty when it may."""
         if source == self._owner:
             return ""
         if self._owner and not (self.policy is AuthorityPolicy.HAND and source == HAND):
@@ -86,7 +86,7 @@ class Authority:
         return ""
 
     def take(self, source: str, now_s: float) -> str:
-        """Give it to `source`, or renew it; answers why not, in words, or ""."""
+        """Give it to `source`, or renew it; answers why not, or ""."""
         refusal = self.refuses(source)
         if refusal:
             self._refused = f"{source}: {refusal}"
@@ -97,7 +97,7 @@ class Authority:
         return ""
 
     def hand_over(self, source: str, to: str, now_s: float) -> str:
-        """Pass it from `source`, who has it, on to `to`; answers why not, in words, or ""."""
+        """Pass it from `source`, who has it, on to `to`; answers why not, or ""."""
         if source != self._owner:
             return f"{source!r} has no authority over the arm to hand over"
         self._owner, self._since_s, self._renewed_s, self._entrusted = to, now_s, now_s, to

@@ -37,7 +37,7 @@ class ControllerOptions:
     """For how long the reference of streamed poses goes on as the last ones went, at most; the
     period of the stream takes its delay away. 0: it only ever goes to the newest pose."""
     stream_step_m: float = 0.2
-    """Farthest that a streamed pose may be from where the TCP is told to be."""
+    """Farthest that a streamed pose may be from where the TCP is commanded to be."""
     stream_step_rad: float = 1.0
     authority: AuthorityPolicy = AuthorityPolicy.HAND
     """Who may take the authority over the arm from whom."""

@@ -60,7 +60,7 @@ class ParameterRule(NamedTuple):
 
     @property
     def allowed(self) -> str:
-        """What is accepted, in words."""
+        """What is accepted."""
         if isinstance(self.accepted, Range):
             return f"{self.accepted}: {self.accepted.reason}"
         return ", ".join(map(vocab_text, self.accepted))

@@ -108,7 +108,7 @@ class Streams:
     def choose(self, kind: Stream, start: Callable[[str], FloatArray], source: str = VERBS) -> None:
         """Make `kind` the streaming command; `start` checks that a motion can begin by `source`.
 
-        Raises MotionRefusedError. Whoever streams first then gets the authority.
+        Raises MotionRefusedError. The source that streams first then gets the authority.
         """
         controller, plans = self._controller, self._plans
         verb = f"streaming {vocab_text(kind)}"

@@ -50,7 +50,7 @@ from cardan.types import (
 )
 
 AT_REST_SHARE = 0.02
-"""Of each joint's speed: a robot that reports more moves by somebody else's will."""
+"""Of each joint's speed: a robot that reports more is moved by something else."""
 
 _TO_POLICY = {PolicyCode.PATH: Policy.PATH, PolicyCode.REACH: Policy.REACH}
 _TO_CODE = {policy: code for code, policy in _TO_POLICY.items()}
@@ -102,7 +102,7 @@ class ArmVerbs:
         self.streams = Streams(controller, body, self.plans)
         self._gripper = gripper
         self._planning = threading.RLock()
-        """Held by whoever uses `planner`; always taken before the controller's lock."""
+        """Held by the thread that uses `planner`; always taken before the controller's lock."""
         self._motion: Motion | None = None
         self._waited_for: Motion | None = None
         self._pending: tuple[Motion, _Prepare] | None = None
@@ -191,7 +191,7 @@ class ArmVerbs:
 
     @property
     def state(self) -> State:
-        """What is being done; NOT_CONTROLLING as soon as it is told to stop."""
+        """What is being done; NOT_CONTROLLING from a stop on."""
         activity = self.controller.activity
         if activity is None or self.controller.braking:
             return State.NOT_CONTROLLING

@@ -1,6 +1,6 @@
 """The virtual reference point: a pose that moves inside speed and acceleration limits.
 
-The operator's twist is integrated on SE(3) into a reference pose, and the robot is told to be
+The operator's twist is integrated on SE(3) into a reference pose, and the robot is commanded to be
 there; the measured pose only supervises. So gravity sag and servo error cannot creep into where
 the operator meant to be (Łukawski, Victores and Balaguer 2023, section 4).
 

@@ -612,7 +612,7 @@ def test_a_held_arm_trips_and_the_command_comes_back():
         world.tick()
         if motion.over:
             break
-    assert "away from where it was told to be" in motion.reason
+    assert "away from where it was commanded to be" in motion.reason
     assert world.verbs.status().recovering
     with pytest.raises(MotionRefusedError, match="coming back"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.1))
