@@ -82,7 +82,8 @@ class FollowingError(NamedTuple):
     def in_words(self, relation: str) -> str:
         """For example "the robot is 12 mm and 0.10 rad behind its reference (joint_2 by 0.10)"."""
         if not self.linear_m and not self.angular_rad and self.joint:
-            return f"{self.joint} is {self.joint_error:.3f} rad {relation} where it was commanded to be"
+            away = f"{self.joint_error:.3f} rad {relation}"
+            return f"{self.joint} is {away} where it was commanded to be"
         joint = f" ({self.joint} by {self.joint_error:.2f})" if self.joint else ""
         return (
             f"the robot is {self.linear_m * 1e3:.0f} mm and {self.angular_rad:.2f} rad {relation} "

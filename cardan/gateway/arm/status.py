@@ -25,8 +25,8 @@ class Phase(enum.Enum):
     BRAKING = "braking"
     """Ramping down, by the operator's will or because something is wrong."""
     RECOVERING = "recovering"
-    """The command is brought back to a robot that is not where it was commanded to be: slowly, a leash's
-    length at most. Any button ends it."""
+    """The command is brought back to a robot that is not where it was commanded to be: slowly, a
+    leash's length at most. Any button ends it."""
 
 
 class ArmStatus(NamedTuple):

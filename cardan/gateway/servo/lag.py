@@ -1,8 +1,8 @@
 """What a robot that is behind its command by design may be measured to do.
 
 Industrial controllers filter what they are commanded: a GP8 is 0.3 s late, and in good order. To
-supervise it, it must be compared with where it was commanded to be within that time and not with where
-it is commanded to be now; else fast motion looks like an arm that somebody holds.
+supervise it, it must be compared with where it was commanded to be within that time, not with where
+it is commanded to be now; else fast motion looks like an arm that is held.
 """
 
 from __future__ import annotations
