@@ -22,7 +22,8 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
+from cardan.gateway.servo.options import Policy, ServoOptions
+from cardan.gateway.servo.servo import Servo
 from cardan.robots import load_arm
 from cardan.types import Frame, Twist, Vector3
 

@@ -30,7 +30,8 @@ from bench.arms import (
     surroundings,
 )
 from cardan.gateway.kinematics.collision import CollisionModel
-from cardan.gateway.servo.servo import Servo, ServoOptions
+from cardan.gateway.servo.options import ServoOptions
+from cardan.gateway.servo.servo import Servo
 from cardan.robots import arm_names
 
 DT_S = 0.002

@@ -15,8 +15,9 @@ A ``Literal`` or an enum lists the choices, a :class:`cardan.bounds.Range` bound
 
 from __future__ import annotations
 
+import difflib
 import enum
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from types import NoneType, UnionType
@@ -93,10 +94,10 @@ def refusal(hint: Any, value: object) -> str:
         return "" if good else f"one of {', '.join(str(_shown(each)) for each in allowed)}"
     if origin is tuple:
         return _refused_elements(inner, value)
-    if isinstance(hint, type) and issubclass(hint, tuple):
-        return _refused_elements(tuple(hints(hint).values()), value)
     if origin is Mapping:
         return _refused_items(inner, value)
+    if isinstance(hint, type) and issubclass(hint, tuple):
+        return _refused_elements(tuple(hints(hint).values()), value)
     if hint is not Any and isinstance(hint, type) and not isinstance(value, hint):
         return f"of type {hint.__name__}"
     return ""
@@ -133,3 +134,9 @@ def _refused_items(allowed: tuple[Any, ...], value: object) -> str:
 def _shown(choice: Any) -> Any:
     choice = choice.value if isinstance(choice, enum.Enum) else choice
     return choice if choice != "" else '""'
+
+
+def suggestion(word: str, allowed: Iterable[str]) -> str:
+    """The nearest of `allowed`, as the end of a sentence; empty when none is near."""
+    near = difflib.get_close_matches(word, list(allowed), 1)
+    return f"; did you mean {near[0]!r}?" if near else ""

@@ -19,11 +19,15 @@ def controller_for_hand(
     arm=None,
     period_s=PERIOD_S,
     authority=None,
+    gripper=None,
 ):
     """The controller of a robot that one operator device moves; `arm`: its body, by a model."""
     limits, watchdogs = limits or ReferenceLimits(), watchdogs or Watchdogs()
     hand = HandSource(
-        TwistMapping(mapping or MappingOptions()), limits, filters, watchdogs.device_age_s
+        TwistMapping(mapping or MappingOptions(), gripper),
+        limits,
+        filters,
+        watchdogs.device_age_s,
     )
     gate = None
     if arm is not None:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from hypothesis import strategies as st
-from pydantic.fields import FieldInfo
 
 from cardan.bounds import Range
 
@@ -20,11 +19,6 @@ def _found(hint: Any) -> Iterator[tuple[Range, bool]]:
         for note in inner[1:]:
             if isinstance(note, Range):
                 yield note, inner[0] is int
-            elif isinstance(note, FieldInfo):
-                ends = {type(end).__name__: end for end in note.metadata}
-                if "Le" in ends:
-                    low = ends["Gt"].gt if "Gt" in ends else ends["Ge"].ge
-                    yield Range(low, ends["Le"].le, "", "", above="Gt" in ends), inner[0] is int
     for each in inner:
         yield from _found(each)
 

@@ -11,6 +11,7 @@ from cardan.drivers.motoros import Motoros
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.common.tables import as_table
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.assembly import load_config, make_arm, make_controller
 from cardan.robots import load_arm
@@ -33,9 +34,7 @@ class Hand:
 
     def __init__(self, example, velocity_mode, axes, plant="ideal", **options):
         config = load_config(EXAMPLES / example)
-        table = {
-            k: v for k, v in config.robot.model_dump().items() if k not in ("driver", "enable")
-        }
+        table = {k: v for k, v in as_table(config.robot).items() if k not in ("driver", "enable")}
         self.rig = Rig(
             {**table, **options},
             self._answer,
@@ -263,7 +262,7 @@ def test_an_arm_that_somebody_holds_is_noticed_and_not_pulled_at():
 )
 def test_the_examples_keep_their_distance_at_home(example):
     config = load_config(EXAMPLES / example)
-    table = {k: v for k, v in config.robot.model_dump().items() if k != "driver"}
+    table = {k: v for k, v in as_table(config.robot).items() if k != "driver"}
     follower = make_arm(config, Motoros(Motoros.Options(**table)))
     distances = follower.servo.collision.at(np.array(load_arm("gp8").home))
     assert min(distances) > config.arm.safety_distance_m

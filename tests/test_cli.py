@@ -71,6 +71,27 @@ def test_check_says_what_a_configuration_would_do():
     assert "'left' must be held" in text
 
 
+@pytest.mark.parametrize(
+    ("mapping", "words"),
+    [
+        ('mode = "position"', "the TCP moves as the hand does, base axes"),
+        (
+            'mode = "absolute"\norigin_m = [0.5, 0.0, 0.3]',
+            "the TCP goes where the hand is, at 50 mm/s until it has arrived, base axes",
+        ),
+    ],
+)
+def test_check_says_what_a_hand_whose_pose_is_followed_does(tmp_path, mapping, words):
+    file = tmp_path / "pose.toml"
+    file.write_text(
+        '[device]\ndriver = "leap"\n[robot]\ndriver = "abb_egm"\n'
+        f'[mapping]\n{mapping}\ndeadman = "grab"\n'
+    )
+    text = cardan("check", file)
+    assert words in text
+    assert "full deflection" not in text
+
+
 def test_check_says_what_moves_an_arm_without_a_device(tmp_path):
     text = cardan("check", EXAMPLES / "verbs-ur5-simulated.toml")
     assert "device   none" in text

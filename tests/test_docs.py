@@ -7,7 +7,7 @@ import dataclasses
 import re
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 from xml.etree import ElementTree
 
 import pytest
@@ -27,10 +27,12 @@ from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavOptions
 from cardan.drivers.wiimote import WiimoteOptions
-from cardan.gateway.force.tables import FixtureTable, ForceTable
+from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import keys_of, read_table
 from cardan.gateway.hand.filters.camera import CameraOptions
 from cardan.gateway.hand.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
+from cardan.options import hints
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import (
     egm_controller,
@@ -52,18 +54,19 @@ else:
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+
+
+def kinds(hint: Any) -> list[type[Any]]:
+    """The tables behind an annotation: one, or those that a tag tells apart."""
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        return [hint]
+    return [kind for each in get_args(hint) for kind in kinds(each)]
+
+
 TABLES = {
-    "arm": config.ArmTable,
-    "authority": config.AuthorityTable,
-    "obstacles": config.ObstacleTable,
-    "mapping": config.MappingTable,
-    "gripper": config.GripperTable,
-    "feedback": config.FeedbackTable,
-    "force": ForceTable,
-    "fixtures": FixtureTable,
-    "limits": config.LimitsTable,
-    "watchdogs": config.WatchdogTable,
-    "spnav": config.SpnavTable,
+    name: kinds(hint)
+    for name, hint in hints(config.SessionConfig).items()
+    if name not in ("device", "robot", "filters")
 }
 
 
@@ -108,6 +111,20 @@ def written(default: Any) -> str:
     return f'`"{default}"`' if isinstance(default, str) else str(default)
 
 
+TAGS = {"force": "source", "fixtures": "shape"}
+SEVERAL_DEFAULTS = {"force": {"sense"}, "fixtures": {"point_m", "damping_n_s_m"}}
+"""Keys whose default is not the same of all sources or shapes: the pages name each."""
+
+
+def default_of(field: dataclasses.Field[Any]) -> str:
+    """The default of a key as the tables write it."""
+    if field.default_factory is not dataclasses.MISSING:
+        return written(field.default_factory())
+    if field.default is dataclasses.MISSING:
+        return "must be given"
+    return written(getattr(field.default, "value", field.default))
+
+
 DRIVER_PAGES = [
     ("abb-egm.md", AbbEgmOptions),
     ("spacemouse.md", SpaceMouseOptions),
@@ -134,14 +151,47 @@ def test_every_configuration_key_is_there_with_its_default(name):
     page = text("configuration.md")
     heading = f"`[{name}]`" if f"## `[{name}]`" in page else f"`[[{name}]]`"
     table = rows(section(page, heading))
-    fields = TABLES[name].model_fields
-    defaults = {
-        key: "must be given"
-        if field.is_required()
-        else written(getattr(field.default, "value", field.default))
-        for key, field in fields.items()
-    }
-    assert {key: cells[0] for key, cells in table.items()} == defaults
+    told = {key: cells[0] for key, cells in table.items()}
+    defaults: dict[str, set[str]] = {}
+    for kind in TABLES[name]:
+        for key, field in keys_of(kind).items():
+            defaults.setdefault(key, set()).add(default_of(field))
+    if len(TABLES[name]) > 1:
+        assert told.pop(TAGS[name]) in {"must be given", *defaults.pop(TAGS[name])}
+    assert {key for key, found in defaults.items() if len(found) > 1} == SEVERAL_DEFAULTS.get(
+        name, set()
+    )
+    assert told.keys() == defaults.keys()
+    for key, found in defaults.items():
+        assert told[key] in found if len(found) == 1 else all(each in told[key] for each in found)
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"watchdogs": {"device_ag_s": 0.1}},
+        {"limits": {"linear_speed_m_s": -1}},
+        {"limits": {"workspace_x_m": [0.7, 0.3]}},
+        {"mapping": {"axes": ["x", "y", "z", "rx", "ry", "rw"]}},
+        {"mapping": {"frame": "tol"}},
+        {"fixtures": [{"shape": "viscous", "damping_n_s_m": 2.0, "at": "start"}]},
+        {"force": {"source": "remote"}},
+        {"device": {"driver": "spacemous"}},
+        {"device": {"driver": "spacemouse", "dead_zone": 1.5}},
+        {"filters": [{"filter": "camera"}, {"filter": "proximity", "alert_low": 900}]},
+    ],
+)
+def test_errors_are_as_the_page_shows_them(tables):
+    drivers = {"device": {"driver": "spacemouse"}, "robot": {"driver": "abb_egm"}}
+
+    def make() -> None:
+        parsed = config.parse_config({**drivers, **tables})
+        assembly.make_device(parsed)
+        assembly.make_filters(parsed)
+
+    with pytest.raises(ConfigurationError) as caught:
+        make()
+    assert f"cardan: {caught.value}" in text("configuration.md").splitlines()
 
 
 def said(bounds: Range) -> str:
@@ -177,7 +227,9 @@ def test_every_range_of_a_configuration_key_is_there(name):
     table = rows(section(page, heading))
     missing = {
         key: str(bounds)
-        for key, bounds in ranges(TABLES[name]).items()
+        for kind in TABLES[name]
+        for key, bounds in ranges(kind).items()
+        if key in keys_of(kind)
         if said(bounds) not in " | ".join(table[key])
     }
     assert missing == {}
@@ -187,7 +239,7 @@ def test_every_table_of_the_configuration_has_its_section():
     named = set(
         re.findall(r"`\[+(\w+)\]+`", "".join(re.findall(r"^## .*", text("configuration.md"), re.M)))
     )
-    assert named == set(config.SessionConfig.model_fields)
+    assert named == set(keys_of(config.SessionConfig))
     assert set(TABLES) == named - {"device", "robot", "filters"}
 
 
@@ -387,7 +439,7 @@ def test_snippets_are_programs_and_settings(page):
         table = tomllib.loads(block)
         if "robot" in table:
             options = {key: value for key, value in table["robot"].items() if key != "driver"}
-            assembly.driver_options(registry.load(table["robot"]["driver"]), options, "robot")
+            read_table(registry.load(table["robot"]["driver"]).Options, options, "robot")
 
 
 @pytest.mark.parametrize(

@@ -153,6 +153,11 @@ def check(file: ConfigFile) -> None:
         print(f"  moved by {_moved_by_verbs(config)}")
     elif mapping.mode is Mode.POSITION:
         print(f"  mapping  the TCP moves as the hand does, {mapping.frame.value} axes")
+    elif mapping.mode is Mode.ABSOLUTE:
+        print(
+            f"  mapping  the TCP goes where the hand is, at {mapping.approach_speed_m_s * 1e3:.0f} "
+            f"mm/s until it has arrived, {mapping.frame.value} axes"
+        )
     else:
         print(
             f"  mapping  full deflection is {mapping.linear_speed_m_s * 1e3:.0f} mm/s and "
@@ -164,14 +169,14 @@ def check(file: ConfigFile) -> None:
         around = (
             f", {len(config.obstacles)} obstacles" if config.arm.collisions else ", collisions OFF"
         )
-        print(f"  arm      {config.arm.model}, policy {config.arm.policy}{around}")
+        print(f"  arm      {config.arm.model}, policy {config.arm.policy.value}{around}")
     if config.fixtures:
         print(f"  fixtures {', '.join(each.shape for each in config.fixtures)}")
-    if config.force is not None and config.force.source != "none":
-        how = f"{config.force.scale:g} N for each N of the robot"
-        if config.force.source == "remote":
-            how = f"by a force node at {config.force.socket}"
-        print(f"  force    {config.force.source}, {how}")
+    force = config.force
+    if force.source == "remote":
+        print(f"  force    remote, by a force node at {force.socket}")
+    elif force.source != "none":
+        print(f"  force    {force.source}, {force.scale:g} N for each N of the robot")
     print(
         f"  limits   {limits.linear_speed_m_s * 1e3:.0f} mm/s, "
         f"{math.degrees(limits.angular_speed_rad_s):.0f} deg/s"
@@ -287,7 +292,7 @@ def spnav(
         options = SpnavServerOptions()
     else:
         config = load_served(file)
-        device, options = make_device(config), config.spnav.server_options()
+        device, options = make_device(config), config.spnav
     try:
         if socket is not None:
             options = dataclasses.replace(options, socket=socket)

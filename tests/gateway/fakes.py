@@ -5,9 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
+from cardan.bounds import Range
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import DeviceNotFoundError
+from cardan.options import check_options
 from cardan.types import (
     IDENTITY,
     ButtonEvent,
@@ -30,12 +33,11 @@ PERIOD_S = 0.004
 
 @dataclass(frozen=True, kw_only=True)
 class FakeDeviceOptions:
-    deflection: float = 1.0
+    deflection: Annotated[float, Range(-1.0, 1.0, "", "full deflection")] = 1.0
     present: bool = True
 
     def __post_init__(self) -> None:
-        if not -1.0 <= self.deflection <= 1.0:
-            raise ValueError(f"deflection must be from -1 to 1, not {self.deflection}")
+        check_options(self)
 
 
 class FakeDevice(OperatorDevice):

@@ -11,7 +11,7 @@ from cardan.gateway.arm.checks import Workspace
 from cardan.gateway.arm.planner import Margins
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.motion.reference import ReferenceLimits
-from cardan.gateway.servo.servo import ServoOptions
+from cardan.gateway.servo.options import ServoOptions
 from cardan.types import CommandKind
 
 

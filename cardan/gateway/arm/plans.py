@@ -230,6 +230,7 @@ class Plans:
     def reference(self, linear_m_s2: float, angular_rad_s2: float) -> Reference:
         """A reference for streams and movv with these accelerations."""
         options = self.options
+        x, y, z = options.workspace_m
         limits = ReferenceLimits(
             linear_speed_m_s=self._fastest_m_s,
             linear_acceleration_m_s2=linear_m_s2,
@@ -239,7 +240,9 @@ class Plans:
             angular_jerk_rad_s3=options.stream_rotation_jerk_rad_s3,
             leash_m=options.leash_m,
             leash_rad=options.leash_rad,
-            workspace_m=options.workspace_m,
+            workspace_x_m=x,
+            workspace_y_m=y,
+            workspace_z_m=z,
         )
         return Reference(limits)
 

@@ -11,12 +11,15 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Annotated, NamedTuple
 
+from cardan import bounds
 from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.body import Body, FollowingError
+from cardan.gateway.common.tables import CODE_ONLY
 from cardan.gateway.motion.reference import Reference
+from cardan.options import check_options
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
@@ -29,22 +32,26 @@ TRUST_AFTER_S = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Watchdogs:
-    """Limits on age and error; each trips into a braking ramp. All by local monotonic time."""
+    """``[watchdogs]``: limits on age and error; each trips into a braking ramp. All by local
+    monotonic time."""
 
-    device_age_s: float = 0.1
+    device_age_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Oldest report that may still drive motion: six missed reports of a 62 Hz device."""
-    stall_s: float = 0.1
+    stall_s: Annotated[float, bounds.BLIND_S] = field(default=0.1, metadata=CODE_ONLY)
     """Longest time between two ticks: after more, the robot is no longer where it was left."""
-    following_error_m: float = 0.1
+    following_error_m: Annotated[float, bounds.LEASH_M] = 0.1
     """Distance between reference and robot beyond which something else holds the arm."""
-    following_error_rad: float = 0.6
-    following_error_joint: float = 0.5
+    following_error_rad: Annotated[float, bounds.LEASH_RAD] = 0.6
+    following_error_joint: float = field(default=0.5, metadata=CODE_ONLY)
     """rad or m; between commanded and measured joints, where joints are commanded. At the full
     speed of an arm's wrist a position loop lags by 0.3 rad."""
-    heartbeat_s: float = 0.5
+    heartbeat_s: Annotated[float, bounds.BLIND_S] = field(default=0.5, metadata=CODE_ONLY)
     """Longest silence of the process that supervises a session's own."""
     recovery: bool = True
     """Whether a command that lost its robot is brought back to it, slowly and within the leash."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
     def error_limit(self) -> FollowingError:
         """The following error that trips."""

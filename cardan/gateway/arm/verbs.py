@@ -37,7 +37,8 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.motion.reference import ReferenceLimits
-from cardan.gateway.servo.servo import Policy, Servo
+from cardan.gateway.servo.options import Policy
+from cardan.gateway.servo.servo import Servo
 from cardan.robots import ArmModel, BodyShape
 from cardan.spatial import is_finite
 from cardan.types import (
@@ -154,6 +155,7 @@ class ArmVerbs:
         body.velocity_gain_1_s = prm.feedback_gain_1_s(
             values[Parameter.GAIN], values[Parameter.CONTROL_PERIOD]
         )
+        x, y, z = options.workspace_m
         limits = ReferenceLimits(
             linear_speed_m_s=options.stream_speed_m_s,
             linear_acceleration_m_s2=options.stream_acceleration_m_s2,
@@ -161,7 +163,9 @@ class ArmVerbs:
             angular_acceleration_rad_s2=options.stream_rotation_acceleration_rad_s2,
             leash_m=options.leash_m,
             leash_rad=options.leash_rad,
-            workspace_m=options.workspace_m,
+            workspace_x_m=x,
+            workspace_y_m=y,
+            workspace_z_m=z,
         )
         age_s = options.watchdogs.device_age_s
         hand = None

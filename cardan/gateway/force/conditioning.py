@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+from cardan import bounds
 from cardan.gateway.force.sources import Reading
+from cardan.options import check_options
 from cardan.spatial import limit_norm, norm, rotate
 from cardan.types import NEVER_S, ZERO3, Frame, Pose, Vector3
 
@@ -34,10 +37,14 @@ EXTRAPOLATED_S = 0.008
 class Conditioning:
     """How a reading becomes a force for the hand."""
 
-    scale: float = 0.02
-    deadband_n: float = 0.1
-    cutoff_hz: float = 40.0
+    scale: Annotated[float, bounds.FORCE_SCALE] = 0.02
+    """N in the hand for each N at the robot."""
+    deadband_n: Annotated[float, bounds.DEADBAND_N] = 0.1
+    cutoff_hz: Annotated[float, bounds.FORCE_CUTOFF_HZ] = 40.0
     tare: bool = True
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class Tare:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from cardan.gateway.force.conditioning import LowPass
 from cardan.haptics import HapticState
@@ -75,6 +76,17 @@ class ContactFigures:
         square = self._square_sum / self.time_s - 2.0 * target * mean + target * target
         return math.sqrt(max(0.0, square))
 
+    def report(self, target_n: float | None) -> dict[str, Any]:
+        """The figures of a snapshot, by the names that they have there."""
+        return {
+            "contact_force_n": self.force_n,
+            "contact_s": self.time_s,
+            "contact_path_m": self.path_m,
+            "contact_force_mean_n": self.mean_n,
+            "contact_target_n": target_n,
+            "contact_force_rms_error_n": self.rms_error_n(target_n),
+        }
+
 
 class FeltFigures:
     """What the device gave to the hand: force and energy at most, and how old forces were."""
@@ -98,3 +110,27 @@ class FeltFigures:
             self.fixture_age.add(state.gap_s + state.tick_cost_s)
         if measured and math.isfinite(state.force_age_s):
             self.measured_age.add(state.force_age_s)
+
+    def report(self) -> dict[str, Any]:
+        """The figures of a snapshot, by the names that they have there."""
+        state = self.newest
+        return {
+            "haptic_state": state.state.value,
+            "haptic_reason": state.reason,
+            "force_n": norm(state.force),
+            "force_commanded_n": norm(state.force_commanded),
+            "force_peak_n": self.peak_n,
+            "energy_j": state.energy_j,
+            "energy_given_j": state.delivered_j,
+            "energy_given_peak_j": self.given_peak_j,
+            "passivity_damping_n_s_m": state.passivity_damping_n_s_m,
+            "force_age_s": state.force_age_s,
+            "fixture_age_p50_s": _percentile(self.fixture_age, 50),
+            "fixture_age_p99_s": _percentile(self.fixture_age, 99),
+            "measured_age_p50_s": _percentile(self.measured_age, 50),
+            "measured_age_p99_s": _percentile(self.measured_age, 99),
+        }
+
+
+def _percentile(ages: LatencyHistogram, percent: float) -> float | None:
+    return ages.percentile(percent) if ages.count else None

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from cardan.gateway.force.tables import FixtureTable
 from cardan.haptics import (
-    IDENTITY3,
     Box,
     Cylinder,
     Fixture,
@@ -23,8 +22,11 @@ from cardan.haptics import (
     Viscous,
     WorldMap,
 )
-from cardan.spatial import add, dot, from_euler_zyx, limit_norm, norm, rotate, scale, subtract
+from cardan.spatial import add, dot, limit_norm, norm, rotate, scale, subtract
 from cardan.types import ZERO3, Quaternion, Vector3
+
+if TYPE_CHECKING:
+    from cardan.gateway.force.tables import FixtureTable
 
 UP = Vector3(0.0, 0.0, 1.0)
 """Where a body pushes whose very centre the point is in: every direction is as near."""
@@ -64,59 +66,25 @@ def unit(direction: Sequence[float]) -> Vector3:
     return scale(v, 1.0 / norm(v))
 
 
-def make_fixture(table: FixtureTable, tcp: Vector3 | None = None) -> Fixture:
-    """The fixture of `table`; one with `at` stands where `tcp` is."""
-    shape, cap, damping = table.shape, table.cap_n, table.damping_n_s_m
-    if shape == "viscous":
-        return Viscous(damping, cap)
-    k = table.stiffness_n_m
-    assert k is not None
-    if shape in ("plane", "spring"):
-        given = table.point_m if shape == "plane" else table.target_m
-        place = tcp if given is None else Vector3(*given)
-        assert place is not None
-        if shape == "spring":
-            return Spring(place, k, cap, damping)
-        assert table.normal is not None
-        return Plane(place, unit(table.normal), k, cap, damping)
-    if shape == "box":
-        assert table.centre_m is not None
-        assert table.half_sides_m is not None
-        rotation = IDENTITY3
-        if table.rpy_deg is not None:
-            rotation = matrix_of(from_euler_zyx(*map(math.radians, table.rpy_deg)))
-        sides = Vector3(*table.half_sides_m)
-        return Box(Vector3(*table.centre_m), sides, k, cap, damping, table.inside, rotation)
-    assert table.radius_m is not None
-    if shape == "sphere":
-        assert table.centre_m is not None
-        centre = Vector3(*table.centre_m)
-        return Sphere(centre, table.radius_m, k, cap, damping, table.inside)
-    assert table.point_m is not None
-    assert table.axis is not None
-    point, axis = Vector3(*table.point_m), unit(table.axis)
-    return Cylinder(point, axis, table.radius_m, k, cap, damping, table.inside)
-
-
 class FixtureSet:
     """The fixtures of a session, those with `at` where the TCP was when their moment came."""
 
     def __init__(self, tables: Sequence[FixtureTable]) -> None:
         self._tables = tuple(tables)
         self._made: list[Fixture | None] = [
-            make_fixture(table) if table.at is None else None for table in tables
+            None if table.moment else table.made() for table in tables
         ]
         self.fixtures: tuple[Fixture, ...] = ()
         """Those whose place is known. The same object until that changes."""
         self._gather()
 
     def place(self, moment: str, tcp: Vector3) -> None:
-        """Put those whose `at` is `moment` at `tcp`."""
-        if not any(table.at == moment for table in self._tables):
+        """Put those whose moment this is at `tcp`."""
+        if not any(table.moment == moment for table in self._tables):
             return
         for index, table in enumerate(self._tables):
-            if table.at == moment:
-                self._made[index] = make_fixture(table, tcp)
+            if table.moment == moment:
+                self._made[index] = table.made(tcp)
         self._gather()
 
     def _gather(self) -> None:
@@ -136,15 +104,19 @@ def fixture_force(fixture: Fixture, point: Vector3, velocity: Vector3 = ZERO3) -
     if isinstance(fixture, Plane):
         outward, depth = fixture.normal, dot(subtract(fixture.point, point), fixture.normal)
     elif isinstance(fixture, Sphere):
-        outward, depth = _round(subtract(point, fixture.centre), fixture.radius_m, fixture.inside)
+        outward, depth = outward_of_round(
+            subtract(point, fixture.centre), fixture.radius_m, fixture.inside
+        )
     else:
         away = subtract(point, fixture.point)
         radial = subtract(away, scale(fixture.axis, dot(away, fixture.axis)))
-        outward, depth = _round(radial, fixture.radius_m, fixture.inside)
+        outward, depth = outward_of_round(radial, fixture.radius_m, fixture.inside)
     return _push(outward, depth, velocity, fixture)
 
 
-def _round(away: Vector3, radius: float, inside: bool) -> tuple[Vector3, float]:
+def outward_of_round(away: Vector3, radius: float, inside: bool = False) -> tuple[Vector3, float]:
+    """The unit vector out of a round body's material, and how deep the point is in it, m, that is
+    `away` from its centre or axis."""
     distance = norm(away)
     outward = scale(away, 1.0 / distance) if distance > 1e-9 else UP
     return (scale(outward, -1.0), distance - radius) if inside else (outward, radius - distance)

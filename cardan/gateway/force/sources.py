@@ -9,14 +9,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from types import TracebackType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
-from cardan.gateway.force.fixtures import unit
-from cardan.gateway.force.tables import ContactTable
+from cardan.haptics import WorldMap
 from cardan.spatial import add, dot, is_finite, norm, scale, subtract
 from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3
+
+if TYPE_CHECKING:
+    from cardan.gateway.force.tables import ContactTable
 
 STICK_SPEED_M_S = 0.005
 """Friction of a computed contact grows with speed below this, and is Coulomb's above it."""
@@ -79,6 +81,11 @@ class ForceSource(ABC):
     @abstractmethod
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
         """The newest reading in the cycle of `state`; None while there is none."""
+
+    def publish(  # noqa: B027
+        self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
+    ) -> None:
+        """Tell the robot's state, before each `read`, to whom the force is made by elsewhere."""
 
     def diagnosis(self) -> tuple[str, ...]:
         """What stands in the way, in plain words."""
@@ -231,48 +238,14 @@ class PointVelocity:
         return self._velocity
 
 
-class Contact(NamedTuple):
-    """A body of a ContactTable, its geometry at hand."""
-
-    place: Vector3
-    """A point on the plane, or the sphere's centre."""
-    normal: Vector3 | None
-    """Of the plane, unit length; None: a sphere."""
-    radius_m: float
-    stiffness_n_m: float
-    damping_n_s_m: float
-    friction: float
-
-
-def make_contact(table: ContactTable) -> Contact:
-    """The body of `table`."""
-    material = table.stiffness_n_m, table.damping_n_s_m, table.friction
-    if table.shape == "plane":
-        assert table.point_m is not None
-        assert table.normal is not None
-        return Contact(Vector3(*table.point_m), unit(table.normal), 0.0, *material)
-    assert table.centre_m is not None
-    assert table.radius_m is not None
-    return Contact(Vector3(*table.centre_m), None, table.radius_m, *material)
-
-
-def contact_force(contact: Contact, place: Vector3, velocity: Vector3) -> Vector3:
+def contact_force(contact: ContactTable, place: Vector3, velocity: Vector3) -> Vector3:
     """What `contact` does to a TCP at `place` that moves at `velocity`: N, world axes.
 
     Stiffness · depth, damped and never pulling, and friction against the sliding.
     """
-    away = subtract(place, contact.place)
-    if contact.normal is not None:
-        outward = contact.normal
-        depth = -dot(away, outward)
-        if depth <= 0.0:
-            return ZERO3
-    else:
-        distance = norm(away)
-        depth = contact.radius_m - distance
-        if depth <= 0.0:
-            return ZERO3
-        outward = scale(away, 1.0 / distance) if distance > 1e-9 else Vector3(0.0, 0.0, 1.0)
+    outward, depth = contact.depth_at(place)
+    if depth <= 0.0:
+        return ZERO3
     towards = dot(velocity, outward)
     pressed = contact.stiffness_n_m * depth - contact.damping_n_s_m * towards
     if pressed <= 0.0:
@@ -291,8 +264,8 @@ class ContactSource(ForceSource):
     needs_tcp = True
     rests_at_zero = True
 
-    def __init__(self, tables: Sequence[ContactTable]) -> None:
-        self._contacts = tuple(map(make_contact, tables))
+    def __init__(self, contacts: Sequence[ContactTable]) -> None:
+        self._contacts = tuple(contacts)
         self._velocity = PointVelocity()
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:

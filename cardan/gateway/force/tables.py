@@ -1,183 +1,321 @@
-"""``[force]`` and ``[[fixtures]]`` of a configuration file."""
+"""``[force]`` and ``[[fixtures]]`` of a configuration file: one class for each source and shape."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Literal
 
-from pydantic import field_validator, model_validator
-
 from cardan import bounds
-from cardan.gateway.common.tables import Angles, Direction, DriverTable, Length, Table, within
-from cardan.haptics import MAX_FIXTURES
+from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import Angles, AtMost, Direction, DriverTable, Length, Tag
+from cardan.gateway.force.conditioning import Conditioning
+from cardan.gateway.force.fixtures import matrix_of, outward_of_round, unit
+from cardan.haptics import (
+    MAX_FIXTURES,
+    Box,
+    Cylinder,
+    Fixture,
+    Plane,
+    Sphere,
+    Spring,
+    Viscous,
+)
+from cardan.options import check_options, require
+from cardan.spatial import dot, from_euler_zyx, norm, subtract
+from cardan.types import Vector3
 
-Near = Annotated[float, within(bounds.NEAR_M)]
+Near = Annotated[float, bounds.NEAR_M]
 Place = tuple[Near, Near, Near]
 """m"""
 
-Stiffness = Annotated[float, within(bounds.FIXTURE_STIFFNESS_N_M)]
-Damping = Annotated[float, within(bounds.DAMPING_N_S_M)]
-
-MAX_SOCKET_PATH_BYTES = 107
-"""Of a Unix socket on Linux."""
+Damping = Annotated[float, bounds.DAMPING_N_S_M]
 
 MAX_CONTACTS = 8
 
 SHORTEST_DIRECTION = 1e-9
 """A vector that is shorter has no direction that rounding leaves."""
 
-_NEEDED = {
-    "sphere": ("centre_m", "radius_m", "stiffness_n_m"),
-    "plane": ("normal", "stiffness_n_m"),
-    "box": ("centre_m", "half_sides_m", "stiffness_n_m"),
-    "cylinder": ("point_m", "axis", "radius_m", "stiffness_n_m"),
-    "spring": ("stiffness_n_m",),
-    "viscous": ("damping_n_s_m",),
-}
-_ALLOWED = {
-    "sphere": ("inside",),
-    "plane": ("point_m", "at"),
-    "box": ("rpy_deg", "inside"),
-    "cylinder": ("inside",),
-    "spring": ("target_m", "at"),
-    "viscous": (),
-}
-_ALWAYS = ("shape", "cap_n", "damping_n_s_m")
-_PLACED = {"plane": "point_m", "spring": "target_m"}
-"""The shapes that may begin where the TCP is, and the key that says where else."""
+
+def require_direction(key: str, direction: Sequence[float]) -> None:
+    """Raise ConfigurationError for a vector that is too short to have a direction."""
+    if not norm(Vector3(*direction)) > SHORTEST_DIRECTION:
+        raise ConfigurationError(key, f"{list(direction)} has no direction")
 
 
-def _one_of_length(direction: Direction | None) -> Direction | None:
-    if direction is not None and not math.sqrt(sum(c * c for c in direction)) > SHORTEST_DIRECTION:
-        raise ValueError(f"{list(direction)} has no direction")
-    return direction
+# -- [[fixtures]]: geometry in the robot's base frame that pushes the hand -------------------------
 
 
-class FixtureTable(Table):
-    """One of ``[[fixtures]]``: geometry in the robot's base frame that pushes the hand."""
+@dataclass(frozen=True, kw_only=True)
+class _FixtureTable(ABC):
+    cap_n: Annotated[float, bounds.HAND_FORCE_N] = 3.0
 
-    shape: Literal["sphere", "plane", "box", "cylinder", "spring", "viscous"]
-    centre_m: Place | None = None
-    radius_m: Length | None = None
-    half_sides_m: tuple[Length, Length, Length] | None = None
-    rpy_deg: Angles | None = None
-    point_m: Place | None = None
-    normal: Direction | None = None
-    axis: Direction | None = None
-    target_m: Place | None = None
-    at: Literal["start", "clutch-in"] | None = None
-    stiffness_n_m: Stiffness | None = None
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @property
+    def moment(self) -> str:
+        """When it is put where the TCP is; empty: it has a place of its own."""
+        return ""
+
+    @abstractmethod
+    def made(self, tcp: Vector3 | None = None) -> Fixture:
+        """The fixture; one without a place of its own stands where `tcp` is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StiffFixtureTable(_FixtureTable):
+    """A fixture that pushes the harder the deeper the TCP is in it."""
+
+    stiffness_n_m: Annotated[float, bounds.FIXTURE_STIFFNESS_N_M]
     damping_n_s_m: Damping = 0.0
-    cap_n: Annotated[float, within(bounds.HAND_FORCE_N)] = 3.0
+
+    @property
+    def _material(self) -> tuple[float, float, float]:
+        return self.stiffness_n_m, self.cap_n, self.damping_n_s_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PlacedFixtureTable(StiffFixtureTable):
+    at: Literal["start", "clutch-in"] | None = None
+
+    @property
+    def moment(self) -> str:
+        return self.at or ""
+
+    def _check_place(self, key: str, place: Place | None, shape: str) -> None:
+        if (place is None) is (self.at is None):
+            raise ConfigurationError(
+                key,
+                f'shape = "{shape}" needs it, or at = "start" or "clutch-in" (where the TCP is '
+                "then), one of both",
+            )
+
+    def _place(self, place: Place | None, tcp: Vector3 | None) -> Vector3:
+        if place is None:
+            assert tcp is not None
+            return tcp
+        return Vector3(*place)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphereTable(StiffFixtureTable):
+    """A solid sphere, or a hollow one that the hand is kept in."""
+
+    shape: Literal["sphere"] = "sphere"
+    centre_m: Place
+    radius_m: Length
     inside: bool = False
 
-    _directions = field_validator("normal", "axis")(_one_of_length)
-
-    @model_validator(mode="after")
-    def _fits_the_shape(self) -> FixtureTable:
-        needed = _NEEDED[self.shape]
-        for key in needed:
-            if not getattr(self, key):
-                raise ValueError(f'{key}: shape = "{self.shape}" needs it')
-        allowed = (*needed, *_ALLOWED[self.shape], *_ALWAYS)
-        for key, field in FixtureTable.model_fields.items():
-            if key not in allowed and getattr(self, key) != field.default:
-                raise ValueError(
-                    f'{key}: shape = "{self.shape}" has none; it has: {", ".join(allowed[:-3])}'
-                )
-        place = _PLACED.get(self.shape)
-        if place is not None and (getattr(self, place) is None) is (self.at is None):
-            raise ValueError(
-                f'{place}: shape = "{self.shape}" needs it, or at = "start" or "clutch-in" (where '
-                "the TCP is then), one of both"
-            )
-        return self
+    def made(self, tcp: Vector3 | None = None) -> Sphere:
+        return Sphere(Vector3(*self.centre_m), self.radius_m, *self._material, self.inside)
 
 
-class ContactTable(Table):
-    """One of ``[[force.contact]]``: a virtual contact surface."""
+@dataclass(frozen=True, kw_only=True)
+class PlaneTable(_PlacedFixtureTable):
+    """Solid below a plane."""
 
-    shape: Literal["plane", "sphere"]
+    shape: Literal["plane"] = "plane"
     point_m: Place | None = None
-    normal: Direction | None = None
-    centre_m: Place | None = None
-    radius_m: Length | None = None
-    stiffness_n_m: Annotated[float, within(bounds.ENVIRONMENT_STIFFNESS_N_M)]
+    normal: Direction
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_direction("normal", self.normal)
+        self._check_place("point_m", self.point_m, self.shape)
+
+    def made(self, tcp: Vector3 | None = None) -> Plane:
+        return Plane(self._place(self.point_m, tcp), unit(self.normal), *self._material)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxTable(StiffFixtureTable):
+    """A solid box, or a hollow one that the hand is kept in."""
+
+    shape: Literal["box"] = "box"
+    centre_m: Place
+    half_sides_m: tuple[Length, Length, Length]
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
+    inside: bool = False
+
+    def made(self, tcp: Vector3 | None = None) -> Box:
+        rotation = matrix_of(from_euler_zyx(*map(math.radians, self.rpy_deg)))
+        centre, sides = Vector3(*self.centre_m), Vector3(*self.half_sides_m)
+        return Box(centre, sides, *self._material, self.inside, rotation)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CylinderTable(StiffFixtureTable):
+    """A solid cylinder without ends, or a hollow one that the hand is kept in."""
+
+    shape: Literal["cylinder"] = "cylinder"
+    point_m: Place
+    axis: Direction
+    radius_m: Length
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_direction("axis", self.axis)
+
+    def made(self, tcp: Vector3 | None = None) -> Cylinder:
+        point, axis = Vector3(*self.point_m), unit(self.axis)
+        return Cylinder(point, axis, self.radius_m, *self._material, self.inside)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpringTable(_PlacedFixtureTable):
+    """A spring to a point."""
+
+    shape: Literal["spring"] = "spring"
+    target_m: Place | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_place("target_m", self.target_m, self.shape)
+
+    def made(self, tcp: Vector3 | None = None) -> Spring:
+        return Spring(self._place(self.target_m, tcp), *self._material)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousTable(_FixtureTable):
+    """Drag against every motion."""
+
+    shape: Literal["viscous"] = "viscous"
+    damping_n_s_m: Damping
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.damping_n_s_m, "damping_n_s_m", self.damping_n_s_m, "above 0: it is all drag")
+
+    def made(self, tcp: Vector3 | None = None) -> Viscous:
+        return Viscous(self.damping_n_s_m, self.cap_n)
+
+
+FixtureTable = Annotated[
+    SphereTable | PlaneTable | BoxTable | CylinderTable | SpringTable | ViscousTable, Tag("shape")
+]
+FixtureTables = Annotated[tuple[FixtureTable, ...], AtMost(MAX_FIXTURES)]
+
+
+# -- [[force.contact]]: virtual contact surfaces ---------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ContactTable(ABC):
+    stiffness_n_m: Annotated[float, bounds.ENVIRONMENT_STIFFNESS_N_M]
     damping_n_s_m: Damping = 0.0
-    friction: Annotated[float, within(bounds.FRICTION)] = 0.0
+    friction: Annotated[float, bounds.FRICTION] = 0.0
 
-    _direction = field_validator("normal")(_one_of_length)
+    def __post_init__(self) -> None:
+        check_options(self)
 
-    @model_validator(mode="after")
-    def _fits_the_shape(self) -> ContactTable:
-        keys = {"plane": ("point_m", "normal"), "sphere": ("centre_m", "radius_m")}
-        for shape, needed in keys.items():
-            for key in needed:
-                if (getattr(self, key) is not None) is not (shape == self.shape):
-                    says = "needs it" if shape == self.shape else "has none"
-                    raise ValueError(f'{key}: shape = "{self.shape}" {says}')
-        return self
+    @abstractmethod
+    def depth_at(self, place: Vector3) -> tuple[Vector3, float]:
+        """The unit normal out of the body, and how deep `place` is in it, m; <= 0: outside."""
 
 
-class ForceTable(Table):
-    """``[force]``: where the force comes from that the hand feels, and how it gets there."""
+@dataclass(frozen=True, kw_only=True)
+class PlaneContactTable(_ContactTable):
+    """A surface that is solid below."""
 
-    source: Literal["none", "measured", "sensor", "contact", "remote"] = "none"
-    sense: Literal["exerted", "felt"] | None = None
-    scale: Annotated[float, within(bounds.FORCE_SCALE)] = 0.02
-    deadband_n: Annotated[float, within(bounds.DEADBAND_N)] = 0.1
-    cutoff_hz: Annotated[float, within(bounds.FORCE_CUTOFF_HZ)] = 40.0
-    tare: bool = True
-    max_age_s: Annotated[float, within(bounds.BLIND_S)] = 0.1
-    stiffness_n_m: Annotated[float, within(bounds.HAND_STIFFNESS_N_M)] = 0.0
-    environment_stiffness_n_m: Annotated[float, within(bounds.ENVIRONMENT_STIFFNESS_N_M)] | None = (
-        None
-    )
-    delay_s: Annotated[float, within(bounds.LOOP_DELAY_S)] = 0.02
-    contact_target_n: Annotated[float, within(bounds.ROBOT_FORCE_N)] | None = None
-    sensor: DriverTable | None = None
+    shape: Literal["plane"] = "plane"
+    point_m: Place
+    normal: Direction
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_direction("normal", self.normal)
+
+    @cached_property
+    def _outward(self) -> Vector3:
+        return unit(self.normal)
+
+    def depth_at(self, place: Vector3) -> tuple[Vector3, float]:
+        return self._outward, dot(subtract(Vector3(*self.point_m), place), self._outward)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphereContactTable(_ContactTable):
+    """A solid sphere."""
+
+    shape: Literal["sphere"] = "sphere"
+    centre_m: Place
+    radius_m: Length
+
+    def depth_at(self, place: Vector3) -> tuple[Vector3, float]:
+        away = subtract(place, Vector3(*self.centre_m))
+        return outward_of_round(away, self.radius_m)
+
+
+ContactTable = Annotated[PlaneContactTable | SphereContactTable, Tag("shape")]
+
+
+# -- [force]: where the force comes from that the hand feels, and how it gets there ----------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceTable(Conditioning):
+    """What ``[force]`` has whatever its source."""
+
+    max_age_s: Annotated[float, bounds.BLIND_S] = 0.1
+    stiffness_n_m: Annotated[float, bounds.HAND_STIFFNESS_N_M] = 0.0
+    environment_stiffness_n_m: Annotated[float, bounds.ENVIRONMENT_STIFFNESS_N_M] | None = None
+    delay_s: Annotated[float, bounds.LOOP_DELAY_S] = 0.02
+    contact_target_n: Annotated[float, bounds.ROBOT_FORCE_N] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoForceTable(ForceTable):
+    """No force is measured."""
+
+    source: Literal["none"] = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredForceTable(ForceTable):
+    """The robot itself measures it."""
+
+    source: Literal["measured"] = "measured"
+    sense: Literal["exerted", "felt"] = "exerted"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorForceTable(ForceTable):
+    """A sensor at the robot's flange."""
+
+    source: Literal["sensor"] = "sensor"
+    sense: Literal["exerted", "felt"] = "felt"
+    sensor: DriverTable
     zero_sensor: bool = False
-    contact: tuple[ContactTable, ...] = ()
-    socket: str = ""
-
-    @field_validator("contact", mode="before")
-    @classmethod
-    def _array_of_tables(cls, tables: object) -> object:
-        if not isinstance(tables, (list, tuple)):
-            raise ValueError("one table for each of them, under the heading [[force.contact]]")
-        return tables
-
-    @field_validator("contact")
-    @classmethod
-    def _not_too_many(cls, tables: tuple[ContactTable, ...]) -> tuple[ContactTable, ...]:
-        if len(tables) > MAX_CONTACTS:
-            raise ValueError(f"{len(tables)} are too many; allowed: at most {MAX_CONTACTS}")
-        return tables
-
-    @field_validator("socket")
-    @classmethod
-    def _short_enough(cls, path: str) -> str:
-        if len(path.encode()) > MAX_SOCKET_PATH_BYTES or "\0" in path:
-            raise ValueError(f"a path of at most {MAX_SOCKET_PATH_BYTES} bytes")
-        return path
-
-    @model_validator(mode="after")
-    def _fits_the_source(self) -> ForceTable:
-        for key, source in (("sensor", "sensor"), ("contact", "contact"), ("socket", "remote")):
-            if bool(getattr(self, key)) is not (self.source == source):
-                heading = {"sensor": "[force.sensor]", "contact": "[[force.contact]]"}.get(key, key)
-                if self.source == source:
-                    raise ValueError(f'{key}: source = "{source}" needs {heading}')
-                raise ValueError(f'{key}: source = "{self.source}" has no use for {heading}')
-        if self.zero_sensor and self.source != "sensor":
-            raise ValueError('zero_sensor: only source = "sensor" has one')
-        if self.sense is not None and self.source not in ("measured", "sensor"):
-            raise ValueError('sense: only source = "measured" and source = "sensor" have one')
-        return self
 
 
-def check_fixtures(tables: tuple[FixtureTable, ...]) -> tuple[FixtureTable, ...]:
-    """`tables`, if there is room for so many. Raises ValueError."""
-    if len(tables) > MAX_FIXTURES:
-        raise ValueError(f"{len(tables)} are too many; allowed: at most {MAX_FIXTURES}")
-    return tables
+@dataclass(frozen=True, kw_only=True)
+class ContactForceTable(ForceTable):
+    """Contacts computed from the measured TCP."""
+
+    source: Literal["contact"] = "contact"
+    contact: Annotated[tuple[ContactTable, ...], AtMost(MAX_CONTACTS)]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.contact:
+            raise ConfigurationError("contact", 'source = "contact" needs [[force.contact]]')
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemoteForceTable(ForceTable):
+    """A force node in a process of its own."""
+
+    source: Literal["remote"] = "remote"
+    socket: Annotated[str, bounds.SOCKET_PATH]
+
+
+ForceTables = Annotated[
+    NoForceTable | MeasuredForceTable | SensorForceTable | ContactForceTable | RemoteForceTable,
+    Tag("source", "none"),
+]

@@ -20,7 +20,7 @@ from cardan.spatial import (
     rotation_between,
     subtract,
 )
-from cardan.types import Frame, Pose, Quaternion, Twist, Vector3
+from cardan.types import ZERO3, Frame, Pose, Quaternion, Twist, Vector3
 
 ARRIVED_M, ARRIVED_RAD = 0.001, 0.01
 """So near to its target the TCP has arrived in any case. It has before, where it would go no faster
@@ -37,6 +37,8 @@ class AbsoluteMapping(HandMapping):
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         super().__init__(options, limits)
         self._orientation = options.orientation or Orientation.FIXED
+        self._origin = Vector3(*(options.origin_m or ZERO3))
+        self._device_centre = Vector3(*options.device_centre_m)
         roll, pitch, yaw = (math.radians(angle) for angle in options.hand_to_tool_rpy_deg)
         self._tool_in_hand = from_euler_zyx(roll, pitch, yaw)
         self.arrived = False
@@ -104,4 +106,4 @@ class AbsoluteMapping(HandMapping):
         return inside
 
     def _map_offset(self) -> Vector3:
-        return subtract(self.options.origin_m, self._mapped(self.options.device_centre_m))
+        return subtract(self._origin, self._mapped(self._device_centre))

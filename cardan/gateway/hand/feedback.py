@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
+from cardan import bounds
+from cardan.options import check_options
 from cardan.spatial import norm
 from cardan.types import DeviceFeedback, RobotState
 
@@ -30,20 +32,23 @@ LEASH_FROM = 0.3
 STEP = 0.05
 """Smaller changes are not passed on."""
 
-RUMBLE_SOURCES = ("trip", "limit", "leash", "force")
+RumbleSource = Literal["trip", "limit", "leash", "force"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class FeedbackOptions:
-    """What the hand is told, and how."""
+    """``[feedback]``: what the hand is told, and how."""
 
     led: bool = True
     """The device's light says that the hand is on the robot."""
-    rumble: tuple[str, ...] = ("trip", "limit")
+    rumble: tuple[RumbleSource, ...] = ("trip", "limit")
     """What is felt: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
     leash, how far the robot is behind; force, what its sensor measures. The strongest counts."""
-    full_force_n: float = 20.0
+    full_force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 20.0
     """Measured force that rumbles at full strength."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class Felt(NamedTuple):

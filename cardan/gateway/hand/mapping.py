@@ -11,9 +11,14 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
+from cardan import bounds
+from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import Angle, Angles, Point
+from cardan.options import check_options, require
 from cardan.spatial import rotate
 from cardan.types import (
     ZERO3,
@@ -66,55 +71,63 @@ class GripperAction(enum.Enum):
     OPEN = "open"
 
 
+Speed = Annotated[float, bounds.LINEAR_SPEED_M_S]
+TurningSpeed = Annotated[float, bounds.ANGULAR_SPEED_RAD_S]
+Factor = Annotated[float, bounds.MOTION_SCALE]
+NO_ANGLES = (0.0, 0.0, 0.0)
+
+AXES_IN_WORDS = f"{', '.join(AXES)}, each also with a minus in front"
+
+
 @dataclass(frozen=True, kw_only=True)
 class MappingOptions:
-    """How a device is turned into a motion of the TCP."""
+    """``[mapping]``: how a device is turned into a motion of the TCP."""
 
     mode: Mode = Mode.RATE
     frame: Frame = Frame.BASE
     """Axes the motion is expressed along: the robot's base, the tool, or mixed. In position mode
     the tool's axes are those when the clutch was pressed."""
-    linear_speed_m_s: float = 0.1
+    linear_speed_m_s: Speed = 0.1
     """TCP speed at full deflection; rate mode."""
-    angular_speed_rad_s: float = 0.4
+    angular_speed_rad_s: TurningSpeed = 0.4
     """Turning speed at full deflection; rate mode."""
-    axes: tuple[str, ...] = AXES
+    axes: tuple[str, str, str, str, str, str] = AXES
     """Device axis that drives each of x y z rx ry rz: a name, "-name" to turn it round, or
     "fixed" for a component that must not move."""
-    scale: tuple[float, ...] = (1.0,) * 6
+    scale: tuple[Factor, Factor, Factor, Factor, Factor, Factor] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     """Factor on each component."""
-    device_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    yaw_deg: Angle = 0.0
+    """Where the operator faces, seen from above, relative to the robot's x axis."""
+    device_rpy_deg: Angles = NO_ANGLES
     """How the device's axes stand in those of `frame` (roll, pitch, yaw); position and absolute
     mode."""
     orientation: Orientation | None = None
     """What the hand's orientation means. None: in position mode what `frame` says, the hand's turn
     about its device's axes; in absolute mode it is fixed."""
-    slip_m: float = 0.15
-    """How far the hand may be ahead of the TCP: beyond, the clutch slips in position mode, and the
-    TCP goes at the approach speed in absolute mode."""
-    slip_rad: float = 0.6
-    """The same for its orientation."""
-    origin_m: Vector3 = ZERO3
+    origin_m: Point | None = None
     """Where the TCP is, base frame, when the hand is at `device_centre_m`; absolute mode."""
-    device_centre_m: Vector3 = ZERO3
+    device_centre_m: Point = ZERO3
     """A place of the hand, along the device's axes; absolute mode."""
-    hand_to_tool_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    hand_to_tool_rpy_deg: Angles = NO_ANGLES
     """How the tool's axes stand in the hand's (roll, pitch, yaw); orientation absolute."""
-    approach_speed_m_s: float = 0.05
+    approach_speed_m_s: Speed = 0.05
     """Speed at which the TCP goes to where the hand is after the clutch was pressed; absolute
     mode."""
-    approach_speed_rad_s: float = 0.3
+    approach_speed_rad_s: TurningSpeed = 0.3
     """The same for its orientation."""
-    yaw_deg: float = 0.0
-    """Where the operator faces, seen from above, relative to the robot's x axis."""
-    joints: tuple[tuple[str, str], ...] = ()
+    slip_m: Annotated[float, bounds.LEASH_M] = 0.15
+    """How far the hand may be ahead of the TCP: beyond, the clutch slips in position mode, and the
+    TCP goes at the approach speed in absolute mode."""
+    slip_rad: Annotated[float, bounds.LEASH_RAD] = 0.6
+    """The same for its orientation."""
+    joints: Mapping[str, str] = field(default_factory=dict)
     """Device axes that drive a joint each, and the joint's name, beside the TCP: the mixture of
     Baklouti et al. 2021, equation 7. "-axis" turns it round."""
-    joint_speed_rad_s: float = 0.4
+    joint_speed_rad_s: Annotated[float, bounds.JOINT_SPEED_RAD_S] = 0.4
     """Of such a joint at full deflection; m/s for one that slides."""
-    deadman: tuple[str, ...] = ()
-    """Buttons of which one is held while moving, the clutch in position mode; none, and no
-    `clutch` either: deflection alone moves (not beside a person)."""
+    deadman: str | tuple[str, ...] = ""
+    """Button, or buttons of which one is held while moving, the clutch in position mode; none, and
+    no `clutch` either: deflection alone moves (not beside a person)."""
     clutch: str = ""
     """Button of which each press begins or ends the motion; empty: none. With `deadman` too, both
     are needed."""
@@ -122,15 +135,120 @@ class MappingOptions:
     """Button that makes hand and TCP, each where it is, belong together; position mode."""
     enable: str = ""
     """Button that asks for the robot's drives and program; empty: none."""
-    gripper: tuple[tuple[str, GripperAction], ...] = ()
-    """Gripper buttons and what each does."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
+        require(
+            self.deadman == "" or "" not in self.deadman_buttons,
+            "deadman",
+            self.deadman,
+            'the name of a button, or several as ["a", "b"]',
+        )
+        for axis in self.axes:
+            require(
+                axis == "fixed" or axis.removeprefix("-") in AXES,
+                "axes",
+                axis,
+                f'one of {AXES_IN_WORDS}, or "fixed"',
+            )
+        for axis in self.joints:
+            require(axis.removeprefix("-") in AXES, "joints", axis, f"one of {AXES_IN_WORDS}")
+        self._check_mode()
+        if self.mode is Mode.ABSOLUTE:
+            self._check_absolute()
+
+    @property
+    def deadman_buttons(self) -> tuple[str, ...]:
+        """The buttons of which one is held."""
+        if isinstance(self.deadman, str):
+            return (self.deadman,) if self.deadman else ()
+        return self.deadman
+
+    def _check_mode(self) -> None:
+        mode = f'mode = "{self.mode.value}"'
+        if self.mode is Mode.RATE:
+            if any(self.device_rpy_deg):
+                raise ConfigurationError(
+                    "device_rpy_deg",
+                    'only mode = "position" and mode = "absolute" turn the device\'s axes',
+                )
+            if self.orientation is not None:
+                raise ConfigurationError(
+                    "orientation",
+                    f'{mode} follows no pose; "fixed" in axes keeps what must not turn',
+                )
+        elif not self.deadman_buttons and not self.clutch:
+            raise ConfigurationError(
+                "deadman",
+                f"{mode} needs one, the clutch: what the hand moves while it is held, the TCP "
+                'moves; or a button that begins and ends it, clutch = "..."',
+            )
+        elif self.joints:
+            raise ConfigurationError("joints", f"in {mode} no axis drives a joint")
+        if self.recapture and self.mode is not Mode.POSITION:
+            raise ConfigurationError("recapture", f"{mode} has no references to take anew")
+        if self.mode is not Mode.ABSOLUTE:
+            for key, value, default in (
+                ("origin_m", self.origin_m, None),
+                ("device_centre_m", self.device_centre_m, ZERO3),
+                ("hand_to_tool_rpy_deg", self.hand_to_tool_rpy_deg, NO_ANGLES),
+            ):
+                if value != default:
+                    raise ConfigurationError(key, 'only mode = "absolute" has one')
+            if self.orientation is Orientation.ABSOLUTE:
+                raise ConfigurationError("orientation", '"absolute" is for mode = "absolute" only')
+
+    def _check_absolute(self) -> None:
+        if self.origin_m is None:
+            raise ConfigurationError(
+                "origin_m",
+                'mode = "absolute" needs it: where the TCP is when the hand is at device_centre_m',
+            )
+        if self.frame is not Frame.BASE:
+            raise ConfigurationError(
+                "frame", f'{self.frame.value!r} moves; in mode = "absolute" it is "base"'
+            )
+        mapped = self.axes[3:] != AXES[3:] or self.scale[3:] != (1.0,) * 3
+        if self.orientation is Orientation.ABSOLUTE and mapped:
+            raise ConfigurationError(
+                "orientation",
+                '"absolute" takes the hand\'s orientation whole: leave the last three of axes and '
+                "scale as they are by themselves",
+            )
+        if self.orientation is not Orientation.ABSOLUTE and any(self.hand_to_tool_rpy_deg):
+            raise ConfigurationError(
+                "hand_to_tool_rpy_deg", 'only orientation = "absolute" has one'
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripperOptions:
+    """``[gripper]``: buttons, and what travels to the robot's program."""
+
+    toggle: str = ""
+    close: str = ""
+    open: str = ""
+    output: Literal["digital"] | Annotated[int, bounds.ANALOG_OUTPUT] = "digital"
+    """The digital output, or the index of an analog one."""
+    closed_value: Annotated[float, bounds.OUTPUT_VALUE] = 1.0
+    open_value: Annotated[float, bounds.OUTPUT_VALUE] = 0.0
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @property
+    def buttons(self) -> dict[str, GripperAction]:
+        """What each button does."""
+        named = ((getattr(self, action.value), action) for action in GripperAction)
+        return {button: action for button, action in named if button}
 
 
 class TwistMapping:
     """Turns device states into target twists and gripper states."""
 
-    def __init__(self, options: MappingOptions) -> None:
+    def __init__(self, options: MappingOptions, gripper: GripperOptions | None = None) -> None:
         self.options = options
+        self.gripper = gripper or GripperOptions()
         speeds = (options.linear_speed_m_s,) * 3 + (options.angular_speed_rad_s,) * 3
         self._sources: list[tuple[int, float]] = []
         for axis, factor, speed in zip(options.axes, options.scale, speeds, strict=True):
@@ -149,9 +267,10 @@ class TwistMapping:
                 joint,
                 -options.joint_speed_rad_s if axis.startswith("-") else options.joint_speed_rad_s,
             )
-            for axis, joint in options.joints
+            for axis, joint in options.joints.items()
         ]
-        self._gripper_buttons = dict(options.gripper)
+        self._gripper_buttons = self.gripper.buttons
+        self._deadman = options.deadman_buttons
         self.gripper_closed = False
 
     def twist(self, axes: Sequence[float]) -> Twist:
@@ -174,8 +293,7 @@ class TwistMapping:
 
     def deadman_held(self, device: DeviceState) -> bool:
         """True while the operator says that motion is wanted."""
-        deadman = self.options.deadman
-        return not deadman or not device.buttons.isdisjoint(deadman)
+        return not self._deadman or not device.buttons.isdisjoint(self._deadman)
 
     @property
     def follows_pose(self) -> bool:
@@ -196,7 +314,7 @@ class TwistMapping:
             )
             and device.link is DeviceLink.LIVE
             and (self.follows_pose or not any(device.axes))
-            and device.buttons.isdisjoint(self.options.deadman)
+            and device.buttons.isdisjoint(self._deadman)
         )
 
     def take_gripper(self, events: Iterable[ButtonEvent]) -> bool:

@@ -122,7 +122,7 @@ class HandSource:
             self._position = PositionMapping(mapping.options, limits)
         elif mapping.options.mode is Mode.ABSOLUTE:
             self._position = AbsoluteMapping(mapping.options, limits)
-        self._holds = bool(mapping.options.deadman or mapping.options.clutch)
+        self._holds = bool(mapping.options.deadman_buttons or mapping.options.clutch)
         """Whether an operator who moves nothing still says by a button that the arm is theirs."""
         self._deadman_was_up = False
         """Whether the dead-man was seen up, the device at rest, since the last interruption."""
@@ -221,7 +221,7 @@ class HandSource:
             return why + reason if reason not in why else reason
         if self._refusal:
             why = f"the clutch was not taken: {self._refusal}; "
-        deadman = " or ".join(repr(button) for button in options.deadman)
+        deadman = " or ".join(repr(button) for button in options.deadman_buttons)
         deflected = position is None and device.axes != NO_DEFLECTION
         if options.clutch:
             first = "let go of the device, then " if deflected else ""
@@ -242,8 +242,8 @@ class HandSource:
         options = self.mapping.options
         if options.clutch:
             return f"press {options.clutch!r}"
-        if options.deadman:
-            deadman = " or ".join(repr(button) for button in options.deadman)
+        if options.deadman_buttons:
+            deadman = " or ".join(repr(button) for button in options.deadman_buttons)
             return f"let go of {deadman}, then press it"
         return "move the device and let it go"
 
@@ -304,7 +304,7 @@ class HandSource:
             self._deadman_was_up = False
             return False, False
         at_rest = self._position is not None or device.axes == NO_DEFLECTION
-        if not self.mapping.options.deadman:
+        if not self.mapping.options.deadman_buttons:
             self._was_deflected = bool(view.barred) and (self._was_deflected or not at_rest)
             if view.barred:
                 return self._was_deflected and at_rest, False
@@ -366,7 +366,7 @@ class HandSource:
         return not self._refusal
 
     def _let_go(self, events: Sequence[ButtonEvent]) -> bool:
-        deadman = self.mapping.options.deadman
+        deadman = self.mapping.options.deadman_buttons
         return any(event.button in deadman and not event.pressed for event in events)
 
     def _see_clutch(self, device: DeviceState) -> None:

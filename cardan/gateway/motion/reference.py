@@ -12,8 +12,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
 
+from cardan import bounds
 from cardan.braking import stopping_speed
+from cardan.gateway.common.tables import Bounds
 from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.spatial import (
     add,
@@ -29,28 +33,33 @@ from cardan.spatial import (
 )
 from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 
-Range = tuple[float, float]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceLimits:
     """What the reference may do; Euclidean norms, so the same in every direction."""
 
-    linear_speed_m_s: float = 0.25
+    linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 0.25
     """ISO 10218's reduced speed beside a person, and the default for that reason."""
-    linear_acceleration_m_s2: float = 1.0
-    angular_speed_rad_s: float = 1.0
-    angular_acceleration_rad_s2: float = 4.0
-    linear_jerk_m_s3: float | None = None
+    linear_acceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 1.0
+    angular_speed_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 1.0
+    angular_acceleration_rad_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_RAD_S2] = 4.0
+    linear_jerk_m_s3: Annotated[float, bounds.LINEAR_JERK_M_S3] | None = None
     """Of what the operator asks; braking for a fault, a wall or the leash does not wait for it.
     None: unbounded."""
-    angular_jerk_rad_s3: float | None = None
-    leash_m: float = 0.05
+    angular_jerk_rad_s3: Annotated[float, bounds.ANGULAR_JERK_RAD_S3] | None = None
+    leash_m: Annotated[float, bounds.LEASH_M] = 0.05
     """How far the reference may run ahead of the measured position."""
-    leash_rad: float = 0.3
+    leash_rad: Annotated[float, bounds.LEASH_RAD] = 0.3
     """How far the reference may turn ahead of the measured orientation."""
-    workspace_m: tuple[Range | None, Range | None, Range | None] = (None, None, None)
-    """Range of the TCP along each base axis; None: unbounded."""
+    workspace_x_m: Bounds | None = None
+    """Range of the TCP along the base's x axis; None: unbounded."""
+    workspace_y_m: Bounds | None = None
+    workspace_z_m: Bounds | None = None
+
+    @cached_property
+    def workspace_m(self) -> tuple[Bounds | None, Bounds | None, Bounds | None]:
+        """Range of the TCP along each base axis; None: unbounded."""
+        return self.workspace_x_m, self.workspace_y_m, self.workspace_z_m
 
 
 def _leashed(
@@ -225,11 +234,11 @@ class Reference:
         wall_step = wall_acceleration * dt_s
         wanted, braked = list(target), list(now)
         self.at_workspace_limit = False
-        for axis, bounds in enumerate(self.limits.workspace_m):
-            if bounds is None:
+        for axis, walls in enumerate(self.limits.workspace_m):
+            if walls is None:
                 continue
-            up = stopping_speed(bounds[1] - position[axis], wall_acceleration, dt_s)
-            down = -stopping_speed(position[axis] - bounds[0], wall_acceleration, dt_s)
+            up = stopping_speed(walls[1] - position[axis], wall_acceleration, dt_s)
+            down = -stopping_speed(position[axis] - walls[0], wall_acceleration, dt_s)
             if not down <= wanted[axis] <= up:
                 self.at_workspace_limit = True
                 wanted[axis] = min(max(wanted[axis], down), up)

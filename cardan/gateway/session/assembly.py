@@ -5,17 +5,12 @@ Here a configuration meets what devices, robots, filters and arms can do: every 
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from pydantic import (
-    TypeAdapter,
-    ValidationError,
-)
 
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
@@ -25,9 +20,10 @@ from cardan.gateway.arm.authority import Authority
 from cardan.gateway.arm.body import Body, FreeBody
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.common.tables import DriverTable
-from cardan.gateway.force.conditioning import Conditioner, Conditioning
+from cardan.gateway.common.tables import DriverTable, keys_of, read_table
+from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.fixtures import FixtureSet
+from cardan.gateway.force.input import ForceInput
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import (
@@ -37,25 +33,31 @@ from cardan.gateway.force.sources import (
     SensorSource,
 )
 from cardan.gateway.force.stability import fixture_warning, loop_warning
-from cardan.gateway.force.tables import ForceTable
+from cardan.gateway.force.tables import (
+    ContactForceTable,
+    ForceTable,
+    MeasuredForceTable,
+    NoForceTable,
+    RemoteForceTable,
+    SensorForceTable,
+    StiffFixtureTable,
+)
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.gateway.hand.mapping import AXES, Mode, TwistMapping
+from cardan.gateway.hand.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.position import mirrors, unfollowed
 from cardan.gateway.hand.source import HandSource
+from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.session.config import (
     ForceConfig,
-    GripperTable,
     LimitsTable,
-    MappingTable,
     ObstacleTable,
     ServedConfig,
     SessionConfig,
     parse_config,
     read_toml,
-    suggestion,
-    translate,
 )
+from cardan.options import suggestion
 from cardan.robots import Capsule, load_arm
 from cardan.spatial import norm, scale
 from cardan.types import (
@@ -71,6 +73,8 @@ if TYPE_CHECKING:
     from cardan.gateway.kinematics.base import Kinematics
     from cardan.gateway.kinematics.collision import Obstacle
 
+Part = TypeVar("Part", ServedConfig, ForceConfig)
+
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
 """What a robot must take, one of them, for a session to drive it by the model of its arm."""
 
@@ -82,37 +86,13 @@ FREE_JOINTS = 6
 """An arm with more joints has a posture to choose; it is drawn to its home."""
 
 
-def driver_options(driver: type[Driver], table: Mapping[str, Any], key: str) -> Any:
-    """The driver's Options made from a table, or a ConfigurationError that names the key."""
-    fields = {f.name: f for f in dataclasses.fields(driver.Options) if f.init}
-    for name in table:
-        if name not in fields:
-            raise ConfigurationError(
-                f"{key}.{name}",
-                f"there is no such key; allowed: {', '.join(fields)}"
-                + suggestion(name, list(fields)),
-            )
-    try:
-        return TypeAdapter(driver.Options).validate_python(dict(table))
-    except ValidationError as error:
-        cause = error.errors()[0].get("ctx", {}).get("error")
-        if isinstance(cause, ConfigurationError):
-            raise cause.below(key) from None
-        wrong = translate(error, (key,))
-        name, _, rest = str(wrong).removeprefix(f"{key}: ").partition(" ")
-        if wrong.key == key and name.rstrip(":") in fields:
-            rest = rest if name.endswith(":") else f"{name} {rest}"
-            raise ConfigurationError(f"{key}.{name.rstrip(':')}", rest) from None
-        raise wrong from None
-
-
 def make_driver(table: DriverTable, key: str) -> Driver:
     """The driver of a table, not opened yet; errors name `key`."""
     try:
         driver = registry.load(table.driver)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{key}.driver", str(error).removeprefix("driver: ")) from None
-    return driver(driver_options(driver, table.model_extra or {}, key))
+        raise error.below(key) from None
+    return driver(read_table(driver.Options, table.options, key))
 
 
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
@@ -127,7 +107,7 @@ def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
     return device
 
 
-def check_mode(mapping: MappingTable, device: OperatorDevice) -> None:
+def check_mode(mapping: MappingOptions, device: OperatorDevice) -> None:
     """Raise ConfigurationError when the device does not measure what the mapping wants."""
     able = device.capabilities
     if mapping.mode is Mode.RATE and not able.gives_axes:
@@ -164,12 +144,12 @@ def make_robot(config: SessionConfig) -> RobotDriver:
 
 def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
     """The controller of a session's arm, with its operator device's share where there is one."""
-    limits, watchdogs = config.reference_limits(), config.watchdog_limits()
+    limits, watchdogs = config.limits, config.watchdogs
     arm = make_arm(config, robot)
     body: Body = FreeBody(limits) if arm is None else arm
     hand = None
     if config.device is not None:
-        mapping = TwistMapping(config.mapping_options())
+        mapping = TwistMapping(config.mapping, config.gripper)
         hand = HandSource(mapping, limits, make_filters(config), watchdogs.device_age_s)
     authority = config.authority
     return ArmController(
@@ -212,7 +192,7 @@ def make_verbs(
     from cardan.gateway.arm.verbs import ArmVerbs, narrowed
     from cardan.gateway.kinematics.arm import ArmKinematics
 
-    table, limits, body = config.arm, config.reference_limits(), controller.body
+    table, limits, body = config.arm, config.limits, controller.body
     assert table is not None
     assert isinstance(body, ArmBody)
     model = narrowed(load_arm(table.model), robot.capabilities)
@@ -256,7 +236,7 @@ def make_verbs(
     )
 
 
-def has_output(table: GripperTable, robot: RobotCapabilities) -> bool:
+def has_output(table: GripperOptions, robot: RobotCapabilities) -> bool:
     """Whether the robot has the output that the gripper is on."""
     if isinstance(table.output, str):
         return robot.digital_outputs > 0
@@ -271,9 +251,8 @@ def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
         try:
             kind = filter_registry.load(table.filter)
         except ConfigurationError as error:
-            reason = str(error).removeprefix("filter: ")
-            raise ConfigurationError(f"{key}.filter", reason) from None
-        made.append(kind(driver_options(kind, table.model_extra or {}, key)))
+            raise error.below(key) from None
+        made.append(kind(read_table(kind.Options, table.options, key)))
         made[-1].name = table.filter
     return tuple(made)
 
@@ -291,7 +270,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.collision import CollisionModel
     from cardan.gateway.kinematics.soft_neck import SOFT_NECKS, SoftNeck, load_soft_neck
-    from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
+    from cardan.gateway.servo.servo import Servo
 
     kinematics: Kinematics
     collision, posture = None, None
@@ -320,7 +299,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     _check_joints(config, kinematics.names)
     _take_limits(kinematics, able)
     options = ServoOptions(
-        policy=Policy(table.policy),
+        policy=table.policy,
         speed_share=table.speed_share,
         acceleration_share=table.acceleration_share,
         safety_distance_m=table.safety_distance_m,
@@ -337,7 +316,7 @@ def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
             raise ConfigurationError(
                 f"mapping.joints.{axis}",
                 f"there is no joint {joint!r}; allowed: {', '.join(names)}"
-                + suggestion(joint, list(names)),
+                + suggestion(joint, names),
             )
         index = AXES.index(axis.removeprefix("-"))
         if any(source.removeprefix("-") == AXES[index] for source in mapping.axes):
@@ -350,14 +329,13 @@ def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
 
 def make_source(table: ForceTable) -> ForceSource | None:
     """The source of a measured force, not opened yet; None where there is none."""
-    felt = table.sense == "felt" if table.sense is not None else table.source == "sensor"
-    if table.source == "measured":
-        return MeasuredSource(felt=felt)
-    if table.source == "contact":
+    if isinstance(table, MeasuredForceTable):
+        return MeasuredSource(felt=table.sense == "felt")
+    if isinstance(table, ContactForceTable):
         return ContactSource(table.contact)
-    if table.source == "remote":
+    if isinstance(table, RemoteForceTable):
         return RemoteSource(table.socket, table.max_age_s)
-    if table.sensor is None:
+    if not isinstance(table, SensorForceTable):
         return None
     sensor = make_driver(table.sensor, "force.sensor")
     if not isinstance(sensor, OperatorDevice):
@@ -368,20 +346,14 @@ def make_source(table: ForceTable) -> ForceSource | None:
         raise ConfigurationError(
             "force.zero_sensor", f"{table.sensor.driver!r} takes no zero: leave it out"
         )
-    return SensorSource(sensor, felt=felt, zero=table.zero_sensor)
+    return SensorSource(sensor, felt=table.sense == "felt", zero=table.zero_sensor)
 
 
 def make_conditioner(table: ForceTable, source: ForceSource | None) -> Conditioner:
     """What makes of the source's readings a force for the hand."""
-    options = Conditioning(
-        scale=table.scale,
-        deadband_n=table.deadband_n,
-        cutoff_hz=table.cutoff_hz,
-        tare=table.tare,
-    )
     if source is None:
-        return Conditioner(options)
-    return Conditioner(options, rests_at_zero=source.rests_at_zero, shaped=source.shaped)
+        return Conditioner(table)
+    return Conditioner(table, rests_at_zero=source.rests_at_zero, shaped=source.shaped)
 
 
 def make_force(
@@ -397,41 +369,47 @@ def make_force(
                 "[[fixtures]] out, or choose a haptic device",
             )
         return None
-    if config.gives_force and mirrors(config.mapping_options()):
+    if config.gives_force and mirrors(config.mapping):
         raise ConfigurationError(
             "mapping.axes",
             "these axes and signs are no rotation (a mirror, or one axis twice): a force has no "
             "way back through them",
         )
-    if config.gives_force and (still := unfollowed(config.mapping_options())):
+    if config.gives_force and (still := unfollowed(config.mapping)):
         raise ConfigurationError(
             "mapping.scale" if "fixed" not in config.mapping.axes[:3] else "mapping.axes",
             f"the TCP's {' and '.join(still)} does not follow the hand's place: a force along it "
             "pushes the hand, and no motion of the hand ends it; let x, y and z follow, or leave "
             "[force] and [[fixtures]] out",
         )
-    table = config.force or ForceTable()
+    table = config.force
     source = make_source(table)
+    measured = None
+    if source is not None:
+        measured = ForceInput(
+            source,
+            make_conditioner(table, source),
+            max_age_s=table.max_age_s,
+            stiffness_n_m=table.stiffness_n_m,
+            contact_target_n=table.contact_target_n,
+        )
     return ForceRenderer(
         device,
         FixtureSet(config.fixtures),
-        source,
-        make_conditioner(table, source),
+        measured,
         rendering=config.gives_force,
         max_age_s=table.max_age_s,
-        stiffness_n_m=table.stiffness_n_m,
-        contact_target_n=table.contact_target_n,
-        warnings=_force_warnings(config, table, device, robot),
+        warnings=_force_warnings(config, device, robot),
     )
 
 
 def _force_warnings(
-    config: SessionConfig, table: ForceTable, device: HapticDevice, robot: RobotDriver
+    config: SessionConfig, device: HapticDevice, robot: RobotDriver
 ) -> tuple[str, ...]:
     """What the numbers alone say against a force that the hand can hold."""
     if not config.gives_force:
         return ()
-    mapping, period_s = config.mapping, robot.capabilities.period_s
+    mapping, table, period_s = config.mapping, config.force, robot.capabilities.period_s
     factors = zip(mapping.axes[:3], mapping.scale[:3], strict=True)
     motion_scale = max(0.0 if axis == "fixed" else abs(factor) for axis, factor in factors)
     words = []
@@ -444,14 +422,15 @@ def _force_warnings(
     words += [
         fixture_warning(index, motion_scale, each.stiffness_n_m)
         for index, each in enumerate(config.fixtures)
-        if each.stiffness_n_m is not None
+        if isinstance(each, StiffFixtureTable)
     ]
-    if table.source != "none" and table.environment_stiffness_n_m is not None:
+    stiffness_n_m = table.environment_stiffness_n_m
+    if not isinstance(table, NoForceTable) and stiffness_n_m is not None:
         words.append(
             loop_warning(
                 motion_scale=motion_scale,
-                force_scale=1.0 if table.source == "remote" else table.scale,
-                environment_stiffness_n_m=table.environment_stiffness_n_m,
+                force_scale=1.0 if isinstance(table, RemoteForceTable) else table.scale,
+                environment_stiffness_n_m=stiffness_n_m,
                 device_damping_n_s_m=getattr(device.options, "damping_n_s_m", 0.0),
                 period_s=period_s,
                 delay_s=table.delay_s,
@@ -501,22 +480,22 @@ def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
 
 def load_served(path: Path) -> ServedConfig:
     """Read and check what ``cardan spnav`` needs of a file: ``[device]`` and ``[spnav]``."""
-    try:
-        config = ServedConfig.model_validate(read_toml(path))
-    except ValidationError as error:
-        raise translate(error) from None
+    config = _read_part(ServedConfig, path)
     make_device(config)
     return config
 
 
 def load_force(path: Path) -> ForceConfig:
     """Read and check what ``cardan force`` needs of a file: ``[force]`` and ``[[fixtures]]``."""
-    try:
-        config = ForceConfig.model_validate(read_toml(path))
-    except ValidationError as error:
-        raise translate(error) from None
+    config = _read_part(ForceConfig, path)
     make_source(config.force)
     return config
+
+
+def _read_part(kind: type[Part], path: Path) -> Part:
+    """The tables of a file that `kind` has; all others may be anything."""
+    keys = keys_of(kind)
+    return read_table(kind, {key: each for key, each in read_toml(path).items() if key in keys})
 
 
 def load_config(path: Path) -> SessionConfig:

@@ -106,16 +106,16 @@ class Session:
                 lambda: controller.stop("stopped"),
                 time.monotonic,
             )
-        self._mapping_table = config.mapping
+        self._mapping = config.mapping
         self._channel = channel
         self._force = force
         self._tool_of_robot = IDENTITY_POSE if config.arm is None else config.arm.tool()
         self._ticks = LatencyHistogram()
         self._square_sum_m2 = 0.0
         self._moving_cycles = 0
-        self._feedback_options = config.feedback_options()
+        self._feedback_options = config.feedback
         self._feedback = HandFeedback(self._feedback_options, ())
-        self._spnav_options = None if config.spnav is None else config.spnav.server_options()
+        self._spnav_options = config.spnav
         self._spnav: SpnavService | None = None
         self._stop_reason = ""
 
@@ -139,8 +139,8 @@ class Session:
                 opened.enter_context(each)
             if self._force is not None:
                 opened.callback(self._force.stop)
-                if self._force.source is not None:
-                    opened.enter_context(self._force.source)
+                if self._force.measured is not None:
+                    opened.enter_context(self._force.measured.source)
                 self._force.start(self._tcp)
             if (spnav := self._spnav_options) is not None and device is not None:
                 self._spnav = SpnavService(
@@ -176,7 +176,8 @@ class Session:
         hand = self.controller.hand
         assert hand is not None
         options = hand.mapping.options
-        if options.gripper and not has_output(self._gripper, self.robot.capabilities):
+        buttons = hand.mapping.gripper.buttons
+        if buttons and not has_output(self._gripper, self.robot.capabilities):
             raise ConfigurationError(
                 "gripper.output", f"the robot has no output {self._gripper.output!r}"
             )
@@ -185,13 +186,13 @@ class Session:
             raise ConfigurationError(
                 "mapping.enable", "this robot is made ready at its own controller; leave it out"
             )
-        check_mode(self._mapping_table, device)
+        check_mode(self._mapping, device)
         for key, button in (
-            *(("mapping.deadman", button) for button in options.deadman),
+            *(("mapping.deadman", button) for button in options.deadman_buttons),
             ("mapping.clutch", options.clutch),
             ("mapping.recapture", options.recapture),
             ("mapping.enable", options.enable),
-            *((f"gripper.{action.value}", name) for name, action in options.gripper),
+            *((f"gripper.{action.value}", name) for name, action in buttons.items()),
         ):
             if button and known and button not in known:
                 raise ConfigurationError(

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import NamedTuple
 
+from cardan.gateway.common.tables import as_table
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.gateway.session.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
@@ -123,7 +124,7 @@ class SessionProcess:
         """Packets until it closes its end, or is to be ended by force."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError), self._process.stdin as stdin:
-            stdin.write(json.dumps(self._config.model_dump(mode="json")).encode())
+            stdin.write(json.dumps(as_table(self._config)).encode())
         beat_s = NEVER_S
         with selectors.DefaultSelector() as selector:
             selector.register(self._channel, selectors.EVENT_READ)

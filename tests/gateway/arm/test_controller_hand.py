@@ -8,7 +8,7 @@ from cardan.gateway.arm.body import FreeBody
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import LONGEST_STEP_PERIODS, TRUST_AFTER_S, Watchdogs
 from cardan.gateway.hand.filters import TwistFilter
-from cardan.gateway.hand.mapping import GripperAction, MappingOptions
+from cardan.gateway.hand.mapping import GripperOptions, MappingOptions
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import norm, subtract
 from cardan.types import (
@@ -37,12 +37,13 @@ REST = (0.0,) * 6
 class Rig:
     """An engine, a device set by hand and an ideal robot that is where it is told."""
 
-    def __init__(self, deadman=("left",), gripper=(), limits=None, filters=(), watchdogs=None):
+    def __init__(self, deadman=("left",), gripper=None, limits=None, filters=(), watchdogs=None):
         self.core = controller_for_hand(
-            MappingOptions(deadman=deadman, gripper=gripper),
+            MappingOptions(deadman=deadman),
             limits or ReferenceLimits(),
             watchdogs,
             filters,
+            gripper=gripper,
         )
         self.now_s = 100.0
         self.session = None
@@ -292,7 +293,7 @@ def test_after_a_stall_the_reference_is_where_the_robot_is():
 
 
 def test_gripper_needs_the_dead_man():
-    rig = Rig(gripper=(("right", GripperAction.TOGGLE),)).arm()
+    rig = Rig(gripper=GripperOptions(toggle="right")).arm()
     rig.hand()
     rig.run(events=[ButtonEvent(0.0, "right", True)])
     assert rig.core.phase is Phase.HOLDING
@@ -476,7 +477,7 @@ def test_stopping_brakes_and_stays():
 
 
 def test_gripper_needs_an_armed_hand():
-    rig = Rig(gripper=(("right", GripperAction.TOGGLE),))
+    rig = Rig(gripper=GripperOptions(toggle="right"))
     press = [ButtonEvent(0.0, "right", True)]
     rig.run(events=press)
     assert not rig.status.gripper_closed

@@ -8,19 +8,25 @@ from hypothesis import given, strategies as st
 from cardan.gateway.force.fixtures import (
     FixtureSet,
     fixture_force,
-    make_fixture,
     matrix_of,
     turned,
     turned_back,
     world_point,
 )
-from cardan.gateway.force.tables import FixtureTable
+from cardan.gateway.force.tables import (
+    BoxTable,
+    CylinderTable,
+    PlaneTable,
+    SphereTable,
+    SpringTable,
+    ViscousTable,
+)
 from cardan.haptics import Box, Cylinder, Plane, Sphere, Spring, Viscous, WorldMap
 from cardan.spatial import from_euler_zyx, norm, rotate, subtract
 from cardan.types import ZERO3, Vector3
 
-SPHERE = FixtureTable(shape="sphere", centre_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
-SURFACE = FixtureTable(shape="plane", at="start", normal=(0.0, 0.0, 2.0), stiffness_n_m=200.0)
+SPHERE = SphereTable(centre_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
+SURFACE = PlaneTable(at="start", normal=(0.0, 0.0, 2.0), stiffness_n_m=200.0)
 places = st.builds(Vector3, *(st.floats(-0.5, 0.5) for _ in range(3)))
 
 
@@ -35,17 +41,17 @@ places = st.builds(Vector3, *(st.floats(-0.5, 0.5) for _ in range(3)))
     ],
 )
 def test_the_papers_sphere(tcp, force):
-    assert fixture_force(make_fixture(SPHERE), Vector3(*tcp)) == pytest.approx(force, abs=1e-6)
+    assert fixture_force(SPHERE.made(), Vector3(*tcp)) == pytest.approx(force, abs=1e-6)
 
 
 def test_the_middle_of_a_sphere_has_a_way_out_too():
-    force = fixture_force(make_fixture(SPHERE), Vector3(0.3, 0.0, 0.4))
+    force = fixture_force(SPHERE.made(), Vector3(0.3, 0.0, 0.4))
     assert norm(force) == pytest.approx(3.0)
 
 
 def test_a_surface_grows_with_motion_beyond_the_start():
     fixtures = FixtureSet([SPHERE, SURFACE])
-    assert fixtures.fixtures == (make_fixture(SPHERE),)
+    assert fixtures.fixtures == (SPHERE.made(),)
     fixtures.place("clutch-in", Vector3(9.0, 9.0, 9.0))
     assert len(fixtures.fixtures) == 1
     fixtures.place("start", Vector3(0.5, 0.1, 0.3))
@@ -57,40 +63,38 @@ def test_a_surface_grows_with_motion_beyond_the_start():
 
 
 def test_what_is_placed_at_clutch_in_moves_with_every_clutch_in():
-    fixtures = FixtureSet([FixtureTable(shape="spring", at="clutch-in", stiffness_n_m=50.0)])
+    fixtures = FixtureSet([SpringTable(at="clutch-in", stiffness_n_m=50.0)])
     for place in (Vector3(0.1, 0.0, 0.0), Vector3(0.2, 0.0, 0.0)):
         fixtures.place("clutch-in", place)
         assert fixtures.fixtures == (Spring(place, 50.0),)
 
 
 def test_every_shape_is_made_with_units_and_axes_of_the_world():
-    box = make_fixture(
-        FixtureTable(
-            shape="box",
+    box = (
+        BoxTable(
             centre_m=(0.1, 0.2, 0.3),
             half_sides_m=(0.1, 0.2, 0.3),
             rpy_deg=(0.0, 0.0, 90.0),
             stiffness_n_m=100.0,
             cap_n=1.0,
         )
-    )
+    ).made()
     assert isinstance(box, Box)
     assert turned(box.rotation, Vector3(1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
     assert box.cap_n == 1.0
-    cylinder = make_fixture(
-        FixtureTable(
-            shape="cylinder",
+    cylinder = (
+        CylinderTable(
             point_m=(0.0, 0.0, 0.0),
             axis=(0.0, 3.0, 4.0),
             radius_m=0.05,
             stiffness_n_m=100.0,
             inside=True,
         )
-    )
+    ).made()
     assert isinstance(cylinder, Cylinder)
     assert cylinder.axis == pytest.approx((0.0, 0.6, 0.8))
     assert cylinder.inside
-    assert make_fixture(FixtureTable(shape="viscous", damping_n_s_m=2.0)) == Viscous(2.0)
+    assert ViscousTable(damping_n_s_m=2.0).made() == Viscous(2.0)
 
 
 def test_a_box_pushes_out_through_its_nearest_side_and_a_hollow_one_holds_each_axis():

@@ -67,7 +67,9 @@ def test_another_direction_is_glided_as_it_is_where_the_hand_is():
     assert world_point(rendered, HERE) == pytest.approx(world_point(shifted(0.5), HERE))
 
 
-WORKSPACE = ReferenceLimits(workspace_m=((0.35, 0.6), (-0.15, 0.15), (0.3, 0.55)))
+WORKSPACE = ReferenceLimits(
+    workspace_x_m=(0.35, 0.6), workspace_y_m=(-0.15, 0.15), workspace_z_m=(0.3, 0.55)
+)
 
 
 @settings(max_examples=60, deadline=None)

@@ -9,17 +9,18 @@ from cardan.errors import CommandError
 from cardan.gateway.force.conditioning import Conditioner, Conditioning
 from cardan.gateway.force.figures import ContactFigures, FeltFigures
 from cardan.gateway.force.fixtures import FixtureSet, matrix_of
+from cardan.gateway.force.input import ForceInput
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.force.sources import MeasuredSource, SensorSource
 from cardan.gateway.force.stability import fixture_warning, loop_warning, stable_stiffness_n_m
-from cardan.gateway.force.tables import FixtureTable
+from cardan.gateway.force.tables import PlaneTable, SphereTable
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.haptics import HapticState, OperatingState, Plane, WorldMap
 from cardan.spatial import from_euler_zyx
 from cardan.types import IDENTITY, DeviceLink, DeviceState, Pose, RobotLink, Vector3
 from tests.gateway.force.fakes import PERIOD_S, REST, FakeHaptic, FakeSensor, robot_state
 
-SPHERE = FixtureTable(shape="sphere", centre_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
+SPHERE = SphereTable(centre_m=(0.3, 0.0, 0.4), radius_m=0.1, stiffness_n_m=100.0)
 HAND = Pose(Vector3(0.0, 0.0, 0.05), IDENTITY)
 SHIFTED = WorldMap(offset=Vector3(0.5, 0.0, 0.3))
 QUIET = Conditioning(scale=0.1, deadband_n=0.0, tare=False)
@@ -28,10 +29,13 @@ QUIET = Conditioning(scale=0.1, deadband_n=0.0, tare=False)
 class Rig:
     """A renderer, its device, and virtual time that goes on by one cycle of the robot."""
 
-    def __init__(self, fixtures=(), source=None, conditioning=QUIET, **options):
+    def __init__(self, fixtures=(), source=None, conditioning=QUIET, rendering=True, **options):
         self.device = FakeHaptic()
         self.renderer = ForceRenderer(
-            self.device, FixtureSet(fixtures), source, Conditioner(conditioning), **options
+            self.device,
+            FixtureSet(fixtures),
+            None if source is None else ForceInput(source, Conditioner(conditioning), **options),
+            rendering=rendering,
         )
         self.renderer.start(lambda state: state.pose)
         self.now_s = 1.0
@@ -162,7 +166,7 @@ def test_a_hand_without_a_pose_is_not_engaged():
 def test_the_sequence_goes_on_where_the_device_is():
     device = FakeHaptic()
     device.told = HapticState(command_sequence=41)
-    renderer = ForceRenderer(device, FixtureSet([SPHERE]), None, Conditioner(QUIET))
+    renderer = ForceRenderer(device, FixtureSet([SPHERE]))
     renderer.start(lambda state: state.pose)
     looked = DeviceState(1.0, DeviceLink.LIVE, REST, frozenset(), HAND)
     renderer.cycle(robot_state(1.0), looked, None, True)
@@ -171,7 +175,7 @@ def test_the_sequence_goes_on_where_the_device_is():
 
 def test_a_surface_at_the_start_and_one_at_clutch_in():
     surfaces = [
-        FixtureTable(shape="plane", at=at, normal=(0.0, 0.0, 1.0), stiffness_n_m=100.0)
+        PlaneTable(at=at, normal=(0.0, 0.0, 1.0), stiffness_n_m=100.0)
         for at in ("start", "clutch-in")
     ]
     rig = Rig(surfaces)

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from cardan import cli
 from cardan.errors import AddressError, DriverError
+from cardan.gateway.common.tables import read_table
 from cardan.gateway.force.link import RefusalMessage, StateMessage, decode
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import MeasuredSource
@@ -28,8 +29,8 @@ SURFACE = {"shape": "plane", "at": "start", "normal": [0.0, 0.0, 1.0], "stiffnes
 
 
 def config(source="none", fixtures=(), **force):
-    return ForceConfig.model_validate(
-        {"force": {"source": source, **force}, "fixtures": list(fixtures)}
+    return read_table(
+        ForceConfig, {"force": {"source": source, **force}, "fixtures": list(fixtures)}
     )
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from cardan.drivers import registry
 from cardan.drivers.base import RobotDriver
 from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import read_table
 from cardan.gateway.session.assembly import make_device, make_force, make_robot
 from cardan.gateway.session.config import ForceConfig, parse_config
 from cardan.gateway.session.force_node import run_force_node
@@ -148,7 +149,7 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     force = {"source": "sensor", "sensor": {"driver": "fake_sensor"}, "scale": 0.1}
 
     def sense(k, now_s, place):
-        sensor = s._force.source.device
+        sensor = s._force.measured.source.device
         if k < 300:
             sensor.measure(now_s, 0.0, 0.0, 0.0 if k < 160 else 10.0)
         else:
@@ -169,7 +170,7 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     assert "stopped before: the measured force is lost" in last.message
     assert "unplugged" in last.message
     assert "press 'button_2' to move" in last.message
-    assert s._force.source.device.calls == ["open", "close"]
+    assert s._force.measured.source.device.calls == ["open", "close"]
 
 
 @pytest.mark.parametrize(
@@ -408,7 +409,7 @@ def test_a_force_node_of_another_process_is_felt(tmp_path):
     """In real time: a node of its own evaluates the paper's sphere on the robot's TCP."""
     path = str(tmp_path / "force.sock")
     s = session(2000, force={"source": "remote", "socket": path, "cutoff_hz": 100.0})
-    node = ForceConfig.model_validate({"fixtures": [{**SPHERE, "centre_m": [0.45, 0.0, 0.4]}]})
+    node = read_table(ForceConfig, {"fixtures": [{**SPHERE, "centre_m": [0.45, 0.0, 0.4]}]})
     thread = threading.Thread(
         target=run_force_node, args=(node, path), kwargs={"seconds": 10.0}, daemon=True
     )

@@ -13,15 +13,13 @@ from cardan.gateway.force.sources import (
     Reading,
     SensorSource,
     contact_force,
-    make_contact,
 )
-from cardan.gateway.force.tables import ContactTable
+from cardan.gateway.force.tables import PlaneContactTable, SphereContactTable
 from cardan.spatial import from_euler_zyx, norm
 from cardan.types import IDENTITY, Frame, Pose, RobotLink, Vector3
 from tests.gateway.force.fakes import PERIOD_S, FakeSensor, robot_state
 
-TABLE_TOP = ContactTable(
-    shape="plane",
+TABLE_TOP = PlaneContactTable(
     point_m=(0.0, 0.0, 0.4),
     normal=(0.0, 0.0, 1.0),
     stiffness_n_m=1000.0,
@@ -117,7 +115,7 @@ def test_a_sensor_that_takes_no_zero_is_closed_again(monkeypatch):
 
 
 def test_a_computed_contact_pushes_damps_and_rubs():
-    top = make_contact(TABLE_TOP)
+    top = TABLE_TOP
     above, below = Vector3(0.5, 0.0, 0.41), Vector3(0.5, 0.0, 0.39)
     still = Vector3(0.0, 0.0, 0.0)
     assert contact_force(top, above, still) == (0.0, 0.0, 0.0)
@@ -128,8 +126,8 @@ def test_a_computed_contact_pushes_damps_and_rubs():
     assert sliding == pytest.approx((-2.0, 0.0, 10.0))
     creeping = contact_force(top, below, Vector3(0.0025, 0.0, 0.0))
     assert creeping == pytest.approx((-1.0, 0.0, 10.0))
-    ball = ContactTable(shape="sphere", centre_m=(0.5, 0.0, 0.3), radius_m=0.1, stiffness_n_m=100.0)
-    assert contact_force(make_contact(ball), below, still) == pytest.approx((0.0, 0.0, 1.0))
+    ball = SphereContactTable(centre_m=(0.5, 0.0, 0.3), radius_m=0.1, stiffness_n_m=100.0)
+    assert contact_force(ball, below, still) == pytest.approx((0.0, 0.0, 1.0))
 
 
 def test_a_contact_source_takes_its_velocity_from_the_tcp():

@@ -5,9 +5,10 @@ import json
 import pytest
 
 from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import as_table
 from cardan.gateway.force.sources import ContactSource, MeasuredSource, SensorSource
 from cardan.gateway.session.assembly import load_force, make_source
-from cardan.gateway.session.config import ForceConfig, parse_config
+from cardan.gateway.session.config import parse_config
 from tests.gateway.force.fakes import FakeSensor
 
 BASE = {
@@ -17,6 +18,13 @@ BASE = {
 }
 SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 PLANE = {"shape": "plane", "normal": [0.0, 0.0, 1.0], "stiffness_n_m": 100.0}
+SURFACE = """
+[[fixtures]]
+shape = "plane"
+at = "start"
+normal = [0.0, 0.0, 1.0]
+stiffness_n_m = 100.0
+"""
 CONTACT = {
     "shape": "plane",
     "point_m": [0.0, 0.0, 0.1],
@@ -39,32 +47,44 @@ CONTACT = {
 def test_a_configuration_is_the_same_in_the_sessions_own_process(tables):
     config = parse_config({**BASE, **tables})
     assert config.gives_force
-    assert parse_config(json.loads(json.dumps(config.model_dump(mode="json")))) == config
+    assert parse_config(json.loads(json.dumps(as_table(config)))) == config
 
 
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
         ({"fixtures": SPHERE}, r"fixtures: one table for each .* \[\[fixtures\]\]"),
-        ({"fixtures": [{"shape": "sphere"}]}, 'fixtures.0: centre_m: shape = "sphere" needs it'),
-        ({"fixtures": [PLANE]}, "fixtures.0: point_m: .* or at ="),
+        (
+            {"fixtures": [{"shape": "sphere"}]},
+            r'stiffness_n_m: is missing: shape = "sphere" needs it \(and 2 more\)',
+        ),
+        ({"fixtures": [PLANE]}, r"fixtures\.0\.point_m: .* or at ="),
         ({"fixtures": [{**PLANE, "at": "start", "point_m": [0.0, 0.0, 0.0]}]}, "one of both"),
-        ({"fixtures": [{**SPHERE, "at": "start"}]}, 'at: shape = "sphere" has none; it has: cen'),
+        (
+            {"fixtures": [{**SPHERE, "at": "start"}]},
+            '0.at: there is no such key with shape = "sphere"; .* centre_m, rad',
+        ),
         ({"fixtures": [{**SPHERE, "stifness": 1.0}]}, "fixtures.0.stifness: there is no such key"),
         ({"fixtures": [{**PLANE, "normal": [0.0, 0.0, 0.0]}]}, "has no direction"),
-        ({"fixtures": [{**SPHERE, "stiffness_n_m": -1.0}]}, "greater than 0; found -1.0"),
+        (
+            {"fixtures": [{**SPHERE, "stiffness_n_m": -1.0}]},
+            "-1.0 is not allowed; it must be above 0, at most",
+        ),
         ({"fixtures": [SPHERE] * 9}, "9 are too many; allowed: at most 8"),
-        ({"force": {"source": "sensor"}}, r"force: sensor: .* needs \[force.sensor\]"),
-        ({"force": {"source": "remote"}}, "force: socket: .* needs socket"),
-        ({"force": {"source": "measured", "contact": [CONTACT]}}, "has no use for .*contact"),
+        ({"force": {"source": "sensor"}}, 'force.sensor: is missing: source = "sensor" needs it'),
+        ({"force": {"source": "remote"}}, 'force.socket: is missing: source = "remote" needs it'),
+        (
+            {"force": {"source": "measured", "contact": [CONTACT]}},
+            'contact: there is no such key with source = "measured"',
+        ),
         ({"force": {"source": "contact", "contact": CONTACT}}, r"\[\[force.contact\]\]"),
         (
             {"force": {"source": "contact", "contact": [{**CONTACT, "radius_m": 1.0}]}},
-            'force.contact.0: radius_m: shape = "plane" has none',
+            'force.contact.0.radius_m: there is no such key with shape = "plane"',
         ),
         ({"force": {"source": "contact", "zero_sensor": True, "contact": [CONTACT]}}, "zero_sens"),
-        ({"force": {"source": "measured", "scale": 0.0}}, r"force\.scale: .* greater than 0"),
-        ({"force": {"source": "remote", "socket": "x" * 200}}, "at most 107 bytes"),
+        ({"force": {"source": "measured", "scale": 0.0}}, r"force\.scale: .* above 0"),
+        ({"force": {"source": "remote", "socket": "x" * 200}}, "a path of up to 107 bytes"),
         ({"fixtures": [SPHERE], "mapping": {"mode": "rate"}}, 'fixtures: in mode = "rate"'),
         ({"force": {"source": "measured"}, "mapping": {}}, 'force: in mode = "rate"'),
     ],
@@ -93,7 +113,7 @@ def test_sources_are_made_with_their_sense(monkeypatch):
     assert isinstance(source.device, FakeSensor)
     contact = {"source": "contact", "contact": [CONTACT]}
     assert isinstance(make_source(parse_config({**BASE, "force": contact}).force), ContactSource)
-    assert make_source(ForceConfig(fixtures=[SPHERE]).force) is None
+    assert make_source(parse_config({**BASE, "fixtures": [SPHERE]}).force) is None
 
 
 @pytest.mark.parametrize(
@@ -120,4 +140,27 @@ def test_a_force_nodes_file_needs_no_robot(tmp_path):
         load_force(file)
     file.write_text("[device]\n")
     with pytest.raises(ConfigurationError, match="nothing to send"):
+        load_force(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[fixtures]\n", r"fixtures: one table for each .* \[\[fixtures\]\]"),
+        (SURFACE * 9, "fixtures: 9 are too many; allowed: at most 8"),
+        (SURFACE + "insde = true\n", r"fixtures\.0\.insde: there is no such key with shape"),
+        (
+            '[[fixtures]]\nshape = "bal"\n',
+            r"fixtures\.0\.shape: 'bal' .* one of sphere, plane",
+        ),
+        ("[[fixtures]]\n", r"fixtures\.0\.shape: is missing"),
+        ('[force]\nsource = "sensr"\n', "did you mean 'sensor'"),
+        ("[force]\nsource = 1\n", r"force\.source: 1 is not allowed"),
+        ("force = 1\n", "force: 1 is not a table"),
+    ],
+)
+def test_a_force_nodes_tables_are_checked_as_a_sessions(tmp_path, text, words):
+    file = tmp_path / "node.toml"
+    file.write_text(text)
+    with pytest.raises(ConfigurationError, match=words):
         load_force(file)

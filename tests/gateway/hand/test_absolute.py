@@ -88,7 +88,7 @@ def test_taking_the_hand_up_elsewhere_goes_there_and_letting_go_brakes():
 
 
 def test_a_hand_outside_the_workspace_is_met_at_its_edge():
-    limits = ReferenceLimits(workspace_m=((0.3, 0.5), None, (0.2, 0.6)))
+    limits = ReferenceLimits(workspace_x_m=(0.3, 0.5), workspace_z_m=(0.2, 0.6))
     rig = absolute(limits=limits, orientation=Orientation.FIXED)
     rig.send_hand(displaced(x=0.2, y=0.05, z=0.5)).run(0.5).tap("button_2").run(15.0)
     assert rig.message == "the hand is outside the workspace: the TCP stays at its edge"
@@ -148,7 +148,7 @@ def test_a_lost_hand_brakes_and_a_leap_is_not_followed():
 )  # fmt: skip
 def test_never_a_step(plan, buttons, orientation, rpy, factors, approach):
     rig = absolute(
-        limits=ReferenceLimits(workspace_m=((0.3, 0.8), None, (0.2, 0.7))),
+        limits=ReferenceLimits(workspace_x_m=(0.3, 0.8), workspace_z_m=(0.2, 0.7)),
         orientation=orientation,
         device_rpy_deg=rpy,
         scale=(*factors, 1.0, 1.0, 1.0),

@@ -563,7 +563,7 @@ def test_the_map_moves_with_a_slip():
 
 def test_the_map_ends_where_the_workspace_ends():
     """A wall beyond its edge is nothing that the TCP could meet."""
-    limits = ReferenceLimits(workspace_m=((0.45, 0.55), None, None))
+    limits = ReferenceLimits(workspace_x_m=(0.45, 0.55))
     rig = HandRig(limits=limits, recapture="button_1", slip_m=0.15).run().tap("button_2")
     rig.send_hand(displaced(x=0.03, y=0.03)).run(2.0)
     assert close(rig.mapped_hand, rig.tcp.position)
@@ -680,7 +680,9 @@ def play(rig, plan):
 def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
     """The rig checks every command of whatever comes, and that a clutch taken at rest is still."""
     rig = HandRig(
-        limits=ReferenceLimits(linear_jerk_m_s3=jerk, workspace_m=((0.3, 0.8), None, (0.2, 0.7))),
+        limits=ReferenceLimits(
+            linear_jerk_m_s3=jerk, workspace_x_m=(0.3, 0.8), workspace_z_m=(0.2, 0.7)
+        ),
         frame=frame,
         orientation=orientation,
         device_rpy_deg=rpy,

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.hand.mapping import AXES, GripperAction, MappingOptions, Mode, TwistMapping
+from cardan.gateway.hand.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
 from cardan.spatial import norm
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState, Frame
 
@@ -74,15 +74,7 @@ def edges(*names):
 
 
 def test_gripper_buttons_act_when_they_go_down():
-    mapping = TwistMapping(
-        MappingOptions(
-            gripper=(
-                ("1", GripperAction.TOGGLE),
-                ("2", GripperAction.CLOSE),
-                ("3", GripperAction.OPEN),
-            )
-        )
-    )
+    mapping = TwistMapping(MappingOptions(), GripperOptions(toggle="1", close="2", open="3"))
     assert mapping.take_gripper(edges("1")) is True
     assert mapping.gripper_closed
     assert mapping.take_gripper(edges("-1")) is False

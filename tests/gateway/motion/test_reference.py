@@ -56,7 +56,9 @@ def test_tool_twist_is_along_the_tool():
 @settings(max_examples=60)
 @given(st.lists(st.tuples(twists, st.integers(1, 40)), min_size=1, max_size=8))
 def test_speed_and_acceleration_are_never_exceeded(plan):
-    limits = ReferenceLimits(workspace_m=((0.4, 0.6), (-0.1, 0.1), (0.7, 0.9)))
+    limits = ReferenceLimits(
+        workspace_x_m=(0.4, 0.6), workspace_y_m=(-0.1, 0.1), workspace_z_m=(0.7, 0.9)
+    )
     reference = placed(limits)
     for target, ticks in plan:
         for _ in range(ticks):
@@ -74,7 +76,7 @@ def test_speed_and_acceleration_are_never_exceeded(plan):
 
 
 def test_walls_do_not_hold_motion_along_them():
-    reference = placed(ReferenceLimits(workspace_m=((None), (None), (0.7, 0.85))))
+    reference = placed(ReferenceLimits(workspace_z_m=(0.7, 0.85)))
     follow(reference, Twist(Vector3(0.1, 0, 0.2), ZERO3), 750)
     assert reference.at_workspace_limit
     assert reference.pose.position.z == pytest.approx(0.85, abs=1e-6)
@@ -82,7 +84,7 @@ def test_walls_do_not_hold_motion_along_them():
 
 
 def test_outside_the_workspace_only_inward_motion():
-    reference = placed(ReferenceLimits(workspace_m=((0.6, 0.8), None, None)))
+    reference = placed(ReferenceLimits(workspace_x_m=(0.6, 0.8)))
     follow(reference, Twist(Vector3(-0.1, 0, 0), ZERO3), 50)
     assert reference.pose.position.x == 0.5
     follow(reference, Twist(Vector3(0.1, 0, 0), ZERO3), 50)

@@ -10,7 +10,8 @@ from hypothesis import given, settings, strategies as st
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
 from cardan.gateway.kinematics.soft_neck import SoftNeck
-from cardan.gateway.servo.servo import Policy, Servo, ServoOptions
+from cardan.gateway.servo.options import Policy, ServoOptions
+from cardan.gateway.servo.servo import Servo
 from cardan.robots import load_arm
 from cardan.types import Vector3
 

@@ -10,6 +10,7 @@ import pytest
 
 from cardan.drivers.omni import OmniOptions
 from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import as_table
 from cardan.gateway.session import demo
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.config import parse_config
@@ -51,7 +52,7 @@ DRAWN = dataclasses.replace(
 @pytest.mark.parametrize("name", DEMOS)
 def test_every_demo_is_a_configuration_that_is_allowed(name):
     config = demo_config(name, "hid", 6510)
-    assert config == parse_config(config.model_dump(mode="json"))
+    assert config == parse_config(as_table(config))
 
 
 def test_the_drawing_is_the_example():

@@ -5,6 +5,7 @@ import signal
 
 import pytest
 
+from cardan.gateway.common.tables import as_table
 from cardan.gateway.session import supervisor
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.supervisor import supervise
@@ -91,7 +92,7 @@ def test_a_session_that_does_not_react_is_ended_by_force(waiting, monkeypatch):
 
 
 def test_a_session_that_cannot_open_says_why(waiting):
-    table = waiting.model_dump(mode="json")
+    table = as_table(waiting)
     table["robot"]["listen_host"] = "192.0.2.1"
     seen = []
     outcome = supervise(parse_config(table), 30.0, seen.append)
@@ -100,7 +101,7 @@ def test_a_session_that_cannot_open_says_why(waiting):
 
 
 def test_a_configuration_that_only_the_open_device_can_judge(waiting):
-    table = waiting.model_dump(mode="json")
+    table = as_table(waiting)
     table["device"]["model"] = "spacenavigator"
     table["mapping"]["deadman"] = "menu"
     outcome = supervise(parse_config(table), 30.0)

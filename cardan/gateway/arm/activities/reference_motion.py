@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from cardan.gateway.arm.activities.base import Activity, Deceleration
 from cardan.gateway.arm.body import Body
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.reference import Reference
 from cardan.types import ZERO_TWIST, Twist
 
 
@@ -27,18 +28,16 @@ class ReferenceMotion(Activity):
         limits = reference.limits
         self._stopping = limits
         if deceleration is not None:
-            self._stopping = ReferenceLimits(
-                linear_speed_m_s=limits.linear_speed_m_s,
+            self._stopping = replace(
+                limits,
                 linear_acceleration_m_s2=max(
                     deceleration.linear_m_s2, limits.linear_acceleration_m_s2
                 ),
-                angular_speed_rad_s=limits.angular_speed_rad_s,
                 angular_acceleration_rad_s2=max(
                     deceleration.angular_rad_s2, limits.angular_acceleration_rad_s2
                 ),
-                leash_m=limits.leash_m,
-                leash_rad=limits.leash_rad,
-                workspace_m=limits.workspace_m,
+                linear_jerk_m_s3=None,
+                angular_jerk_rad_s3=None,
             )
         self.braking = False
         self._resting = False

@@ -1,0 +1,122 @@
+"""A measured force on its way to the hand: read, conditioned, dropped when it is old, faded in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from cardan.gateway.force.conditioning import Conditioner
+from cardan.gateway.force.figures import ContactFigures
+from cardan.gateway.force.fixtures import turned_back
+from cardan.gateway.force.sources import ForceSource
+from cardan.haptics import MeasuredForce, WorldMap
+from cardan.spatial import scale
+from cardan.types import NEVER_S, Pose, RobotState, Vector3
+
+FADE_IN_S = 0.5
+"""A measured force grows within so long once the device lets force out, and so does one that comes
+while the hand is engaged (a sensor that is back, a force node that connects). Before that it is
+zero: a device begins with a small force only, and a tool that presses already would not be felt."""
+
+MeasuredTcp = Callable[[RobotState], Pose | None]
+"""The measured TCP of a state, base frame; None where it is not known."""
+
+
+class ForceInput:
+    """One source of measured forces, in a session with a hand."""
+
+    def __init__(
+        self,
+        source: ForceSource,
+        conditioner: Conditioner,
+        *,
+        max_age_s: float = 0.1,
+        stiffness_n_m: float = 0.0,
+        contact_target_n: float | None = None,
+    ) -> None:
+        """A force older than `max_age_s` is not felt. `stiffness_n_m`: how much it grows with the
+        hand's motion between two of them. `contact_target_n`: the contact force that is wanted."""
+        self.source = source
+        self.conditioner = conditioner
+        self.contact = ContactFigures()
+        self._max_age_s = max_age_s
+        self._stiffness_n_m = stiffness_n_m
+        self._contact_target_n = contact_target_n
+        self._read_s = NEVER_S
+        self._sound = False
+        """Whether the source's newest reading gave a force."""
+        self._stale = False
+        self._share = 0.0
+        """How much of the force is let through."""
+
+    @property
+    def reason(self) -> str:
+        """Why there is no force, in words; empty when there is one."""
+        return self.source.reason or self.conditioner.reason
+
+    def take(
+        self,
+        state: RobotState,
+        tcp: MeasuredTcp,
+        world: WorldMap | None,
+        at_rest: bool,
+        rendered: bool,
+    ) -> bool:
+        """Take what this cycle of the robot brings; False while there is no force to be felt.
+
+        `world` is None while clutched out; `at_rest`: nothing is commanded to move; `rendered`: the
+        device lets force out.
+        """
+        known = tcp(state) if self.source.needs_tcp else None
+        self.source.publish(state, known, world, state.stamp_s)
+        felt = self._take(state, known, tcp, at_rest and world is None)
+        fading = felt and rendered
+        self._share = min(1.0, self._share + state.period_s / FADE_IN_S) if fading else 0.0
+        return felt
+
+    def force(self, world: WorldMap, hand: Vector3) -> MeasuredForce:
+        """The force of now, for a hand at `hand`."""
+        filtered, share = self.conditioner.filtered, self._share
+        return MeasuredForce(
+            scale(turned_back(world.rotation, filtered.value), share),
+            filtered.stamp_s,
+            scale(turned_back(world.rotation, self.conditioner.rate), share),
+            hand,
+            self._stiffness_n_m * share,
+        )
+
+    def _take(self, state: RobotState, known: Pose | None, tcp: MeasuredTcp, at_rest: bool) -> bool:
+        source, conditioner, contact = self.source, self.conditioner, self.contact
+        reading = source.read(state, known)
+        if reading is None:
+            self._sound = self._stale = False
+            contact.lift()
+            return False
+        if reading.stamp_s > self._read_s:
+            self._read_s = reading.stamp_s
+            place = tcp(state)
+            self._sound = conditioner.add(reading, at_rest, place)
+            if self._sound and not source.shaped:
+                position = None if place is None else place.position
+                contact.add(conditioner.contact, reading.stamp_s, position)
+        self._stale = state.stamp_s - self._read_s > self._max_age_s
+        if self._stale:
+            contact.lift()
+        return self._sound and not self._stale
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """What stands in the way of a force, in words."""
+        words = list(self.source.diagnosis())
+        if self.conditioner.reason and not self.source.reason:
+            words.append(f"no measured force: {self.conditioner.reason}")
+        if self._stale:
+            words.append(
+                f"no measured force: the last one is older than {self._max_age_s * 1e3:g} ms"
+            )
+        return tuple(words)
+
+    def report(self) -> dict[str, Any]:
+        """The figures of a snapshot, by the names that they have there."""
+        felt = self._sound and not self._stale
+        found = {"measured_force_n": list(self.conditioner.filtered.value) if felt else None}
+        return found if self.source.shaped else found | self.contact.report(self._contact_target_n)
