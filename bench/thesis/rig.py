@@ -42,11 +42,13 @@ SETTLE_S = 0.6
 
 
 STIFF = ControllerOptions(
-    stream_acceleration_m_s2=5.0,
-    stream_jerk_m_s3=1000.0,
-    stream_rotation_speed_rad_s=3.4,
-    stream_rotation_acceleration_rad_s2=30.0,
-    stream_rotation_jerk_rad_s3=6000.0,
+    streams=ReferenceLimits(
+        linear_acceleration_m_s2=5.0,
+        linear_jerk_m_s3=1000.0,
+        angular_speed_rad_s=3.4,
+        angular_acceleration_rad_s2=30.0,
+        angular_jerk_rad_s3=6000.0,
+    )
 )
 """Streams as fast as these arms can be; the package's defaults are for people beside them."""
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
+from cardan.bounds import AUTHORITY_LEASE_S
+from cardan.errors import ConfigurationError
+from cardan.options import check_options
 from cardan.types import NEVER_S
 
 HAND = "hand"
@@ -29,6 +33,26 @@ class AuthorityPolicy(enum.Enum):
     """Only the source that is named may have it, and whom it hands it to."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class AuthorityOptions:
+    """``[authority]``: which source may move the arm, and which may take it from which."""
+
+    policy: AuthorityPolicy = AuthorityPolicy.HAND
+    named: str = ""
+    """The source that may have it, where `policy` is NAMED."""
+    lease_s: Annotated[float, AUTHORITY_LEASE_S] = LEASE_S
+    """For which a source that does not renew keeps it."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
+        if (self.policy is AuthorityPolicy.NAMED) is not bool(self.named):
+            raise ConfigurationError(
+                "named",
+                'policy = "named" needs the source that it is for ("hand", "verbs", or the owner '
+                "of a stream); no other policy has one",
+            )
+
+
 class AuthorityState(NamedTuple):
     """Who has the authority, since when, and whom it was refused to last."""
 
@@ -43,13 +67,9 @@ class AuthorityState(NamedTuple):
 class Authority:
     """The one source that may move the arm, and its lease. All times are the robot's stamps, s."""
 
-    def __init__(
-        self,
-        policy: AuthorityPolicy = AuthorityPolicy.HAND,
-        named: str = "",
-        lease_s: float = LEASE_S,
-    ) -> None:
-        self.policy, self.named, self.lease_s = policy, named, lease_s
+    def __init__(self, options: AuthorityOptions | None = None) -> None:
+        options = options or AuthorityOptions()
+        self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
         self._owner = ""
         self._since_s = self._renewed_s = NEVER_S
         self._entrusted = ""

@@ -146,7 +146,7 @@ class Streams:
                 plans.parameters[Parameter.JOINT_ACCELERATION],
             )
         reference = plans.reference(
-            options.stream_acceleration_m_s2, options.stream_rotation_acceleration_rad_s2
+            options.streams.linear_acceleration_m_s2, options.streams.angular_acceleration_rad_s2
         )
         if kind is Stream.POSE:
             return FollowPoseStream(
@@ -199,7 +199,7 @@ class Streams:
             start = self._body.servo.q.copy()
             now = to_pose(self._body.servo.placement)
             target = of(pose, now, activity.target or now)
-        check_workspace(verb, target.position, plans.options.workspace_m)
+        check_workspace(verb, target.position, plans.options.streams.workspace_m)
         self._check_step(now, target)
         plans.planner.inverse_nearby(verb, target, start)
         with controller.lock:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,7 +37,6 @@ from cardan.gateway.hand.source import HandSource
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
-from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy
 from cardan.gateway.servo.servo import Servo
 from cardan.robots import ArmModel, BodyShape
@@ -89,7 +89,7 @@ class ArmVerbs:
             model,
             obstacles=tuple(obstacles),
             tool_shapes=tuple(tool_shapes),
-            workspace=options.workspace_m,
+            workspace=options.streams.workspace_m,
             margins=options.margins,
         )
         self.planner.set_tool(body.tool)
@@ -155,18 +155,7 @@ class ArmVerbs:
         body.velocity_gain_1_s = prm.feedback_gain_1_s(
             values[Parameter.GAIN], values[Parameter.CONTROL_PERIOD]
         )
-        x, y, z = options.workspace_m
-        limits = ReferenceLimits(
-            linear_speed_m_s=options.stream_speed_m_s,
-            linear_acceleration_m_s2=options.stream_acceleration_m_s2,
-            angular_speed_rad_s=options.stream_rotation_speed_rad_s,
-            angular_acceleration_rad_s2=options.stream_rotation_acceleration_rad_s2,
-            leash_m=options.leash_m,
-            leash_rad=options.leash_rad,
-            workspace_x_m=x,
-            workspace_y_m=y,
-            workspace_z_m=z,
-        )
+        limits = replace(options.streams, linear_jerk_m_s3=None, angular_jerk_rad_s3=None)
         age_s = options.watchdogs.device_age_s
         hand = None
         if mapping is not None:
@@ -176,7 +165,7 @@ class ArmVerbs:
             limits,
             options.watchdogs,
             hand,
-            Authority(options.authority, options.authority_named, options.authority_lease_s),
+            Authority(options.authority),
             period_s=capabilities.period_s,
             gate=body.gate_limits(capabilities),
         )
@@ -277,7 +266,7 @@ class ArmVerbs:
             target = checked_pose("inv", xd)
             start = self._start("inv")
             target = self.plans.in_base(target, start)
-            check_workspace("inv", target.position, self.options.workspace_m)
+            check_workspace("inv", target.position, self.options.streams.workspace_m)
             return tuple(self.planner.inverse("inv", target, start).tolist())
 
     def movj(self, xd: Target, *, source: str = VERBS) -> Motion:

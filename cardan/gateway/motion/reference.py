@@ -17,8 +17,10 @@ from typing import Annotated
 
 from cardan import bounds
 from cardan.braking import stopping_speed
+from cardan.errors import ConfigurationError
 from cardan.gateway.common.tables import Bounds
 from cardan.gateway.motion.shaping import JerkLimitedVector
+from cardan.options import check_options, require
 from cardan.spatial import (
     add,
     dot,
@@ -60,6 +62,16 @@ class ReferenceLimits:
     def workspace_m(self) -> tuple[Bounds | None, Bounds | None, Bounds | None]:
         """Range of the TCP along each base axis; None: unbounded."""
         return self.workspace_x_m, self.workspace_y_m, self.workspace_z_m
+
+    def check(self, table: str) -> None:
+        """Raise ConfigurationError, of a setting in `table`, for a limit no arm may be given."""
+        try:
+            check_options(self)
+            for axis, walls in zip("xyz", self.workspace_m, strict=True):
+                good = walls is None or walls[0] < walls[1]
+                require(good, f"workspace_{axis}_m", walls, "two ends, lower bound first")
+        except ConfigurationError as error:
+            raise error.below(table) from None
 
 
 def _leashed(

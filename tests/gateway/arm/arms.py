@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import load_arm
 from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
@@ -143,6 +146,11 @@ class World:
                 return
             self.tick()
         raise AssertionError("still moving")
+
+
+def streams(**limits):
+    """Options with the default limits of streams but for these."""
+    return ControllerOptions(streams=replace(STREAM_LIMITS, **limits))
 
 
 def quick(arm=GOFA, **more):

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import HAND, LEASE_S, VERBS, Authority, AuthorityPolicy
+from cardan.gateway.arm.authority import (
+    HAND,
+    LEASE_S,
+    VERBS,
+    Authority,
+    AuthorityOptions,
+    AuthorityPolicy,
+)
 from cardan.gateway.arm.body import FreeBody
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.motion import Outcome
@@ -268,7 +275,7 @@ class Shared(World):
 def hand_and_verbs(policy=AuthorityPolicy.HAND, named=""):
     world = Shared(
         "gofa_crb15000_5",
-        options=ControllerOptions(authority=policy, authority_named=named),
+        options=ControllerOptions(authority=AuthorityOptions(policy=policy, named=named)),
         mapping=MappingOptions(deadman=("left",)),
     )
     world.verbs.set_parameters({"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5})
@@ -378,12 +385,16 @@ def test_anybody_stops_whoever_moves_the_arm():
 
 def test_where_the_arm_is_reserved_nobody_else_begins_anything():
     world = hand_and_verbs(AuthorityPolicy.HAND)
-    world.verbs.controller.authority = Authority(AuthorityPolicy.NAMED, "pendant")
+    world.verbs.controller.authority = Authority(
+        AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant")
+    )
     world.act()
     assert world.owner == ""
     with pytest.raises(MotionRefusedError, match="reserved for 'pendant'"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.02))
-    world.verbs.controller.authority = Authority(AuthorityPolicy.NAMED, VERBS)
+    world.verbs.controller.authority = Authority(
+        AuthorityOptions(policy=AuthorityPolicy.NAMED, named=VERBS)
+    )
     assert world.run(world.verbs.movl(world.moved(0.0, 0.0, -0.02))).outcome is Outcome.DONE
 
 

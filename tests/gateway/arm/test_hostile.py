@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import AuthorityPolicy
+from cardan.gateway.arm.authority import AuthorityOptions, AuthorityPolicy
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.status import Phase
@@ -437,7 +437,9 @@ def test_a_wrench_for_an_arm_that_is_being_caught_is_refused_in_words():
 
 
 def test_a_wrench_needs_the_authority():
-    world = HandWorld(options=ControllerOptions(authority=AuthorityPolicy.FIRST))
+    world = HandWorld(
+        options=ControllerOptions(authority=AuthorityOptions(policy=AuthorityPolicy.FIRST))
+    )
     world.verbs.forc([0.0, 0.0, -5.0, 0.0, 0.0, 0.0])
     world.tick(5)
     world.verbs.hand_over("b")

@@ -1,6 +1,7 @@
 """Relative and absolute jogging: time-based, no 90-degree refusals, through ±pi, along walls."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from cardan.gateway.arm import ControllerOptions
 from cardan.gateway.kinematics.collision import box_obstacle
 from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
 from cardan.types import Pose, Vector3
-from tests.gateway.arm.arms import DT_S, World
+from tests.gateway.arm.arms import DT_S, World, streams
 
 pytestmark = pytest.mark.once
 
@@ -73,9 +74,7 @@ def test_a_wrong_step_changes_nothing(wrong):
 
 def test_damping_is_a_time_constant_and_not_a_share_of_a_message():
     """The thesis's factor 0.5 at its 10 Hz loop: the distance halves every 0.1 s."""
-    options = ControllerOptions(
-        stream_speed_m_s=0.5, stream_acceleration_m_s2=8.0, stream_jerk_m_s3=400.0
-    )
+    options = streams(linear_speed_m_s=0.5, linear_acceleration_m_s2=8.0, linear_jerk_m_s3=400.0)
     left = {}
     for every in (1, 12):  # messages at 250 and at 21 per second
         world = World(options=options)
@@ -99,7 +98,7 @@ def test_the_continuous_wrist_of_a_pr2_is_turned_by_poses_without_a_refusal():
     world = streaming(
         "pose",
         "pr2_right_arm",
-        options=ControllerOptions(stream_rotation_speed_rad_s=3.0),
+        options=streams(angular_speed_rad_s=3.0),
     )
     begin = world.six()
     start = from_rotation_vector(Vector3(*begin[3:]))
@@ -181,9 +180,9 @@ def lag_m(options, speed=0.1, every=12):
 
 
 def test_prediction_takes_the_delay_of_a_stream_away_and_still_ends_where_it_was_told():
-    quick = {"stream_acceleration_m_s2": 5.0, "stream_jerk_m_s3": 1000.0}
-    newest_only = lag_m(ControllerOptions(**quick))
-    predicted = lag_m(ControllerOptions(**quick, stream_prediction_s=0.06))
+    quick = streams(linear_acceleration_m_s2=5.0, linear_jerk_m_s3=1000.0)
+    newest_only = lag_m(quick)
+    predicted = lag_m(replace(quick, stream_prediction_s=0.06))
     assert newest_only > 0.004
     assert abs(predicted) < 0.0015
 

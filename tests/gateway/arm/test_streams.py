@@ -8,7 +8,7 @@ import pytest
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.streams import STREAMED
-from tests.gateway.arm.arms import DT_S, World, quick, streaming, turned
+from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
 
 
 def test_a_stream_has_to_be_chosen():
@@ -163,8 +163,7 @@ def test_bad_streamed_values_change_nothing(values):
 
 
 def test_streams_keep_to_the_workspace():
-    box = (None, None, (0.75, 2.0))
-    world = streaming("twst", options=ControllerOptions(workspace_m=box))
+    world = streaming("twst", options=streams(workspace_z_m=(0.75, 2.0)))
     for _ in range(400):
         world.verbs.stream("twist", [0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
         world.tick()

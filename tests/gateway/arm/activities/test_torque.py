@@ -8,6 +8,7 @@ import pytest
 from cardan.errors import (
     MotionRefusedError,
 )
+from cardan.gateway.arm.activities.torque import TorqueLimits
 from cardan.gateway.arm.codes import State
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
@@ -66,7 +67,9 @@ def test_forc_is_refused_in_the_tcp_frame():
 
 
 def test_torques_stay_inside_the_joints_limits():
-    world = World("ur5", options=ControllerOptions(force_n=5000.0, force_slew_n_s=1e6))
+    world = World(
+        "ur5", options=ControllerOptions(torque=TorqueLimits(force_n=5000.0, force_slew_n_s=1e6))
+    )
     world.verbs.forc([0.0, 0.0, 4000.0, 0.0, 0.0, 0.0])
     world.tick(5)
     effort = [joint.effort for joint in world.model.joints]
