@@ -112,7 +112,7 @@ def test_nothing_is_made_before_anybody_asks(bench):
     assert bench.made == 0
     bench.ask(1, "twist", POSE, 4)
     assert bench.heard() == (1, "")
-    assert bench.verbs.streamed == [("pose", POSE, "a", 4)]
+    assert bench.verbs.streamed == [("twist", POSE, "a", 4)]
     assert bench.made == 1
     bench.ask(2, "twist", POSE, source="verbs")
     assert bench.heard() == (2, "")
