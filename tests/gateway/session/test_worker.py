@@ -116,7 +116,7 @@ def test_nothing_is_made_before_anybody_asks(bench):
     assert bench.made == 1
     bench.ask(2, "twist", POSE, source="verbs")
     assert bench.heard() == (2, "")
-    assert bench.verbs.streamed[1] == ("pose", POSE, "", None)
+    assert bench.verbs.streamed[1] == ("twist", POSE, "", None)
     assert bench.made == 1
 
 
