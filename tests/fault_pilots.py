@@ -151,7 +151,7 @@ class TwistStream(_Verbs):
         if now_s >= self.started_s and not self.silent and now_s - self._sent_s >= RENEWED_S:
             self._sent_s = math.floor(now_s / RENEWED_S) * RENEWED_S
             way = tuple(SPEED_M_S * part for part in self.bench.direction)
-            self.verbs.twist((*way, 0.0, 0.0, 0.0))
+            self.verbs.stream("twist", (*way, 0.0, 0.0, 0.0))
         return super().tick(state)
 
 

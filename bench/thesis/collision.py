@@ -34,7 +34,7 @@ INWARD = Vector3(-0.8, 0.0, -0.6)
 
 
 def _limits() -> ReferenceLimits:
-    return ReferenceLimits(linear_acceleration_m_s2=STIFF.stream_acceleration_m_s2)
+    return ReferenceLimits(linear_acceleration_m_s2=STIFF.streams.linear_acceleration_m_s2)
 
 
 def wall(gap_m: float, low: bool = False) -> Obstacle:

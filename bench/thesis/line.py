@@ -34,8 +34,8 @@ RATE_HZ = 20.0
 TAIL_S = 1.5
 LONGEST_S = 1.0
 SHAPER = PoseShaperLimits(
-    linear_acceleration_m_s2=STIFF.stream_acceleration_m_s2,
-    linear_jerk_m_s3=STIFF.stream_jerk_m_s3,
+    linear_acceleration_m_s2=STIFF.streams.linear_acceleration_m_s2,
+    linear_jerk_m_s3=STIFF.streams.linear_jerk_m_s3,
 )
 """As the streams', for the shaper alone."""
 

@@ -42,11 +42,13 @@ SETTLE_S = 0.6
 
 
 STIFF = ControllerOptions(
-    stream_acceleration_m_s2=5.0,
-    stream_jerk_m_s3=1000.0,
-    stream_rotation_speed_rad_s=3.4,
-    stream_rotation_acceleration_rad_s2=30.0,
-    stream_rotation_jerk_rad_s3=6000.0,
+    streams=ReferenceLimits(
+        linear_acceleration_m_s2=5.0,
+        linear_jerk_m_s3=1000.0,
+        angular_speed_rad_s=3.4,
+        angular_acceleration_rad_s2=30.0,
+        angular_jerk_rad_s3=6000.0,
+    )
 )
 """Streams as fast as these arms can be; the package's defaults are for people beside them."""
 
@@ -115,14 +117,14 @@ class Streams:
 
     def pose(self, position: Array, rotation: Array, **how: float) -> str:
         """Stream a pose (m; rotation matrix). Answers why not."""
-        answer = self.verbs.pose(pose_of(position, rotation), **how)  # type: ignore[arg-type]
+        answer = self.verbs.stream("pose", pose_of(position, rotation), **how)  # type: ignore[arg-type]
         if answer:
             self.refusals.append(answer)
         return answer
 
     def twist(self, linear: Sequence[float]) -> None:
         """Stream a twist without turning, m/s in the base."""
-        answer = self.verbs.twist((*linear, 0.0, 0.0, 0.0))
+        answer = self.verbs.stream("twist", (*linear, 0.0, 0.0, 0.0))
         if answer:
             self.refusals.append(answer)
 

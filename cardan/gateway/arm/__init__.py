@@ -1,4 +1,5 @@
-"""The one controller of an arm, whoever moves it, and the verbs of the Cartesian interface."""
+"""The controller of an arm, the same for every source of motion, and the verbs of the Cartesian
+interface."""
 
 from __future__ import annotations
 

@@ -164,7 +164,7 @@ class ArmBody(Body):
         return ""
 
     def _misfit(self, state: RobotState, reported: Pose) -> str:
-        """Why the robot's own TCP contradicts its joints by the model, in words."""
+        """Why the robot's own TCP contradicts its joints by the model."""
         model = to_pose(self._sent_as.forward(np.array(state.joints)))
         apart_m = norm(subtract(reported.position, model.position))
         apart_rad = 0.0

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
+from cardan.bounds import AUTHORITY_LEASE_S
+from cardan.errors import ConfigurationError
+from cardan.options import check_options
 from cardan.types import NEVER_S
 
 HAND = "hand"
@@ -29,27 +33,43 @@ class AuthorityPolicy(enum.Enum):
     """Only the source that is named may have it, and whom it hands it to."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class AuthorityOptions:
+    """``[authority]``: which source may move the arm, and which may take it from which."""
+
+    policy: AuthorityPolicy = AuthorityPolicy.HAND
+    named: str = ""
+    """The source that may have it, where `policy` is NAMED."""
+    lease_s: Annotated[float, AUTHORITY_LEASE_S] = LEASE_S
+    """For which a source that does not renew keeps it."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
+        if (self.policy is AuthorityPolicy.NAMED) is not bool(self.named):
+            raise ConfigurationError(
+                "named",
+                'policy = "named" needs the source that it is for ("hand", "verbs", or the owner '
+                "of a stream); no other policy has one",
+            )
+
+
 class AuthorityState(NamedTuple):
     """Who has the authority, since when, and whom it was refused to last."""
 
     owner: str
-    """Empty: nobody."""
+    """Empty: no source."""
     since_s: float
     """Local monotonic time."""
     refused: str
-    """The last refusal, in words; empty before the first."""
+    """The last refusal; empty before the first."""
 
 
 class Authority:
     """The one source that may move the arm, and its lease. All times are the robot's stamps, s."""
 
-    def __init__(
-        self,
-        policy: AuthorityPolicy = AuthorityPolicy.HAND,
-        named: str = "",
-        lease_s: float = LEASE_S,
-    ) -> None:
-        self.policy, self.named, self.lease_s = policy, named, lease_s
+    def __init__(self, options: AuthorityOptions | None = None) -> None:
+        options = options or AuthorityOptions()
+        self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
         self._owner = ""
         self._since_s = self._renewed_s = NEVER_S
         self._entrusted = ""
@@ -58,7 +78,7 @@ class Authority:
 
     @property
     def owner(self) -> str:
-        """Who has it; empty: nobody."""
+        """The source that has it; empty: none."""
         return self._owner
 
     def state(self) -> AuthorityState:
@@ -76,7 +96,7 @@ class Authority:
             self._owner = self._entrusted = ""
 
     def refuses(self, source: str) -> str:
-        """Why `source` may not take it now, in words; empty when it may."""
+        """Why `source` may not take it now; empty when it may."""
         if source == self._owner:
             return ""
         if self._owner and not (self.policy is AuthorityPolicy.HAND and source == HAND):
@@ -86,7 +106,7 @@ class Authority:
         return ""
 
     def take(self, source: str, now_s: float) -> str:
-        """Give it to `source`, or renew it; answers why not, in words, or ""."""
+        """Give it to `source`, or renew it; answers why not, or ""."""
         refusal = self.refuses(source)
         if refusal:
             self._refused = f"{source}: {refusal}"
@@ -97,7 +117,7 @@ class Authority:
         return ""
 
     def hand_over(self, source: str, to: str, now_s: float) -> str:
-        """Pass it from `source`, who has it, on to `to`; answers why not, in words, or ""."""
+        """Pass it from `source`, who has it, on to `to`; answers why not, or ""."""
         if source != self._owner:
             return f"{source!r} has no authority over the arm to hand over"
         self._owner, self._since_s, self._renewed_s, self._entrusted = to, now_s, now_s, to

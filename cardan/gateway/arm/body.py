@@ -82,7 +82,8 @@ class FollowingError(NamedTuple):
     def in_words(self, relation: str) -> str:
         """For example "the robot is 12 mm and 0.10 rad behind its reference (joint_2 by 0.10)"."""
         if not self.linear_m and not self.angular_rad and self.joint:
-            return f"{self.joint} is {self.joint_error:.3f} rad {relation} where it was told to be"
+            away = f"{self.joint_error:.3f} rad {relation}"
+            return f"{self.joint} is {away} where it was commanded to be"
         joint = f" ({self.joint} by {self.joint_error:.2f})" if self.joint else ""
         return (
             f"the robot is {self.linear_m * 1e3:.0f} mm and {self.angular_rad:.2f} rad {relation} "
@@ -123,7 +124,7 @@ class Body(ABC):
 
     @abstractmethod
     def obstacle(self, state: RobotState, new: bool) -> str:
-        """Why the robot cannot be commanded by this body, in words; empty when it can.
+        """Why the robot cannot be commanded by this body; empty when it can.
 
         `new`: the robot was not commanded before, so tool and model are compared as well.
         """
@@ -138,7 +139,7 @@ class Body(ABC):
 
     @abstractmethod
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
-        """What moved farther in `time_s` than an arm can, in words; empty when nothing did."""
+        """What moved farther in `time_s` than an arm can; empty when nothing did."""
 
     @abstractmethod
     def place(
@@ -200,7 +201,7 @@ class Body(ABC):
         return None
 
     def held_by(self) -> str:
-        """What keeps the body from going on, in words; empty when nothing is known."""
+        """What keeps the body from going on; empty when nothing is known."""
         return ""
 
 

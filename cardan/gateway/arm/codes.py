@@ -71,7 +71,7 @@ class State(enum.IntEnum):
 
 
 class Action(enum.IntEnum):
-    """What a gripper is told."""
+    """Commands of a gripper."""
 
     NONE = vocab("acn")
     CLOSE = vocab("accg")

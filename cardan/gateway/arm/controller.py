@@ -41,8 +41,8 @@ from cardan.types import (
 )
 
 EASE_ABOVE = 0.5
-"""Share of the leash beyond which a reference that nobody drives is brought back to its robot, so
-that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the hand lets go and not
+"""Share of the leash beyond which an undriven reference is brought back to its robot, so
+that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the operator lets go, not
 a leash further on. Gravity sag is far below it and never creeps in."""
 
 NEAR_SHARE = 0.1
@@ -72,7 +72,7 @@ class Listener(Protocol):
 
 
 class ArmController:
-    """One arm, its supervision and whoever moves it.
+    """One arm, its supervision, and the sources that move it.
 
     `tick` belongs to the robot's loop; all other methods may be called from any thread.
     """
@@ -105,7 +105,7 @@ class ArmController:
         """Who else but the operator device begins activities."""
         self._period_s = period_s
         self.not_ready = "nothing was heard of the robot yet"
-        """Why the robot cannot be commanded now, in words; empty when it can."""
+        """Why the robot cannot be commanded now; empty when it can."""
         self._gate = Gate(gate or limits_of_free_body(limits))
         self.advanced_s = 0.0
         """By how much the last tick advanced: lost time is not in it."""
@@ -123,9 +123,9 @@ class ArmController:
         self._trip_reason = ""
         self._trips = 0
         self._tripped = False
-        """Whether this tick ended somebody's motion, or placed the arm."""
+        """Whether this tick ended a motion of some source, or placed the arm."""
         self._unmet = ""
-        """Why the command and its robot are apart and stay so, in words, until a deliberate act."""
+        """Why the command and its robot are apart and stay so, until a deliberate act."""
         self._recover = False
         """Whether the command is to be brought back to its robot as soon as it rests."""
         self._went = NO_WAY
@@ -169,7 +169,7 @@ class ArmController:
 
     @property
     def trips(self) -> int:
-        """How often a watchdog or fault took the arm from whoever moved it."""
+        """How often a watchdog or fault disengaged the source that moved the arm."""
         return self._trips
 
     @property
@@ -263,12 +263,12 @@ class ArmController:
             self._end_activity(reason)
 
     def trip(self, reason: str) -> None:
-        """Take the arm from whoever moves it in the next tick, as the watchdogs do; without effect
-        where nobody does by then."""
+        """Disengage the source that moves the arm in the next tick, as the watchdogs do; without
+        effect where no source does by then."""
         self._disengage_reason = self._disengage_reason or reason
 
     def hold_off(self, reason: str) -> None:
-        """From the next tick on nobody moves the arm, for this reason in words; "" lifts that."""
+        """From the next tick on no source may move the arm, for this reason; "" lifts that."""
         self._held_off = reason
 
     def suspend(self) -> None:
@@ -278,7 +278,7 @@ class ArmController:
 
     def acknowledge(self) -> str:
         """The deliberate act after a reading that was not believed, or a recovery that was given
-        up; answers why it is too early, in words, or ""."""
+        up; answers why it is too early, or ""."""
         with self.lock:
             if self.supervision.distrust and not self.supervision.trustworthy:
                 return f"{self.supervision.distrust}; wait until the readings rest"
@@ -296,7 +296,7 @@ class ArmController:
 
     @property
     def barred(self) -> str:
-        """Why no motion can begin now whoever asks, in words; empty when one can."""
+        """Why no source can begin a motion now; empty when one can."""
         if self._stop_reason or self._held_off:
             return self._stop_reason or self._held_off
         if self.supervision.distrust:
@@ -320,7 +320,7 @@ class ArmController:
             self._rest_reference()
 
     def engage(self) -> None:
-        """Command the robot from now on; from where it is, if nobody did before."""
+        """Command the robot from now on; from where it is, if it was not commanded before."""
         if not self._engaged:
             assert self.robot is not None
             self.body.place(self.robot)
@@ -375,13 +375,13 @@ class ArmController:
 
     @property
     def _why_still(self) -> str:
-        """Why not even a command is brought back to its robot now, in words."""
+        """Why not even a command is brought back to its robot now."""
         alarm = "" if self.robot is None else self.robot.alarm
         return self._stop_reason or self._held_off or alarm
 
     @property
     def _occupied(self) -> bool:
-        """Whether somebody's motion is under way, who need not be heard to keep the authority."""
+        """Whether a motion is under way whose source need not renew its authority."""
         activity = self._activity
         if activity is None or activity.recovers:
             return False
@@ -464,7 +464,7 @@ class ArmController:
         events: Sequence[ButtonEvent],
         dt_s: float,
     ) -> RobotCommand:
-        """No robot to command: whoever was moving it must take it up anew.
+        """No robot to command: the source that was moving it has to engage again.
 
         A controller that is still heard may still obey: then what moves is braked in a ramp.
         """
@@ -547,7 +547,7 @@ class ArmController:
             self._trip(reason)
 
     def _trip(self, reason: str) -> None:
-        """Take the arm from whoever moves it."""
+        """Disengage the source that moves the arm."""
         self._disarm()
         self._tripped = True
         self._trip_reason = reason
@@ -563,7 +563,7 @@ class ArmController:
             self.hand.disarm()
 
     def _end_activity(self, reason: str) -> None:
-        """Brake what moves, and tell whoever began it why."""
+        """Brake what moves, and give its source the reason."""
         self.brake()
         if self.listener is not None:
             self.listener.void(reason)
@@ -825,7 +825,7 @@ class ArmController:
             self._message = self._what_to_do(robot)
 
     def _held(self, request: HandRequest) -> str:
-        """What keeps the arm from what the operator asks for, in words."""
+        """What keeps the arm from what the operator asks for."""
         activity, reference = self._activity, self.reference
         if not request.asks or not isinstance(activity, FollowHand):
             return ""

@@ -45,10 +45,10 @@ class VerbDesk:
         """
         if verb not in WITHOUT_LOOP:
             self.link.require()
-        if verb in _STREAMS:
-            stream = getattr(self.verbs, verb)
-            return stream(value, owner="" if source == VERBS else source, sequence=sequence)
-        return _PERFORMED[verb](self, source, value)
+        if verb in _PERFORMED:
+            return _PERFORMED[verb](self, source, value)
+        owner = "" if source == VERBS else source
+        return self.verbs.stream(verb, value, owner=owner, sequence=sequence)
 
     def start(self, verb: Callable[[], Motion]) -> Motion:
         """Start a motion, after the one before has come to rest."""
@@ -100,8 +100,6 @@ def _wait(desk: VerbDesk, _source: str, timeout_s: Any) -> bool:
         raise MotionRefusedError(f"wait: a timeout is a number >= 0, not {timeout_s}")
     return desk.wait(timeout_s)
 
-
-_STREAMS = frozenset({"pose", "jog", "twist", "wrench", "joints"})
 
 WITHOUT_LOOP = frozenset(
     {"stop", "wait", "hand_over", "release", "get_parameter", "get_parameters", "status"}

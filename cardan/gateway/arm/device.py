@@ -140,6 +140,6 @@ class CartesianDevice(CartesianArm):
         except Exception as error:
             why = f"{why}: {error}"
         finally:
-            # Nobody drives any more, so nothing may seem to be under way.
+            # The loop has ended: no motion may seem to be under way.
             self.verbs.stop()
             link.end(why)

@@ -77,7 +77,7 @@ class Gate:
         self._last = self._speeds = None
 
     def violation(self, command: RobotCommand, dt_s: float) -> str:
-        """Why `command`, for a period of `dt_s`, must not be sent, in words; empty when it may."""
+        """Why `command`, for a period of `dt_s`, must not be sent; empty when it may."""
         last, dt_s = self._last, max(0.0, dt_s)
         if type(command) is JointCommand:
             wrong = self._joints(command, last, dt_s)

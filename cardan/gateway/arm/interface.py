@@ -107,7 +107,7 @@ class CartesianArm(ABC):
         return arrived
 
     def stop(self) -> None:
-        """Brake along the path, then hold. Always works, whoever has authority."""
+        """Brake along the path, then hold. Needs no authority."""
         self._ask("stop")
 
     def tool(self, x: Target) -> None:
@@ -149,8 +149,8 @@ class CartesianArm(ABC):
     # -- authority -------------------------------------------------------------------------------
 
     def acknowledge(self) -> None:
-        """The deliberate act after measured joints were not believed, or the command did not come
-        together with its robot. Raises MotionRefusedError while it is too early."""
+        """Confirm, after measured joints were implausible or the command did not come together with
+        its robot, that the arm may move again. Raises MotionRefusedError while it is too early."""
         self._ask("acknowledge")
 
     def hand_over(self, to: str) -> None:
@@ -161,7 +161,7 @@ class CartesianArm(ABC):
         self._ask("hand_over", to)
 
     def release(self, owner: str = "") -> None:
-        """Give up the authority of whoever streams as `owner`, or, nameless, our own."""
+        """Give up the authority of the stream `owner`, or, without a name, our own."""
         self._ask("release", source=owner)
 
     # -- parameters and status -------------------------------------------------------------------

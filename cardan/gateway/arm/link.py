@@ -32,7 +32,7 @@ class LoopLink:
         self._why_not = ""
 
     def attend(self) -> None:
-        """Do what was asked for and wake up who waits; costs next to nothing where nobody does."""
+        """Do what was asked for and wake waiting threads; cheap where none waits."""
         while self._errands:
             errand, answer = self._errands.popleft()
             try:
@@ -46,7 +46,7 @@ class LoopLink:
                 self._ticked.notify_all()
 
     def end(self, why: str) -> None:
-        """The loop runs no more, for this reason in words."""
+        """The loop runs no more, for this reason."""
         self._why_not = why
         while self._errands:
             self._errands.popleft()[1].append(DriverError("the loop has ended"))

@@ -25,7 +25,7 @@ class ArmLoop:
     def __init__(
         self, robot: RobotDriver, controller: ArmController, device: OperatorDevice | None = None
     ) -> None:
-        """All opened and closed by whoever runs the loop."""
+        """The caller opens and closes them."""
         self.robot, self.controller, self.device = robot, controller, device
 
     def cycles(self) -> Iterator[Cycle]:

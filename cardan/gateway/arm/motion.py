@@ -40,7 +40,7 @@ class Motion:
         self.reason = ""
         """Why it was aborted or refused."""
         self.note = ""
-        """What was changed of what was asked for, in words; empty when nothing was."""
+        """What was changed of what was asked for; empty when nothing was."""
         self.duration_s = math.inf
         """As planned; infinite for a motion without end."""
         self.error: MotionRefusedError | None = None
@@ -78,7 +78,7 @@ class ControllerStatus(NamedTuple):
     recovering: bool
     """After a trip, until the command is back at the arm."""
     message: str
-    """What last ended a motion or a stream, in words."""
+    """What last ended a motion or a stream."""
     stream_owner: str
     stream_age_s: float
     """Since the newest streamed command; infinite before the first."""
@@ -92,6 +92,6 @@ class ControllerStatus(NamedTuple):
     refusals: int
     last_refusal: str
     pose: Six | None
-    """Where the TCP is told to be; None before anything was commanded."""
+    """Where the TCP is commanded to be; None before anything was commanded."""
     servo: ServoStatus
     authority: AuthorityState

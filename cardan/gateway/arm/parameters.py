@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from cardan.errors import ConfigurationError
+from cardan.bounds import (
+    ANGULAR_ACCELERATION_RAD_S2,
+    ANGULAR_JERK_RAD_S3,
+    ANGULAR_SPEED_RAD_S,
+    BLIND_S,
+    LINEAR_ACCELERATION_M_S2,
+    LINEAR_JERK_M_S3,
+    LINEAR_SPEED_M_S,
+    SHARE,
+    Range,
+)
+from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.arm.codes import (
     FrameCode,
     Parameter,
@@ -17,17 +28,19 @@ from cardan.gateway.arm.codes import (
     ProfileCode,
     Stream,
     vocab,
+    vocab_text,
 )
 
 Key = int | str
 Value = float | int | str | enum.IntEnum
 
 
-class _Bound(enum.Enum):
-    NOT_NEGATIVE = "a number >= 0"
-    POSITIVE = "a number > 0"
-    SHARE = "a number > 0 and <= 1"
-    DAMPING = "a number >= 0.1 and <= 1"
+GAIN = Range(0.0, 10.0, "", "with cmcPeriodMs = 50 that is 200 1/s: no robot's own loop is stiffer")
+DURATION_S = Range(
+    0.0, 3600.0, "s", "nobody waits longer for one motion", zero="from speed and acceleration"
+)
+PERIOD_MS = Range(0.1, 10_000.0, "ms", "the end of a motion is seen by then")
+DAMPING = Range(0.1, 1.0, "", "at less the arm hardly follows")
 
 
 class ParameterRule(NamedTuple):
@@ -36,45 +49,46 @@ class ParameterRule(NamedTuple):
     key: Parameter
     name: str
     """As in configuration files."""
-    unit: str
     default: float
     """For a parameter whose value is a code: the code's integer."""
-    accepted: _Bound | type[enum.IntEnum]
+    accepted: Range | type[enum.IntEnum]
+
+    @property
+    def unit(self) -> str:
+        """Of its value; "code" for a code."""
+        return self.accepted.unit if isinstance(self.accepted, Range) else "code"
 
     @property
     def allowed(self) -> str:
-        """What is accepted, in words."""
-        if isinstance(self.accepted, _Bound):
-            return self.accepted.value
-        return ", ".join(
-            code.to_bytes(4, "little").rstrip(b"\0").decode() for code in self.accepted
-        )
+        """What is accepted."""
+        if isinstance(self.accepted, Range):
+            return f"{self.accepted}: {self.accepted.reason}"
+        return ", ".join(map(vocab_text, self.accepted))
 
 
-_B = _Bound
-RULES: tuple[ParameterRule, ...] = (
-    ParameterRule(Parameter.GAIN, "controllerGain", "", 0.05, _B.NOT_NEGATIVE),
-    ParameterRule(Parameter.TRAJECTORY_DURATION, "trajectoryDuration", "s", 0.0, _B.NOT_NEGATIVE),
-    ParameterRule(Parameter.TRAJECTORY_SPEED, "trajectoryRefSpeed", "m/s", 0.05, _B.POSITIVE),
+RULES = (
+    ParameterRule(Parameter.GAIN, "controllerGain", 0.05, GAIN),
+    ParameterRule(Parameter.TRAJECTORY_DURATION, "trajectoryDuration", 0.0, DURATION_S),
+    ParameterRule(Parameter.TRAJECTORY_SPEED, "trajectoryRefSpeed", 0.05, LINEAR_SPEED_M_S),
     ParameterRule(
-        Parameter.TRAJECTORY_ACCELERATION, "trajectoryRefAccel", "m/s²", 0.02, _B.POSITIVE
+        Parameter.TRAJECTORY_ACCELERATION, "trajectoryRefAccel", 0.02, LINEAR_ACCELERATION_M_S2
     ),
-    ParameterRule(Parameter.CONTROL_PERIOD, "cmcPeriodMs", "ms", 50.0, _B.POSITIVE),
-    ParameterRule(Parameter.WAIT_PERIOD, "waitPeriodMs", "ms", 30.0, _B.POSITIVE),
-    ParameterRule(Parameter.FRAME, "referenceFrame", "code", float(FrameCode.BASE), FrameCode),
-    ParameterRule(Parameter.STREAM, "streamingCommand", "code", float(Stream.NONE), Stream),
-    ParameterRule(Parameter.ROTATION_SPEED, "rotationRefSpeed", "rad/s", 0.25, _B.POSITIVE),
-    ParameterRule(Parameter.ROTATION_ACCELERATION, "rotationRefAccel", "rad/s²", 0.25, _B.POSITIVE),
-    ParameterRule(Parameter.TRAJECTORY_JERK, "trajectoryRefJerk", "m/s³", 0.2, _B.POSITIVE),
-    ParameterRule(Parameter.ROTATION_JERK, "rotationRefJerk", "rad/s³", 2.5, _B.POSITIVE),
+    ParameterRule(Parameter.CONTROL_PERIOD, "cmcPeriodMs", 50.0, PERIOD_MS),
+    ParameterRule(Parameter.WAIT_PERIOD, "waitPeriodMs", 30.0, PERIOD_MS),
+    ParameterRule(Parameter.FRAME, "referenceFrame", FrameCode.BASE, FrameCode),
+    ParameterRule(Parameter.STREAM, "streamingCommand", Stream.NONE, Stream),
+    ParameterRule(Parameter.ROTATION_SPEED, "rotationRefSpeed", 0.25, ANGULAR_SPEED_RAD_S),
     ParameterRule(
-        Parameter.PROFILE, "trajectoryProfile", "code", float(ProfileCode.TRAPEZOID), ProfileCode
+        Parameter.ROTATION_ACCELERATION, "rotationRefAccel", 0.25, ANGULAR_ACCELERATION_RAD_S2
     ),
-    ParameterRule(Parameter.POLICY, "servoPolicy", "code", float(PolicyCode.PATH), PolicyCode),
-    ParameterRule(Parameter.STREAM_TIMEOUT, "streamTimeout", "s", 0.1, _B.POSITIVE),
-    ParameterRule(Parameter.JOINT_SPEED, "jointSpeedShare", "", 0.25, _B.SHARE),
-    ParameterRule(Parameter.JOINT_ACCELERATION, "jointAccelShare", "", 0.5, _B.SHARE),
-    ParameterRule(Parameter.DAMPING, "poseDamping", "", 1.0, _B.DAMPING),
+    ParameterRule(Parameter.TRAJECTORY_JERK, "trajectoryRefJerk", 0.2, LINEAR_JERK_M_S3),
+    ParameterRule(Parameter.ROTATION_JERK, "rotationRefJerk", 2.5, ANGULAR_JERK_RAD_S3),
+    ParameterRule(Parameter.PROFILE, "trajectoryProfile", ProfileCode.TRAPEZOID, ProfileCode),
+    ParameterRule(Parameter.POLICY, "servoPolicy", PolicyCode.PATH, PolicyCode),
+    ParameterRule(Parameter.STREAM_TIMEOUT, "streamTimeout", 0.1, BLIND_S),
+    ParameterRule(Parameter.JOINT_SPEED, "jointSpeedShare", 0.25, SHARE),
+    ParameterRule(Parameter.JOINT_ACCELERATION, "jointAccelShare", 0.5, SHARE),
+    ParameterRule(Parameter.DAMPING, "poseDamping", 1.0, DAMPING),
 )
 """All parameters, in the order in which they are listed."""
 
@@ -99,31 +113,18 @@ def find_rule(key: Key) -> ParameterRule:
 
 
 def checked_value(rule: ParameterRule, value: Value) -> float:
-    """`value` as the double that travels. Raises ConfigurationError where it is not accepted."""
-    error = ConfigurationError(rule.name, f"accepts {rule.allowed}, not {value!r}")
-    if not isinstance(rule.accepted, _Bound):
-        try:
+    """`value` as the double that travels. Raises OptionError where it is not accepted."""
+    accepted = rule.accepted
+    if isinstance(accepted, Range):
+        number = value.item() if isinstance(value, np.number) else value
+        if number in accepted:
+            return float(number)
+    else:
+        with contextlib.suppress(ValueError, TypeError, OverflowError):
             code = vocab(value) if isinstance(value, str) else int(value)
-            if not isinstance(value, str) and code != value:
-                raise error
-            return float(rule.accepted(code))
-        except (ValueError, TypeError, OverflowError):
-            raise error from None
-    if isinstance(value, (bool, str)) or not isinstance(value, (int, float, np.number)):
-        raise error
-    try:
-        number = float(value)
-    except OverflowError:
-        raise error from None
-    if not math.isfinite(number) or number < 0.0:
-        raise error
-    if rule.accepted is not _B.NOT_NEGATIVE and number == 0.0:
-        raise error
-    if rule.accepted in (_B.SHARE, _B.DAMPING) and number > 1.0:
-        raise error
-    if rule.accepted is _B.DAMPING and number < 0.1:
-        raise error
-    return number
+            if isinstance(value, str) or code == value:
+                return float(accepted(code))
+    raise OptionError(rule.name, value, rule.allowed)
 
 
 def checked_group(values: Mapping[Key, Value]) -> dict[Parameter, float]:
@@ -147,4 +148,4 @@ def feedback_gain_1_s(gain: float, period_ms: float) -> float:
 
 def defaults() -> dict[Parameter, float]:
     """Every parameter at its default."""
-    return {rule.key: rule.default for rule in RULES}
+    return {rule.key: float(rule.default) for rule in RULES}

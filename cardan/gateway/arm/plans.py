@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import Activity, Deceleration
 from cardan.gateway.arm.activities.joint_path import FollowJoints
 from cardan.gateway.arm.activities.line import FollowLine
-from cardan.gateway.arm.activities.torque import TorqueLimits, TorqueMotion
+from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.activities.twist import FollowTwist
 from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
 from cardan.gateway.arm.checks import check_workspace
@@ -102,7 +103,7 @@ class Plans:
 
     def _joints_to(self, verb: str, target: Pose, start: FloatArray) -> Plan:
         self.require_drive(verb)
-        check_workspace(verb, target.position, self.options.workspace_m)
+        check_workspace(verb, target.position, self.options.streams.workspace_m)
         kinematics = self.planner.kinematics
         speeds = self.parameters[Parameter.JOINT_SPEED] * kinematics.velocity
         accelerations = self.parameters[Parameter.JOINT_ACCELERATION] * kinematics.acceleration
@@ -138,7 +139,7 @@ class Plans:
         self.require_drive("movl")
         begin = to_pose(self.planner.forward(start))
         target = compose(begin, target) if self.tcp_frame else target
-        check_workspace("movl", target.position, self.options.workspace_m)
+        check_workspace("movl", target.position, self.options.streams.workspace_m)
         if (
             norm(subtract(target.position, begin.position)) < 1e-7
             and norm(rotation_between(begin.orientation, target.orientation)) < 1e-6
@@ -217,44 +218,31 @@ class Plans:
         return Plan(activity, math.inf)
 
     def torque_motion(self, state: State) -> TorqueMotion:
-        options = self.options
-        limits = TorqueLimits(
-            options.force_n,
-            options.torque_nm,
-            options.force_slew_n_s,
-            options.torque_slew_nm_s,
-            options.torque_speed_share,
-        )
-        return TorqueMotion(state, self.model, self._body, self.measuring, limits)
+        return TorqueMotion(state, self.model, self._body, self.measuring, self.options.torque)
 
     def reference(self, linear_m_s2: float, angular_rad_s2: float) -> Reference:
         """A reference for streams and movv with these accelerations."""
-        options = self.options
-        x, y, z = options.workspace_m
-        limits = ReferenceLimits(
+        limits = replace(
+            self.options.streams,
             linear_speed_m_s=self._fastest_m_s,
             linear_acceleration_m_s2=linear_m_s2,
             angular_speed_rad_s=self._fastest_rad_s,
             angular_acceleration_rad_s2=angular_rad_s2,
-            linear_jerk_m_s3=options.stream_jerk_m_s3,
-            angular_jerk_rad_s3=options.stream_rotation_jerk_rad_s3,
-            leash_m=options.leash_m,
-            leash_rad=options.leash_rad,
-            workspace_x_m=x,
-            workspace_y_m=y,
-            workspace_z_m=z,
         )
         return Reference(limits)
 
     def pose_shaper(self, limits: ReferenceLimits) -> PoseShaper:
+        linear_jerk, angular_jerk = limits.linear_jerk_m_s3, limits.angular_jerk_rad_s3
+        assert linear_jerk is not None
+        assert angular_jerk is not None
         return PoseShaper(
             PoseShaperLimits(
                 linear_speed_m_s=limits.linear_speed_m_s,
                 linear_acceleration_m_s2=limits.linear_acceleration_m_s2,
-                linear_jerk_m_s3=self.options.stream_jerk_m_s3,
+                linear_jerk_m_s3=linear_jerk,
                 angular_speed_rad_s=limits.angular_speed_rad_s,
                 angular_acceleration_rad_s2=limits.angular_acceleration_rad_s2,
-                angular_jerk_rad_s3=self.options.stream_rotation_jerk_rad_s3,
+                angular_jerk_rad_s3=angular_jerk,
             ),
             damping=self.parameters[Parameter.DAMPING],
         )
@@ -275,12 +263,12 @@ class Plans:
     @property
     def _fastest_m_s(self) -> float:
         most = self.capabilities.linear_speed_m_s
-        return min(self.options.stream_speed_m_s, math.inf if most is None else most)
+        return min(self.options.streams.linear_speed_m_s, math.inf if most is None else most)
 
     @property
     def _fastest_rad_s(self) -> float:
         most = self.capabilities.angular_speed_rad_s
-        return min(self.options.stream_rotation_speed_rad_s, math.inf if most is None else most)
+        return min(self.options.streams.angular_speed_rad_s, math.inf if most is None else most)
 
     def slowed(self, linear: Vector3, angular: Vector3) -> tuple[Vector3, Vector3, float]:
         """The twist inside the speed limits, both parts slowed alike, and by how much."""

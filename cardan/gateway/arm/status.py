@@ -20,13 +20,13 @@ class Phase(enum.Enum):
     DISARMED = "disarmed"
     """Holding; going on takes the deliberate act, or a verb."""
     HOLDING = "holding"
-    """At rest under somebody's authority, who may move at once."""
+    """At rest; a source has the authority and may move at once."""
     MOVING = "moving"
     BRAKING = "braking"
     """Ramping down, by the operator's will or because something is wrong."""
     RECOVERING = "recovering"
-    """The command is brought back to a robot that is not where it was told to be: slowly, a leash's
-    length at most. Any button ends it."""
+    """The command is brought back to a robot that is not where it was commanded to be: slowly, a
+    leash's length at most. Any button ends it."""
 
 
 class ArmStatus(NamedTuple):
@@ -40,14 +40,14 @@ class ArmStatus(NamedTuple):
     twist: Twist
     """What is commanded, base axes."""
     pose: Pose | None
-    """Where the TCP is told to be."""
+    """Where the TCP is commanded to be."""
     leash_used: float
     at_workspace_limit: bool
     gripper_closed: bool
     trips: int
-    """How often a watchdog or fault took the arm from whoever moved it."""
+    """How often a watchdog or fault disengaged the source that moved the arm."""
     authority: AuthorityState
     filters: tuple[str, ...] = ()
-    """What the filters do to the operator's motion, in words; those that do nothing are silent."""
+    """What the filters do to the operator's motion; those that do nothing are silent."""
     arm: ServoStatus | None = None
     """What the servo met, where there is an arm's model."""

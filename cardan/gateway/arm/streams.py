@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,18 @@ CLOCK_SET_BACK_S = 1.0
 QUEUED_S = 0.3
 """A command that is this much older than the freshest one of its sender, by the sender's own clock
 against ours, waited in a queue: it is dropped, not executed late."""
+
+
+class Sender(NamedTuple):
+    """Who sent a streamed command, and which of theirs it is."""
+
+    owner: str
+    """Empty: nameless."""
+    sequence: int | None
+    stamp_s: float | None
+    """By the sender's clock."""
+    heard_s: float
+    """When it came, the robot's time."""
 
 
 class _Link:
@@ -95,7 +108,7 @@ class Streams:
     def choose(self, kind: Stream, start: Callable[[str], FloatArray], source: str = VERBS) -> None:
         """Make `kind` the streaming command; `start` checks that a motion can begin by `source`.
 
-        Raises MotionRefusedError. Whoever streams first then gets the authority.
+        Raises MotionRefusedError. The source that streams first then gets the authority.
         """
         controller, plans = self._controller, self._plans
         verb = f"streaming {vocab_text(kind)}"
@@ -133,7 +146,7 @@ class Streams:
                 plans.parameters[Parameter.JOINT_ACCELERATION],
             )
         reference = plans.reference(
-            options.stream_acceleration_m_s2, options.stream_rotation_acceleration_rad_s2
+            options.streams.linear_acceleration_m_s2, options.streams.angular_acceleration_rad_s2
         )
         if kind is Stream.POSE:
             return FollowPoseStream(
@@ -147,31 +160,21 @@ class Streams:
 
     # -- commands --------------------------------------------------------------------------------
 
-    def pose(
-        self,
-        x: Target,
-        owner: str,
-        sequence: int | None,
-        stamp_s: float | None,
-        heard_s: float,
-    ) -> None:
-        """Go to the pose `x` now, which came at `heard_s`, the robot's time. Raises
-        MotionRefusedError, as all of these do."""
+    def pose(self, x: Target, sender: Sender) -> None:
+        """Go to the pose `x` now. Raises MotionRefusedError, as all of these do."""
 
         def of(given: Pose, now: Pose, _before: Pose) -> Pose:
             return compose(now, given) if self._plans.tcp_frame else given
 
-        self._aim("pose", x, of, owner, sequence, stamp_s, heard_s)
+        self._aim("pose", x, of, sender)
 
-    def jog(
-        self,
-        dx: Target,
-        owner: str,
-        sequence: int | None,
-        stamp_s: float | None,
-        heard_s: float,
-    ) -> None:
-        """Move the pose that is gone to by `dx` (m, rotation vector in rad); see `pose`."""
+    def jog(self, dx: Target, sender: Sender) -> None:
+        """Move the pose that is gone to by `dx` (m, rotation vector in rad).
+
+        The deltas of a stream add up, so none is lost, however they are bunched. In base axes
+        p + d and exp(dr)·R, with the TCP frame H·X. Needs the stream command `pose`, follows the
+        parameter poseDamping, and is refused where the sum would run away from the arm.
+        """
 
         def of(given: Pose, _now: Pose, before: Pose) -> Pose:
             if self._plans.tcp_frame:
@@ -182,41 +185,34 @@ class Streams:
                 Frame.BASE,
             )
 
-        self._aim("jog", dx, of, owner, sequence, stamp_s, heard_s)
+        self._aim("jog", dx, of, sender)
 
     def _aim(
-        self,
-        verb: str,
-        given: Target,
-        of: Callable[[Pose, Pose, Pose], Pose],
-        owner: str,
-        sequence: int | None,
-        stamp_s: float | None,
-        heard_s: float,
+        self, verb: str, given: Target, of: Callable[[Pose, Pose, Pose], Pose], sender: Sender
     ) -> None:
         """Aim the pose stream at `of` what is given, the commanded pose and the target before."""
         controller, plans = self._controller, self._plans
         pose = checked_pose(verb, given)
         with controller.lock:
-            activity = self._streaming(Stream.POSE, owner, sequence, stamp_s)
+            activity = self._streaming(Stream.POSE, sender)
             assert isinstance(activity, FollowPoseStream)
             start = self._body.servo.q.copy()
             now = to_pose(self._body.servo.placement)
             target = of(pose, now, activity.target or now)
-        check_workspace(verb, target.position, plans.options.workspace_m)
+        check_workspace(verb, target.position, plans.options.streams.workspace_m)
         self._check_step(now, target)
         plans.planner.inverse_nearby(verb, target, start)
         with controller.lock:
             if controller.activity is not activity or self._link is None:
                 raise MotionRefusedError(f"{verb}: {self._ended}")
-            waited_s = controller.stamp_s - heard_s
+            waited_s = controller.stamp_s - sender.heard_s
             if waited_s > activity.silence_s:
                 raise MotionRefusedError(
                     f"{verb}: it waited for {waited_s:.2f} s until it was worked out; that is too "
                     "late to act on"
                 )
             activity.aim(target, controller.stamp_s)
-            self._hear(activity, owner, sequence, stamp_s)
+            self._hear(activity, sender)
 
     def _check_step(self, now: Pose, target: Pose) -> None:
         options = self._plans.options
@@ -228,36 +224,30 @@ class Streams:
                 f"{options.stream_step_m:.3f} m and {options.stream_step_rad:.3f} rad"
             )
 
-    def twist(
-        self, xdot: Sequence[float], owner: str, sequence: int | None, stamp_s: float | None
-    ) -> None:
+    def twist(self, xdot: Sequence[float], sender: Sender) -> None:
         """Move with the twist `xdot` (m/s, rad/s) now. Too fast a one is slowed."""
         with self._controller.lock:
             x, y, z, rx, ry, rz = six_numbers("twist", xdot)
-            activity = self._streaming(Stream.TWIST, owner, sequence, stamp_s)
+            activity = self._streaming(Stream.TWIST, sender)
             assert isinstance(activity, FollowTwistStream)
             linear, angular, share = self._plans.slowed(Vector3(x, y, z), Vector3(rx, ry, rz))
             self.scaled += share < 1.0
             frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
             asked = any((*linear, *angular))
             activity.target = Twist(linear, angular, frame) if asked else ZERO_TWIST
-            self._hear(activity, owner, sequence, stamp_s)
+            self._hear(activity, sender)
 
-    def wrench(
-        self, w: Sequence[float], owner: str, sequence: int | None, stamp_s: float | None
-    ) -> None:
+    def wrench(self, w: Sequence[float], sender: Sender) -> None:
         """Exert the wrench `w` (N, N·m, at the TCP) on the world now."""
         with self._controller.lock:
             numbers = six_numbers("wrench", w)
-            activity = self._streaming(Stream.WRENCH, owner, sequence, stamp_s)
+            activity = self._streaming(Stream.WRENCH, sender)
             assert isinstance(activity, TorqueMotion)
             frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
             activity.set_wrench(Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), frame))
-            self._hear(activity, owner, sequence, stamp_s)
+            self._hear(activity, sender)
 
-    def joints(
-        self, rates: Sequence[float], owner: str, sequence: int | None, stamp_s: float | None
-    ) -> None:
+    def joints(self, rates: Sequence[float], sender: Sender) -> None:
         """Move the joints at `rates` (rad/s or m/s, one a joint) now. Too fast ones are slowed."""
         with self._controller.lock:
             count = self._body.servo.joints
@@ -269,17 +259,16 @@ class Streams:
                 raise MotionRefusedError(
                     f"joints takes {count} finite numbers, not {tuple(values.tolist())}"
                 )
-            activity = self._streaming(Stream.JOINT, owner, sequence, stamp_s)
+            activity = self._streaming(Stream.JOINT, sender)
             assert isinstance(activity, FollowJointStream)
             self.scaled += activity.aim(values)
-            self._hear(activity, owner, sequence, stamp_s)
+            self._hear(activity, sender)
 
     # -- who may stream --------------------------------------------------------------------------
 
-    def _streaming(
-        self, kind: Stream, owner: str, sequence: int | None, stamp_s: float | None
-    ) -> Activity:
+    def _streaming(self, kind: Stream, sender: Sender) -> Activity:
         """The activity of the stream, if this command may act on it."""
+        owner, sequence, stamp_s, _ = sender
         controller = self._controller
         name, link, activity = vocab_text(kind), self._link, controller.activity
         if link is None or activity is None:
@@ -302,12 +291,11 @@ class Streams:
             controller.authority.take(owner or VERBS, controller.stamp_s)  # Notes the refusal.
             raise MotionRefusedError(f"{name}: {refusal}")
         if link.owner == owner:
-            self._check_order(name, link, sequence, stamp_s)
+            self._check_order(name, link, sender)
         return activity
 
-    def _check_order(
-        self, name: str, link: _Link, sequence: int | None, stamp_s: float | None
-    ) -> None:
+    def _check_order(self, name: str, link: _Link, sender: Sender) -> None:
+        _, sequence, stamp_s, _ = sender
         if sequence is not None and link.sequence is not None and sequence <= link.sequence:
             self.late += 1
             raise MotionRefusedError(f"{name}: number {sequence} came after number {link.sequence}")
@@ -326,9 +314,8 @@ class Streams:
                 "too late to act on"
             )
 
-    def _hear(
-        self, activity: Activity, owner: str, sequence: int | None, stamp_s: float | None
-    ) -> None:
+    def _hear(self, activity: Activity, sender: Sender) -> None:
+        owner, sequence, stamp_s, _ = sender
         link, now_s = self._link, self._controller.stamp_s
         assert link is not None
         if link.owner != owner:
@@ -341,3 +328,13 @@ class Streams:
         if stamp_s is not None:
             link.sent_s = stamp_s
             link.quickest_s = min(link.quickest_s, now_s - stamp_s)
+
+
+STREAMED: dict[str, Callable[[Streams, Any, Sender], None]] = {
+    "pose": Streams.pose,
+    "jog": Streams.jog,
+    "twist": Streams.twist,
+    "wrench": Streams.wrench,
+    "joints": Streams.joints,
+}
+"""The streamed commands by the names that they are asked for."""

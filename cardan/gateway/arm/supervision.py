@@ -26,7 +26,7 @@ LONGEST_STEP_PERIODS = 2.5
 come at once, are made up for, as the robot itself went on meanwhile; time beyond that is lost."""
 
 TRUST_AFTER_S = 0.5
-"""For which readings must have been plausible before a deliberate act makes them believed again."""
+"""For which readings must have been plausible before a confirmation accepts them again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,12 +70,12 @@ class Cause(enum.Enum):
     STALLED = "this computer stood still"
     LEAPT = "the robot was measured where it cannot be"
     ALARM = "the driver says that nobody should be driving"
-    HELD = "the robot is not where it is told to be"
-    SILENT = "whoever streams fell silent"
+    HELD = "the robot is not where it is commanded to be"
+    SILENT = "the source of the stream fell silent"
 
 
 class Finding(NamedTuple):
-    """What was found, and the reason in words, for people."""
+    """What was found, and the reason, for people."""
 
     cause: Cause
     reason: str
@@ -90,7 +90,7 @@ class Supervision:
         self.error = FollowingError(0.0, 0.0)
         """Of the last tick in which the robot was ready."""
         self.distrust = ""
-        """Why the readings are not believed, in words; empty while they are."""
+        """Why the readings are rejected; empty while they are accepted."""
         self.newest: RobotState | None = None
         """The newest state whose reading was looked at."""
         self.previous: RobotState | None = None
@@ -109,7 +109,7 @@ class Supervision:
 
     @property
     def trustworthy(self) -> bool:
-        """Whether readings that were not believed have been plausible for long enough."""
+        """Whether rejected readings have been plausible for long enough."""
         return self._ticked_s - self._plausible_s >= TRUST_AFTER_S
 
     def trust(self) -> None:
@@ -160,7 +160,7 @@ class Supervision:
         reference: Reference | None,
         activity: Activity | None,
     ) -> Finding | None:
-        """The gravest thing about the robot and what it is told; None when all is well."""
+        """The gravest finding about the robot and its commands; None without any."""
         self.error = body.following_error(state, reference)
         if self.error.exceeds(self.limit):
             return Finding(

@@ -6,8 +6,10 @@ beside the loop, which only ever holds the controller's lock for a moment.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,13 +31,12 @@ from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import Planner
 from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
-from cardan.gateway.arm.streams import Streams
+from cardan.gateway.arm.streams import STREAMED, Sender, Streams
 from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
 from cardan.gateway.hand.source import HandSource
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
-from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy
 from cardan.gateway.servo.servo import Servo
 from cardan.robots import ArmModel, BodyShape
@@ -50,7 +51,7 @@ from cardan.types import (
 )
 
 AT_REST_SHARE = 0.02
-"""Of each joint's speed: a robot that reports more moves by somebody else's will."""
+"""Of each joint's speed: a robot that reports more is moved by something else."""
 
 _TO_POLICY = {PolicyCode.PATH: Policy.PATH, PolicyCode.REACH: Policy.REACH}
 _TO_CODE = {policy: code for code, policy in _TO_POLICY.items()}
@@ -88,7 +89,7 @@ class ArmVerbs:
             model,
             obstacles=tuple(obstacles),
             tool_shapes=tuple(tool_shapes),
-            workspace=options.workspace_m,
+            workspace=options.streams.workspace_m,
             margins=options.margins,
         )
         self.planner.set_tool(body.tool)
@@ -102,7 +103,7 @@ class ArmVerbs:
         self.streams = Streams(controller, body, self.plans)
         self._gripper = gripper
         self._planning = threading.RLock()
-        """Held by whoever uses `planner`; always taken before the controller's lock."""
+        """Held by the thread that uses `planner`; always taken before the controller's lock."""
         self._motion: Motion | None = None
         self._waited_for: Motion | None = None
         self._pending: tuple[Motion, _Prepare] | None = None
@@ -154,18 +155,7 @@ class ArmVerbs:
         body.velocity_gain_1_s = prm.feedback_gain_1_s(
             values[Parameter.GAIN], values[Parameter.CONTROL_PERIOD]
         )
-        x, y, z = options.workspace_m
-        limits = ReferenceLimits(
-            linear_speed_m_s=options.stream_speed_m_s,
-            linear_acceleration_m_s2=options.stream_acceleration_m_s2,
-            angular_speed_rad_s=options.stream_rotation_speed_rad_s,
-            angular_acceleration_rad_s2=options.stream_rotation_acceleration_rad_s2,
-            leash_m=options.leash_m,
-            leash_rad=options.leash_rad,
-            workspace_x_m=x,
-            workspace_y_m=y,
-            workspace_z_m=z,
-        )
+        limits = replace(options.streams, linear_jerk_m_s3=None, angular_jerk_rad_s3=None)
         age_s = options.watchdogs.device_age_s
         hand = None
         if mapping is not None:
@@ -175,7 +165,7 @@ class ArmVerbs:
             limits,
             options.watchdogs,
             hand,
-            Authority(options.authority, options.authority_named, options.authority_lease_s),
+            Authority(options.authority),
             period_s=capabilities.period_s,
             gate=body.gate_limits(capabilities),
         )
@@ -194,7 +184,7 @@ class ArmVerbs:
 
     @property
     def state(self) -> State:
-        """What is being done; NOT_CONTROLLING as soon as it is told to stop."""
+        """What is being done; NOT_CONTROLLING from a stop on."""
         activity = self.controller.activity
         if activity is None or self.controller.braking:
             return State.NOT_CONTROLLING
@@ -276,7 +266,7 @@ class ArmVerbs:
             target = checked_pose("inv", xd)
             start = self._start("inv")
             target = self.plans.in_base(target, start)
-            check_workspace("inv", target.position, self.options.workspace_m)
+            check_workspace("inv", target.position, self.options.streams.workspace_m)
             return tuple(self.planner.inverse("inv", target, start).tolist())
 
     def movj(self, xd: Target, *, source: str = VERBS) -> Motion:
@@ -484,80 +474,26 @@ class ArmVerbs:
 
     # -- streams ---------------------------------------------------------------------------------
 
-    def pose(
+    def stream(
         self,
-        x: Target,
+        verb: str,
+        value: Sequence[float] | Target,
         *,
         owner: str = "",
         sequence: int | None = None,
         stamp_s: float | None = None,
     ) -> str:
-        """Go to the pose `x` now. Answers why not, or "".
+        """Do what the streamed command `verb` (a key of `STREAMED`) asks for now; "" or why not.
 
         `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
         grow.
         """
-        heard_s = self.stamp_s
-        with self._planning:
-            return self._answer(lambda: self.streams.pose(x, owner, sequence, stamp_s, heard_s))
-
-    def jog(
-        self,
-        dx: Target,
-        *,
-        owner: str = "",
-        sequence: int | None = None,
-        stamp_s: float | None = None,
-    ) -> str:
-        """Move the pose that is gone to by `dx` (m, rotation vector in rad); see `pose`.
-
-        Relative jogging: the deltas of a stream add up, so none is lost, however they are
-        bunched. In base axes p + d and exp(dr)·R, with the TCP frame H·X. Needs the stream
-        command `pose`, follows the parameter poseDamping, and is refused where the sum would run
-        away from the arm.
-        """
-        heard_s = self.stamp_s
-        with self._planning:
-            return self._answer(lambda: self.streams.jog(dx, owner, sequence, stamp_s, heard_s))
-
-    def twist(
-        self,
-        xdot: Sequence[float],
-        *,
-        owner: str = "",
-        sequence: int | None = None,
-        stamp_s: float | None = None,
-    ) -> str:
-        """Move with the twist `xdot` (m/s, rad/s) now; see `pose`. Too fast a one is slowed."""
-        return self._answer(lambda: self.streams.twist(xdot, owner, sequence, stamp_s))
-
-    def wrench(
-        self,
-        w: Sequence[float],
-        *,
-        owner: str = "",
-        sequence: int | None = None,
-        stamp_s: float | None = None,
-    ) -> str:
-        """Exert the wrench `w` (N, N·m, at the TCP) on the world now; see `pose`."""
-        return self._answer(lambda: self.streams.wrench(w, owner, sequence, stamp_s))
-
-    def joints(
-        self,
-        rates: Sequence[float],
-        *,
-        owner: str = "",
-        sequence: int | None = None,
-        stamp_s: float | None = None,
-    ) -> str:
-        """Move the joints at `rates` (rad/s or m/s, one a joint) now; see `pose`. Speeds are
-        bounded by the parameter jointSpeedShare, all slowed alike."""
-        return self._answer(lambda: self.streams.joints(rates, owner, sequence, stamp_s))
-
-    def _answer(self, command: Callable[[], None]) -> str:
+        sender = Sender(owner, sequence, stamp_s, self.stamp_s)
+        # Poses are checked by the inverse kinematics, which takes milliseconds.
+        plans = self._planning if verb in ("pose", "jog") else contextlib.nullcontext()
         try:
-            with self._counted():
-                command()
+            with plans, self._counted():
+                STREAMED[verb](self.streams, value, sender)
         except MotionRefusedError as error:
             return str(error)
         return ""

@@ -1,6 +1,6 @@
 """The virtual reference point: a pose that moves inside speed and acceleration limits.
 
-The operator's twist is integrated on SE(3) into a reference pose, and the robot is told to be
+The operator's twist is integrated on SE(3) into a reference pose, and the robot is commanded to be
 there; the measured pose only supervises. So gravity sag and servo error cannot creep into where
 the operator meant to be (Łukawski, Victores and Balaguer 2023, section 4).
 
@@ -18,7 +18,9 @@ from typing import Annotated
 from cardan import bounds
 from cardan.bounds import Bounds
 from cardan.braking import stopping_speed
+from cardan.errors import ConfigurationError
 from cardan.gateway.motion.shaping import JerkLimitedVector
+from cardan.options import check_options, require
 from cardan.spatial import (
     add,
     dot,
@@ -60,6 +62,16 @@ class ReferenceLimits:
     def workspace_m(self) -> tuple[Bounds | None, Bounds | None, Bounds | None]:
         """Range of the TCP along each base axis; None: unbounded."""
         return self.workspace_x_m, self.workspace_y_m, self.workspace_z_m
+
+    def check(self, table: str) -> None:
+        """Raise ConfigurationError, of a setting in `table`, for a limit no arm may be given."""
+        try:
+            check_options(self)
+            for axis, walls in zip("xyz", self.workspace_m, strict=True):
+                good = walls is None or walls[0] < walls[1]
+                require(good, f"workspace_{axis}_m", walls, "two ends, lower bound first")
+        except ConfigurationError as error:
+            raise error.below(table) from None
 
 
 def _leashed(

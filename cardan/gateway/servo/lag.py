@@ -1,8 +1,8 @@
 """What a robot that is behind its command by design may be measured to do.
 
 Industrial controllers filter what they are commanded: a GP8 is 0.3 s late, and in good order. To
-supervise it, it must be compared with where it was told to be within that time and not with where
-it is told to be now; else fast motion looks like an arm that somebody holds.
+supervise it, it must be compared with where it was commanded to be within that time, not with where
+it is commanded to be now; else fast motion looks like an arm that is held.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _ROWS = 17
 
 
 class ResponseLag:
-    """Keeps where the joints were told to be during the last `lag_s`."""
+    """Keeps where the joints were commanded to be during the last `lag_s`."""
 
     def __init__(self, lag_s: float, continuous: npt.NDArray[np.bool_]) -> None:
         """`continuous` marks joints whose whole turns make no difference."""
@@ -29,7 +29,7 @@ class ResponseLag:
 
     @property
     def late(self) -> bool:
-        """False where the joints are where they are told to be in good order."""
+        """False where the joints are where they are commanded to be in good order."""
         return self._spacing_s > 0.0
 
     def reset(self) -> None:
@@ -37,7 +37,7 @@ class ResponseLag:
         self._rows = None
 
     def note(self, commanded: FloatArray, stamp_s: float) -> None:
-        """Where the joints are told to be at `stamp_s`."""
+        """Where the joints are commanded to be at `stamp_s`."""
         if self._spacing_s == 0.0:
             return
         if self._rows is None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -151,13 +152,12 @@ def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
     if config.device is not None:
         mapping = TwistMapping(config.mapping, config.gripper)
         hand = HandSource(mapping, limits, make_filters(config), watchdogs.device_age_s)
-    authority = config.authority
     return ArmController(
         body,
         limits,
         watchdogs,
         hand,
-        Authority(authority.policy, authority.named, authority.lease_s),
+        Authority(config.authority),
         period_s=robot.capabilities.period_s,
         gate=None if arm is None else arm.gate_limits(robot.capabilities),
     )
@@ -187,7 +187,7 @@ def make_verbs(
     if why := why_no_verbs(config):
         raise MotionRefusedError(why)
     from cardan.gateway.arm.arm_body import ArmBody
-    from cardan.gateway.arm.options import ControllerOptions
+    from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
     from cardan.gateway.arm.planner import Margins
     from cardan.gateway.arm.verbs import ArmVerbs, narrowed
     from cardan.gateway.kinematics.arm import ArmKinematics
@@ -205,25 +205,19 @@ def make_verbs(
     )
     model = model._replace(joints=joints, shapes=model.shapes if table.collisions else ())
     body.keep_sent_as(ArmKinematics(model, table.tool()))
-    defaults = ControllerOptions()
     options = ControllerOptions(
         limits=limits,
-        workspace_m=limits.workspace_m,
-        stream_speed_m_s=limits.linear_speed_m_s,
-        stream_acceleration_m_s2=limits.linear_acceleration_m_s2,
-        stream_rotation_speed_rad_s=limits.angular_speed_rad_s,
-        stream_rotation_acceleration_rad_s2=limits.angular_acceleration_rad_s2,
+        streams=replace(
+            limits,
+            linear_jerk_m_s3=limits.linear_jerk_m_s3 or STREAM_LIMITS.linear_jerk_m_s3,
+            angular_jerk_rad_s3=limits.angular_jerk_rad_s3 or STREAM_LIMITS.angular_jerk_rad_s3,
+        ),
         stop_deceleration_m_s2=limits.linear_acceleration_m_s2,
         stop_deceleration_rad_s2=limits.angular_acceleration_rad_s2,
-        leash_m=limits.leash_m,
-        leash_rad=limits.leash_rad,
         margins=Margins(
             obstacle_m=table.safety_distance_m,
             own_body_m=OWN_BODY_SHARE * table.safety_distance_m,
         ),
-        stream_jerk_m_s3=limits.linear_jerk_m_s3 or defaults.stream_jerk_m_s3,
-        stream_rotation_jerk_rad_s3=limits.angular_jerk_rad_s3
-        or defaults.stream_rotation_jerk_rad_s3,
     )
     return ArmVerbs(
         controller,

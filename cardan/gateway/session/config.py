@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from cardan import bounds
 from cardan.bounds import Angles, Coordinate, Direction, Length, Point
 from cardan.errors import ConfigurationError
-from cardan.gateway.arm.authority import LEASE_S, AuthorityPolicy
+from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.common.tables import DriverTable, FilterTable, read_table
 from cardan.gateway.force.tables import (
@@ -55,26 +55,6 @@ class LimitsTable(ReferenceLimits):
     """``[limits]``: what the reference may do, whatever the operator asks."""
 
     i_accept_long_stops: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class AuthorityTable:
-    """``[authority]``: who may move the arm, and who may take it from whom."""
-
-    policy: AuthorityPolicy = AuthorityPolicy.HAND
-    named: str = ""
-    """The source that may have it, where `policy` is "named"."""
-    lease_s: Annotated[float, bounds.AUTHORITY_LEASE_S] = LEASE_S
-    """For which a source that does not renew keeps it."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
-        if (self.policy is AuthorityPolicy.NAMED) is not bool(self.named):
-            raise ConfigurationError(
-                "named",
-                'policy = "named" needs the source that it is for ("hand", "verbs", or the owner '
-                "of a stream); no other policy has one",
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +150,7 @@ class SessionConfig:
     """None: only verbs and streams move the arm."""
     robot: DriverTable
     arm: ArmTable | None = None
-    authority: AuthorityTable = field(default_factory=AuthorityTable)
+    authority: AuthorityOptions = field(default_factory=AuthorityOptions)
     obstacles: tuple[ObstacleTable, ...] = ()
     mapping: MappingOptions = field(default_factory=MappingOptions)
     filters: tuple[FilterTable, ...] = ()
@@ -226,16 +206,7 @@ class SessionConfig:
 
     def _check_limits(self) -> None:
         limits, watchdogs = self.limits, self.watchdogs
-        try:
-            check_options(limits)
-        except ConfigurationError as error:
-            raise error.below("limits") from None
-        for axis, walls in zip("xyz", limits.workspace_m, strict=True):
-            if walls is not None and walls[0] >= walls[1]:
-                raise ConfigurationError(
-                    f"limits.workspace_{axis}_m",
-                    f"{walls[0]} to {walls[1]} is empty: lower bound first, then upper",
-                )
+        limits.check("limits")
         accepted = limits.i_accept_long_stops
         longest_s = LONGEST_ACCEPTED_STOP_S if accepted else LONGEST_STOP_S
         for key, speed, acceleration in (

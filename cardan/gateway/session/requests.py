@@ -314,8 +314,10 @@ _FIELDS: dict[type[CardanError], tuple[str, ...]] = {
     errors.MotionLoopError: (),
     errors.ConfigurationError: ("key",),
     PacketError: (),
+    CardanError: (),
 }
-"""The errors that travel as themselves, and what they carry; others come as CardanError."""
+"""The errors that travel as themselves, and what they carry; others come as the nearest that they
+are."""
 
 _KINDS = {kind.__name__: kind for kind in _FIELDS}
 
@@ -327,9 +329,9 @@ def encode_reply(number: int | None, result: Any) -> bytes:
 
 def encode_error(number: int | None, error: CardanError) -> bytes:
     """That it was not, and why."""
-    kind = type(error) if type(error) in _FIELDS else CardanError
+    kind = next(each for each in type(error).__mro__ if each in _FIELDS)
     told = {"kind": kind.__name__, "message": str(error)}
-    told |= {name: _plain(getattr(error, name)) for name in _FIELDS.get(kind, ())}
+    told |= {name: _plain(getattr(error, name)) for name in _FIELDS[kind]}
     return _packed({"reply": number, "error": told})
 
 
@@ -385,7 +387,7 @@ def _error(table: Mapping[str, Any]) -> CardanError:
     kind = _KINDS.get(table["kind"], CardanError)
     error = kind.__new__(kind)
     Exception.__init__(error, str(table["message"]))
-    for name in _FIELDS.get(kind, ()):
+    for name in _FIELDS[kind]:
         value = table[name]
         setattr(error, name, tuple(value) if isinstance(value, list) else value)
     return error

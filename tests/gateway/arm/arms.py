@@ -1,9 +1,12 @@
-"""A robot in virtual time: where it is told to be, less what its faults take away."""
+"""A robot in virtual time: where it is commanded to be, less what its faults take away."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import load_arm
 from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
@@ -143,6 +146,11 @@ class World:
                 return
             self.tick()
         raise AssertionError("still moving")
+
+
+def streams(**limits):
+    """Options with the default limits of streams but for these."""
+    return ControllerOptions(streams=replace(STREAM_LIMITS, **limits))
 
 
 def quick(arm=GOFA, **more):

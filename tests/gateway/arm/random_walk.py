@@ -16,7 +16,7 @@ from cardan.gateway.arm.activities.brake import Brake
 from cardan.gateway.arm.activities.hand import FollowHand
 from cardan.gateway.arm.activities.recover import Recover
 from cardan.gateway.arm.activities.torque import TorqueMotion
-from cardan.gateway.arm.authority import HAND
+from cardan.gateway.arm.authority import HAND, AuthorityOptions, AuthorityPolicy
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verbs import ArmVerbs
@@ -52,9 +52,10 @@ class Walk:
         self.model = load_arm(arm)
         able = RobotCapabilities(kinds, DT_S, len(self.model.joints), None, 0, 0)
         self.mapping = mapping
+        named = "verbs" if authority is AuthorityPolicy.NAMED else ""
         self.verbs = ArmVerbs.alone(
             self.model, able,
-            ControllerOptions(authority=authority, authority_named="verbs"),
+            ControllerOptions(authority=AuthorityOptions(policy=authority, named=named)),
             mapping=mapping,
         )  # fmt: skip
         self.core = self.verbs.controller
@@ -467,13 +468,13 @@ def stream(w):
     for _ in range(w.random.choice((1, 10, 40))):
         kind = w.verbs.streams.kind.name
         if kind == "TWIST":
-            w.verbs.twist(way, owner=owner)
+            w.verbs.stream("twist", way, owner=owner)
         elif kind == "JOINT":
-            w.verbs.joints([w.random.uniform(-0.5, 0.5) for _ in w.q], owner=owner)
+            w.verbs.stream("joints", [w.random.uniform(-0.5, 0.5) for _ in w.q], owner=owner)
         elif kind == "WRENCH":
-            w.verbs.wrench([10 * x for x in way], owner=owner)
+            w.verbs.stream("wrench", [10 * x for x in way], owner=owner)
         elif kind == "POSE":
-            w.verbs.jog([0.02 * x for x in way], owner=owner)
+            w.verbs.stream("jog", [0.02 * x for x in way], owner=owner)
         w.tick()
 
 

@@ -4,12 +4,19 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from cardan.gateway.arm.authority import HAND, LEASE_S, VERBS, Authority, AuthorityPolicy
+from cardan.gateway.arm.authority import (
+    HAND,
+    LEASE_S,
+    VERBS,
+    Authority,
+    AuthorityOptions,
+    AuthorityPolicy,
+)
 from cardan.types import NEVER_S
 
 
 def owned_by(source, policy=AuthorityPolicy.FIRST, named="", now_s=10.0):
-    authority = Authority(policy, named)
+    authority = Authority(AuthorityOptions(policy=policy, named=named))
     assert authority.take(source, now_s) == ""
     return authority
 
@@ -84,7 +91,7 @@ def test_nobody_takes_it_from_the_hand(policy):
 
 
 def test_where_it_is_reserved_only_who_is_named_has_it():
-    authority = Authority(AuthorityPolicy.NAMED, "pendant")
+    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant"))
     for other in (HAND, VERBS):
         assert authority.take(other, 10.0) == "authority over the arm is reserved for 'pendant'"
     assert authority.take("pendant", 10.0) == ""
@@ -130,7 +137,8 @@ class OneOwner(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.authority = Authority(self.policy, "a" if self.policy is AuthorityPolicy.NAMED else "")
+        named = "a" if self.policy is AuthorityPolicy.NAMED else ""
+        self.authority = Authority(AuthorityOptions(policy=self.policy, named=named))
         self.owner, self.now_s, self.renewed_s = "", 10.0, NEVER_S
 
     @rule(source=SOURCES)

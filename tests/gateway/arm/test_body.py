@@ -75,7 +75,7 @@ def test_a_following_error_is_said_in_words():
     words = FollowingError(0.012, 0.1, 0.1, "joint_2").in_words("behind")
     assert words == "the robot is 12 mm and 0.10 rad behind its reference (joint_2 by 0.10)"
     words = FollowingError(0.0, 0.0, 0.25, "joint_3").in_words("away from")
-    assert words == "joint_3 is 0.250 rad away from where it was told to be"
+    assert words == "joint_3 is 0.250 rad away from where it was commanded to be"
 
 
 def test_the_reference_knows_how_far_a_free_pose_is_from_its_robot():

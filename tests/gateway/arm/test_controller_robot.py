@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import HAND, LEASE_S, VERBS, Authority, AuthorityPolicy
+from cardan.gateway.arm.authority import (
+    HAND,
+    LEASE_S,
+    VERBS,
+    Authority,
+    AuthorityOptions,
+    AuthorityPolicy,
+)
 from cardan.gateway.arm.body import FreeBody
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.motion import Outcome
@@ -268,7 +275,7 @@ class Shared(World):
 def hand_and_verbs(policy=AuthorityPolicy.HAND, named=""):
     world = Shared(
         "gofa_crb15000_5",
-        options=ControllerOptions(authority=policy, authority_named=named),
+        options=ControllerOptions(authority=AuthorityOptions(policy=policy, named=named)),
         mapping=MappingOptions(deadman=("left",)),
     )
     world.verbs.set_parameters({"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5})
@@ -282,7 +289,7 @@ DOWN = [0.0, 0.0, -0.02, 0.0, 0.0, 0.0]
 def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends():
     world = hand_and_verbs(AuthorityPolicy.FIRST)
     world.verbs.set_parameter("cpsc", "twst")
-    assert world.verbs.twist(DOWN, owner="a") == ""
+    assert world.verbs.stream("twist", DOWN, owner="a") == ""
     world.act()
     assert world.owner == "a"
     assert not world.verbs.controller.following
@@ -305,11 +312,11 @@ def test_with_the_policy_first_a_stream_keeps_the_hand_off_until_its_lease_ends(
 def test_with_the_policy_hand_the_act_takes_the_arm_from_a_stream():
     world = hand_and_verbs()
     world.verbs.set_parameter("cpsc", "twst")
-    assert world.verbs.twist(DOWN, owner="a") == ""
+    assert world.verbs.stream("twist", DOWN, owner="a") == ""
     world.tick(20)
     world.act()
     assert world.owner == HAND
-    assert "the operator's hand took over" in world.verbs.twist(DOWN, owner="a")
+    assert "the operator's hand took over" in world.verbs.stream("twist", DOWN, owner="a")
     with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.05))
 
@@ -378,12 +385,16 @@ def test_anybody_stops_whoever_moves_the_arm():
 
 def test_where_the_arm_is_reserved_nobody_else_begins_anything():
     world = hand_and_verbs(AuthorityPolicy.HAND)
-    world.verbs.controller.authority = Authority(AuthorityPolicy.NAMED, "pendant")
+    world.verbs.controller.authority = Authority(
+        AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant")
+    )
     world.act()
     assert world.owner == ""
     with pytest.raises(MotionRefusedError, match="reserved for 'pendant'"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.02))
-    world.verbs.controller.authority = Authority(AuthorityPolicy.NAMED, VERBS)
+    world.verbs.controller.authority = Authority(
+        AuthorityOptions(policy=AuthorityPolicy.NAMED, named=VERBS)
+    )
     assert world.run(world.verbs.movl(world.moved(0.0, 0.0, -0.02))).outcome is Outcome.DONE
 
 

@@ -14,7 +14,7 @@ from cardan.gateway.arm import (
     State,
     digital_output_gripper,
 )
-from cardan.gateway.arm.authority import AuthorityPolicy
+from cardan.gateway.arm.authority import AuthorityOptions, AuthorityPolicy
 from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCapabilities
 from tests.gateway.fakes import FakeDevice, FakeRobot
 
@@ -206,7 +206,9 @@ def test_an_owner_that_was_entrusted_with_the_arm_streams_at_once():
 
 
 def test_the_arm_can_be_reserved_for_one_stream():
-    options = ControllerOptions(authority=AuthorityPolicy.NAMED, authority_named="pendant")
+    options = ControllerOptions(
+        authority=AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant")
+    )
     with CartesianDevice(simulated(), "ur5", options) as arm:
         with pytest.raises(MotionRefusedError, match="reserved for 'pendant'"):
             arm.movj(arm.stat().pose)

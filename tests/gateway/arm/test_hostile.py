@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.authority import AuthorityPolicy
+from cardan.gateway.arm.authority import AuthorityOptions, AuthorityPolicy
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.status import Phase
@@ -173,7 +173,7 @@ def test_states_of_another_arm_never_raise(joints, doing):
         assert world.verbs.controller.phase is Phase.RECOVERING
     elif doing == "stream":
         world.verbs.set_parameter("cpsc", "twst")
-        world.verbs.twist([0.1, 0, 0, 0, 0, 0])
+        world.verbs.stream("twist", [0.1, 0, 0, 0, 0, 0])
         world.tick(10)
     else:
         world.arm_hand()
@@ -320,11 +320,11 @@ def test_a_pose_that_waited_for_the_planner_is_not_gone_to():
         return inverse(*of)
 
     planner.inverse_nearby = slow
-    assert "waited for 0.20 s" in world.verbs.pose(world.moved(0.0, 0.0, 0.05))
+    assert "waited for 0.20 s" in world.verbs.stream("pose", world.moved(0.0, 0.0, 0.05))
     world.tick(50)
     assert not world.verbs.servo.moving
     planner.inverse_nearby = inverse
-    assert world.verbs.pose(world.moved(0.0, 0.0, 0.05)) == ""
+    assert world.verbs.stream("pose", world.moved(0.0, 0.0, 0.05)) == ""
     world.tick(5)
     assert world.verbs.servo.moving
 
@@ -406,15 +406,15 @@ def test_authority_given_up_in_motion_passes_through_rest():
     world = World(GOFA)
     world.verbs.set_parameter("cpsc", "twst")
     for _ in range(50):
-        assert world.verbs.twist([0.2, 0, 0, 0, 0, 0], owner="a") == ""
+        assert world.verbs.stream("twist", [0.2, 0, 0, 0, 0, 0], owner="a") == ""
         world.tick()
     world.verbs.release("a")
-    answer = world.verbs.twist([-0.2, 0, 0, 0, 0, 0], owner="b")
+    answer = world.verbs.stream("twist", [-0.2, 0, 0, 0, 0, 0], owner="b")
     world.tick()
     assert answer or world.verbs.controller.braking
     for _ in range(100):
         world.tick()
-        world.verbs.twist([-0.2, 0, 0, 0, 0, 0], owner="b")
+        world.verbs.stream("twist", [-0.2, 0, 0, 0, 0, 0], owner="b")
         if world.verbs.servo.twist[0, 0] < -1e-6:
             raise AssertionError("went over without a rest")
         if not world.verbs.servo.moving:
@@ -437,7 +437,9 @@ def test_a_wrench_for_an_arm_that_is_being_caught_is_refused_in_words():
 
 
 def test_a_wrench_needs_the_authority():
-    world = HandWorld(options=ControllerOptions(authority=AuthorityPolicy.FIRST))
+    world = HandWorld(
+        options=ControllerOptions(authority=AuthorityOptions(policy=AuthorityPolicy.FIRST))
+    )
     world.verbs.forc([0.0, 0.0, -5.0, 0.0, 0.0, 0.0])
     world.tick(5)
     world.verbs.hand_over("b")

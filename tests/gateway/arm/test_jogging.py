@@ -1,6 +1,7 @@
 """Relative and absolute jogging: time-based, no 90-degree refusals, through ±pi, along walls."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from cardan.gateway.arm import ControllerOptions
 from cardan.gateway.kinematics.collision import box_obstacle
 from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
 from cardan.types import Pose, Vector3
-from tests.gateway.arm.arms import DT_S, World
+from tests.gateway.arm.arms import DT_S, World, streams
 
 pytestmark = pytest.mark.once
 
@@ -25,17 +26,17 @@ def test_relative_steps_add_up_however_they_are_bunched():
     even, bunched = streaming("pose"), streaming("pose")
     begin = even.six()
     for tick in range(500):
-        assert even.verbs.jog([0.0, 0.0002, -0.0002, 0.0, 0.0, 0.0004]) == ""
+        assert even.verbs.stream("jog", [0.0, 0.0002, -0.0002, 0.0, 0.0, 0.0004]) == ""
         if tick % 25 == 0:
             for _ in range(25):
-                assert bunched.verbs.jog([0.0, 0.0002, -0.0002, 0.0, 0.0, 0.0004]) == ""
+                assert bunched.verbs.stream("jog", [0.0, 0.0002, -0.0002, 0.0, 0.0, 0.0004]) == ""
         else:
-            bunched.verbs.jog([0.0] * 6)
+            bunched.verbs.stream("jog", [0.0] * 6)
         even.tick()
         bunched.tick()
     for world in (even, bunched):
         for _ in range(200):
-            world.verbs.jog([0.0] * 6)
+            world.verbs.stream("jog", [0.0] * 6)
             world.tick()
         assert world.six()[:3] - begin[:3] == pytest.approx((0.0, 0.1, -0.1), abs=1e-4)
         assert not world.verbs.servo.moving
@@ -47,17 +48,17 @@ def test_relative_steps_are_along_the_tcp_in_its_frame():
     world.tick()
     position, rotation = world.tcp
     for _ in range(200):
-        world.verbs.jog([0.0, 0.0, 0.0002, 0.0, 0.0, 0.0])
+        world.verbs.stream("jog", [0.0, 0.0, 0.0002, 0.0, 0.0, 0.0])
         world.tick()
     for _ in range(200):
-        world.verbs.jog([0.0] * 6)
+        world.verbs.stream("jog", [0.0] * 6)
         world.tick()
     assert world.tcp[0] - position == pytest.approx(rotation @ (0.0, 0.0, 0.04), abs=1e-4)
 
 
 def test_a_sum_that_runs_away_is_refused():
     world = streaming("pose")
-    answers = [world.verbs.jog([0.0, 0.01, 0.0, 0.0, 0.0, 0.0]) for _ in range(40)]
+    answers = [world.verbs.stream("jog", [0.0, 0.01, 0.0, 0.0, 0.0, 0.0]) for _ in range(40)]
     assert answers[0] == ""
     assert "a step of 0.2" in answers[-1]
     world.tick(200)
@@ -66,16 +67,14 @@ def test_a_sum_that_runs_away_is_refused():
 @pytest.mark.parametrize("wrong", [[0.0] * 5, [math.nan] + [0.0] * 5, [math.inf] * 6])
 def test_a_wrong_step_changes_nothing(wrong):
     world = streaming("pose")
-    assert world.verbs.jog(wrong) != ""
+    assert world.verbs.stream("jog", wrong) != ""
     world.tick(50)
     assert not world.verbs.servo.moving
 
 
 def test_damping_is_a_time_constant_and_not_a_share_of_a_message():
     """The thesis's factor 0.5 at its 10 Hz loop: the distance halves every 0.1 s."""
-    options = ControllerOptions(
-        stream_speed_m_s=0.5, stream_acceleration_m_s2=8.0, stream_jerk_m_s3=400.0
-    )
+    options = streams(linear_speed_m_s=0.5, linear_acceleration_m_s2=8.0, linear_jerk_m_s3=400.0)
     left = {}
     for every in (1, 12):  # messages at 250 and at 21 per second
         world = World(options=options)
@@ -85,7 +84,7 @@ def test_damping_is_a_time_constant_and_not_a_share_of_a_message():
         away = []
         for tick in range(200):
             if tick % every == 0:
-                assert world.verbs.pose(target) == ""
+                assert world.verbs.stream("pose", target) == ""
             world.tick()
             away.append(target[1] - world.six()[1])
         first, second = away[50], away[75]  # 0.1 s apart
@@ -99,7 +98,7 @@ def test_the_continuous_wrist_of_a_pr2_is_turned_by_poses_without_a_refusal():
     world = streaming(
         "pose",
         "pr2_right_arm",
-        options=ControllerOptions(stream_rotation_speed_rad_s=3.0),
+        options=streams(angular_speed_rad_s=3.0),
     )
     begin = world.six()
     start = from_rotation_vector(Vector3(*begin[3:]))
@@ -109,7 +108,7 @@ def test_the_continuous_wrist_of_a_pr2_is_turned_by_poses_without_a_refusal():
         if tick % 5 == 0:
             turn = from_rotation_vector(Vector3(rate * tick * DT_S, 0.0, 0.0))
             target = Pose(Vector3(*begin[:3]), multiply(start, turn))
-            refused += world.verbs.pose(target) != ""
+            refused += world.verbs.stream("pose", target) != ""
         world.tick()
     assert refused == 0
     turned = world.verbs.servo.q[6] - world.model.home[6]
@@ -127,7 +126,7 @@ def test_through_half_a_turn_the_way_goes_on():
         vector = to_rotation_vector(turn)
         signs.add(vector.x > 0.0)
         for _ in range(15):
-            assert world.verbs.pose([*begin[:3], *vector]) == ""
+            assert world.verbs.stream("pose", [*begin[:3], *vector]) == ""
             before = world.verbs.servo.q.copy()
             world.tick()
             assert np.abs(world.verbs.servo.q - before).max() < 0.02
@@ -144,7 +143,7 @@ def test_streams_slide_along_a_wall_and_never_jump_through_it():
     collision = world.verbs.servo.collision
     nearest = math.inf
     for _ in range(1500):
-        world.verbs.pose(beyond)
+        world.verbs.stream("pose", beyond)
         world.tick()
         distances = collision.at(world.verbs.servo.q)
         nearest = min(
@@ -155,7 +154,7 @@ def test_streams_slide_along_a_wall_and_never_jump_through_it():
     assert beyond[1] - world.six()[1] == pytest.approx(0.0, abs=2e-3)  # slid as far as asked
     begin = world.six()
     for _ in range(250):
-        world.verbs.pose([*(begin[:3] - (0.05, 0.0, 0.0)), *begin[3:]])
+        world.verbs.stream("pose", [*(begin[:3] - (0.05, 0.0, 0.0)), *begin[3:]])
         world.tick()
     assert begin[0] - world.six()[0] == pytest.approx(0.05, abs=2e-3)
 
@@ -169,11 +168,11 @@ def lag_m(options, speed=0.1, every=12):
     for tick in range(600):
         hand = begin[1] + speed * tick * DT_S
         if tick % every == 0:
-            assert world.verbs.pose([begin[0], hand, *begin[2:]]) == ""
+            assert world.verbs.stream("pose", [begin[0], hand, *begin[2:]]) == ""
         world.tick()
         behind.append(hand - world.six()[1])
     for _ in range(250):
-        world.verbs.pose([begin[0], hand, *begin[2:]])
+        world.verbs.stream("pose", [begin[0], hand, *begin[2:]])
         world.tick()
     assert world.six()[1] == pytest.approx(hand, abs=1e-4)
     assert not world.verbs.servo.moving
@@ -181,9 +180,9 @@ def lag_m(options, speed=0.1, every=12):
 
 
 def test_prediction_takes_the_delay_of_a_stream_away_and_still_ends_where_it_was_told():
-    quick = {"stream_acceleration_m_s2": 5.0, "stream_jerk_m_s3": 1000.0}
-    newest_only = lag_m(ControllerOptions(**quick))
-    predicted = lag_m(ControllerOptions(**quick, stream_prediction_s=0.06))
+    quick = streams(linear_acceleration_m_s2=5.0, linear_jerk_m_s3=1000.0)
+    newest_only = lag_m(quick)
+    predicted = lag_m(replace(quick, stream_prediction_s=0.06))
     assert newest_only > 0.004
     assert abs(predicted) < 0.0015
 
@@ -192,15 +191,15 @@ def test_a_resting_pose_stream_may_be_silent():
     world = streaming("pose")
     target = world.moved(0.0, 0.03, 0.0)
     for _ in range(400):
-        world.verbs.pose(target)
+        world.verbs.stream("pose", target)
         world.tick()
     world.tick(300)
-    assert world.verbs.pose(target) == ""
+    assert world.verbs.stream("pose", target) == ""
 
 
 def test_a_senders_clock_that_is_set_back_ends_nothing():
     world = streaming("pose")
     for stamp_s in (5000.0, 5000.02, 1400.0, 1400.02):
-        assert world.verbs.pose(world.moved(0.0, 0.0005, 0.0), stamp_s=stamp_s) == ""
+        assert world.verbs.stream("pose", world.moved(0.0, 0.0005, 0.0), stamp_s=stamp_s) == ""
         world.tick(5)
-    assert "sent at 1400.010000 s" in world.verbs.pose(world.six(), stamp_s=1400.01)
+    assert "sent at 1400.010000 s" in world.verbs.stream("pose", world.six(), stamp_s=1400.01)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.arm import codes, parameters
 from cardan.gateway.arm.codes import FrameCode, Parameter, Stream, vocab, vocab_text
 
@@ -74,11 +74,12 @@ def test_a_parameter_has_a_code_and_a_name():
         ("cpcg", -0.1), ("cpcg", math.nan), ("cptd", -1), ("cptd", math.inf), ("cpts", 0.0),
         ("cpta", -1.0), ("cpcp", 0), ("cpwp", 0), ("cpf", "cpfx"), ("cpf", 3), ("cpf", 1e400),
         ("cpsc", "movj"), ("cpsc", math.nan), ("cpjs", 1.5), ("cpjs", 0.0), ("cpts", True),
-        ("cpts", "fast"), ("cpf", 1650880611.5), ("cppf", "tooo long"),
+        ("cpts", "fast"), ("cpst", 0.6), ("cpts", 6.0), ("cptj", 1e300), ("cpda", 0.05),
+        ("cpf", 1650880611.5), ("cppf", "tooo long"),
     ],
 )  # fmt: skip
 def test_a_value_that_is_not_accepted_is_named(key, value):
-    with pytest.raises(ConfigurationError, match="accepts"):
+    with pytest.raises(OptionError, match="must be"):
         parameters.checked_value(parameters.find_rule(key), value)
 
 

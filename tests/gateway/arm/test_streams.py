@@ -7,25 +7,27 @@ import pytest
 
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.arm.options import ControllerOptions
-from tests.gateway.arm.arms import DT_S, World, quick, streaming, turned
+from cardan.gateway.arm.streams import STREAMED
+from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
 
 
 def test_a_stream_has_to_be_chosen():
     world = World()
-    for send in (world.verbs.pose, world.verbs.twist, world.verbs.wrench):
-        assert "choose this streaming command first" in send([0.0] * 6)
+    for name in STREAMED:
+        why = world.verbs.stream(name, [0.0] * world.verbs.servo.joints)
+        assert "choose this streaming command first" in why
     world.verbs.set_parameter("cpsc", "twst")
     assert world.verbs.get_parameter("cpsc") == Stream.TWIST
-    assert world.verbs.pose(world.six()) == "pose: the streaming command is twst"
+    assert world.verbs.stream("pose", world.six()) == "pose: the streaming command is twst"
     world.verbs.set_parameter("cpsc", "nset")
-    assert "choose" in world.verbs.twist([0.0] * 6)
+    assert "choose" in world.verbs.stream("twist", [0.0] * 6)
 
 
 def test_a_motion_clears_the_choice():
     world = streaming("twst")
     world.run(world.verbs.movl(world.moved(0.0, 0.0, -0.05)))
     assert world.verbs.get_parameter("cpsc") == Stream.NONE
-    assert "movl took over" in world.verbs.twist([0.0] * 6)
+    assert "movl took over" in world.verbs.stream("twist", [0.0] * 6)
 
 
 @pytest.mark.parametrize("frame", ["cpfb", "cpft"])
@@ -35,7 +37,7 @@ def test_twists_move_and_silence_brakes(frame):
     start, rotation = world.six(), world.tcp[1]
     direction = np.array([0.0, 0.0, -1.0]) if frame == "cpfb" else -rotation[:, 2]
     for _ in range(100):
-        assert world.verbs.twist([0.0, 0.0, -0.1, 0.0, 0.0, 0.0]) == ""
+        assert world.verbs.stream("twist", [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]) == ""
         world.tick()
     step = world.six()[:3] - start[:3]
     np.testing.assert_allclose(step, np.linalg.norm(step) * direction, atol=1e-3)
@@ -45,7 +47,7 @@ def test_twists_move_and_silence_brakes(frame):
     world.rest()
     # 0.1 s on and a braking way of v²/2a.
     assert np.linalg.norm(world.six()[:3] - silent[:3]) < 0.1 * 0.11 + 0.005 + 0.004
-    answer = world.verbs.twist([0.0, 0.0, -0.1, 0.0, 0.0, 0.0])
+    answer = world.verbs.stream("twist", [0.0, 0.0, -0.1, 0.0, 0.0, 0.0])
     assert "silent" in answer
     held = world.q.copy()
     world.tick(50)
@@ -54,16 +56,16 @@ def test_twists_move_and_silence_brakes(frame):
 
 def test_a_resting_stream_may_be_silent():
     world = streaming("twst")
-    world.verbs.twist([0.0] * 6)
+    world.verbs.stream("twist", [0.0] * 6)
     world.tick(500)
-    assert world.verbs.twist([0.0, 0.0, 0.01, 0.0, 0.0, 0.0]) == ""
+    assert world.verbs.stream("twist", [0.0, 0.0, 0.01, 0.0, 0.0, 0.0]) == ""
 
 
 def test_fast_twists_are_slowed_and_keep_their_direction():
     world = streaming("twst")
     start = world.six()
     for _ in range(100):
-        world.verbs.twist([0.0, 3.0, -4.0, 0.0, 0.0, 0.0])
+        world.verbs.stream("twist", [0.0, 3.0, -4.0, 0.0, 0.0, 0.0])
         before = world.tcp[0]
         world.tick()
         assert np.linalg.norm(world.tcp[0] - before) / DT_S < 0.2505
@@ -77,7 +79,7 @@ def test_streamed_poses_are_followed_inside_limits():
     target = world.moved(0.0, 0.05, -0.1)
     fastest, before_speed = 0.0, np.zeros(3)
     for _ in range(400):
-        assert world.verbs.pose(target) == ""
+        assert world.verbs.stream("pose", target) == ""
         before = world.tcp[0]
         world.tick()
         speed = (world.tcp[0] - before) / DT_S
@@ -92,7 +94,7 @@ def test_a_silent_pose_stream_stops_short_of_its_target():
     world = streaming("pose")
     target = world.moved(0.0, 0.0, -0.15)
     for _ in range(50):
-        world.verbs.pose(target)
+        world.verbs.stream("pose", target)
         world.tick()
     world.tick(500)
     assert world.six()[2] > target[2] + 0.03
@@ -101,16 +103,16 @@ def test_a_silent_pose_stream_stops_short_of_its_target():
 
 def test_poses_too_far_away_are_answered():
     world = streaming("pose")
-    assert "a step of 0.500 m" in world.verbs.pose(world.moved(0.0, 0.0, -0.5))
+    assert "a step of 0.500 m" in world.verbs.stream("pose", world.moved(0.0, 0.0, -0.5))
     turned_too_far = turned(world.six(), (0.0, 0.0, 1.5))
-    assert "1.500 rad; allowed: 0.200 m and 1.000 rad" in world.verbs.pose(turned_too_far)
+    assert "1.500 rad; allowed: 0.200 m and 1.000 rad" in world.verbs.stream("pose", turned_too_far)
     world.tick(10)
     assert not world.verbs.servo.moving
 
 
 def test_poses_out_of_reach_are_answered_with_how_far():
     world = streaming("pose", options=ControllerOptions(stream_step_m=5.0))
-    assert "out of reach by" in world.verbs.pose(world.moved(2.0, 0.0, 0.0))
+    assert "out of reach by" in world.verbs.stream("pose", world.moved(2.0, 0.0, 0.0))
     world.tick(10)
     assert not world.verbs.servo.moving
 
@@ -119,7 +121,7 @@ def test_a_pose_stream_is_relative_in_the_tcp_frame():
     world = quick()
     world.verbs.set_parameters({"cpf": "cpft", "cpsc": "pose"})
     start, rotation = world.six(), world.tcp[1]
-    assert world.verbs.pose([0.0, 0.0, -0.03, 0.0, 0.0, 0.0]) == ""
+    assert world.verbs.stream("pose", [0.0, 0.0, -0.03, 0.0, 0.0, 0.0]) == ""
     world.tick(20)
     step = world.six()[:3] - start[:3]
     np.testing.assert_allclose(step / -np.linalg.norm(step), rotation[:, 2], atol=1e-2)
@@ -128,43 +130,42 @@ def test_a_pose_stream_is_relative_in_the_tcp_frame():
 def test_late_datagrams_are_dropped():
     world = streaming("twst")
     twist = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0]
-    assert world.verbs.twist(twist, sequence=5, stamp_s=1.0) == ""
-    assert "number 5 came after number 5" in world.verbs.twist(twist, sequence=5)
-    assert "number 4" in world.verbs.twist(twist, sequence=4)
-    assert "sent at 0.5" in world.verbs.twist(twist, stamp_s=0.5)
-    assert world.verbs.twist(twist, sequence=6, stamp_s=1.1) == ""
+    assert world.verbs.stream("twist", twist, sequence=5, stamp_s=1.0) == ""
+    assert "number 5 came after number 5" in world.verbs.stream("twist", twist, sequence=5)
+    assert "number 4" in world.verbs.stream("twist", twist, sequence=4)
+    assert "sent at 0.5" in world.verbs.stream("twist", twist, stamp_s=0.5)
+    assert world.verbs.stream("twist", twist, sequence=6, stamp_s=1.1) == ""
     assert world.verbs.status().stream_late == 3
 
 
 def test_one_owner_streams_and_anybody_stops():
     world = streaming("twst")
-    assert world.verbs.twist([0.0, 0.0, 0.01, 0.0, 0.0, 0.0], owner="a") == ""
-    assert "'a' has authority over the arm" in world.verbs.twist([0.0] * 6, owner="b")
+    assert world.verbs.stream("twist", [0.0, 0.0, 0.01, 0.0, 0.0, 0.0], owner="a") == ""
+    assert "'a' has authority over the arm" in world.verbs.stream("twist", [0.0] * 6, owner="b")
     assert world.verbs.status().stream_owner == "a"
-    world.verbs.twist([0.0] * 6, owner="a")
+    world.verbs.stream("twist", [0.0] * 6, owner="a")
     world.tick(int(1.0 / DT_S) + 2)
-    assert "'a' has authority" in world.verbs.twist([0.0] * 6, owner="b")
+    assert "'a' has authority" in world.verbs.stream("twist", [0.0] * 6, owner="b")
     assert world.verbs.status().authority.owner == "a"
     world.tick(int(1.0 / DT_S) + 2)
-    assert world.verbs.twist([0.0] * 6, owner="b") == ""
+    assert world.verbs.stream("twist", [0.0] * 6, owner="b") == ""
     world.verbs.stop()
-    assert "stopped" in world.verbs.twist([0.0] * 6, owner="b")
+    assert "stopped" in world.verbs.stream("twist", [0.0] * 6, owner="b")
 
 
 @pytest.mark.parametrize("values", [[1.0] * 5, [math.nan] * 6])
 def test_bad_streamed_values_change_nothing(values):
     for kind, name in (("pose", "pose"), ("twst", "twist"), ("wrnc", "wrench")):
         world = streaming(kind)
-        assert getattr(world.verbs, name)(values)
+        assert world.verbs.stream(name, values)
         world.tick(5)
         assert not world.verbs.servo.moving
 
 
 def test_streams_keep_to_the_workspace():
-    box = (None, None, (0.75, 2.0))
-    world = streaming("twst", options=ControllerOptions(workspace_m=box))
+    world = streaming("twst", options=streams(workspace_z_m=(0.75, 2.0)))
     for _ in range(400):
-        world.verbs.twist([0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
+        world.verbs.stream("twist", [0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
         world.tick()
         assert world.tcp[0][2] >= 0.75 - 1e-6
     assert world.tcp[0][2] == pytest.approx(0.75, abs=1e-3)
@@ -172,6 +173,6 @@ def test_streams_keep_to_the_workspace():
 
 def test_sequence_numbers_and_stamps_have_to_be_some():
     world = streaming("twst")
-    assert "not an integer" in world.verbs.twist([0.0] * 6, sequence="a")
-    assert "not a time" in world.verbs.twist([0.0] * 6, stamp_s=math.nan)
-    assert world.verbs.twist([0.0] * 6, sequence=1, stamp_s=1.0) == ""
+    assert "not an integer" in world.verbs.stream("twist", [0.0] * 6, sequence="a")
+    assert "not a time" in world.verbs.stream("twist", [0.0] * 6, stamp_s=math.nan)
+    assert world.verbs.stream("twist", [0.0] * 6, sequence=1, stamp_s=1.0) == ""

@@ -32,7 +32,7 @@ from cardan.types import (
     RobotLink,
     Vector3,
 )
-from tests.gateway.arm.arms import DT_S, GOFA, World, quick, turned
+from tests.gateway.arm.arms import DT_S, GOFA, World, quick, streams, turned
 
 
 def same_rotation(a, b, atol=1e-5):
@@ -244,8 +244,7 @@ def test_movv_slows_a_twist_that_is_too_fast_and_says_so():
 
 
 def test_movv_ends_at_the_workspace():
-    low = ((-2.0, 2.0), (-2.0, 2.0), (0.7, 2.0))
-    world = quick(options=ControllerOptions(workspace_m=low))
+    world = quick(options=streams(workspace_z_m=(0.7, 2.0)))
     motion = world.run(world.verbs.movv([0.0, 0.0, -0.1, 0.0, 0.0, 0.0]))
     assert "workspace" in motion.reason
     assert world.six()[2] >= 0.7 - 1e-6
@@ -300,8 +299,7 @@ def test_what_is_out_of_reach_is_refused_with_how_far(verb):
 
 
 def test_the_workspace_is_checked_first():
-    box = ((0.2, 0.7), None, (0.6, 1.0))
-    world = quick(options=ControllerOptions(workspace_m=box))
+    world = quick(options=streams(workspace_x_m=(0.2, 0.7), workspace_z_m=(0.6, 1.0)))
     for verb in ("inv", "movj", "movl"):
         with pytest.raises(MotionRefusedError, match=r"z = 0.5378 m .* 0.6000 to 1.0000 m"):
             getattr(world.verbs, verb)(world.moved(0.0, 0.0, -0.3))
@@ -397,10 +395,12 @@ def test_arm_and_robot_fit_together():
         type(world.verbs).alone(world.model, world.capabilities._replace(joints=7))
     with pytest.raises(ConfigurationError, match="pose: the robot takes joint"):
         World(options=ControllerOptions(drive=CommandKind.POSE))
-    with pytest.raises(ConfigurationError, match="stream_speed_m_s"):
-        ControllerOptions(stream_speed_m_s=0.0)
-    with pytest.raises(ConfigurationError, match="low to high"):
-        ControllerOptions(workspace_m=((1.0, 0.0), None, None))
+    with pytest.raises(ConfigurationError, match=r"streams\.linear_speed_m_s"):
+        streams(linear_speed_m_s=0.0)
+    with pytest.raises(ConfigurationError, match=r"streams\.workspace_x_m.*lower bound first"):
+        streams(workspace_x_m=(1.0, 0.0))
+    with pytest.raises(ConfigurationError, match=r"streams\.angular_jerk_rad_s3.*shapes"):
+        streams(angular_jerk_rad_s3=None)
 
 
 # -- stop, taking over, tools, gripper -----------------------------------------------------------
@@ -444,7 +444,7 @@ def test_a_new_motion_takes_over_without_a_step(first, second):
     old = None
     if first == "twist":
         world.verbs.set_parameter("cpsc", "twst")
-        assert world.verbs.twist([0.0, 0.0, -0.1, 0.0, 0.0, 0.0]) == ""
+        assert world.verbs.stream("twist", [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]) == ""
         world.tick(20)
     else:
         old = call[first](there)
@@ -612,11 +612,11 @@ def test_a_held_arm_trips_and_the_command_comes_back():
         world.tick()
         if motion.over:
             break
-    assert "away from where it was told to be" in motion.reason
+    assert "away from where it was commanded to be" in motion.reason
     assert world.verbs.status().recovering
     with pytest.raises(MotionRefusedError, match="coming back"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.1))
-    leash_m = ControllerOptions().leash_m
+    leash_m = ControllerOptions().streams.leash_m
     world.tick(50)  # to rest
     for _ in range(6):
         before = np.array(world.verbs.body.pose.position)
@@ -720,9 +720,9 @@ def test_limits_hold_whatever_is_asked(arm, drive, sequence):
                 controller.stop()
             elif name in ("twst", "pose"):
                 controller.set_parameter("cpsc", name)
-                controller.pose([*(world.six() + 0.3 * np.array(step))])
+                controller.stream("pose", [*(world.six() + 0.3 * np.array(step))])
             elif name == "twist":
-                controller.twist(step)
+                controller.stream("twist", step)
             elif name == "frame":
                 controller.set_parameter("cpf", "cpft" if step[0] > 0 else "cpfb")
             elif name == "lost":

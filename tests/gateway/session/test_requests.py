@@ -220,6 +220,13 @@ def test_errors_come_as_themselves(error):
     assert {key: getattr(back, key) for key in told} == told
 
 
+def test_an_option_that_is_refused_comes_as_the_configuration_error_that_it_is():
+    error = errors.OptionError("cpts", 9.0, "0.0001 to 5 m/s")
+    back = decode_answer(encode_error(1, error)).error
+    assert type(back) is errors.ConfigurationError
+    assert (str(back), back.key) == (str(error), "cpts")
+
+
 def test_an_error_of_another_kind_is_at_least_one_of_ours():
     back = decode_answer(encode_error(1, errors.CommandError("no outputs"))).error
     assert type(back) is CardanError

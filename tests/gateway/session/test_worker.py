@@ -46,11 +46,9 @@ class FakeVerbs:
 
     movj = movl
 
-    def pose(self, x, owner, sequence):
-        self.streamed.append((x, owner, sequence))
+    def stream(self, verb, x, owner, sequence):
+        self.streamed.append((verb, x, owner, sequence))
         return ""
-
-    twist = pose
 
     def stat(self):
         raise MotionRefusedError("stat: nothing was heard of the robot yet")
@@ -114,11 +112,11 @@ def test_nothing_is_made_before_anybody_asks(bench):
     assert bench.made == 0
     bench.ask(1, "twist", POSE, 4)
     assert bench.heard() == (1, "")
-    assert bench.verbs.streamed == [(POSE, "a", 4)]
+    assert bench.verbs.streamed == [("twist", POSE, "a", 4)]
     assert bench.made == 1
     bench.ask(2, "twist", POSE, source="verbs")
     assert bench.heard() == (2, "")
-    assert bench.verbs.streamed[1] == (POSE, "", None)
+    assert bench.verbs.streamed[1] == ("twist", POSE, "", None)
     assert bench.made == 1
 
 

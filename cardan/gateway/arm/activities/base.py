@@ -42,9 +42,9 @@ class Activity(ABC):
     command: RobotCommand | None = None
     """What the robot is sent in place of the body's command."""
     fault = ""
-    """Why it must not go on, in words; empty while it may."""
+    """Why it must not go on; empty while it may."""
     heard_s = math.inf
-    """When whoever streams was heard last; infinite where nobody has to be heard."""
+    """Time of the newest command of the source, s; infinite where a source need not renew it."""
     silence_s = math.inf
     """For how long silence may let it go on."""
     recovers = False
@@ -63,7 +63,7 @@ class Activity(ABC):
 
     @property
     def driven(self) -> bool:
-        """True while silence of whoever asks for it would let something go on."""
+        """Whether the arm would go on moving if its source fell silent now."""
         return False
 
     @property

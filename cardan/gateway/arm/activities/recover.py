@@ -1,4 +1,4 @@
-"""Brings a command back to a robot that is not where it was told to be."""
+"""Brings a command back to a robot that is not where it was commanded to be."""
 
 from __future__ import annotations
 

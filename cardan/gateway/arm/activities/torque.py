@@ -2,31 +2,43 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
+from cardan import bounds
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import ARRIVED, GOING, Activity, Progress
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.codes import State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray
+from cardan.options import check_options
 from cardan.robots import ArmModel
 from cardan.spatial import add, is_finite, limit_norm, norm, subtract
 from cardan.types import ZERO3, Frame, RobotState, TorqueCommand, Vector3, Wrench
 
+_SLEW = "the largest force within 10 ms; beyond, it is there at once"
+FORCE_SLEW_N_S = bounds.Range(0.0, 1e6, "N/s", _SLEW, above=True)
+TORQUE_SLEW_NM_S = bounds.Range(0.0, 1e6, "N·m/s", _SLEW, above=True)
 
-class TorqueLimits(NamedTuple):
-    """What torque motions may do."""
 
-    force_n: float
-    torque_nm: float
-    force_slew_n_s: float
-    torque_slew_nm_s: float
-    speed_share: float
-    """Of each joint's speed: an arm that is faster runs away."""
+@dataclass(frozen=True, kw_only=True)
+class TorqueLimits:
+    """What torque motions may do. Raises OptionError."""
+
+    force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 100.0
+    """Most that a wrench may exert."""
+    torque_nm: Annotated[float, bounds.ROBOT_TORQUE_NM] = 20.0
+    force_slew_n_s: Annotated[float, FORCE_SLEW_N_S] = 500.0
+    torque_slew_nm_s: Annotated[float, TORQUE_SLEW_NM_S] = 100.0
+    speed_share: Annotated[float, bounds.SHARE] = 0.5
+    """Of each joint's speed: faster, a torque motion runs away and is stopped."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class TorqueMotion(Activity):

@@ -8,6 +8,7 @@ import pytest
 from cardan.errors import (
     MotionRefusedError,
 )
+from cardan.gateway.arm.activities.torque import TorqueLimits
 from cardan.gateway.arm.codes import State
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
@@ -66,7 +67,9 @@ def test_forc_is_refused_in_the_tcp_frame():
 
 
 def test_torques_stay_inside_the_joints_limits():
-    world = World("ur5", options=ControllerOptions(force_n=5000.0, force_slew_n_s=1e6))
+    world = World(
+        "ur5", options=ControllerOptions(torque=TorqueLimits(force_n=5000.0, force_slew_n_s=1e6))
+    )
     world.verbs.forc([0.0, 0.0, 4000.0, 0.0, 0.0, 0.0])
     world.tick(5)
     effort = [joint.effort for joint in world.model.joints]
@@ -112,13 +115,13 @@ def test_a_silent_wrench_stream_leaves_the_weight():
     world.tick()
     weight = world.command.torques
     for _ in range(20):
-        assert world.verbs.wrench([0.0, 0.0, 10.0, 0.0, 0.0, 0.0]) == ""
+        assert world.verbs.stream("wrench", [0.0, 0.0, 10.0, 0.0, 0.0, 0.0]) == ""
         world.tick()
     assert not np.allclose(world.command.torques, weight, atol=0.1)
     world.tick(int(0.1 / DT_S) + 2)
     assert isinstance(world.command, TorqueCommand)
     np.testing.assert_allclose(world.command.torques, weight)
-    assert "silent" in world.verbs.wrench([0.0] * 6)
+    assert "silent" in world.verbs.stream("wrench", [0.0] * 6)
 
 
 def test_arms_that_cannot_carry_themselves_are_refused():
