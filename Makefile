@@ -10,7 +10,7 @@ PYTEST ?=
 BIN := $(VENV)/bin
 C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h)
 
-.PHONY: help demo test test-kernel device-table fault-table lint types check bench bench-motoros bench-thesis \
+.PHONY: help demo test test-kernel device-table fault-table docs-tables lint types check bench bench-motoros bench-thesis \
 	bench-haptics test-pythons clean
 
 help:
@@ -21,6 +21,7 @@ help:
 	@echo "make test-pythons  most tests under the oldest and the newest Python"
 	@echo "make device-table  the table of judges in docs/devices.md, from the tests' marks"
 	@echo "make fault-table  the tables of docs/faults.md: what each robot does when something fails"
+	@echo "make docs-tables  the tables of drivers, simulated peers and demos, from their declarations"
 	@echo "make bench   benchmarks, printed as ratios"
 	@echo "make bench-motoros  the latency study of the 2021 paper, with plots for docs/"
 	@echo "make bench-thesis  the measurements of the 2020 thesis, with plots for docs/"
@@ -52,6 +53,9 @@ device-table: $(VENV)/.cardan-dev
 
 fault-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.fault_table
+
+docs-tables: $(VENV)/.cardan-dev
+	$(BIN)/python -m tests.docs_tables
 
 lint: $(VENV)/.cardan-dev
 	$(BIN)/ruff check .

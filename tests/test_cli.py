@@ -103,6 +103,19 @@ def test_run_without_its_device_says_what_to_do():
     assert "start the simulated device first" in text
 
 
+def test_the_drivers_are_listed_with_what_they_declare():
+    lines = cardan("drivers").splitlines()
+    (mouse,) = (line for line in lines if line.split()[:1] == ["spacemouse"])
+    for words in ("[device]", "3Dconnexion", "cardan sim spacemouse", "docs/spacemouse.md"):
+        assert words in mouse
+    assert any(line.split()[:2] == ["abb_egm", "[robot]"] for line in lines)
+
+
+def test_the_simulated_peers_are_listed():
+    lines = cardan("sim", "--list").splitlines()
+    assert any(line.split()[0] == "motoman-gp8" and "simple message" in line for line in lines)
+
+
 def test_dissect_of_nothing():
     assert "no such file" in cardan("dissect", "nothing.pcap", code=2)
 

@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from cardan import __version__
 from cardan.cli.common import (
@@ -24,6 +21,7 @@ from cardan.cli.common import (
     EXIT_USAGE,
     ConfigFile,
     Seconds,
+    print_table,
 )
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
@@ -199,6 +197,28 @@ def _moved_by_verbs(config: SessionConfig) -> str:
 
 
 @app.command()
+def drivers() -> None:
+    """List the drivers, those of other installed packages included: the names that a
+    configuration's driver = "..." takes."""
+    from cardan.drivers import registry
+
+    kinds = {name: registry.load(name) for name in registry.names()}
+    print_table(
+        ("driver", "table", "drives", "simulated by", "documentation"),
+        (
+            (
+                name,
+                "[device]" if issubclass(driver, OperatorDevice) else "[robot]",
+                driver.summary,
+                driver.peer and f"cardan sim {driver.peer}",
+                driver.page if "://" in driver.page or not driver.page else f"docs/{driver.page}",
+            )
+            for name, driver in kinds.items()
+        ),
+    )
+
+
+@app.command()
 def devices() -> None:
     """List the operator devices that are plugged in, and what stands in their way."""
     from cardan.drivers import registry
@@ -214,24 +234,20 @@ def devices() -> None:
             "do not, and their options name them"
         )
         return
-    table = Table(box=None)
-    for column in ("device", "driver", "id", "transport", "path", "state"):
-        table.add_column(column)
-    for name, device in _merged(found):
-        table.add_row(
-            *(
-                Text(cell)  # What stands in brackets is no markup.
-                for cell in (
-                    device.name,
-                    name,
-                    device.identity,
-                    device.transport,
-                    device.path,
-                    device.obstacle or "ready",
-                )
+    print_table(
+        ("device", "driver", "id", "transport", "path", "state"),
+        (
+            (
+                device.name,
+                name,
+                device.identity,
+                device.transport,
+                device.path,
+                device.obstacle or "ready",
             )
-        )
-    Console().print(table)
+            for name, device in _merged(found)
+        ),
+    )
 
 
 def _merged(found: Sequence[tuple[str, FoundDevice]]) -> list[tuple[str, FoundDevice]]:

@@ -41,6 +41,12 @@ class Gamepad(EvdevDevice[GamepadCore]):
     """
 
     Options = GamepadOptions
+    summary = "gamepads"
+    page = "gamepad.md"
+    peer = "gamepad"
+    gives = "sticks, triggers, buttons"
+    takes_back = "rumble"
+    suits = "rate, base frame"
     options: GamepadOptions
     _kind = "gamepad"
     _permission_hint = CONSOLE_HINT

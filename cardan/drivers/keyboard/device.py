@@ -20,6 +20,11 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     """
 
     Options = KeyboardOptions
+    summary = "keyboards"
+    page = "keyboard.md"
+    peer = "keyboard"
+    gives = "keys"
+    suits = "rate, base frame"
     options: KeyboardOptions
     _kind = "keyboard"
     _permission_hint = GROUP_HINT

@@ -82,6 +82,12 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     """
 
     Options = OmniOptions
+    summary = "Phantom Omni, Geomagic Touch, 3D Systems Touch"
+    page = "omni.md"
+    peer = "omni"
+    gives = "pose of the stylus, buttons; its displacement as deflections"
+    takes_back = "force at 1 kHz, light"
+    suits = "position, base frame"
     options: OmniOptions
 
     def __init__(self, options: OmniOptions | None = None) -> None:

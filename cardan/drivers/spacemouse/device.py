@@ -66,6 +66,12 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     """
 
     Options = SpaceMouseOptions
+    summary = "3Dconnexion mice: USB, receivers, serial"
+    page = "spacemouse.md"
+    peer = "spacemouse"
+    gives = "six deflections, buttons"
+    takes_back = "light"
+    suits = "rate, base frame"
     options: SpaceMouseOptions
 
     def __init__(

@@ -41,6 +41,12 @@ class Wiimote(ReadDevice[WiimoteCore]):
     """
 
     Options = WiimoteOptions
+    summary = "Wii Remotes"
+    page = "wiimote.md"
+    peer = "wiimote"
+    gives = "tilt, buttons, MotionPlus, Nunchuk"
+    takes_back = "lights, rumble"
+    suits = "rate, tool frame"
     options: WiimoteOptions
 
     def __init__(
