@@ -1,7 +1,8 @@
 # Two commands do everything on a fresh Debian machine with Python, make and gcc:
 #   make demo    environment, install, the main job against simulated peers for half a minute
 #   make test    environment, install with the test judges, all tests
-# (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches)
+# (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches,
+# DEMO_ROBOT=--list lists all demos)
 PYTHON ?= python3
 VENV ?= .venv
 DEMO_SECONDS ?= 30

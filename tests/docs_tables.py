@@ -1,6 +1,6 @@
 """Writes the tables of the documentation that drivers, simulated peers and demos declare.
 
-Each stands in its page between ``<!-- made by tests/docs_tables.py: NAME -->`` and ``<!-- end -->``:
+Each stands in its page between the lines that `begin` and END have;
 test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
 """
 
@@ -12,6 +12,7 @@ from typing import Any
 
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
+from cardan.gateway.session.examples import find_demos
 from cardan.sim_peers import registry as peers
 
 ROOT = Path(__file__).parents[1]
@@ -51,10 +52,15 @@ ROBOTS = {name: kind for name, kind in BUILT_IN.items() if name not in DEVICES}
 
 def _overview() -> str:
     rows = [
-        (link(kind, "docs/"), f"`{name}`", f"`cardan sim {kind.peer}`")
+        (
+            link(kind, "docs/"),
+            f"`{name}`",
+            f"`cardan sim {kind.peer}`",
+            ", ".join(f"`{each}`" for each, demo in find_demos().items() if name in demo.drivers),
+        )
         for name, kind in (DEVICES | ROBOTS).items()
     ]
-    return markdown(("device or robot", "driver", "simulated by"), rows)
+    return markdown(("device or robot", "driver", "simulated by", "`cardan demo`"), rows)
 
 
 def _devices() -> str:
@@ -87,10 +93,23 @@ def _peers(page: str) -> Callable[[], str]:
     return table
 
 
+def _demos() -> str:
+    rows = [
+        (
+            f"`cardan demo {name}`",
+            demo.description.replace("<", "&lt;"),
+            f"[example](../examples/{demo.file.name})",
+        )
+        for name, demo in find_demos().items()
+    ]
+    return markdown(("command", "what is joined", "the same by hand"), rows)
+
+
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
     ("docs/configuration.md", "drivers"): _options,
+    ("docs/first-ten-minutes.md", "demos"): _demos,
     ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
 }

@@ -4,6 +4,7 @@ import pytest
 
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import OperatorDevice
+from cardan.gateway.session.examples import find_demos
 from cardan.sim_peers import registry as peers
 from tests import docs_tables
 
@@ -25,6 +26,11 @@ def test_every_driver_declares_what_the_lists_say(name):
     if issubclass(driver, OperatorDevice):
         assert driver.gives
         assert driver.suits
+
+
+def test_every_driver_has_a_demo():
+    shown = set().union(*(demo.drivers for demo in find_demos().values()))
+    assert shown == set(drivers.BUILT_IN)
 
 
 @pytest.mark.parametrize("name", peers.BUILT_IN)

@@ -88,19 +88,34 @@ def _options(
     pass
 
 
+def _list_demos(wanted: bool) -> None:
+    if wanted:
+        from cardan.gateway.session.examples import find_demos
+
+        rows = ((name, demo.description) for name, demo in find_demos().items())
+        print_table(("demo", "what is joined"), rows)
+        raise typer.Exit
+
+
 @app.command()
 def demo(
-    robot: Annotated[
-        str, typer.Argument(metavar="gofa|gp8|omni", help="Which robot, or the drawing.")
+    name: Annotated[
+        str, typer.Argument(metavar="NAME|FILE", help="A demo, or an example file that is one.")
     ] = "gofa",
-    seconds: Annotated[float, typer.Option(min=3.0, help="How long to run.")] = 30.0,
+    seconds: Annotated[float, typer.Option(help="How long to run.")] = 30.0,
+    _list: Annotated[
+        bool,
+        typer.Option(
+            "--list", callback=_list_demos, is_eager=True, help="Print the demos, then end."
+        ),
+    ] = False,
 ) -> None:
-    """Run the main job with no hardware: a simulated SpaceMouse drives a simulated robot, an ABB
-    GoFa over EGM or a Motoman GP8 over MotoROS; or the hand on a simulated Phantom Omni draws with
-    the GoFa's pen and feels its board (omni)."""
+    """Run an example against simulated peers, with no hardware: gofa (a SpaceMouse drives an ABB
+    GoFa over EGM), gp8 (a Motoman GP8 over MotoROS), omni (a Phantom Omni draws with the GoFa's pen
+    and feels its board), and more."""
     from cardan.gateway.session.demo import run_demo
 
-    raise typer.Exit(run_demo(seconds, robot))
+    raise typer.Exit(run_demo(seconds, name))
 
 
 @app.command(epilog=EPILOG)
