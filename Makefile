@@ -1,5 +1,5 @@
 # Two commands do everything on a fresh Debian machine with Python, make and gcc:
-#   make demo    environment, install, the main job against simulated peers for half a minute
+#   make demo    environment, install, a demo against simulated peers for half a minute
 #   make test    environment, install with the test judges, all tests
 # (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches,
 # DEMO_ROBOT=--list lists all demos)
@@ -15,7 +15,7 @@ C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h)
 	bench-haptics test-pythons clean
 
 help:
-	@echo "make demo    run the main job against simulated peers ($(DEMO_SECONDS) s)"
+	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
 	@echo "make test    all tests"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
 	@echo "make check   lint, types and tests (also make lint, make types)"

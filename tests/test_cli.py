@@ -71,6 +71,17 @@ def test_check_says_what_a_configuration_would_do():
     assert "'left' must be held" in text
 
 
+def test_check_says_what_absolute_mode_does(tmp_path):
+    file = tmp_path / "absolute.toml"
+    file.write_text(
+        '[device]\ndriver = "omni"\n[robot]\ndriver = "abb_egm"\n[mapping]\nmode = "absolute"\n'
+        'clutch = "button_2"\norigin_m = [0.5, 0.0, 0.4]\napproach_speed_m_s = 0.04\n'
+    )
+    text = cardan("check", file)
+    assert "the TCP goes where the hand is, base axes, at 40 mm/s and 17 deg/s" in text
+    assert "full deflection" not in text
+
+
 def test_check_says_what_moves_an_arm_without_a_device(tmp_path):
     text = cardan("check", EXAMPLES / "verbs-ur5-simulated.toml")
     assert "device   none" in text

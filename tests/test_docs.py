@@ -22,6 +22,7 @@ from cardan.gateway.force.tables import FixtureTable, ForceTable
 from cardan.gateway.hand.filters.camera import CameraOptions
 from cardan.gateway.hand.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
+from cardan.gateway.session.examples import Demo
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers, spacemouse
 from cardan.types import Pose, Quaternion, Vector3
@@ -188,6 +189,17 @@ def test_every_table_of_the_configuration_has_its_section():
     assert set(TABLES) == named - {"device", "robot", "filters"}
 
 
+def test_every_key_of_a_demo_is_there_with_its_default():
+    table = rows(section(text("adding-a-driver.md"), "Keys of a demo"))
+    fields = {name: field for name, field in Demo.model_fields.items() if name != "file"}
+    defaults = {
+        name: "must be given" if field.is_required() else written(field.default)
+        for name, field in fields.items()
+    }
+    defaults["name"] = "the file's, without `-simulated`"
+    assert {name: cells[0] for name, cells in table.items()} == defaults
+
+
 def test_the_drivers_that_are_allowed_are_all_of_them():
     told = re.search(r"there is no driver 'spacemous'; allowed: (.*)", text("configuration.md"))
     assert told
@@ -251,7 +263,7 @@ def test_every_script_and_verb_of_a_peer_is_there(name, peer):
 
 @pytest.mark.parametrize(("name", "peer"), PEERS)
 def test_every_option_of_a_peer_is_there(name, peer):
-    told = section(text("simulated-peers.md"), "What all share") + told_of(name)
+    told = section(text("simulated-peers.md"), "Options of every peer") + told_of(name)
     if not peer.scripts:
         told = re.sub(r"--(list-scripts|script)\b", "", told)
     commands = typer.main.get_command(cli.app).commands["sim"].commands

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
 
 EPILOG = (
-    "Exit codes: 0 done as asked; 1 failed inside; 2 wrong configuration or usage; "
-    "3 a device or robot cannot be opened; 4 it ran, but not everything was as it should be."
+    "Exit codes: 0 success; 1 internal error; 2 wrong configuration or usage; "
+    "3 a device or robot cannot be opened; 4 it ran, but with problems, which it names."
 )
 
 app = typer.Typer(
@@ -139,7 +139,7 @@ def run(file: ConfigFile, seconds: Seconds = None) -> None:
 
 
 def _lack(last: Snapshot) -> str:
-    """What was not as it should be when a session ended as asked; empty when all was."""
+    """The problem that a session had at its end although it ended as asked; empty: none."""
     if last.elapsed_s == 0.0:
         return ""
     if last.cycles == 0:
@@ -166,6 +166,12 @@ def check(file: ConfigFile) -> None:
         print(f"  moved by {_moved_by_verbs(config)}")
     elif mapping.mode is Mode.POSITION:
         print(f"  mapping  the TCP moves as the hand does, {mapping.frame.value} axes")
+    elif mapping.mode is Mode.ABSOLUTE:
+        print(
+            "  mapping  the TCP goes where the hand is, base axes, at "
+            f"{mapping.approach_speed_m_s * 1e3:.0f} mm/s and "
+            f"{math.degrees(mapping.approach_speed_rad_s):.0f} deg/s until it has arrived"
+        )
     else:
         print(
             f"  mapping  full deflection is {mapping.linear_speed_m_s * 1e3:.0f} mm/s and "
