@@ -6,6 +6,7 @@ test_docs_tables holds them current. To write all of them anew: ``make docs-tabl
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,28 @@ def _peers(page: str) -> Callable[[], str]:
     return table
 
 
+def _faults(peer: str, **given: str) -> Callable[[], str]:
+    """The faults of a peer, where these options are given."""
+
+    def table() -> str:
+        declared = peers.load(peer)
+        options = {each.name: each.default for each in dataclasses.fields(declared.Options)}
+        rows = [
+            (f"`{fault.name}`", f"{fault.default:g}", fault.help)
+            for fault in declared.faults_with(options | given)
+        ]
+        return markdown(("fault", "default", "what happens"), rows)
+
+    return table
+
+
+FAULTS: dict[tuple[str, str], Callable[[], str]] = {
+    (f"docs/{peers.load(name).page}", f"faults of {name}"): _faults(name)
+    for name in peers.BUILT_IN
+    if name != "keyboard"  # It has the gamepad's, and their section is one.
+}
+
+
 def _demos() -> str:
     rows = [
         (
@@ -112,6 +135,8 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/first-ten-minutes.md", "demos"): _demos,
     ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
+    ("docs/simulated-devices.md", "faults of serial devices"): _faults("spacemouse", serial="port"),
+    **FAULTS,
 }
 """By page and name."""
 
