@@ -200,10 +200,12 @@ def test_every_key_of_a_demo_is_there_with_its_default():
     assert {name: cells[0] for name, cells in table.items()} == defaults
 
 
-def test_the_drivers_that_are_allowed_are_all_of_them():
+def test_the_first_of_the_allowed_drivers_are_named():
     told = re.search(r"there is no driver 'spacemous'; allowed: (.*)", text("configuration.md"))
     assert told
-    assert told[1] == ", ".join(sorted(registry.BUILT_IN))
+    *first, more = told[1].split(", ")
+    assert more == "..."
+    assert first == sorted(registry.BUILT_IN)[: len(first)]
 
 
 def test_every_model_is_there_as_it_is():

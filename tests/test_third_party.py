@@ -38,6 +38,7 @@ FILES = {
             page = "https://lever.example/cardan"
             peer = "lever"
             gives, suits = "one deflection", "rate"
+            udev_matches = ('SUBSYSTEM=="lever"',)
             capabilities = DeviceCapabilities(
                 gives_pose=False, buttons=(), feedback=frozenset(), battery=False
             )
@@ -188,6 +189,7 @@ def test_it_is_in_every_list(cardan):
     assert " lever  " in cardan("sim", "--list")
     assert "A lever that a hand swings." in cardan("sim", "--help")
     assert "--path" in cardan("sim", "lever", "--help")
+    assert '# a lever that moves one axis\nSUBSYSTEM=="lever", MODE=' in cardan("udev")
     demos = cardan("demo", "--list")
     assert "simulated lever -> gateway -> simulated UR5" in demos
     assert " gofa " in demos

@@ -93,6 +93,9 @@ class OperatorDevice(Driver):
     """What it gives to the hand (light, rumble, force); empty: nothing."""
     suits: ClassVar[str] = ""
     """The `mapping` of a session that suits it: mode and frame."""
+    udev_matches: ClassVar[Sequence[str]] = ()
+    """What udev rules match its device nodes by: ``cardan udev`` opens those to the user at the
+    console. A line that begins with # is a comment."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:

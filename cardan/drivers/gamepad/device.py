@@ -47,6 +47,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
     gives = "sticks, triggers, buttons"
     takes_back = "rumble"
     suits = "rate, base frame"
+    udev_matches = ('SUBSYSTEM=="input", KERNEL=="event*", ENV{ID_INPUT_JOYSTICK}=="1"',)
     options: GamepadOptions
     _kind = "gamepad"
     _permission_hint = CONSOLE_HINT

@@ -47,6 +47,11 @@ class Wiimote(ReadDevice[WiimoteCore]):
     gives = "tilt, buttons, MotionPlus, Nunchuk"
     takes_back = "lights, rumble"
     suits = "rate, tool frame"
+    udev_matches = (
+        "# Both generations.",
+        'SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0306.*"',
+        'SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0330.*"',
+    )
     options: WiimoteOptions
 
     def __init__(

@@ -54,7 +54,9 @@ def test_a_demo_is_a_configuration_and_commands_that_are_allowed(name, tmp_path)
 @pytest.mark.parametrize("name", DEMOS)
 def test_the_head_of_a_demo_says_the_same_commands(name):
     demo = DEMOS[name]
-    head = re.findall(r"^#   cardan (.*)$", demo.file.read_text(encoding="utf-8"), re.MULTILINE)
+    text = demo.file.read_text(encoding="utf-8")
+    assert f": cardan demo {name}\n" in text
+    head = re.findall(r"^#   cardan (.*)$", text, re.MULTILINE)
     head = head[: next(at for at, line in enumerate(head) if "run examples/" in line) + 1]
     by_hand = [
         shlex.split(line.partition(" -- ")[0]) for line in head if not line.startswith("run ")
