@@ -204,7 +204,7 @@ def choose_demo(name: str) -> Demo:
         return demo
     demos = find_demos()
     if name not in demos:
-        raise ConfigurationError("demo", f"{name!r} is none; allowed: {', '.join(demos)}")
+        raise ConfigurationError("demo", f"there is no demo {name!r}; allowed: {', '.join(demos)}")
     return demos[name]
 
 
@@ -226,7 +226,7 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
         print(f"cardan: {outcome.last.error}", file=sys.stderr)
         return outcome.exit_code
     if not outcome.last.finished or outcome.last.ending == STOPPED_ON_REQUEST:
-        view.console.print("ended before its time: not judged")
+        view.console.print("ended early: not judged")
         return EXIT_OK
     options = make_device(config).options if config.device is not None else None
     problems = find_problems(outcome.last, options)
