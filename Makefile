@@ -1,7 +1,8 @@
 # Two commands do everything on a fresh Debian machine with Python, make and gcc:
-#   make demo    environment, install, the main job against simulated peers for half a minute
+#   make demo    environment, install, a demo against simulated peers for half a minute
 #   make test    environment, install with the test judges, all tests
-# (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches)
+# (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches,
+# DEMO_ROBOT=--list lists all demos)
 PYTHON ?= python3
 VENV ?= .venv
 DEMO_SECONDS ?= 30
@@ -10,17 +11,18 @@ PYTEST ?=
 BIN := $(VENV)/bin
 C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h)
 
-.PHONY: help demo test test-kernel device-table fault-table lint types check bench bench-motoros bench-thesis \
+.PHONY: help demo test test-kernel device-table fault-table docs-tables lint types check bench bench-motoros bench-thesis \
 	bench-haptics test-pythons clean
 
 help:
-	@echo "make demo    run the main job against simulated peers ($(DEMO_SECONDS) s)"
+	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
 	@echo "make test    all tests"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
 	@echo "make check   lint, types and tests (also make lint, make types)"
 	@echo "make test-pythons  most tests under the oldest and the newest Python"
 	@echo "make device-table  the table of judges in docs/devices.md, from the tests' marks"
 	@echo "make fault-table  the tables of docs/faults.md: what each robot does when something fails"
+	@echo "make docs-tables  the tables of drivers, simulated peers and demos, from their declarations"
 	@echo "make bench   benchmarks, printed as ratios"
 	@echo "make bench-motoros  the latency study of the 2021 paper, with plots for docs/"
 	@echo "make bench-thesis  the measurements of the 2020 thesis, with plots for docs/"
@@ -52,6 +54,9 @@ device-table: $(VENV)/.cardan-dev
 
 fault-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.fault_table
+
+docs-tables: $(VENV)/.cardan-dev
+	$(BIN)/python -m tests.docs_tables
 
 lint: $(VENV)/.cardan-dev
 	$(BIN)/ruff check .

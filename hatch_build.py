@@ -1,8 +1,9 @@
-"""Hatchling's build hook: compiles the C parts, so that an ordinary ``pip install`` has them.
+"""Hatchling's build hook: compiles the C parts and adds the examples, so that an ordinary
+``pip install`` has them.
 
-They know nothing of Python, so one wheel serves every version of it. Where there is no compiler
-the package is built without them, and says so when they are asked for: whoever has a SpaceMouse
-needs none.
+The C parts know nothing of Python, so one wheel serves every version of it. Where there is no
+compiler the package is built without them, and says so when they are asked for: whoever has a
+SpaceMouse needs none.
 """
 
 from __future__ import annotations
@@ -20,11 +21,14 @@ NO_COMPILER = 3
 
 
 class NativeParts(BuildHookInterface):  # type: ignore[type-arg]
-    """Runs tools/native and adds what it made to the wheel."""
+    """Runs tools/native and adds what it made, and the examples, to the wheel."""
 
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        if self.target_name == "wheel" and version == "standard":
+            # An editable install finds them beside the package.
+            build_data["force_include"]["examples"] = "cardan/examples"
         if self.target_name != "wheel" or not sys.platform.startswith("linux"):
             return
         done = subprocess.run([Path(self.root, "tools", "native")], check=False)

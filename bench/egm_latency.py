@@ -20,7 +20,8 @@ from pathlib import Path
 
 from bench.figures import Aim, Figures
 from bench.responders import KINDS
-from cardan.gateway.session.demo import free_udp_port, simulated_peer
+from cardan.gateway.session.demo import launched
+from cardan.gateway.session.examples import free_ports
 from cardan.protocols.egm import EgmHeader, EgmMotion, EgmPose, EgmRobot, encode_robot
 from cardan.types import Quaternion, Vector3
 
@@ -85,7 +86,7 @@ def session(port: int) -> Iterator[None]:
             f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n'
             '[mapping]\ndeadman = "left"\n'
         )
-        with simulated_peer("spacemouse", "--hid", hid_path, "--script", "demo"):
+        with launched("sim", "spacemouse", "--hid", hid_path, "--script", "demo"):
             process = subprocess.Popen(
                 [sys.executable, "-m", "cardan", "run", str(config)], stdout=subprocess.PIPE
             )
@@ -107,7 +108,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
     with contextlib.ExitStack() as stack:
         sockets = []
         for name in names:
-            port = free_udp_port()
+            port = free_ports()
             stack.enter_context(session(port) if name == SESSION else responder(name, port))
             sock = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             sock.connect(("127.0.0.1", port))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import EntryPoint
 from typing import Generic, TypeVar
@@ -34,8 +35,16 @@ class Finder(Generic[T]):
         """Every name that can be loaded, sorted."""
         return tuple(sorted({*self._built_in, *(point.name for point in self._installed())}))
 
+    def packages(self) -> tuple[str, ...]:
+        """The top-level packages of all that can be loaded; the built-in ones first."""
+        targets = (*self._built_in.values(), *(point.value for point in self._installed()))
+        return tuple(dict.fromkeys(re.split("[.:]", target, maxsplit=1)[0] for target in targets))
+
     def load(self, name: str) -> type[T]:
-        """The class called `name`; ConfigurationError names the ones there are."""
+        """The class called `name`.
+
+        ConfigurationError names the ones there are, or says why it cannot be loaded.
+        """
         target = self._built_in.get(name)
         if target is None:
             for point in self._installed():
@@ -48,7 +57,12 @@ class Finder(Generic[T]):
                     f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",
                 )
         module, _, attribute = target.partition(":")
-        loaded = getattr(importlib.import_module(module), attribute)
+        try:
+            loaded = getattr(importlib.import_module(module), attribute)
+        except (ImportError, AttributeError) as error:
+            raise ConfigurationError(
+                self._word, f"{target} of {self._word} {name!r} cannot be loaded: {error}"
+            ) from error
         if not (isinstance(loaded, type) and issubclass(loaded, self._base)):
             raise ConfigurationError(
                 self._word, f"{target} of {self._word} {name!r} is not a cardan {self._word}"

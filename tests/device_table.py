@@ -10,13 +10,12 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from tests import test_device_faults
+from tests import docs_tables, test_device_faults
 
 TESTS = Path(__file__).parent
 PAGE = TESTS.parent / "docs" / "devices.md"
 JUDGED = "<!-- made by tests/device_table.py -->\n"
 FAULTS = "<!-- made by tests/test_device_faults.py -->\n"
-END = "<!-- end -->\n"
 
 
 def judged() -> set[tuple[str, str, str]]:
@@ -50,9 +49,7 @@ def main() -> None:
     """Write the tables into their page."""
     page = PAGE.read_text(encoding="utf-8")
     for begin, made in ((JUDGED, table()), (FAULTS, test_device_faults.table())):
-        head, _, rest = page.partition(begin)
-        _, _, tail = rest.partition(END)
-        page = head + begin + "\n" + made + "\n" + END + tail
+        page = docs_tables.replaced(page, begin, made)
     PAGE.write_text(page, encoding="utf-8")
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.docs_tables import replaced
 from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Pilot, make
 from tests.fault_rig import (
     BENCHES,
@@ -26,7 +27,6 @@ from tests.fault_rig import (
 
 PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
 BEGIN = "<!-- made by tests/fault_table.py -->\n"
-END = "<!-- end -->\n"
 
 RUN_UP_S = 0.6
 """At 1 m/s² the arm has its speed after 0.1 s."""
@@ -174,9 +174,8 @@ def main() -> None:
     if "-" in sys.argv[1:]:
         print(text)
     else:
-        head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-        _, _, tail = rest.partition(END)
-        PAGE.write_text(head + BEGIN + "\n" + text + "\n" + END + tail, encoding="utf-8")
+        page = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(replaced(page, BEGIN, text), encoding="utf-8")
     for row in found:
         if row.too_much:
             print(f"{row.source}, {row.fault}, {row.robot}: {row.too_much}")

@@ -76,8 +76,8 @@ def test_check_says_what_a_configuration_would_do():
     [
         ('mode = "position"', "the TCP moves as the hand does, base axes"),
         (
-            'mode = "absolute"\norigin_m = [0.5, 0.0, 0.3]',
-            "the TCP goes where the hand is, at 50 mm/s until it has arrived, base axes",
+            'mode = "absolute"\norigin_m = [0.5, 0.0, 0.3]\napproach_speed_m_s = 0.04',
+            "the TCP goes where the hand is, base axes, at 40 mm/s and 17 deg/s",
         ),
     ],
 )
@@ -122,6 +122,19 @@ def test_check_names_the_key(tmp_path):
 def test_run_without_its_device_says_what_to_do():
     text = cardan("run", EXAMPLES / "spacemouse-gofa-simulated.toml", code=3, cwd="/")
     assert "start the simulated device first" in text
+
+
+def test_the_drivers_are_listed_with_what_they_declare():
+    lines = cardan("drivers").splitlines()
+    (mouse,) = (line for line in lines if line.split()[:1] == ["spacemouse"])
+    for words in ("[device]", "3Dconnexion", "cardan sim spacemouse", "docs/spacemouse.md"):
+        assert words in mouse
+    assert any(line.split()[:2] == ["abb_egm", "[robot]"] for line in lines)
+
+
+def test_the_simulated_peers_are_listed():
+    lines = cardan("sim", "--list").splitlines()
+    assert any(line.split()[0] == "motoman-gp8" and "simple message" in line for line in lines)
 
 
 def test_dissect_of_nothing():

@@ -12,7 +12,8 @@ import pytest
 
 from cardan.drivers.omni import OmniOptions
 from cardan.gateway.session.assembly import load_config
-from cardan.gateway.session.demo import free_tcp_ports, free_udp_port, simulated_peer
+from cardan.gateway.session.demo import launched
+from cardan.gateway.session.examples import free_ports
 from cardan.gateway.session.session import EXIT_OK, make_session
 from cardan.gateway.session.supervisor import supervise
 from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
@@ -78,7 +79,7 @@ def commands(text):
 def ports_of_its_own(text):
     """`text` with free ports instead of the usual ones."""
     for port in set(re.findall(r"\b(?:6437|6510)\b", text)) | {"6437"}:
-        free = free_udp_port() if port == "6510" else free_tcp_ports(1)
+        free = free_ports()
         text = text.replace(port, str(free))
         leap = f'driver = "leap"\nport = {free}'
         if port == "6437":
@@ -88,7 +89,7 @@ def ports_of_its_own(text):
 
 def on_socketcand(text):
     """`text` of a JR3 without multicast, which is not to be had everywhere, as the example says."""
-    port = free_tcp_ports(1)
+    port = free_ports()
     text = text.replace('interface = "udp_multicast"', f'interface = "socketcand"\nport = {port}')
     text = text.replace('channel = "239.74.163.2"\n', 'host = "127.0.0.1"\n')
     return text.replace(
@@ -172,12 +173,10 @@ def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
             if words[0] == "force":
                 peers.enter_context(waiting(words))
             elif words[1] == "jr3":
-                peers.enter_context(simulated_peer(*words[1:], "--seconds", "40"))
+                peers.enter_context(launched(*words, "--seconds", "40"))
             else:
                 to = re.search(r"listen_port = (\d+)", text)[1]
-                peers.enter_context(
-                    simulated_peer(*words[1:], "--to", f"127.0.0.1:{to}", "--seconds", "40")
-                )
+                peers.enter_context(launched(*words, "--to", f"127.0.0.1:{to}", "--seconds", "40"))
         config = load_config(Path(name))
         outcome = supervise(config, FELT_S[name], lambda snapshot: None, through=through)
     last = outcome.last

@@ -7,7 +7,7 @@ import dataclasses
 import re
 import sys
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 from xml.etree import ElementTree
 
 import pytest
@@ -17,33 +17,16 @@ from cardan import cli
 from cardan.bounds import Range
 from cardan.drivers import registry
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
-from cardan.drivers.gamepad import GamepadOptions
-from cardan.drivers.jr3_can import Jr3Options
-from cardan.drivers.keyboard import KeyboardOptions
-from cardan.drivers.leap import LeapOptions
-from cardan.drivers.motoros.options import MotorosOptions
-from cardan.drivers.omni import OmniOptions
-from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.drivers.spnav import SpnavOptions
-from cardan.drivers.wiimote import WiimoteOptions
 from cardan.errors import ConfigurationError
 from cardan.gateway.common.tables import keys_of, read_table
 from cardan.gateway.hand.filters.camera import CameraOptions
 from cardan.gateway.hand.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
+from cardan.gateway.session.examples import Demo
 from cardan.options import hints
 from cardan.protocols import connexion, egm, simple_message as sm
-from cardan.sim_peers import (
-    egm_controller,
-    evdev,
-    jr3,
-    leap,
-    motoros_controller,
-    omni,
-    spacemouse,
-    wiimote,
-)
+from cardan.sim_peers import registry as peers, spacemouse
 from cardan.types import Pose, Quaternion, Vector3
 from tests.ranges import ranges
 
@@ -108,6 +91,8 @@ def written(default: Any) -> str:
     if isinstance(default, (tuple, list)):
         items = (f'"{i}"' if isinstance(i, str) else str(i) for i in default)
         return f"`[{', '.join(items)}]`"
+    if isinstance(default, float):
+        return str(round(default, 12))
     return f'`"{default}"`' if isinstance(default, str) else str(default)
 
 
@@ -126,15 +111,9 @@ def default_of(field: dataclasses.Field[Any]) -> str:
 
 
 DRIVER_PAGES = [
-    ("abb-egm.md", AbbEgmOptions),
-    ("spacemouse.md", SpaceMouseOptions),
-    ("spnav.md", SpnavOptions),
-    ("wiimote.md", WiimoteOptions),
-    ("leap.md", LeapOptions),
-    ("gamepad.md", GamepadOptions),
-    ("keyboard.md", KeyboardOptions),
-    ("jr3.md", Jr3Options),
-    ("omni.md", OmniOptions),
+    pytest.param(driver.page, driver.Options, id=name)
+    for name in registry.BUILT_IN
+    if (driver := registry.load(name))
 ]
 
 
@@ -194,6 +173,27 @@ def test_errors_are_as_the_page_shows_them(tables):
     assert f"cardan: {caught.value}" in text("configuration.md").splitlines()
 
 
+@pytest.mark.parametrize(("page", "options"), DRIVER_PAGES)
+def test_every_choice_of_an_option_is_there(page, options):
+    table = rows(section(text(page), "Options"))
+    choices = {
+        name: [choice for each in (hint, *get_args(hint)) for choice in literals(each)]
+        for name, hint in get_type_hints(options).items()
+    }
+    missing = {
+        name: choice
+        for name, allowed in choices.items()
+        for choice in allowed
+        if written(choice).strip("`") not in " | ".join(table[name])
+    }
+    assert missing == {}
+
+
+def literals(hint: Any) -> tuple[Any, ...]:
+    """The values of a Literal; none of other types."""
+    return get_args(hint) if get_origin(hint) is Literal else ()
+
+
 def said(bounds: Range) -> str:
     """A range as the pages write it: what 0 means and the unit stand elsewhere in the row."""
     return str(dataclasses.replace(bounds, zero="", unit=""))
@@ -203,8 +203,6 @@ def said(bounds: Range) -> str:
     ("page", "options"),
     [
         *DRIVER_PAGES,
-        ("motoman.md", MotorosOptions),
-        ("simulated-arm.md", SimArmOptions),
         ("shared-control.md", ProximityOptions),
         ("shared-control.md", CameraOptions),
     ],
@@ -243,10 +241,23 @@ def test_every_table_of_the_configuration_has_its_section():
     assert set(TABLES) == named - {"device", "robot", "filters"}
 
 
-def test_the_drivers_that_are_allowed_are_all_of_them():
+def test_every_key_of_a_demo_is_there_with_its_default():
+    table = rows(section(text("adding-a-driver.md"), "Keys of a demo"))
+    fields = {name: field for name, field in Demo.model_fields.items() if name != "file"}
+    defaults = {
+        name: "must be given" if field.is_required() else written(field.default)
+        for name, field in fields.items()
+    }
+    defaults["name"] = "the file's, without `-simulated`"
+    assert {name: cells[0] for name, cells in table.items()} == defaults
+
+
+def test_the_first_of_the_allowed_drivers_are_named():
     told = re.search(r"there is no driver 'spacemous'; allowed: (.*)", text("configuration.md"))
     assert told
-    assert told[1] == ", ".join(sorted(registry.BUILT_IN))
+    *first, more = told[1].split(", ")
+    assert more == "..."
+    assert first == sorted(registry.BUILT_IN)[: len(first)]
 
 
 def test_every_model_is_there_as_it_is():
@@ -265,66 +276,56 @@ def test_every_button_name_is_there():
     assert [label for label in labels if not label.isdecimal() and f"`{label}`" not in listed] == []
 
 
-ROBOTS, DEVICES = "simulated-peers.md", "simulated-devices.md"
-INPUTS = "The pad and the keyboard: `cardan sim gamepad`, `cardan sim keyboard`"
-PEERS = [
-    pytest.param(ROBOTS, "The controller: `cardan sim abb-gofa`", egm_controller, id="abb-gofa"),
-    pytest.param(
-        ROBOTS, "The controller: `cardan sim motoman-gp8`", motoros_controller, id="motoman-gp8"
-    ),
-    pytest.param(DEVICES, "The device: `cardan sim spacemouse`", spacemouse, id="spacemouse"),
-    pytest.param(DEVICES, "The remote: `cardan sim wiimote`", wiimote, id="wiimote"),
-    pytest.param(DEVICES, "The service: `cardan sim leap`", leap, id="leap"),
-    pytest.param(DEVICES, INPUTS, evdev, id="gamepad"),
-    pytest.param(DEVICES, "The sensor: `cardan sim jr3`", jr3, id="jr3"),
-    pytest.param(DEVICES, "The haptic device: `cardan sim omni`", omni, id="omni"),
-]
+PEERS = [pytest.param(name, peers.load(name), id=name) for name in peers.BUILT_IN]
 
 
-def faults_in(heading: str, page: str = DEVICES) -> dict[str, list[str]]:
-    told = section(text(page), heading)
-    return rows(section(told, "Their faults" if heading == INPUTS else "Its faults"))
+def told_of(name: str) -> str:
+    """What the page of a simulated peer says under its heading, which names its command."""
+    page = text(peers.load(name).page)
+    heading = re.search(rf"^## (.*`cardan sim {name}`.*)$", page, re.MULTILINE)
+    assert heading, f"no heading names `cardan sim {name}`"
+    return section(page, heading[1])
 
 
-@pytest.mark.parametrize(("page", "heading", "peer"), PEERS)
-def test_every_fault_of_a_peer_is_there_with_its_default(page, heading, peer):
-    table = faults_in(heading, page)
-    switches = {switch.name: f"{switch.default:g}" for switch in peer.FAULTS}
+@pytest.mark.parametrize(("name", "peer"), PEERS)
+def test_every_fault_of_a_peer_is_there_with_its_default(name, peer):
+    told = told_of(name)
+    table = rows(section(told, "Its faults" if "# Its faults\n" in told else "Their faults"))
+    switches = {switch.name: f"{switch.default:g}" for switch in peer.faults}
     assert {name: table[name][0] for name in switches} == switches
     assert set(table) >= set(switches)
 
 
 def test_every_fault_of_a_serial_device_is_there_with_its_default():
-    page = section(text(DEVICES), "The device: `cardan sim spacemouse`")
-    table = rows(section(page, "Faults of the serial ones"))
+    table = rows(section(told_of("spacemouse"), "Faults of the serial ones"))
     assert {name: cells[0] for name, cells in table.items()} == {
         switch.name: f"{switch.default:g}" for switch in spacemouse.SERIAL_FAULTS
     }
 
 
-@pytest.mark.parametrize(
-    ("page", "heading", "peer"), [each for each in PEERS if each.id not in ("motoman-gp8",)]
-)
-def test_every_script_and_verb_of_a_peer_is_there(page, heading, peer):
-    told = section(text(page), heading)
-    usages = {re.sub(r" \(.*", "", usage) for usage in peer.SCRIPT_VERBS.values()}
-    if heading == INPUTS:
-        pad, keys = (section(told, f"Scripts of the {kind}") for kind in peer.SCRIPTS)
-        assert set(rows(pad)) == set(peer.SCRIPTS["gamepad"])
-        assert set(rows(keys)) == {*peer.SCRIPTS["keyboard"], *usages}
+@pytest.mark.parametrize(("name", "peer"), [each for each in PEERS if each.values[1].scripts])
+def test_every_script_and_verb_of_a_peer_is_there(name, peer):
+    told = told_of(name)
+    usages = {re.sub(r" \(.*", "", usage) for usage in peer.verbs.values()}
+    if "# Its scripts\n" in told:
+        assert set(rows(section(told, "Its scripts"))) == {*peer.scripts, *usages}
     else:
-        assert set(rows(section(told, "Its scripts"))) == {*peer.SCRIPTS, *usages}
+        listed = set(rows(section(told, f"Scripts of the {name}")))
+        assert listed - usages == set(peer.scripts)
+        assert usages <= set(rows(told))
 
 
-@pytest.mark.parametrize(("page", "heading", "peer"), PEERS)
-def test_every_option_of_a_peer_is_there(page, heading, peer, request):
-    told = section(text(ROBOTS), "What all share") + section(text(page), heading)
-    if not hasattr(peer, "SCRIPTS"):
+@pytest.mark.parametrize(("name", "peer"), PEERS)
+def test_every_option_of_a_peer_is_there(name, peer):
+    told = section(text("simulated-peers.md"), "Options of every peer") + told_of(name)
+    if not peer.scripts:
         told = re.sub(r"--(list-scripts|script)\b", "", told)
     commands = typer.main.get_command(cli.app).commands["sim"].commands
     offered = {
         option
-        for parameter in commands[request.node.callspec.id].params
+        for each in peers.BUILT_IN
+        if told_of(each) == told_of(name)
+        for parameter in commands[each].params
         for option in parameter.opts
         if option.startswith("--")
     }

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from tests import fault_table
+from tests import docs_tables, fault_table
 from tests.fault_pilots import PILOTS
 from tests.fault_rig import BENCHES
 
@@ -40,7 +40,7 @@ def numbers(text):
 def test_the_page_has_what_is_measured(rows):
     page = fault_table.PAGE.read_text(encoding="utf-8")
     _, _, rest = page.partition(fault_table.BEGIN)
-    made = rest.partition(fault_table.END)[0]
+    made = rest.partition(docs_tables.END)[0]
     written, now = cells(made), cells(fault_table.table(rows))
     assert written.keys() == now.keys(), "make fault-table writes it anew"
     for key, text in now.items():

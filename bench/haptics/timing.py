@@ -29,7 +29,7 @@ from cardan.drivers.omni import library as libhd
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.omni.servo import Servo
 from cardan.drivers.omni.tick import Tick
-from cardan.gateway.session.demo import DEMOS, demo_config, simulated_peer
+from cardan.gateway.session.demo import choose_demo, simulated_hardware
 from cardan.gateway.session.supervisor import supervise
 from cardan.haptics import Fixture, HapticCommand, MeasuredForce, Plane
 from cardan.protocols import hdapi
@@ -330,11 +330,8 @@ def session_age(seconds: float = 20.0) -> tuple[float, float]:
     """Median and p99 of the age of the measured force in the tick, s, in a whole session of
     `cardan demo omni`: from the arrival of the EGM datagram that carried it until a tick uses it,
     for the last time too. NaN where there was none."""
-    demo = DEMOS["omni"]
-    port = demo.port()
-    through = (sys.executable, "-m", "cardan", *demo.through)
-    with simulated_peer(*demo.peer(port), "--seconds", str(seconds + 30.0)):
-        last = supervise(demo_config("omni", "", port), seconds, through=through).last
+    with simulated_hardware(choose_demo("omni"), seconds) as (config, through):
+        last = supervise(config, seconds, through=through).last
     median, p99 = last.measured_age_p50_s, last.measured_age_p99_s
     return math.nan if median is None else median, math.nan if p99 is None else p99
 

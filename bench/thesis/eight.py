@@ -1,4 +1,4 @@
-"""Eight-course: once around two boxes in 33 s, position only, from a noisy camera, on the UR5."""
+"""Figure of eight: once around two boxes in 33 s, position only, noisy camera, on the UR5."""
 
 from __future__ import annotations
 

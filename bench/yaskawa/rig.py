@@ -22,7 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.demo import free_tcp_ports, simulated_peer
+from cardan.gateway.session.demo import launched
+from cardan.gateway.session.examples import free_ports
 from cardan.gateway.session.session import Session, make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.connexion import Motion, Translation, decode_input
@@ -115,13 +116,13 @@ def peers(
     mouse, log = directory / "mouse.sock", directory / "controller.csv"
     hand = directory / "hand.txt"
     hand.write_text(script)
-    port = free_tcp_ports()
+    port = free_ports(3)
     options = [*controller, "--base-port", str(port), "--log", str(log)]
     if not velocity_mode:
         options.append("--no-velocity-mode")
     with (
-        simulated_peer("motoman-gp8", *options),
-        simulated_peer("spacemouse", "--hid", str(mouse), "--model", MODEL, "--script", str(hand)),
+        launched("sim", "motoman-gp8", *options),
+        launched("sim", "spacemouse", "--hid", str(mouse), "--model", MODEL, "--script", str(hand)),
     ):
         yield mouse, port, log
 

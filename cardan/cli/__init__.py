@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from cardan import __version__
 from cardan.cli.common import (
@@ -24,6 +21,7 @@ from cardan.cli.common import (
     EXIT_USAGE,
     ConfigFile,
     Seconds,
+    print_table,
 )
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
@@ -35,8 +33,8 @@ if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
 
 EPILOG = (
-    "Exit codes: 0 done as asked; 1 failed inside; 2 wrong configuration or usage; "
-    "3 a device or robot cannot be opened; 4 it ran, but not everything was as it should be."
+    "Exit codes: 0 success; 1 internal error; 2 wrong configuration or usage; "
+    "3 a device or robot cannot be opened; 4 it ran, but with problems, which it names."
 )
 
 app = typer.Typer(
@@ -90,19 +88,34 @@ def _options(
     pass
 
 
+def _list_demos(wanted: bool) -> None:
+    if wanted:
+        from cardan.gateway.session.examples import find_demos
+
+        rows = ((name, demo.description) for name, demo in find_demos().items())
+        print_table(("demo", "what is joined"), rows)
+        raise typer.Exit
+
+
 @app.command()
 def demo(
-    robot: Annotated[
-        str, typer.Argument(metavar="gofa|gp8|omni", help="Which robot, or the drawing.")
+    name: Annotated[
+        str, typer.Argument(metavar="NAME|FILE", help="A demo, or an example file that is one.")
     ] = "gofa",
-    seconds: Annotated[float, typer.Option(min=3.0, help="How long to run.")] = 30.0,
+    seconds: Annotated[float, typer.Option(help="How long to run.")] = 30.0,
+    _list: Annotated[
+        bool,
+        typer.Option(
+            "--list", callback=_list_demos, is_eager=True, help="Print the demos, then end."
+        ),
+    ] = False,
 ) -> None:
-    """Run the main job with no hardware: a simulated SpaceMouse drives a simulated robot, an ABB
-    GoFa over EGM or a Motoman GP8 over MotoROS; or the hand on a simulated Phantom Omni draws with
-    the GoFa's pen and feels its board (omni)."""
+    """Run an example against simulated peers, with no hardware: gofa (a SpaceMouse drives an ABB
+    GoFa over EGM), gp8 (a Motoman GP8 over MotoROS), omni (a Phantom Omni draws with the GoFa's pen
+    and feels its board), and more."""
     from cardan.gateway.session.demo import run_demo
 
-    raise typer.Exit(run_demo(seconds, robot))
+    raise typer.Exit(run_demo(seconds, name))
 
 
 @app.command(epilog=EPILOG)
@@ -126,7 +139,7 @@ def run(file: ConfigFile, seconds: Seconds = None) -> None:
 
 
 def _lack(last: Snapshot) -> str:
-    """What was not as it should be when a session ended as asked; empty when all was."""
+    """The problem that a session had at its end although it ended as asked; empty: none."""
     if last.elapsed_s == 0.0:
         return ""
     if last.cycles == 0:
@@ -155,8 +168,9 @@ def check(file: ConfigFile) -> None:
         print(f"  mapping  the TCP moves as the hand does, {mapping.frame.value} axes")
     elif mapping.mode is Mode.ABSOLUTE:
         print(
-            f"  mapping  the TCP goes where the hand is, at {mapping.approach_speed_m_s * 1e3:.0f} "
-            f"mm/s until it has arrived, {mapping.frame.value} axes"
+            "  mapping  the TCP goes where the hand is, base axes, at "
+            f"{mapping.approach_speed_m_s * 1e3:.0f} mm/s and "
+            f"{math.degrees(mapping.approach_speed_rad_s):.0f} deg/s until it has arrived"
         )
     else:
         print(
@@ -204,6 +218,28 @@ def _moved_by_verbs(config: SessionConfig) -> str:
 
 
 @app.command()
+def drivers() -> None:
+    """List the drivers, those of other installed packages included: the names that a
+    configuration's driver = "..." takes."""
+    from cardan.drivers import registry
+
+    kinds = {name: registry.load(name) for name in registry.names()}
+    print_table(
+        ("driver", "table", "drives", "simulated by", "documentation"),
+        (
+            (
+                name,
+                "[device]" if issubclass(driver, OperatorDevice) else "[robot]",
+                driver.summary,
+                driver.peer and f"cardan sim {driver.peer}",
+                driver.page if "://" in driver.page or not driver.page else f"docs/{driver.page}",
+            )
+            for name, driver in kinds.items()
+        ),
+    )
+
+
+@app.command()
 def devices() -> None:
     """List the operator devices that are plugged in, and what stands in their way."""
     from cardan.drivers import registry
@@ -219,24 +255,20 @@ def devices() -> None:
             "do not, and their options name them"
         )
         return
-    table = Table(box=None)
-    for column in ("device", "driver", "id", "transport", "path", "state"):
-        table.add_column(column)
-    for name, device in _merged(found):
-        table.add_row(
-            *(
-                Text(cell)  # What stands in brackets is no markup.
-                for cell in (
-                    device.name,
-                    name,
-                    device.identity,
-                    device.transport,
-                    device.path,
-                    device.obstacle or "ready",
-                )
+    print_table(
+        ("device", "driver", "id", "transport", "path", "state"),
+        (
+            (
+                device.name,
+                name,
+                device.identity,
+                device.transport,
+                device.path,
+                device.obstacle or "ready",
             )
-        )
-    Console().print(table)
+            for name, device in _merged(found)
+        ),
+    )
 
 
 def _merged(found: Sequence[tuple[str, FoundDevice]]) -> list[tuple[str, FoundDevice]]:

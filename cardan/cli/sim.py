@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from cardan.bounds import ANY_PORT
-from cardan.cli.common import Seconds
+from cardan.cli.common import Seconds, print_table
 from cardan.errors import ConfigurationError
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import parse_faults
@@ -62,8 +62,23 @@ class _Peers(TyperGroup):
 sim = typer.Typer(name="sim", cls=_Peers, no_args_is_help=True, rich_markup_mode="rich")
 
 
+def _list_peers(wanted: bool) -> None:
+    if wanted:
+        peers = {name: registry.load(name) for name in registry.names()}
+        rows = ((name, inspect.cleandoc(peer.__doc__ or "")) for name, peer in peers.items())
+        print_table(("peer", "stands in for"), rows)
+        raise typer.Exit
+
+
 @sim.callback()
-def _sim() -> None:
+def _sim(
+    _list: Annotated[
+        bool,
+        typer.Option(
+            "--list", callback=_list_peers, is_eager=True, help="Print the peers, then end."
+        ),
+    ] = False,
+) -> None:
     """Stand in for a piece of hardware, speaking its real protocol."""
 
 

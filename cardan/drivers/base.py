@@ -33,6 +33,12 @@ class Driver(ABC):
     """A frozen dataclass with a default for every field; the configuration file's table of this
     driver is checked against it. Its ``__post_init__`` raises OptionError for a bad value, as
     :func:`cardan.options.check_options` does by the annotations."""
+    summary: ClassVar[str] = ""
+    """What it drives, in a few words; lists and tables begin with it."""
+    page: ClassVar[str] = ""
+    """Its documentation: a page of Cardan's docs/, or a URL."""
+    peer: ClassVar[str] = ""
+    """The simulated peer that stands in for the hardware: ``cardan sim PEER``."""
 
     def __init__(self, options: Any = None) -> None:
         self.options = self.Options() if options is None else options
@@ -81,6 +87,16 @@ class FoundDevice(NamedTuple):
 
 class OperatorDevice(Driver):
     """A hand-held device. It reads itself (usually in a thread of its own)."""
+
+    gives: ClassVar[str] = ""
+    """What it measures, in a few words."""
+    takes_back: ClassVar[str] = ""
+    """What it gives to the hand (light, rumble, force); empty: nothing."""
+    suits: ClassVar[str] = ""
+    """The `mapping` of a session that suits it: mode and frame."""
+    udev_matches: ClassVar[Sequence[str]] = ()
+    """What udev rules match its device nodes by: ``cardan udev`` opens those to the user at the
+    console. A line that begins with # is a comment."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:

@@ -38,6 +38,11 @@ def names() -> tuple[str, ...]:
     return _FINDER.names()
 
 
+def packages() -> tuple[str, ...]:
+    """The top-level packages that have drivers, Cardan's own first."""
+    return _FINDER.packages()
+
+
 def load(name: str) -> type[Driver]:
     """The driver class called `name`; ConfigurationError names the ones there are."""
     return _FINDER.load(name)

@@ -88,8 +88,8 @@ def numbers(text: str, count: int) -> tuple[float, ...]:
 
 
 class PeerCommand(ABC, Generic[OptionsT]):
-    """A simulated peer as ``cardan sim`` has it. It is never instantiated; the class's docstring is
-    the command's summary.
+    """A simulated peer as ``cardan sim`` has it. It is never instantiated; the class's docstring
+    says what it stands in for, and is the command's summary.
 
     Fields of `Options` that are made by `option` are its options. Three are so by their names: with
     ``faults`` (by name, as `parse_faults` gives them) it has ``--fault`` and ``--list-faults``,
@@ -98,6 +98,10 @@ class PeerCommand(ABC, Generic[OptionsT]):
 
     Options: ClassVar[type]
     """A frozen dataclass. All fields have defaults."""
+    page: ClassVar[str] = ""
+    """Its documentation: a page of Cardan's docs/, or a URL."""
+    speaks: ClassVar[str] = ""
+    """Protocol and transport, for documentation tables (Markdown, links as in docs/)."""
     epilog: ClassVar[str] = ""
     """Below the options in the help: when it prints READY, and what comes after it."""
     faults: ClassVar[Sequence[FaultSwitch]] = ()

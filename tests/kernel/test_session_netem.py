@@ -13,7 +13,8 @@ import pytest
 
 from cardan.gateway.session import demo
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.demo import free_udp_port, simulated_peer
+from cardan.gateway.session.demo import launched
+from cardan.gateway.session.examples import free_ports
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import supervise
 
@@ -72,7 +73,7 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
     hand.write_text(HAND)
     program.write_text(PROGRAM)
     hid = str(tmp_path / "puck")
-    port = free_udp_port()
+    port = free_ports()
     config = parse_config(
         {
             "device": {"driver": "spacemouse", "transport": "socket", "path": hid},
@@ -102,9 +103,9 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
 
     loopback("delay", "20ms", "5ms", "loss", "2%")
     with (
-        simulated_peer("spacemouse", "--hid", hid, "--script", str(hand)),
-        simulated_peer(
-            "abb-gofa",
+        launched("sim", "spacemouse", "--hid", hid, "--script", str(hand)),
+        launched(
+            *("sim", "abb-gofa"),
             *("--to", f"127.0.0.1:{port}", "--script", str(program), "--period", str(PERIOD_S)),
         ),
     ):

@@ -51,6 +51,9 @@ class AbbEgm(RobotDriver):
     """
 
     Options = AbbEgmOptions
+    summary = "ABB robots over EGM"
+    page = "abb-egm.md"
+    peer = "abb-gofa"
     options: AbbEgmOptions
 
     def __init__(self, options: AbbEgmOptions | None = None) -> None:

@@ -41,6 +41,13 @@ class Gamepad(EvdevDevice[GamepadCore]):
     """
 
     Options = GamepadOptions
+    summary = "gamepads"
+    page = "gamepad.md"
+    peer = "gamepad"
+    gives = "sticks, triggers, buttons"
+    takes_back = "rumble"
+    suits = "rate, base frame"
+    udev_matches = ('SUBSYSTEM=="input", KERNEL=="event*", ENV{ID_INPUT_JOYSTICK}=="1"',)
     options: GamepadOptions
     _kind = "gamepad"
     _permission_hint = CONSOLE_HINT

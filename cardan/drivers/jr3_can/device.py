@@ -39,6 +39,11 @@ class Jr3(ReadDevice[Jr3Core]):
     """
 
     Options = Jr3Options
+    summary = "JR3 force-torque sensor"
+    page = "jr3.md"
+    peer = "jr3"
+    gives = "wrench"
+    suits = "rate, tool frame (hand guiding)"
     options: Jr3Options
 
     def __init__(self, options: Jr3Options | None = None) -> None:

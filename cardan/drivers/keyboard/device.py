@@ -20,6 +20,17 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     """
 
     Options = KeyboardOptions
+    summary = "keyboards"
+    page = "keyboard.md"
+    peer = "keyboard"
+    gives = "keys"
+    suits = "rate, base frame"
+    udev_matches = (
+        "# Whoever may read a keyboard can read every password typed on it, so this rule is off.",
+        "# Take the comment sign away for the one keyboard you mean, by its ids.",
+        '#SUBSYSTEM=="input", KERNEL=="event*", ATTRS{idVendor}=="1234", '
+        'ATTRS{idProduct}=="5678", MODE="0660", TAG+="uaccess"',
+    )
     options: KeyboardOptions
     _kind = "keyboard"
     _permission_hint = GROUP_HINT

@@ -53,6 +53,11 @@ class Leap(ReadDevice[LeapCore]):
     """
 
     Options = LeapOptions
+    summary = "Leap Motion"
+    page = "leap.md"
+    peer = "leap"
+    gives = "pose of the palm, grab, pinch"
+    suits = "position, base frame"
     options: LeapOptions
 
     def __init__(self, options: LeapOptions | None = None) -> None:

@@ -60,6 +60,9 @@ class Motoros(RobotDriver):
     """
 
     Options = MotorosOptions
+    summary = "Motoman robots over MotoROS"
+    page = "motoman.md"
+    peer = "motoman-gp8"
     options: MotorosOptions
 
     def __init__(self, options: MotorosOptions | None = None) -> None:

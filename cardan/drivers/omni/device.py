@@ -82,6 +82,18 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     """
 
     Options = OmniOptions
+    summary = "Phantom Omni, Geomagic Touch, 3D Systems Touch"
+    page = "omni.md"
+    peer = "omni"
+    gives = "pose of the stylus, buttons; its displacement as deflections"
+    takes_back = "force at 1 kHz, light"
+    suits = "position, base frame"
+    udev_matches = (
+        "# Older ones of the Touch are serial ports, which the vendor's driver reads.",
+        'SUBSYSTEM=="tty", ATTRS{idVendor}=="2988", ATTRS{idProduct}=="0302"',
+        'SUBSYSTEM=="tty", ATTRS{idVendor}=="0301", ATTRS{idProduct}=="2988"',
+        'SUBSYSTEM=="hidraw", ATTRS{idVendor}=="2988", ATTRS{idProduct}=="0304"',
+    )
     options: OmniOptions
 
     def __init__(self, options: OmniOptions | None = None) -> None:

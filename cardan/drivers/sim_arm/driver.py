@@ -163,6 +163,9 @@ class SimArm(RobotDriver):
     """
 
     Options = SimArmOptions
+    summary = "a simulated arm"
+    page = "simulated-arm.md"
+    peer = "arm"
     options: SimArmOptions
 
     def __init__(self, options: SimArmOptions | None = None) -> None:

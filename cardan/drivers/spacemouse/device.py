@@ -66,6 +66,21 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     """
 
     Options = SpaceMouseOptions
+    summary = "3Dconnexion mice: USB, receivers, serial"
+    page = "spacemouse.md"
+    peer = "spacemouse"
+    gives = "six deflections, buttons"
+    takes_back = "light"
+    suits = "rate, base frame"
+    udev_matches = (
+        'SUBSYSTEM=="hidraw", ATTRS{idVendor}=="256f"',
+        'SUBSYSTEM=="hidraw", ATTRS{idVendor}=="046d", ATTRS{idProduct}=="c6[0-4]?"',
+        'SUBSYSTEM=="usb", ENV{DEVTYPE}=="usb_device", ATTR{idVendor}=="256f"',
+        'SUBSYSTEM=="usb", ENV{DEVTYPE}=="usb_device", ATTR{idVendor}=="046d", '
+        'ATTR{idProduct}=="c6[0-4]?"',
+        "# By Bluetooth there is no idVendor.",
+        'SUBSYSTEM=="hidraw", KERNELS=="0005:256F:*"',
+    )
     options: SpaceMouseOptions
 
     def __init__(

@@ -39,6 +39,12 @@ class Spnav(ReadDevice[SpnavCore]):
     """
 
     Options = SpnavOptions
+    summary = "a running spacenavd"
+    page = "spnav.md"
+    peer = "spacemouse"
+    gives = "six deflections, buttons"
+    takes_back = "light"
+    suits = "rate, base frame"
     options: SpnavOptions
 
     def __init__(self, options: SpnavOptions | None = None) -> None:

@@ -41,6 +41,17 @@ class Wiimote(ReadDevice[WiimoteCore]):
     """
 
     Options = WiimoteOptions
+    summary = "Wii Remotes"
+    page = "wiimote.md"
+    peer = "wiimote"
+    gives = "tilt, buttons, MotionPlus, Nunchuk"
+    takes_back = "lights, rumble"
+    suits = "rate, tool frame"
+    udev_matches = (
+        "# Both generations.",
+        'SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0306.*"',
+        'SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0330.*"',
+    )
     options: WiimoteOptions
 
     def __init__(

@@ -1,7 +1,7 @@
 """What a session tells the world about itself, a few times a second.
 
-A snapshot is one JSON object in one packet, so that any face in any process can read it. The
-session publishes decimated snapshots, the latest wins, and it never waits for a reader.
+A snapshot is one JSON object in one packet, so that a user interface in any process can read it.
+The session publishes decimated snapshots, the latest wins, and it never waits for a reader.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Snapshot:
     authority_s: float | None = None
     """For how long."""
     authority_refused: str = ""
-    """Whom it was refused to last, and why."""
+    """The source it was refused to last, and why."""
     device_link: str = ""
     device_reason: str = ""
     axes: list[float] = field(default_factory=list)
@@ -77,7 +77,7 @@ class Snapshot:
     tick_p99_s: float = 0.0
     tick_max_s: float = 0.0
     haptic_state: str = ""
-    """What the haptic device's force is doing; empty without such a device."""
+    """Operating state of the haptic device's force; empty without such a device."""
     haptic_reason: str = ""
     """Why the force is not what was commanded; empty when it is."""
     force_n: float = 0.0
@@ -96,12 +96,12 @@ class Snapshot:
     """The measured force as the hand would feel it: scaled, filtered, base axes; None: there is
     none. Where it points is the test of `sense` and of the force's frame."""
     force_age_s: float | None = None
-    """Of the measured force that is rendered; None: none is."""
+    """Age of the measured force that is rendered now; None: none is."""
     fixture_age_p50_s: float | None = None
-    """Of the stylus's place at which fixtures were evaluated; None: nothing was rendered."""
+    """Age of the stylus position at which fixtures were evaluated; None: nothing was rendered."""
     fixture_age_p99_s: float | None = None
     measured_age_p50_s: float | None = None
-    """Of the measured force that was rendered, from its measurement on."""
+    """Age of the measured force that was rendered, since its measurement."""
     measured_age_p99_s: float | None = None
     energy_j: float = 0.0
     """The passivity observer's: below 0, what is rendered has given more than it took."""

@@ -60,7 +60,7 @@ def _link(word: str) -> Text:
 
 
 def _said(snapshot: Snapshot) -> str:
-    """What controller and filters say, and who was refused the arm."""
+    """Messages of controller and filters, and which source was refused authority."""
     refused = f"refused: {snapshot.authority_refused}" if snapshot.authority_refused else ""
     return "; ".join(filter(None, (snapshot.message, *snapshot.filters, refused)))
 
@@ -95,7 +95,7 @@ def render(snapshot: Snapshot) -> RenderableType:
         robot.add_row("utilization", f"{s.utilization:.0%}")
     if s.path_speed is not None:
         clearance = "–" if s.clearance_m is None else f"{s.clearance_m * 1e3:.0f} mm"
-        robot.add_row("arm's speed, clearance", f"{s.path_speed:.0%}, {clearance}")
+        robot.add_row("path speed, clearance", f"{s.path_speed:.0%}, {clearance}")
     robot.add_row("answered, missed", f"{s.cycles:,}, {missed_cycles(s):,}")
     robot.add_row(
         "answer latency p50, p99",
@@ -108,7 +108,7 @@ def render(snapshot: Snapshot) -> RenderableType:
             robot.add_row("for the hand, x y z", f"{_newtons(s.measured_force_n)} N, base axes")
         if s.contact_force_n is not None:
             robot.add_row(
-                "contact, drawn", f"{s.contact_force_n:.1f} N, {s.contact_path_m * 1e3:.0f} mm"
+                "contact force, path", f"{s.contact_force_n:.1f} N, {s.contact_path_m * 1e3:.0f} mm"
             )
     links = Text.assemble(
         "hand ",
@@ -178,7 +178,7 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
     if s.force_losses or s.force_out_s >= 0.01:
         rows.append(
             (
-                "hand taken off for want of force",
+                "disengaged for lack of force",
                 f"{s.force_losses} times; force out for {s.force_out_s:.2f} s",
             )
         )

@@ -13,6 +13,8 @@ class Arm(PeerCommand[SimulatedArmOptions]):
     """An arm with rigid-body dynamics and joint control (joint stream on UDP, 500 Hz)."""
 
     Options = SimulatedArmOptions
+    page = "simulated-peers.md"
+    speaks = "[joint stream](protocols/joint-stream.md), UDP, 500 Hz"
     epilog = "Prints READY and the address it listens on once it serves."
     faults = FAULTS
 

@@ -14,6 +14,8 @@ class AbbGofa(PeerCommand[EgmControllerOptions]):
     """An ABB GoFa CRB 15000-5 in Externally Guided Motion (protobuf on UDP, 250 Hz)."""
 
     Options = EgmControllerOptions
+    page = "simulated-peers.md"
+    speaks = "[EGM](protocols/egm.md), protobuf on UDP, 250 Hz"
     epilog = "Prints READY and the PC's address once it sends."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
 

@@ -13,6 +13,10 @@ from cardan.sim_peers.evdev.models import MODELS
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
 
 READY = "Prints READY and where it is once it can be opened."
+SPEAKS = (
+    "[input events](protocols/evdev.md), a frame per packet of a Unix socket, or the "
+    "kernel's own by uinput"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +32,10 @@ class GamepadOptions(EvdevPeerOptions):
 
 
 class Gamepad(PeerCommand[GamepadOptions]):
-    """A gamepad, as Linux gives its events to programs."""
+    """An Xbox or PlayStation gamepad, as Linux gives its events to programs."""
 
     Options = GamepadOptions
+    page, speaks = "simulated-devices.md", SPEAKS
     epilog = READY
     faults, scripts, verbs = FAULTS, GAMEPAD_SCRIPTS, SCRIPT_VERBS
 
@@ -50,6 +55,7 @@ class Keyboard(PeerCommand[KeyboardOptions]):
     """A keyboard, as Linux gives its events to programs."""
 
     Options = KeyboardOptions
+    page, speaks = "simulated-devices.md", SPEAKS
     epilog = READY
     faults, scripts, verbs = FAULTS, KEYBOARD_SCRIPTS, SCRIPT_VERBS
 

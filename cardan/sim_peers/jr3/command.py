@@ -10,9 +10,11 @@ from cardan.sim_peers.jr3.peer import Jr3Peer, Jr3PeerOptions
 
 
 class Jr3(PeerCommand[Jr3PeerOptions]):
-    """A JR3 force-torque sensor on a CAN bus, and the loads on it."""
+    """A JR3 force-torque sensor with uc3m's mbed board on a CAN bus, and the loads on it."""
 
     Options = Jr3PeerOptions
+    page = "simulated-devices.md"
+    speaks = "[JR3 over CAN](protocols/jr3-can.md), on any bus of python-can, or on one it serves"
     epilog = "Prints READY and the bus once it is on it."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
 

@@ -13,6 +13,8 @@ class Leap(PeerCommand[LeapPeerOptions]):
     """A Leap Motion tracking service and the hands it sees (JSON over WebSocket)."""
 
     Options = LeapPeerOptions
+    page = "simulated-devices.md"
+    speaks = "[JSON over WebSocket](protocols/leap-websocket.md), 110 frames a second"
     epilog = "Prints READY and its address once it listens."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
 

@@ -14,6 +14,11 @@ class MotomanGp8(PeerCommand[MotorosControllerOptions]):
     """A Yaskawa Motoman GP8 that runs MotoROS (simple message on three TCP ports)."""
 
     Options = MotorosControllerOptions
+    page = "simulated-peers.md"
+    speaks = (
+        "[simple message](protocols/simple-message.md) on three TCP ports, with [velocity "
+        "mode](protocols/motoros-velocity-mode.md)"
+    )
     epilog = "Prints READY and the address of motion once it serves."
     faults = (*ROBOT_FAULTS, *SERVER_FAULTS)
 

@@ -33,6 +33,11 @@ class Omni(PeerCommand[OmniOptions]):
     """A Phantom Omni (Touch) and the hand on it, behind libHD: runs a program with it."""
 
     Options = OmniOptions
+    page = "simulated-devices.md"
+    speaks = (
+        "[HDAPI](protocols/hdapi.md), the C functions of the vendor's libHD, in the process "
+        "of the program that uses it"
+    )
     epilog = (
         "The program finds it as libHD.so, whether it is linked to that or loads it itself; "
         "CARDAN_LIBHD has its path. The exit code is the program's."

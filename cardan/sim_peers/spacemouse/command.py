@@ -49,6 +49,12 @@ class SpaceMouse(PeerCommand[CarriedPuckOptions]):
     """A 3Dconnexion device, USB (HID reports) or serial, moved by a script or by the keyboard."""
 
     Options = CarriedPuckOptions
+    page = "simulated-devices.md"
+    speaks = (
+        "[HID reports](protocols/3dconnexion-hid.md), one per packet of a Unix socket, by "
+        "uhid or USB/IP; [serial packets](protocols/3dconnexion-serial.md) on a "
+        "pseudo-terminal"
+    )
     epilog = "Prints READY and where it is once it can be opened."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
 

@@ -13,6 +13,8 @@ class Wiimote(PeerCommand[WiimotePeerOptions]):
     """A Nintendo Wii Remote (reports over two L2CAP channels, or a HID device of the kernel's)."""
 
     Options = WiimotePeerOptions
+    page = "simulated-devices.md"
+    speaks = "[its reports](protocols/wiimote.md) over seqpacket sockets, uhid or L2CAP"
     epilog = "Prints READY and where it is once it can be connected to."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
 

@@ -2,33 +2,28 @@
 
 import contextlib
 import dataclasses
+import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from cardan.drivers.omni import OmniOptions
-from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import as_table
+from cardan.errors import ConfigurationError, DriverError
 from cardan.gateway.session import demo
-from cardan.gateway.session.assembly import load_config
-from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.demo import (
-    DEMOS,
     EXIT_INCOMPLETE,
     FORCE_AGE_S,
     HELD_SHARE,
-    demo_config,
-    drawing_shortcomings,
+    choose_demo,
+    find_problems,
+    launched,
     run_demo,
-    shortcomings,
+    simulated_hardware,
 )
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import Outcome
-
-EXAMPLES = Path(__file__).parents[3] / "examples"
 
 MOVED = Snapshot(cycles=1000, path_m=0.1, error_max_m=0.004, metrics={})
 DRAWN = dataclasses.replace(
@@ -49,27 +44,17 @@ DRAWN = dataclasses.replace(
 )
 
 
-@pytest.mark.parametrize("name", DEMOS)
-def test_every_demo_is_a_configuration_that_is_allowed(name):
-    config = demo_config(name, "hid", 6510)
-    assert config == parse_config(as_table(config))
+FELT = OmniOptions()
 
 
-def test_the_drawing_is_the_example():
-    example = EXAMPLES / "omni-gofa-simulated.toml"
-    assert demo_config("omni", "unused", 6510) == load_config(example)
-    command = " ".join(DEMOS["omni"].peer(6510)).replace(" --to 127.0.0.1:6510", "")
-    text = example.read_text(encoding="utf-8")
-    assert f"#   cardan sim {command}\n" in text
-    through = " ".join(DEMOS["omni"].through)
-    assert f"#   cardan {through} cardan run examples/{example.name}\n" in text
-
-
-def test_what_went_well_is_not_found_fault_with():
-    assert shortcomings(MOVED) == []
-    assert drawing_shortcomings(DRAWN) == []
-    assert "0.90 N at most" in DEMOS["omni"].praise(DRAWN)
-    assert "given at most 1.00 mJ in one engagement, of the 5 mJ" in DEMOS["omni"].praise(DRAWN)
+def test_what_went_well_is_not_found_fault_with(monkeypatch, capsys):
+    assert find_problems(MOVED) == []
+    assert find_problems(DRAWN, FELT) == []
+    pretend(monkeypatch, dataclasses.replace(DRAWN, finished=True))
+    assert run_demo(10.0, "omni") == EXIT_OK
+    said = " ".join(capsys.readouterr().out.split())
+    assert "felt the board, 0.90 N at most" in said
+    assert "given at most 1.00 mJ in one engagement, of the 5 mJ" in said
 
 
 @pytest.mark.parametrize(
@@ -82,8 +67,8 @@ def test_what_went_well_is_not_found_fault_with():
     ],
 )
 def test_what_any_demo_may_lack(lack, words):
-    for judge, good in ((shortcomings, MOVED), (drawing_shortcomings, DRAWN)):
-        (found,) = judge(dataclasses.replace(good, **lack))
+    for good, options in ((MOVED, None), (DRAWN, FELT)):
+        (found,) = find_problems(dataclasses.replace(good, **lack), options)
         assert words in found
 
 
@@ -111,12 +96,12 @@ def test_what_any_demo_may_lack(lack, words):
     ],
 )
 def test_what_a_drawing_may_lack(lack, words):
-    (found,) = drawing_shortcomings(dataclasses.replace(DRAWN, **lack))
+    (found,) = find_problems(dataclasses.replace(DRAWN, **lack), FELT)
     assert words in found
 
 
 def test_an_unknown_demo_is_refused_with_the_known_ones():
-    with pytest.raises(ConfigurationError, match="gofa, gp8, omni"):
+    with pytest.raises(ConfigurationError, match=r"allowed: .*gofa, gp8, .*omni, "):
         run_demo(1.0, "teo")
 
 
@@ -134,10 +119,47 @@ def test_a_drawing_that_would_not_begin_is_refused():
     ],
 )
 def test_a_demo_that_was_ended_before_its_time_is_not_judged(monkeypatch, capsys, last, code):
-    monkeypatch.setattr(demo, "simulated_peer", lambda *_: contextlib.nullcontext())
-    monkeypatch.setattr(demo, "supervise", lambda *_, **__: Outcome(EXIT_OK, last))
+    pretend(monkeypatch, last)
     assert run_demo(10.0, "omni") == code
     assert ("not judged" in capsys.readouterr().out) is (code == EXIT_OK)
+
+
+def pretend(monkeypatch, last):
+    """A session that ends with this snapshot; nothing runs."""
+    monkeypatch.setattr(demo, "launched", lambda *_, **__: contextlib.nullcontext())
+    monkeypatch.setattr(demo, "supervise", lambda *_, **__: Outcome(EXIT_OK, last))
+
+
+def test_what_found_fault_with_is_said(monkeypatch, capsys):
+    pretend(monkeypatch, dataclasses.replace(MOVED, finished=True, trips=2))
+    assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
+    assert "cardan demo: teleoperation was disengaged 2 times" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_demo_is_refused():
+    file = choose_demo("gofa").file.with_name("spacemouse-gofa.toml")
+    with pytest.raises(ConfigurationError, match="does not say how it runs without hardware"):
+        run_demo(10.0, str(file))
+
+
+@pytest.mark.realtime
+def test_what_does_not_serve_is_told(capsys):
+    with (
+        pytest.raises(DriverError, match="`cardan sim spacemouse` ended before it served"),
+        launched("sim", "spacemouse"),
+    ):
+        pass
+    assert "--hid" in capsys.readouterr().err
+
+
+@pytest.mark.realtime
+def test_what_a_demo_launches_serves_what_its_configuration_has():
+    with simulated_hardware(choose_demo("leap-ur5"), 1.0) as (config, through):
+        assert config.device is not None
+        port = config.device.model_extra["port"]
+        assert port != 6437
+        with contextlib.closing(socket.create_connection(("127.0.0.1", port), 5.0)):
+            assert through == ()
 
 
 @pytest.mark.once

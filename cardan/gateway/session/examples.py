@@ -1,0 +1,170 @@
+"""Example files, and the demos among them.
+
+The examples of a package that has drivers are the .toml files in its folder ``examples``, or in the
+one beside it (a source tree). One that runs without hardware says how in a block of comments that
+holds TOML, in the form of PEP 723; a session takes no notice of it::
+
+    # /// demo
+    # name = "gofa"
+    # description = "simulated SpaceMouse -> gateway -> simulated GoFa"
+    # success_message = "a hand's motion became the robot's"
+    # launch = [
+    #   "sim spacemouse --hid {device.path} --script demo",
+    #   "sim abb-gofa --to 127.0.0.1:{robot.listen_port}",
+    # ]
+    # files = ["device.path"]
+    # ports = ["robot.listen_port"]
+    # ///
+
+In braces stand keys of the file itself, and ``{examples}``, the folder that it is in.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import re
+import shlex
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from cardan.drivers import registry
+from cardan.errors import ConfigurationError, DriverError
+from cardan.gateway.session.config import read_toml
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_BLOCK = re.compile(r"^# /// demo\n((?:#(?: .*)?\n)*?)# ///$", re.MULTILINE)
+_KEY = re.compile(r"\{([\w.]+)\}")
+
+
+class Demo(BaseModel):
+    """An example that runs without hardware, and how: its block of comments."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    file: Path
+    """The example, which is the session's configuration."""
+    name: str
+    """As ``cardan demo NAME`` takes it; by default the file's, without "-simulated"."""
+    description: str
+    """What is joined to what."""
+    success_message: str
+    """What there is to say when all went as it should."""
+    launch: tuple[str, ...] = ()
+    """``cardan`` with these words, one process each, started in this order before the session, in
+    a folder of their own. Each prints READY once it serves, and takes ``--seconds``."""
+    launcher: str = ""
+    """``cardan`` with these words, and "--", runs the session with its simulated device inside."""
+    files: tuple[str, ...] = ()
+    """Keys of the configuration that are made paths in the demo's own folder."""
+    ports: tuple[str, ...] = ()
+    """Keys of the configuration that are given free ports, in a row."""
+    shortest_s: float = Field(default=3.0, gt=0.0)
+    """A shorter run has nothing to show."""
+
+    @property
+    def drivers(self) -> frozenset[str]:
+        """The names of the drivers that its configuration has."""
+        tables = read_toml(self.file)
+        places = (tables.get("device"), tables.get("robot"), tables.get("force", {}).get("sensor"))
+        return frozenset(table["driver"] for table in places if table)
+
+    def prepare(self, folder: Path) -> tuple[dict[str, Any], list[list[str]]]:
+        """The tables of the configuration and the words of each launch, with files in `folder` and
+        with ports that are free now."""
+        tables = read_toml(self.file)
+        for key in self.files:
+            table, name = self._place(tables, key)
+            table[name] = str(folder / Path(table.get(name, name)).name)
+        for port, key in enumerate(self.ports, free_ports(len(self.ports)) if self.ports else 0):
+            table, name = self._place(tables, key)
+            table[name] = port
+
+        def value(found: re.Match[str]) -> str:
+            if found[1] == "examples":
+                return str(self.file.parent)
+            table, name = self._place(tables, found[1])
+            if name not in table:
+                raise ConfigurationError(f"{self.file}: demo.launch", f"no key {found[1]!r}")
+            return str(table[name])
+
+        words = [
+            [_KEY.sub(value, word) for word in shlex.split(command)] for command in self.launch
+        ]
+        return tables, words
+
+    def _place(self, tables: dict[str, Any], key: str) -> tuple[dict[str, Any], str]:
+        """The table that has the key, and the key's name in it."""
+        *path, name = key.split(".")
+        for word in path:
+            found = tables.get(word)
+            if not isinstance(found, dict):
+                raise ConfigurationError(f"{self.file}: demo", f"{key!r}: there is no [{word}]")
+            tables = found
+        return tables, name
+
+
+def read_demo(file: Path) -> Demo | None:
+    """The demo that an example says it is; None: it says nothing. Raises ConfigurationError."""
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError("", f"cannot read {file}: {error}") from None
+    block = _BLOCK.search(text)
+    if block is None:
+        return None
+    toml = "".join(line[2:] + "\n" for line in block[1].splitlines())
+    try:
+        said = {"name": file.stem.removesuffix("-simulated"), **tomllib.loads(toml)}
+        return Demo(file=file, **said)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(f"{file}: demo", f"is not TOML: {error}") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, ("demo", *first["loc"])))
+        raise ConfigurationError(f"{file}: {key}", first["msg"]) from None
+
+
+def example_files() -> list[Path]:
+    """Every example of every package that has drivers; our own first."""
+    folders: dict[Path, None] = {}
+    for package in registry.packages():
+        spec = importlib.util.find_spec(package)
+        for home in (spec.submodule_search_locations or ()) if spec else ():
+            inside, beside = Path(home) / "examples", Path(home).parent / "examples"
+            folders[(inside if inside.is_dir() else beside).resolve()] = None
+    return [file for folder in folders for file in sorted(folder.glob("*.toml"))]
+
+
+def find_demos() -> dict[str, Demo]:
+    """The demos by their names; of two with one name the first."""
+    found: dict[str, Demo] = {}
+    for file in example_files():
+        if (demo := read_demo(file)) is not None:
+            found.setdefault(demo.name, demo)
+    return dict(sorted(found.items()))
+
+
+def free_ports(count: int = 1) -> int:
+    """The first of `count` ports in a row that nobody has now, neither by TCP nor by UDP."""
+    for _ in range(100):
+        with contextlib.ExitStack() as probes:
+            try:
+                first = 0
+                for offset in range(count):
+                    for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+                        probe = probes.enter_context(socket.socket(socket.AF_INET, kind))
+                        probe.bind(("127.0.0.1", first + offset if first else 0))
+                        first = first or probe.getsockname()[1]
+            except (OSError, OverflowError):
+                continue
+            return first
+    raise DriverError(f"there are no {count} free ports in a row")

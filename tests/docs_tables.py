@@ -1,0 +1,153 @@
+"""Writes the tables of the documentation that drivers, simulated peers and demos declare.
+
+Each stands in its page between the lines that `begin` and END have;
+test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from cardan.drivers import registry as drivers
+from cardan.drivers.base import Driver, OperatorDevice
+from cardan.gateway.session.examples import find_demos
+from cardan.sim_peers import registry as peers
+
+ROOT = Path(__file__).parents[1]
+END = "<!-- end -->\n"
+
+
+def begin(name: str) -> str:
+    """The line before the table of that name."""
+    return f"<!-- made by tests/docs_tables.py: {name} -->\n"
+
+
+def replaced(page: str, marker: str, made: str) -> str:
+    """`page` with `made` between the line `marker` and END."""
+    head, found, rest = page.partition(marker)
+    _, ended, tail = rest.partition(END)
+    if not (found and ended):
+        raise ValueError(f"there is no {marker.strip()} ... {END.strip()}")
+    return f"{head}{marker}\n{made}\n{END}{tail}"
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table; an empty cell is a dash."""
+    lines = [f"| {' | '.join(cell or '–' for cell in line)} |\n" for line in (columns, *rows)]
+    return "".join([lines[0], f"|{'---|' * len(columns)}\n", *lines[1:]])
+
+
+def link(kind: type[Driver], folder: str = "", section: str = "") -> str:
+    """What a driver drives, linked to its page from a page that is outside of `folder`."""
+    page = kind.page if "://" in kind.page else folder + kind.page
+    return f"[{kind.summary}]({page}{section})"
+
+
+BUILT_IN: dict[str, type[Driver]] = {name: drivers.load(name) for name in drivers.BUILT_IN}
+DEVICES = {name: kind for name, kind in BUILT_IN.items() if issubclass(kind, OperatorDevice)}
+ROBOTS = {name: kind for name, kind in BUILT_IN.items() if name not in DEVICES}
+
+
+def _overview() -> str:
+    rows = [
+        (
+            link(kind, "docs/"),
+            f"`{name}`",
+            f"`cardan sim {kind.peer}`",
+            ", ".join(f"`{each}`" for each, demo in find_demos().items() if name in demo.drivers),
+        )
+        for name, kind in (DEVICES | ROBOTS).items()
+    ]
+    return markdown(("device or robot", "driver", "simulated by", "`cardan demo`"), rows)
+
+
+def _devices() -> str:
+    rows = [
+        (link(kind), f"`{name}`", kind.gives, kind.takes_back, kind.suits)
+        for name, kind in DEVICES.items()
+    ]
+    return markdown(("device", "driver", "gives", "takes back", "mapping"), rows)
+
+
+def _options() -> str:
+    rows = [
+        (f"`[{table}]`", f"`{name}`", link(kind, section="#options"))
+        for table, kinds in (("device", DEVICES), ("robot", ROBOTS))
+        for name, kind in kinds.items()
+    ]
+    return markdown(("table", "driver", "options"), rows)
+
+
+def _peers(page: str) -> Callable[[], str]:
+    def table() -> str:
+        declared: dict[str, type[Any]] = {name: peers.load(name) for name in peers.BUILT_IN}
+        rows = [
+            (f"`cardan sim {name}`", " ".join((peer.__doc__ or "").split()), peer.speaks)
+            for name, peer in declared.items()
+            if peer.page == page
+        ]
+        return markdown(("command", "stands in for", "protocol and transport"), rows)
+
+    return table
+
+
+def _faults(peer: str, **given: str) -> Callable[[], str]:
+    """The faults of a peer, where these options are given."""
+
+    def table() -> str:
+        declared = peers.load(peer)
+        options = {each.name: each.default for each in dataclasses.fields(declared.Options)}
+        rows = [
+            (f"`{fault.name}`", f"{fault.default:g}", fault.help)
+            for fault in declared.faults_with(options | given)
+        ]
+        return markdown(("fault", "default", "what happens"), rows)
+
+    return table
+
+
+FAULTS: dict[tuple[str, str], Callable[[], str]] = {
+    (f"docs/{peers.load(name).page}", f"faults of {name}"): _faults(name)
+    for name in peers.BUILT_IN
+    if name != "keyboard"  # It has the gamepad's, and their section is one.
+}
+
+
+def _demos() -> str:
+    rows = [
+        (
+            f"`cardan demo {name}`",
+            demo.description.replace("<", "&lt;"),
+            f"[example](../examples/{demo.file.name})",
+        )
+        for name, demo in find_demos().items()
+    ]
+    return markdown(("command", "what is joined", "the same by hand"), rows)
+
+
+TABLES: dict[tuple[str, str], Callable[[], str]] = {
+    ("README.md", "overview"): _overview,
+    ("docs/devices.md", "devices"): _devices,
+    ("docs/configuration.md", "drivers"): _options,
+    ("docs/first-ten-minutes.md", "demos"): _demos,
+    ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
+    ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
+    ("docs/simulated-devices.md", "faults of serial devices"): _faults("spacemouse", serial="port"),
+    **FAULTS,
+}
+"""By page and name."""
+
+
+def main() -> None:
+    """Write the tables into their pages."""
+    for (page, name), table in TABLES.items():
+        path = ROOT / page
+        text = path.read_text(encoding="utf-8")
+        path.write_text(replaced(text, begin(name), table()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

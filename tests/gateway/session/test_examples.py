@@ -1,0 +1,147 @@
+"""Example files: those that run without hardware say how, and it can be done."""
+
+import re
+import shlex
+import socket
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from cardan import cli
+from cardan.errors import ConfigurationError
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.examples import (
+    example_files,
+    find_demos,
+    free_ports,
+    read_demo,
+)
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+DEMOS = find_demos()
+NO_DEMO = {
+    # Each needs a program that simulates nothing: one that sends sensors' datagrams, a force node,
+    # and one that commands the arm.
+    "shared-control-simulated.toml",
+    "omni-force-node-simulated.toml",
+    "verbs-ur5-simulated.toml",
+}
+
+
+def test_every_example_without_hardware_is_a_demo():
+    files = [file.name for file in EXAMPLES.glob("*-simulated.toml")]
+    assert {file for file in files if read_demo(EXAMPLES / file) is None} == NO_DEMO
+    assert {"gofa", "gp8", "omni"} <= set(DEMOS)
+    assert set(example_files()) == set(EXAMPLES.glob("*.toml"))
+
+
+@pytest.mark.parametrize("name", DEMOS)
+def test_a_demo_is_a_configuration_and_commands_that_are_allowed(name, tmp_path):
+    demo = DEMOS[name]
+    tables, launches = demo.prepare(tmp_path)
+    config = parse_config(tables)
+    assert config == parse_config(config.model_dump(mode="json"))
+    if demo.launcher:
+        launches.append([*shlex.split(demo.launcher), "--seconds", "1", "--", "program"])
+    for words in launches:
+        command = typer.main.get_command(cli.app)
+        while hasattr(command, "commands"):
+            command = command.commands[words.pop(0)]
+        command.make_context(name, words)
+
+
+@pytest.mark.parametrize("name", DEMOS)
+def test_the_head_of_a_demo_says_the_same_commands(name):
+    demo = DEMOS[name]
+    text = demo.file.read_text(encoding="utf-8")
+    assert f": cardan demo {name}\n" in text
+    head = re.findall(r"^#   cardan (.*)$", text, re.MULTILINE)
+    head = head[: next(at for at, line in enumerate(head) if "run examples/" in line) + 1]
+    by_hand = [
+        shlex.split(line.partition(" -- ")[0]) for line in head if not line.startswith("run ")
+    ]
+    launched = [shlex.split(line) for line in (*demo.launch, demo.launcher) if line]
+    assert sorted(map(called, by_hand)) == sorted(map(called, launched))
+    for words in by_hand:
+        (given,) = (flags(each) for each in launched if called(each) == called(words))
+        for flag, value in flags(words).items():
+            if flag != "--keyboard":  # of a person, in place of a script
+                assert "{" in given[flag] or given[flag] == value
+
+
+def called(words):
+    """The command, without its options."""
+    return words[: 2 if words[0] == "sim" else 1]
+
+
+def flags(words):
+    """The options of a command with the word after each; empty where that is an option."""
+    return {
+        word: "" if after.startswith("--") else after
+        for word, after in zip(words, [*words[1:], "--"], strict=True)
+        if word.startswith("--")
+    }
+
+
+def demo_file(folder, block, name="toaster-simulated.toml"):
+    file = folder / name
+    lines = "".join(f"# {line}\n" for line in block.splitlines())
+    file.write_text(
+        f'# A toaster.\n\n# /// demo\n{lines}# ///\n\n[device]\ndriver = "toaster"\npath = "slot"\n'
+    )
+    return file
+
+
+SAID = 'description = "bread"\nsuccess_message = "toast"\n'
+
+
+def test_a_demo_is_named_as_its_file(tmp_path):
+    demo = read_demo(demo_file(tmp_path, SAID))
+    assert (demo.name, demo.launch, demo.shortest_s) == ("toaster", (), 3.0)
+    assert read_demo(demo_file(tmp_path, SAID + 'name = "hot"')).name == "hot"
+
+
+def test_keys_become_files_and_ports_of_the_demos_own(tmp_path):
+    block = SAID + (
+        'launch = ["sim toaster --at {device.path}:{device.port} --bread {examples}/bread"]\n'
+        'files = ["device.path"]\nports = ["device.port", "device.other_port"]'
+    )
+    tables, (words,) = read_demo(demo_file(tmp_path, block)).prepare(tmp_path / "own")
+    port = tables["device"]["port"]
+    assert tables["device"]["path"] == str(tmp_path / "own" / "slot")
+    assert tables["device"]["other_port"] == port + 1
+    assert words == [
+        *("sim", "toaster", "--at", f"{tmp_path}/own/slot:{port}"),
+        *("--bread", f"{tmp_path}/bread"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("block", "words"),
+    [
+        ("description = bread", "toaster-simulated.toml: demo: is not TOML"),
+        (SAID + 'lunch = ["sim toaster"]', "demo.lunch: Extra inputs are not permitted"),
+        ('description = "bread"', "demo.success_message: Field required"),
+        (SAID + 'launch = "sim toaster"', "demo.launch: Input should be a valid tuple"),
+        (SAID + 'ports = ["robot.port"]', r"demo: 'robot.port': there is no \[robot\]"),
+        (SAID + 'launch = ["sim {device.plug}"]', "demo.launch: no key 'device.plug'"),
+    ],
+)
+def test_a_wrong_block_is_refused_with_its_key(tmp_path, block, words):
+    file = demo_file(tmp_path, block)
+    with pytest.raises(ConfigurationError, match=words):
+        read_demo(file).prepare(tmp_path)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"cannot read .*none\.toml"):
+        read_demo(tmp_path / "none.toml")
+
+
+def test_free_ports_are_free():
+    first = free_ports(3)
+    for port in range(first, first + 3):
+        for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+            with socket.socket(socket.AF_INET, kind) as probe:
+                probe.bind(("127.0.0.1", port))
