@@ -26,15 +26,13 @@ from cardan.dissect._scapy import (
     StrField,
     StrFixedLenField,
 )
+from cardan.dissect.layers import Block
 
 CR = b"\r"
 
 
-class SerialPacket(Packet):
+class SerialPacket(Block):
     """One packet; what follows is the next one's."""
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 class Broken(SerialPacket):

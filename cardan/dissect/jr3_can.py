@@ -15,14 +15,13 @@ from typing import Any, ClassVar
 
 from cardan.dissect._scapy import (
     ByteEnumField,
-    Field,
     LEIntField,
     LEShortField,
     LESignedShortField,
-    Packet,
     StrField,
 )
 from cardan.dissect.capture import Direction
+from cardan.dissect.layers import Block, LEFloatField
 
 FROM_BOARD = Direction.FROM_DEVICE
 OPCODE_MASK, NODE_MASK = 0x780, 0x07F
@@ -37,14 +36,7 @@ SAMPLE_PERIOD_S = 128.5e-6
 """Of the sensor; the counter counts its samples."""
 
 
-class LEFloatField(Field[float, float]):
-    """f32."""
-
-    def __init__(self, name: str, default: float) -> None:
-        Field.__init__(self, name, default, "<f")
-
-
-class Jr3Frame(Packet):
+class Jr3Frame(Block):
     """The payload of a frame."""
 
     opcode: ClassVar[int] = 0
@@ -52,9 +44,6 @@ class Jr3Frame(Packet):
     way: ClassVar[Direction] = Direction.TO_DEVICE
     """From the board or to it."""
     least_bytes: ClassVar[int] = 0
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 class SyncFrame(Jr3Frame):

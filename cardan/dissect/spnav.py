@@ -16,7 +16,6 @@ from typing import Any
 
 from cardan.dissect._scapy import (
     ByteField,
-    Field,
     FieldListField,
     LEIntField,
     LEShortField,
@@ -25,6 +24,7 @@ from cardan.dissect._scapy import (
     StrField,
     XByteField,
 )
+from cardan.dissect.layers import Block, LEFloatField
 
 RECORD_BYTES, WORD_BYTES = 32, 4
 HANDSHAKE = 0x7FAA5500
@@ -120,18 +120,8 @@ DEVICE_TYPES = {
 }
 
 
-class LEFloatField(Field[float, float]):
-    """f32."""
-
-    def __init__(self, name: str, default: float) -> None:
-        Field.__init__(self, name, default, "<f")
-
-
-class Record(Packet):
+class Record(Block):
     """What follows belongs to the next record."""
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 def _event(kind: int, *names: str) -> list[Any]:
