@@ -1,5 +1,12 @@
 """The protocol of Nintendo's Wii Remote: reports, calibrations, extensions, MotionPlus, camera."""
 
+from cardan.protocols.hid import (
+    BAD_VALUE as BAD_VALUE,
+    EMPTY as EMPTY,
+    TOO_SHORT as TOO_SHORT,
+    UNKNOWN_ID as UNKNOWN_ID,
+    MalformedReport as MalformedReport,
+)
 from cardan.protocols.wiimote.accelerometer import (
     ACCELEROMETER_CALIBRATION_ADDRESSES as ACCELEROMETER_CALIBRATION_ADDRESSES,
     ACCELEROMETER_CALIBRATION_BYTES as ACCELEROMETER_CALIBRATION_BYTES,
@@ -157,14 +164,9 @@ from cardan.protocols.wiimote.outputs import (
     with_rumble as with_rumble,
 )
 from cardan.protocols.wiimote.values import (
-    BAD_VALUE as BAD_VALUE,
     BUTTON_MASK as BUTTON_MASK,
     BUTTONS as BUTTONS,
-    EMPTY as EMPTY,
-    TOO_SHORT as TOO_SHORT,
-    UNKNOWN_ID as UNKNOWN_ID,
     ErrorCode as ErrorCode,
-    MalformedReport as MalformedReport,
     button_labels as button_labels,
     button_mask as button_mask,
 )

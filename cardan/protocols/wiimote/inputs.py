@@ -12,14 +12,9 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
+from cardan.protocols.hid import EMPTY, TOO_SHORT, UNKNOWN_ID, MalformedReport
 from cardan.protocols.wiimote.identity import INPUT_SIZES
-from cardan.protocols.wiimote.values import (
-    BUTTON_MASK,
-    EMPTY,
-    TOO_SHORT,
-    UNKNOWN_ID,
-    MalformedReport,
-)
+from cardan.protocols.wiimote.values import BUTTON_MASK
 
 STATUS_ID = 0x20
 READ_DATA_ID = 0x21

@@ -9,15 +9,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from cardan.protocols.hid import BAD_VALUE, EMPTY, TOO_SHORT, UNKNOWN_ID, MalformedReport
 from cardan.protocols.wiimote.identity import OUTPUT_SIZES
 from cardan.protocols.wiimote.inputs import DATA_MODES
-from cardan.protocols.wiimote.values import (
-    BAD_VALUE,
-    EMPTY,
-    TOO_SHORT,
-    UNKNOWN_ID,
-    MalformedReport,
-)
 
 RUMBLE_ID = 0x10
 LEDS_ID = 0x11
