@@ -1,6 +1,8 @@
 """Dissectors declare themselves: the built-in ones, and those of other packages."""
 
 import io
+import re
+import struct
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -16,6 +18,7 @@ from typer.testing import CliRunner
 from cardan.dissect import dissect_file, network, registry
 from cardan.dissect.reader import Dissector, Numbers, ProtocolReader
 from cardan.errors import ConfigurationError
+from cardan.plugins import Finder
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -50,11 +53,15 @@ class Greetings(Dissector):
     reader = f"{__name__}:GreetingReader"
 
 
+def install(monkeypatch, target):
+    point = EntryPoint("other", target, registry.ENTRY_POINT_GROUP)
+    finder = Finder(Dissector, "dissector", registry.BUILT_IN, lambda: [point])
+    monkeypatch.setattr(registry, "_FINDER", finder)
+
+
 @pytest.fixture
 def installed(monkeypatch):
-    point = EntryPoint("greetings", f"{__name__}:Greetings", registry.ENTRY_POINT_GROUP)
-    finder = type(registry._FINDER)(Dissector, "dissector", registry.BUILT_IN, lambda: [point])
-    monkeypatch.setattr(registry, "_FINDER", finder)
+    install(monkeypatch, f"{__name__}:Greetings")
 
 
 @pytest.fixture
@@ -111,6 +118,39 @@ def test_declarations_name_their_pages():
     for dissector in registry.dissectors():
         assert (DOCS / dissector.page).is_file(), dissector
         assert dissector.__doc__
+
+
+def test_every_option_is_on_the_page():
+    page = (DOCS / "protocols" / "egm.md").read_text(encoding="utf-8")
+    for dissector in registry.dissectors():
+        for option in dissector.options:
+            assert f"`--{option.flag} {option.metavar}`" in page
+
+
+def test_the_example_of_the_page(tmp_path, monkeypatch):
+    page = (DOCS / "adding-a-driver.md").read_text(encoding="utf-8")
+    package = tmp_path / "my_package"
+    package.mkdir()
+    for name in ("dissect_joystick", "joystick_reader"):
+        (code,) = re.findall(rf"```python\n# my_package/{name}\.py\n(.*?)```", page, re.DOTALL)
+        (package / f"{name}.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    point = EntryPoint(
+        "joystick", "my_package.dissect_joystick:JoystickDissector", "cardan.dissect"
+    )
+    finder = type(registry._FINDER)(Dissector, "dissector", registry.BUILT_IN, lambda: [point])
+    monkeypatch.setattr(registry, "_FINDER", finder)
+    payloads = (struct.pack("<hh", 3, -4), b"\0")
+    frames = [Ether() / IP() / UDP(sport=900, dport=7001) / payload for payload in payloads]
+    for frame in frames:
+        frame.time = 1e9
+    wrpcap(str(tmp_path / "c.pcap"), frames)
+    out = io.StringIO()
+    counts = dissect_file(tmp_path / "c.pcap", out, joystick_ports=[7001])
+    assert "127.0.0.1:900 joystick x 3 y -4\n" in out.getvalue()
+    assert "127.0.0.1:900 MALFORMED joystick: 1 bytes\n" in out.getvalue()
+    assert "joystick 127.0.0.1:900: 2 positions\n" in out.getvalue()
+    assert counts.malformed["joystick"] == 1
 
 
 def test_looking_at_dissectors_needs_no_scapy():
