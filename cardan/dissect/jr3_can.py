@@ -161,26 +161,6 @@ class BrokenFrame(Jr3Frame):
     title = "broken"
 
 
-LAYERS: dict[int, type[Jr3Frame]] = {
-    layer.opcode: layer
-    for layer in (
-        AckFrame,
-        StartSyncFrame,
-        StartAsyncFrame,
-        StopFrame,
-        ZeroOffsetsFrame,
-        SetFilterFrame,
-        GetStateFrame,
-        GetForceScalesFrame,
-        GetMomentScalesFrame,
-        ResetFrame,
-        ForcesFrame,
-        MomentsFrame,
-        BootupFrame,
-        GripperPwmFrame,
-    )
-}
-"""By opcode, of frames with a node id."""
 ACKNOWLEDGED = (
     StartSyncFrame,
     StartAsyncFrame,
@@ -193,6 +173,18 @@ ACKNOWLEDGED = (
     ResetFrame,
 )
 """The commands that the board answers."""
+LAYERS: dict[int, type[Jr3Frame]] = {
+    layer.opcode: layer
+    for layer in (
+        AckFrame,
+        *ACKNOWLEDGED,
+        ForcesFrame,
+        MomentsFrame,
+        BootupFrame,
+        GripperPwmFrame,
+    )
+}
+"""By opcode, of frames with a node id."""
 
 
 def split(identifier: int) -> tuple[int, int]:

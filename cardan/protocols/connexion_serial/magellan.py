@@ -10,7 +10,7 @@ Source: LogiCad3D's programmer's manual, spacenavd, VRPN, the Linux kernel, publ
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from cardan.protocols.connexion_serial.values import (
@@ -178,17 +178,17 @@ def encode_magellan_keys(mask: int, *, extended: bool) -> bytes:
 class MagellanReader(LineReader[MagellanPacket]):
     """Cuts a stream into packets and finds the way back after noise. Never raises."""
 
-    def _decode(self, line: bytes) -> Iterator[MagellanPacket]:
+    def _decode(self, line: bytes, packets: list[MagellanPacket]) -> None:
         if not line:
             return
         value = decode_magellan(line)
-        yield value
+        packets.append(value)
         if isinstance(value, Malformed):
             begin = max(line.rfind(letter) for letter in _LETTERS_WITHIN_DATA)
             if begin > 0:
                 tail = decode_magellan(line[begin:])
                 if not isinstance(tail, Malformed):
-                    yield tail
+                    packets.append(tail)
 
 
 def _nibbles(data: bytes) -> bytes | None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from cardan.protocols.connexion_serial.values import (
@@ -183,6 +182,6 @@ class SpaceballReader(LineReader[SpaceballPacket]):
     def feed(self, data: bytes) -> list[SpaceballPacket]:
         return super().feed(data.translate(None, _FLOW))
 
-    def _decode(self, line: bytes) -> Iterator[SpaceballPacket]:
+    def _decode(self, line: bytes, packets: list[SpaceballPacket]) -> None:
         if line := line.lstrip(b"\n"):
-            yield decode_spaceball(line)
+            packets.append(decode_spaceball(line))

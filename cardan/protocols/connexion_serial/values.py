@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from typing import Generic, NamedTuple, TypeVar
 
 CR = 0x0D
@@ -39,8 +38,8 @@ class LineReader(ABC, Generic[PacketT]):
         self._skipping = False
 
     @abstractmethod
-    def _decode(self, line: bytes) -> Iterable[PacketT | Malformed]:
-        """The packets in what stands before a CR, which may be nothing."""
+    def _decode(self, line: bytes, packets: list[PacketT | Malformed]) -> None:
+        """Adds the packets in what stands before a CR, which may be nothing."""
 
     def feed(self, data: bytes) -> list[PacketT | Malformed]:
         """Take bytes as they come; the packets that are complete now."""
@@ -50,7 +49,7 @@ class LineReader(ABC, Generic[PacketT]):
             if self._skipping:
                 self._skipping = False
             else:
-                packets += self._decode(line)
+                self._decode(line, packets)
         if len(self._pending) > LONGEST_PACKET_BYTES:
             if not self._skipping:
                 packets.append(Malformed(TOO_LONG, self._pending[0]))

@@ -176,8 +176,8 @@ class Malformed(NamedTuple):
 _SAMPLE = struct.Struct("<3hH")
 _SCALES = struct.Struct("<B3H")
 
-_FROM_HOST: dict[int, tuple[type[HostMessage], tuple[struct.Struct, ...]]] = {
-    opcode: (message, tuple(struct.Struct(f"<{letter}") for letter in letters))
+_FROM_HOST: dict[int, tuple[type[HostMessage], struct.Struct]] = {
+    int(opcode): (message, struct.Struct(f"<{letters}"))
     for opcode, message, letters in (
         (Opcode.SYNC, Sync, ""),
         (Opcode.START_SYNC, StartSync, "H"),
@@ -192,8 +192,8 @@ _FROM_HOST: dict[int, tuple[type[HostMessage], tuple[struct.Struct, ...]]] = {
         (Opcode.GRIPPER_PWM, GripperPwm, "f"),
     )
 }
-"""Message and its fields by opcode."""
-_OPCODES = {message: opcode for opcode, (message, _) in _FROM_HOST.items()}
+"""Message and its layout by opcode."""
+_TO_BOARD = {message: (opcode, layout) for opcode, (message, layout) in _FROM_HOST.items()}
 
 _ACK_BYTES = 1
 
@@ -245,23 +245,24 @@ def decode_from_host(arbitration_id: int, data: bytes) -> HostMessage | None:
     opcode = arbitration_id & ~NODE_MASK
     if opcode not in _FROM_HOST or (opcode == Opcode.SYNC and arbitration_id != opcode):
         return None
-    message, fields = _FROM_HOST[opcode]
-    values, at = list[Any](), 0
-    for field in fields:
-        whole = len(data) >= at + field.size
-        piece = data[at : at + field.size] if whole else bytes(field.size)
-        values += field.unpack(piece)
-        at += field.size
+    message, layout = _FROM_HOST[opcode]
+    if len(data) >= layout.size:
+        return message(*layout.unpack_from(data))
+    values: list[Any] = []
+    at = 0
+    for letter in layout.format.removeprefix("<"):
+        size = struct.calcsize(f"<{letter}")
+        piece = data[at : at + size]
+        values += struct.unpack(f"<{letter}", piece if len(piece) == size else bytes(size))
+        at += size
     return message(*values)
 
 
 def encode_from_host(message: HostMessage, node_id: int) -> CanFrame:
     """The frame that asks the board `node_id`; ValueError for a value that does not fit."""
-    opcode = _OPCODES[type(message)]
-    values: tuple[Any, ...] = message
+    opcode, layout = _TO_BOARD[type(message)]
     try:
-        fields = zip(_FROM_HOST[opcode][1], values, strict=True)
-        data = b"".join(field.pack(value) for field, value in fields)
+        data = layout.pack(*message)
     except (struct.error, OverflowError) as error:
         raise ValueError(f"{message}: {error}") from None
     return CanFrame(opcode if opcode == Opcode.SYNC else opcode + node_id, data)
