@@ -25,7 +25,7 @@ from cardan.cli.common import (
     ConfigFile,
     Seconds,
 )
-from cardan.cli.dissect import add_dissect
+from cardan.cli.dissect import Dissect
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
@@ -319,4 +319,6 @@ def force(
         raise typer.Exit(EXIT_INCOMPLETE)
 
 
-add_dissect(app)
+@app.command(cls=Dissect)
+def dissect() -> None:
+    """Print a capture, field by field."""

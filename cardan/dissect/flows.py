@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -50,7 +50,7 @@ class Sender:
 SenderT = TypeVar("SenderT", bound=Sender)
 
 
-class Flow(Generic[SenderT]):
+class Flow(ABC, Generic[SenderT]):
     """A device's socket and a client's."""
 
     def __init__(self, device: Endpoint, client: Endpoint, sender: Callable[[], SenderT]) -> None:

@@ -63,6 +63,7 @@ class Numbers(NamedTuple):
     """On the command line, without the leading dashes; it can be given several times."""
     metavar: str
     help: str
+    """In a few words without a full stop; that the option is repeatable is added."""
     what: str
     """What one of the numbers is ("UDP port")."""
     allowed: range

@@ -15,6 +15,7 @@ from scapy.layers.l2 import Ether
 from scapy.utils import wrpcap
 from typer.testing import CliRunner
 
+from cardan.cli import app
 from cardan.dissect import dissect_file, network, registry
 from cardan.dissect.reader import Dissector, Numbers, ProtocolReader
 from cardan.errors import ConfigurationError
@@ -93,18 +94,19 @@ def test_what_an_earlier_reader_takes_is_not_offered_to_a_later_one(capture):
 
 @pytest.mark.usefixtures("installed")
 def test_the_command_has_the_options_of_every_dissector(capture):
-    import typer
-
-    from cardan.cli.dissect import add_dissect
-
-    app = typer.Typer()
-    add_dissect(app)
-    shown = CliRunner().invoke(app, ["--help"], terminal_width=200).output
+    shown = CliRunner().invoke(app, ["dissect", "--help"], terminal_width=200).output
     assert "--greeting-port" in shown
     assert "greetings: Greetings on UDP ports." in shown
-    found = CliRunner().invoke(app, [str(capture(8)), "--greeting-port", "8", "--summary"])
-    assert "greetings: 1" in found.output
-    assert CliRunner().invoke(app, [str(capture(8)), "--greeting-port", "99"]).exit_code == 2
+    arguments = ["dissect", str(capture(8)), "--summary", "--greeting-port"]
+    assert "greetings: 1" in CliRunner().invoke(app, [*arguments, "8"]).output
+    assert CliRunner().invoke(app, [*arguments, "99"]).exit_code == 2
+
+
+def test_a_dissector_that_cannot_be_loaded_disturbs_no_other_command(monkeypatch):
+    install(monkeypatch, "no_such_module:Dissector")
+    assert CliRunner().invoke(app, ["--help"]).exit_code == 0
+    with pytest.raises(ModuleNotFoundError):
+        CliRunner().invoke(app, ["dissect", "--help"], catch_exceptions=False)
 
 
 def test_wrong_options_are_named(capture):
