@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.dissect._scapy import (
     BitField,
@@ -40,10 +40,8 @@ class Broken(SerialPacket):
 
     fields_desc = [StrField("data", b"")]
 
-    @staticmethod
-    def fault(data: bytes) -> str | None:
-        """Why bytes are no packet of the device, None when they are one."""
-        raise NotImplementedError
+    fault: ClassVar[staticmethod[[bytes], str | None]]
+    """Why bytes are no packet of the device, None when they are one."""
 
     @property
     def reason(self) -> str:
@@ -52,9 +50,7 @@ class Broken(SerialPacket):
 
 
 class TextPacket(SerialPacket):
-    """A letter, text, CR."""
-
-    fields_desc = [StrFixedLenField("letter", b"", 1), StrField("rest", CR)]
+    """A letter, then `rest`: text and CR."""
 
     @property
     def text(self) -> bytes:

@@ -326,6 +326,19 @@ def _header(msg_type: int, comm_type: int) -> list[Any]:
     ]
 
 
+def _words(*names: str) -> list[Any]:
+    return [WordField(name, 0) for name in names]
+
+
+def _reals(*names: str) -> list[Any]:
+    """Ten of each."""
+    return [RealsField(name, []) for name in names]
+
+
+def _states(*names: str) -> list[Any]:
+    return [WordEnumField(name, 0, TRI_STATES) for name in names]
+
+
 HEADER_FIELDS = 6
 """Of fields_desc; the body's follow."""
 
@@ -410,25 +423,19 @@ class RobotStatus(SimpleMessage):
 
     fields_desc = [
         *_header(13, TOPIC),
-        WordEnumField("drives_powered", 0, TRI_STATES),
-        WordEnumField("e_stopped", 0, TRI_STATES),
+        *_states("drives_powered", "e_stopped"),
         WordField("error_code", 0),
-        WordEnumField("in_error", 0, TRI_STATES),
-        WordEnumField("in_motion", 0, TRI_STATES),
+        *_states("in_error", "in_motion"),
         WordEnumField("mode", 2, MODES),
-        WordEnumField("motion_possible", 0, TRI_STATES),
+        *_states("motion_possible"),
     ]
 
 
 def _point(sequence: bool) -> list[Any]:
     return [
-        WordField("group", 0),
-        *([WordField("sequence", 0)] if sequence else []),
-        WordField("valid_fields", 0),
+        *_words("group", *(("sequence",) if sequence else ()), "valid_fields"),
         RealField("time_s", 0.0),
-        RealsField("positions", []),
-        RealsField("velocities", []),
-        RealsField("accelerations", []),
+        *_reals("positions", "velocities", "accelerations"),
     ]
 
 
@@ -449,8 +456,7 @@ class MotionCtrl(SimpleMessage):
 
     fields_desc = [
         *_header(2001, REQUEST),
-        WordField("group", 0),
-        WordField("sequence", 0),
+        *_words("group", "sequence"),
         WordEnumField("command_code", CHECK_MOTION_READY, COMMANDS),
         RealsField("values", []),
     ]
@@ -461,8 +467,7 @@ class MotionReply(SimpleMessage):
 
     fields_desc = [
         *_header(2002, REPLY),
-        WordField("group", 0),
-        WordField("sequence", 0),
+        *_words("group", "sequence"),
         WordEnumField("command_code", CHECK_MOTION_READY, {**NAMES, **COMMANDS}),
         WordEnumField("result", SUCCESS, RESULTS),
         WordField("subcode", 0),
@@ -478,7 +483,7 @@ class IoErrorReply(SimpleMessage):
         *_header(2002, REPLY),
         WordEnumField("result", INVALID, RESULTS),
         WordEnumField("subcode", 3000, INVALID_SUBCODES),
-        *(WordField(f"unused_{n}", 0) for n in range(3)),
+        *_words("unused_0", "unused_1", "unused_2"),
         RealsField("values", []),
     ]
 
@@ -552,12 +557,7 @@ class JointFeedbackEx(SimpleMessage):
 class SelectTool(SimpleMessage):
     """Client to controller."""
 
-    fields_desc = [
-        *_header(2018, REQUEST),
-        WordField("group", 0),
-        WordField("tool", 0),
-        WordField("sequence", 0),
-    ]
+    fields_desc = [*_header(2018, REQUEST), *_words("group", "tool", "sequence")]
 
 
 class GetDhParameters(SimpleMessage):
@@ -577,8 +577,7 @@ class RtJointState(SimpleMessage):
 
     fields_desc = [
         *_header(2030, TOPIC),
-        WordField("message_id", 0),
-        WordField("mode", 0),
+        *_words("message_id", "mode"),
         GroupCountField("group_count", None),
         RecordsField("groups", GroupState),
     ]
@@ -629,10 +628,7 @@ class VelocityInfoReply(SimpleMessage):
         WordEnumField("active_mode", 0, ACTIVE_MODES),
         WordField("number_of_groups", 1),
         WordField("axes", 6),
-        RealsField("v_max", []),
-        RealsField("a_max", []),
-        RealsField("pos_min", []),
-        RealsField("pos_max", []),
+        *_reals("v_max", "a_max", "pos_min", "pos_max"),
     ]
 
 
