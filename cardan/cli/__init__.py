@@ -23,6 +23,7 @@ from cardan.cli.common import (
     Seconds,
     print_table,
 )
+from cardan.cli.dissect import Dissect
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, OptionError, ScriptError
@@ -355,44 +356,6 @@ def force(
         raise typer.Exit(EXIT_INCOMPLETE)
 
 
-@app.command()
-def dissect(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A pcap or pcapng file.")],
-    port: Annotated[
-        list[int] | None,
-        typer.Option(
-            metavar="PORT", min=1, max=65535, help="Another UDP port of EGM (repeatable)."
-        ),
-    ] = None,
-    simple_message_port: Annotated[
-        list[int] | None,
-        typer.Option(
-            metavar="PORT", min=1, max=65535, help="Another TCP port of MotoROS (repeatable)."
-        ),
-    ] = None,
-    jr3_node: Annotated[
-        list[int] | None,
-        typer.Option(
-            metavar="ID", min=1, max=127, help="Take this CAN node for a JR3 (repeatable)."
-        ),
-    ] = None,
-    limit: Annotated[
-        int | None, typer.Option(min=1, help="Print at most this many packets.")
-    ] = None,
-    summary: Annotated[
-        bool, typer.Option("--summary", help="Print the figures of each flow only.")
-    ] = False,
-) -> None:
-    """Print a capture, field by field: EGM, simple message (MotoROS), the joint stream, 3Dconnexion
-    reports (usbmon), Wii Remotes (Bluetooth HCI) and JR3 sensors (CAN)."""
-    from cardan.dissect import dissect_file
-
-    dissect_file(
-        file,
-        sys.stdout,
-        egm_ports=tuple(port or ()),
-        simple_message_ports=tuple(simple_message_port or ()),
-        jr3_nodes=tuple(jr3_node or ()),
-        limit=limit,
-        summary=summary,
-    )
+@app.command(cls=Dissect)
+def dissect() -> None:
+    """Print a capture, field by field."""

@@ -7,7 +7,8 @@ datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_
 and :mod:`cardan.dissect.jr3_can`; those of protocols that no capture has, because they stay on a
 serial line or a Unix socket, in :mod:`cardan.dissect.connexion_serial` and
 :mod:`cardan.dissect.spnav`. They are written from the protocols' documentation and not from
-:mod:`cardan.protocols`.
+:mod:`cardan.protocols`. Other packages add protocols by an entry point, see
+:class:`cardan.dissect.reader.Dissector`.
 """
 
 from __future__ import annotations
@@ -18,15 +19,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, TextIO
 
-from cardan.dissect import network
+from cardan.dissect import network, registry
 from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.dissect.errors import ScapyMissingError
-from cardan.dissect.ports import (
-    EGM_PORTS,
-    SIMPLE_MESSAGE_PORTS,
-    SIMPLE_MESSAGE_RT_CONTROL_PORT,
-)
-from cardan.dissect.reader import Options, ProtocolReader, load_link_reader, load_readers
+from cardan.dissect.ports import EGM_PORTS, SIMPLE_MESSAGE_PORTS
+from cardan.dissect.reader import Dissector, PacketLine, ProtocolReader
 from cardan.dissect.statistics import tally
 from cardan.errors import CaptureError, ConfigurationError
 
@@ -37,9 +34,6 @@ __all__ = [
     "ScapyMissingError",
     "dissect_file",
 ]
-
-NODES = frozenset(range(1, 128))
-"""Ids that a JR3 board on CAN can have."""
 
 
 class Counts(NamedTuple):
@@ -58,71 +52,60 @@ def dissect_file(
     *,
     limit: int | None = None,
     summary: bool = False,
-    egm_ports: Iterable[int] = (),
-    simple_message_ports: Iterable[int] = (),
-    jr3_nodes: Iterable[int] = (),
+    **numbers: Iterable[int],
 ) -> Counts:
     """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
     Linux usbmon, Bluetooth HCI (H4) or SocketCAN. Reading stops at the packet with which `limit`
     datagrams, reports, frames and messages are reached. With `summary` the lines are left out.
-    `egm_ports` are UDP ports a PC listens at besides EGM_PORTS, `simple_message_ports` TCP ports of
-    a controller besides SIMPLE_MESSAGE_PORTS. The joint stream is found on its port and, by its
-    mark, on any other. `jr3_nodes` are node ids of JR3 boards (1 to 127) besides those known by
-    what they send. Malformed datagrams and messages are shown and counted.
+    `numbers` are where protocols are looked for besides the usual places, by the keys of their
+    dissectors' options: `egm_ports` are UDP ports a PC listens at besides EGM_PORTS,
+    `simple_message_ports` TCP ports of a controller besides SIMPLE_MESSAGE_PORTS, `jr3_nodes` node
+    ids of JR3 boards (1 to 127) besides those known by what they send. The joint stream is found on
+    its port and, by its mark, on any other. Malformed datagrams and messages are shown and counted.
     Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
-    everything before the damage was written), ConfigurationError for a node id that cannot be,
-    ScapyMissingError without scapy.
+    everything before the damage was written), ConfigurationError for an option that no dissector
+    has and for a number out of its range, ScapyMissingError without scapy.
     """
-    nodes = frozenset(jr3_nodes)
-    if not nodes <= NODES:
-        wrong = ", ".join(map(str, sorted(nodes - NODES)))
-        raise ConfigurationError("jr3_nodes", f"node id {wrong}: those of boards are 1 to 127")
-    options = Options(
-        frozenset((*EGM_PORTS, *egm_ports)),
-        frozenset((*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT, *simple_message_ports)),
-        nodes,
-    )
-    readers = load_readers(options)
+    readers = _Readers(registry.dissectors(), numbers)
     others: Counter[str] = Counter()
     packets = start_ns = 0
     stopped, damage = False, None
+
+    def show(lines: Iterable[PacketLine]) -> None:
+        for packet, line in lines:
+            if not summary:
+                time_s = (packet.time_ns - start_ns) / 1e9
+                print(f"#{packet.number} {time_s:.6f} {line}", file=out)
+
     try:
-        for frame in Capture(path):
-            if limit is not None and sum(r.messages for r in readers) >= limit:
+        for packet in Capture(path):
+            if limit is not None and sum(readers.messages.values()) >= limit:
                 stopped = True
                 break
             packets += 1
             if packets == 1:
-                start_ns = frame.time_ns
+                start_ns = packet.time_ns
                 print(f"capture starts {_utc(start_ns)}", file=out)
-            link_reader = load_link_reader(frame.link_type, readers, options)
-            if link_reader is not None:
-                readers.append(link_reader)
-            parsed = network.parse(frame)
-            before = sum(r.frames for r in readers)
-            for reader in readers:
-                for shown, line in reader.feed(frame, parsed):
-                    if not summary:
-                        _print_line(shown, line, start_ns, out)
-            # A reader can take earlier frames too, once it knows what they are.
-            others[str(parsed)] += 1 - (sum(r.frames for r in readers) - before)
+            parsed = network.parse(packet)
+            others[str(parsed)] += 1
+            for reader in readers.offered(packet):
+                before = reader.packets
+                show(reader.feed(packet, parsed))
+                if reader.packets > before:
+                    # It can take earlier packets too, once it knows what they are.
+                    others[str(parsed)] -= reader.packets - before
+                    break
     except CaptureError as error:
         if not packets:
             raise
         damage = error
-    for reader in () if stopped else readers:
-        for shown, line in reader.finish():
-            if not summary:
-                _print_line(shown, line, start_ns, out)
-    counts = Counts(
-        packets,
-        {r.name: r.messages for r in readers},
-        {r.name: r.malformed.total() for r in readers},
-        others.total(),
-    )
-    for line in _summary(readers, counts, others, options):
+    for reader in () if stopped else readers.by_dissector.values():
+        show(reader.finish())
+    malformed = {d.name: r.malformed.total() for d, r in readers.by_dissector.items()}
+    counts = Counts(packets, readers.messages, malformed, others.total())
+    for line in _summary(readers, counts, others):
         print(line, file=out)
     if stopped:
         print(f"stopped at the limit of {limit}; the rest of the capture is not read", file=out)
@@ -131,14 +114,40 @@ def dissect_file(
     return counts
 
 
-def _print_line(frame: CapturedPacket, line: str, start_ns: int, out: TextIO) -> None:
-    print(f"#{frame.number} {(frame.time_ns - start_ns) / 1e9:.6f} {line}", file=out)
+class _Readers:
+    """The readers that a capture needs, each made when it does, with its numbers."""
+
+    def __init__(
+        self, dissectors: Iterable[type[Dissector]], numbers: Mapping[str, Iterable[int]]
+    ) -> None:
+        self._dissectors = tuple(dissectors)
+        options = [option for dissector in self._dissectors for option in dissector.options]
+        if unknown := sorted(numbers.keys() - {option.key for option in options}):
+            keys = ", ".join(option.key for option in options)
+            raise ConfigurationError(unknown[0], f"no dissector has this option; allowed: {keys}")
+        self.numbers = {o.key: o.with_usual(numbers.get(o.key, ())) for o in options}
+        self.by_dissector = {d: d.open(self.numbers) for d in self._dissectors if d.always}
+        self._offered: dict[int, list[ProtocolReader]] = {}
+
+    def offered(self, packet: CapturedPacket) -> list[ProtocolReader]:
+        """The readers for packets of this link type, in their order."""
+        link_type = packet.link_type
+        if link_type not in self._offered:
+            found = [d for d in self._dissectors if link_type in d.link_types]
+            for dissector in found:
+                if dissector not in self.by_dissector:
+                    self.by_dissector[dissector] = dissector.open(self.numbers)
+            self._offered[link_type] = [self.by_dissector[dissector] for dissector in found]
+        return self._offered[link_type]
+
+    @property
+    def messages(self) -> dict[str, int]:
+        """How many each protocol had."""
+        return {d.name: reader.messages for d, reader in self.by_dissector.items()}
 
 
-def _summary(
-    readers: Iterable[ProtocolReader], counts: Counts, others: Counter[str], options: Options
-) -> Iterator[str]:
-    for reader in readers:
+def _summary(readers: _Readers, counts: Counts, others: Counter[str]) -> Iterator[str]:
+    for reader in readers.by_dissector.values():
         yield from reader.summary()
     if any(counts.messages.values()):
         shown = (
@@ -148,12 +157,16 @@ def _summary(
         )
         yield f"{counts.packets} packets: {'; '.join(shown)}; {counts.other_packets} others"
     else:
-        *names, last = (reader.name for reader in readers)
+        *names, last = counts.messages
         yield f"no {', '.join(names)} or {last} traffic found in {counts.packets} packets"
-        ports = " ".join(map(str, sorted(options.egm_ports)))
-        yield f"EGM was looked for on UDP ports {ports} (--port for others)"
-        ports = " ".join(map(str, sorted(options.simple_message_ports)))
-        yield f"simple message was looked for on TCP ports {ports}"
+        for dissector in readers.by_dissector:
+            for option in dissector.options:
+                if option.usual:
+                    places = " ".join(map(str, sorted(readers.numbers[option.key])))
+                    yield (
+                        f"{dissector.name} was looked for on {option.what}s {places} "
+                        f"(--{option.flag} for others)"
+                    )
     if counts.other_packets:
         yield f"other packets: {tally(+others)}"
 

@@ -14,67 +14,40 @@ try:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from scapy.fields import (
-            BitEnumField,
-            BitField,
-            ByteEnumField,
-            ByteField,
-            ConditionalField,
-            EnumField,
-            Field,
-            FieldLenField,
-            FieldListField,
-            LEIntField,
-            LEShortField,
-            LESignedIntField,
-            LESignedShortField,
-            PacketListField,
-            ShortField,
-            SignedShortField,
-            StrField,
-            StrFixedLenField,
-            StrLenField,
-            X3BytesField,
-            XByteEnumField,
-            XByteField,
-            XShortField,
+            BitEnumField as BitEnumField,
+            BitField as BitField,
+            ByteEnumField as ByteEnumField,
+            ByteField as ByteField,
+            ConditionalField as ConditionalField,
+            EnumField as EnumField,
+            Field as Field,
+            FieldLenField as FieldLenField,
+            FieldListField as FieldListField,
+            LEIntField as LEIntField,
+            LEShortField as LEShortField,
+            LESignedIntField as LESignedIntField,
+            LESignedShortField as LESignedShortField,
+            PacketListField as PacketListField,
+            ShortField as ShortField,
+            SignedShortField as SignedShortField,
+            StrField as StrField,
+            StrFixedLenField as StrFixedLenField,
+            StrLenField as StrLenField,
+            X3BytesField as X3BytesField,
+            XByteEnumField as XByteEnumField,
+            XByteField as XByteField,
+            XShortField as XShortField,
         )
-        from scapy.layers.inet import TCP, UDP
-        from scapy.packet import Packet, bind_bottom_up, bind_top_down
-        from scapy.utils import EDecimal
+        from scapy.layers.inet import TCP as TCP, UDP as UDP
+        from scapy.packet import (
+            Packet as Packet,
+            bind_bottom_up as bind_bottom_up,
+            bind_top_down as bind_top_down,
+        )
+        from scapy.utils import EDecimal as EDecimal
+
 except ImportError as error:
     raise ScapyMissingError(
         f"reading captures needs scapy, which cannot be imported ({error}); "
         "install it with: pip install 'cardan[dissect]'"
     ) from error
-
-__all__ = [
-    "TCP",
-    "UDP",
-    "BitEnumField",
-    "BitField",
-    "ByteEnumField",
-    "ByteField",
-    "ConditionalField",
-    "EDecimal",
-    "EnumField",
-    "Field",
-    "FieldLenField",
-    "FieldListField",
-    "LEIntField",
-    "LEShortField",
-    "LESignedIntField",
-    "LESignedShortField",
-    "Packet",
-    "PacketListField",
-    "ShortField",
-    "SignedShortField",
-    "StrField",
-    "StrFixedLenField",
-    "StrLenField",
-    "X3BytesField",
-    "XByteEnumField",
-    "XByteField",
-    "XShortField",
-    "bind_bottom_up",
-    "bind_top_down",
-]

@@ -11,10 +11,10 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from cardan.dissect.capture import CapturedPacket
+from cardan.dissect.capture import CapturedPacket, Direction
 
 H4, H4_WITH_DIRECTION = 187, 201
-LINK_TYPES = (H4, H4_WITH_DIRECTION)
+LINK_TYPES = frozenset((H4, H4_WITH_DIRECTION))
 ACL, EVENT = 2, 4
 CONNECTION_COMPLETE, DISCONNECTION_COMPLETE, REMOTE_NAME = 0x03, 0x05, 0x07
 CONTINUED = 1
@@ -30,11 +30,12 @@ MOST_BYTES = 2**16 + 4
 class Payload(NamedTuple):
     """The payload of one L2CAP packet on a dynamic channel.
 
-    `to_host` is None where the capture does not say; `psm` where the channel's set-up is not in it.
+    `direction` is None where the capture does not say it; `psm` where the set-up of the channel is
+    not in it.
     """
 
     handle: int
-    to_host: bool | None
+    direction: Direction | None
     cid: int
     psm: int | None
     data: bytes
@@ -47,14 +48,14 @@ class _Link:
 
     def __init__(self) -> None:
         self.address: str | None = None
-        self.fragments: dict[bool | None, bytes] = {}
-        self.psms: dict[tuple[bool | None, int], int | None] = {}  # None: of two channels
-        self.asked: dict[tuple[bool | None, int], int] = {}
+        self.fragments: dict[Direction | None, bytes] = {}
+        self.psms: dict[tuple[Direction | None, int], int | None] = {}  # None: of two channels
+        self.asked: dict[tuple[Direction | None, int], int] = {}
 
-    def open(self, to_host: bool | None, cid: int, psm: int) -> None:
-        """A channel of this number, to the side that `to_host` says, is for this PSM."""
-        key = to_host, cid
-        shared = to_host is None and self.psms.get(key, psm) != psm
+    def open(self, direction: Direction | None, cid: int, psm: int) -> None:
+        """A channel of this number, to the side that `direction` says, is for this PSM."""
+        key = direction, cid
+        shared = direction is None and self.psms.get(key, psm) != psm
         self.psms[key] = None if shared else psm
 
 
@@ -78,20 +79,21 @@ class Links:
         """The name of the device of an address, where the capture has it."""
         return self._names.get(address)
 
-    def feed(self, frame: CapturedPacket) -> Iterator[Payload | int]:
-        """Payloads that the frame completes; the handle of a connection that begins or ends."""
-        data, to_host = frame.data, None
-        if frame.link_type == H4_WITH_DIRECTION:
+    def feed(self, packet: CapturedPacket) -> Iterator[Payload | int]:
+        """Payloads that the packet completes; the handle of a connection that begins or ends."""
+        data = packet.data
+        direction: Direction | None = None
+        if packet.link_type == H4_WITH_DIRECTION:
             if len(data) < 4:
                 return
-            to_host = bool(data[3] & 1)
+            direction = Direction.FROM_DEVICE if data[3] & 1 else Direction.TO_DEVICE
             data = data[4:]
         if not data:
             return
         if data[0] == EVENT:
             yield from self._event(data[1:])
         elif data[0] == ACL and len(data) >= 5:
-            yield from self._acl(data[1:], to_host, frame.cut)
+            yield from self._acl(data[1:], direction, packet.cut)
 
     def _event(self, event: bytes) -> Iterator[int]:
         if len(event) < 3 or event[2]:  # every event used here begins with a status
@@ -110,35 +112,35 @@ class Links:
             name = values[6:].split(b"\0")[0]
             self._names[_address(values[:6])] = name.decode("utf-8", "replace")
 
-    def _acl(self, data: bytes, to_host: bool | None, cut: bool) -> Iterator[Payload]:
+    def _acl(self, data: bytes, direction: Direction | None, cut: bool) -> Iterator[Payload]:
         head, size = struct.unpack_from("<HH", data)
         handle, boundary = head & 0xFFF, head >> 12 & 3
         link = self._links.setdefault(handle, _Link())
         packet = data[4 : 4 + size]
         if boundary == CONTINUED:
-            if to_host not in link.fragments:
+            if direction not in link.fragments:
                 return  # its beginning is not in the capture
-            packet = link.fragments.pop(to_host) + packet
+            packet = link.fragments.pop(direction) + packet
         else:
-            link.fragments.pop(to_host, None)
+            link.fragments.pop(direction, None)
         if len(packet) < 4:
             if not cut:
-                link.fragments[to_host] = packet
+                link.fragments[direction] = packet
             return
         size, cid = struct.unpack_from("<HH", packet)
         if len(packet) < 4 + size and not cut:
             if len(packet) < MOST_BYTES:
-                link.fragments[to_host] = packet
+                link.fragments[direction] = packet
             return
         payload = packet[4 : 4 + size]
         if cid == SIGNALLING_CID:
-            self._signals(link, to_host, payload)
+            self._signals(link, direction, payload)
         elif cid >= FIRST_DYNAMIC_CID:
-            psm = link.psms.get((to_host, cid))
-            yield Payload(handle, to_host, cid, psm, payload, cut)
+            psm = link.psms.get((direction, cid))
+            yield Payload(handle, direction, cid, psm, payload, cut)
 
-    def _signals(self, link: _Link, to_host: bool | None, data: bytes) -> None:
-        back = None if to_host is None else not to_host
+    def _signals(self, link: _Link, direction: Direction | None, data: bytes) -> None:
+        back = None if direction is None else direction.opposite
         at = 0
         while at + 4 <= len(data):
             code, _, size = struct.unpack_from("<BBH", data, at)
@@ -149,15 +151,15 @@ class Links:
                 link.asked[back, asker_cid] = psm
             elif code == CONNECTION_RESPONSE and len(values) >= 8:
                 answerer_cid, asker_cid, result = struct.unpack_from("<HHH", values)
-                psm = link.asked.get((to_host, asker_cid))
+                psm = link.asked.get((direction, asker_cid))
                 if psm is not None and result == ACCEPTED:
-                    del link.asked[to_host, asker_cid]
+                    del link.asked[direction, asker_cid]
                     # The response goes to the asker, who will receive on its own number.
-                    link.open(to_host, asker_cid, psm)
+                    link.open(direction, asker_cid, psm)
                     link.open(back, answerer_cid, psm)
             elif code == DISCONNECTION_REQUEST and len(values) >= 4:
                 receiver_cid, sender_cid = struct.unpack_from("<HH", values)
-                link.psms.pop((to_host, receiver_cid), None)
+                link.psms.pop((direction, receiver_cid), None)
                 link.psms.pop((back, sender_cid), None)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from cardan.dissect.capture import CapturedPacket
 
 CAN_SOCKETCAN = 227
-LINK_TYPES = (CAN_SOCKETCAN,)
+LINK_TYPES = frozenset((CAN_SOCKETCAN,))
 HEADER_BYTES = 8
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 
@@ -21,12 +21,12 @@ class CapturedCanFrame(NamedTuple):
     cut: bool
 
 
-def parse(frame: CapturedPacket) -> CapturedCanFrame | None:
-    """The data frame in a captured one; None for extended, remote, error and broken frames."""
-    if frame.link_type != CAN_SOCKETCAN or len(frame.data) < HEADER_BYTES:
+def parse(packet: CapturedPacket) -> CapturedCanFrame | None:
+    """The data frame in a packet; None for extended, remote, error and broken frames."""
+    if packet.link_type != CAN_SOCKETCAN or len(packet.data) < HEADER_BYTES:
         return None
-    word, size = struct.unpack_from("!IB", frame.data)  # the word is big-endian in any capture
+    word, size = struct.unpack_from("!IB", packet.data)  # the word is big-endian in any capture
     if word & (EXTENDED | REMOTE | ERROR):
         return None
-    data = frame.data[HEADER_BYTES : HEADER_BYTES + size]
+    data = packet.data[HEADER_BYTES : HEADER_BYTES + size]
     return CapturedCanFrame(word & 0x7FF, data, len(data) < size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import gzip
 import os
 import struct
@@ -29,6 +30,19 @@ PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
 GZIP_MAGIC = b"\x1f\x8b"
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 OPTION_END, OPTION_RESOLUTION, OPTION_OFFSET = 0, 9, 14
+
+
+class Direction(enum.Enum):
+    """Which way something went. The device is the operator's, the robot controller, the simulated
+    arm or the sensor's board; the values are what USB calls the directions."""
+
+    FROM_DEVICE = "IN"
+    TO_DEVICE = "OUT"
+
+    @property
+    def opposite(self) -> Direction:
+        """The way of the answer."""
+        return Direction.TO_DEVICE if self is Direction.FROM_DEVICE else Direction.FROM_DEVICE
 
 
 class CapturedPacket(NamedTuple):
@@ -64,7 +78,7 @@ class Capture:
     def __iter__(self) -> Iterator[CapturedPacket]:
         try:
             with open(self.path, "rb") as stream:
-                yield from self._frames(stream)
+                yield from self._packets(stream)
         except FileNotFoundError:
             raise CaptureError(f"{self.path}: there is no such file") from None
         except (EOFError, gzip.BadGzipFile, zlib.error) as error:
@@ -72,7 +86,7 @@ class Capture:
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be read: {error.strerror}") from error
 
-    def _frames(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
+    def _packets(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         magic = stream.read(2)
         stream.seek(0)
         if magic == GZIP_MAGIC:
@@ -106,7 +120,7 @@ class Capture:
             raise self._damaged("truncated: the file ends inside a packet")
         return data
 
-    def _frame(
+    def _captured(
         self, time_ns: int, link_type: int, order: str, data: bytes, wire_bytes: int
     ) -> CapturedPacket:
         if not 0 <= time_ns < MAX_TIME_NS:
@@ -121,7 +135,7 @@ class Capture:
             seconds, units, size, wire_bytes = struct.unpack(f"{order}4I", header)
             data = self._exactly(stream, size)
             time_ns = seconds * 10**9 + units * unit_ns
-            yield self._frame(time_ns, link_type, order, data, wire_bytes)
+            yield self._captured(time_ns, link_type, order, data, wire_bytes)
 
     def _pcapng(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         order, interfaces, time_ns = "<", list[_Interface](), 0
@@ -147,7 +161,7 @@ class Capture:
                         time_ns = (
                             interface.offset_s * 10**9 + stamp * 10**9 // interface.units_per_s
                         )
-                    yield self._frame(time_ns, interface.link_type, order, data, wire_bytes)
+                    yield self._captured(time_ns, interface.link_type, order, data, wire_bytes)
             except (struct.error, IndexError):
                 raise self._damaged(f"damaged: a pcapng block of type {kind}") from None
             first = stream.read(1)

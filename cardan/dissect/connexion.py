@@ -25,6 +25,12 @@ from cardan.dissect._scapy import (
     StrField,
     XByteField,
 )
+from cardan.dissect.layers import (
+    BrokenReport as BrokenReport,
+    Report,
+    UnknownReport as UnknownReport,
+    choose_report,
+)
 
 SPLIT_BYTES, ONE_BYTES = 7, 13
 KEY_SLOTS = 6
@@ -46,15 +52,6 @@ V3DK = {
     **{228 + n: f"NUMPAD_F{n}" for n in range(1, 5)},
 }
 """The vendor's key numbers; a bit n of a button report of the newer devices is key n + 1."""
-
-
-class Report(Packet):
-    """A report; bytes after it are padding."""
-
-    least_bytes = 0
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 class TranslationReport(Report):
@@ -155,22 +152,6 @@ class CalibrateReport(Report):
     least_bytes = 2
 
 
-class UnknownReport(Report):
-    fields_desc = [XByteField("id", 0), StrField("data", b"")]
-
-
-class BrokenReport(Report):
-    """Bytes too few for their id; `reason` says which."""
-
-    fields_desc = [StrField("data", b"")]
-
-    @property
-    def reason(self) -> str:
-        if not self.data:
-            return "empty report"
-        return f"report 0x{self.data[0]:02x} of {len(self.data)} bytes"
-
-
 _INPUTS: dict[int, type[Report]] = {
     0x02: RotationReport,
     0x03: ButtonReport,
@@ -181,13 +162,6 @@ _INPUTS: dict[int, type[Report]] = {
 }
 
 
-def _choose(reports: dict[int, type[Report]], report: bytes) -> type[Report]:
-    if not report:
-        return BrokenReport
-    layer = reports.get(report[0], UnknownReport)
-    return layer if len(report) >= layer.least_bytes else BrokenReport
-
-
 class ConnexionInput(Packet):
     """A report from the device. Report 1 is told apart by its length, 7 bytes or at least 13."""
 
@@ -195,7 +169,7 @@ class ConnexionInput(Packet):
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
         if _pkt[:1] == b"\x01" and len(_pkt) == SPLIT_BYTES:
             return TranslationReport
-        return _choose({0x01: MotionReport, **_INPUTS}, _pkt)
+        return choose_report({0x01: MotionReport, **_INPUTS}, _pkt)
 
 
 class ConnexionOutput(Packet):
@@ -203,7 +177,7 @@ class ConnexionOutput(Packet):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
-        return _choose({0x04: LedReport}, _pkt)
+        return choose_report({0x04: LedReport}, _pkt)
 
 
 class ConnexionFeature(Packet):
@@ -211,4 +185,4 @@ class ConnexionFeature(Packet):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
-        return _choose({0x07: CalibrateReport}, _pkt)
+        return choose_report({0x07: CalibrateReport}, _pkt)

@@ -8,12 +8,12 @@ has sent a pair of reports 1 and 2 of 7 bytes or a report 1 of 13 bytes with pos
 from __future__ import annotations
 
 import struct
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 
 from cardan.dissect import usbmon
 from cardan.dissect._scapy import Packet
-from cardan.dissect.capture import CapturedPacket
+from cardan.dissect.capture import CapturedPacket, Direction
 from cardan.dissect.connexion import (
     ONE_BYTES,
     SPLIT_BYTES,
@@ -28,8 +28,8 @@ from cardan.dissect.connexion import (
 )
 from cardan.dissect.connexion_text import describe
 from cardan.dissect.network import Segment
-from cardan.dissect.reader import Options, PacketLine, ProtocolReader
-from cardan.dissect.statistics import Intervals, tally
+from cardan.dissect.reader import CUT, PacketLine, ProtocolReader
+from cardan.dissect.statistics import Intervals, tallies, tally
 from cardan.dissect.usbmon import Urb
 
 VENDOR_3DCONNEXION, VENDOR_LOGITECH = 0x256F, 0x046D
@@ -65,7 +65,8 @@ NOT_6DOF = {*range(0xC650, 0xC652), *range(0xC654, 0xC659), 0xC664, 0xC665, 0xC6
 
 MOST_COUNTS = 512
 """No device is known to go farther from rest; nominal full scale is 350."""
-HELD_FRAMES = 8
+HELD_PACKETS = 8
+"""Of a device that is not known yet."""
 SILENCE_NS = 100_000_000
 """Six periods of the slower family: a deflected device would have sent by then."""
 MOTION = (TranslationReport, RotationReport, MotionReport)
@@ -112,13 +113,12 @@ class _Endpoint:
         if self.silences:
             limit = SILENCE_NS // 10**6
             yield f"    silent for more than {limit} ms while deflected: {self.silences}"
-        for label, counter in (
+        yield from tallies(
+            "    ",
             ("malformed", self.malformed),
             ("unknown report ids", self.unknown),
             ("failed transfers", self.failed),
-        ):
-            if counter:
-                yield f"    {label}: {tally(counter)}"
+        )
 
 
 class _Device:
@@ -127,7 +127,7 @@ class _Device:
     def __init__(self) -> None:
         self.ids: tuple[int, int] | None = None
         self.ours: bool | None = None  # None: not known yet
-        self.held: list[tuple[CapturedPacket, Urb]] = []
+        self.held: deque[tuple[CapturedPacket, Urb]] = deque(maxlen=HELD_PACKETS)
         self.endpoints: dict[str, _Endpoint] = {}
 
     def identify(self, vendor: int, product: int) -> None:
@@ -150,23 +150,21 @@ class _Device:
 class ConnexionReader(ProtocolReader):
     """Reports of 6-DoF devices on USB."""
 
-    name = "3Dconnexion"
-
-    def __init__(self, options: Options) -> None:
-        super().__init__(options)
+    def __init__(self) -> None:
+        super().__init__()
         self._devices: dict[tuple[int, int], _Device] = {}
         self._asked: dict[int, None] = {}  # ids of URBs that asked for a device descriptor
 
-    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
-        urb = usbmon.parse(frame)
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
+        urb = usbmon.parse(packet)
         if urb is None:
             return
         device = self._devices.setdefault((urb.bus, urb.device), _Device())
         self._descriptor(device, urb)
         if device.ours is None:
-            yield from self._recognise(device, frame, urb)
+            yield from self._recognise(device, packet, urb)
         elif device.ours:
-            yield from self._take(device, frame, urb)
+            yield from self._take(device, packet, urb)
 
     def _descriptor(self, device: _Device, urb: Urb) -> None:
         if urb.event == "S" and urb.setup and urb.setup.startswith(GET_DEVICE_DESCRIPTOR):
@@ -176,42 +174,38 @@ class ConnexionReader(ProtocolReader):
             if len(urb.data) >= 12 and urb.data[1] == 1:
                 device.identify(*struct.unpack_from("<HH", urb.data, 8))
 
-    def _recognise(self, device: _Device, frame: CapturedPacket, urb: Urb) -> Iterator[PacketLine]:
+    def _recognise(self, device: _Device, packet: CapturedPacket, urb: Urb) -> Iterator[PacketLine]:
         if not (_is_input(urb) and urb.data):
             return
-        device.held.append((frame, urb))
+        device.held.append((packet, urb))
         if _looks_right([held.data for _, held in device.held if held.endpoint == urb.endpoint]):
             device.ours = True
-            held, device.held = device.held, []
-            for earlier in held:
+            for earlier in device.held:
                 yield from self._take(device, *earlier)
-        elif len(device.held) == HELD_FRAMES:
-            del device.held[0]
+            device.held.clear()
 
-    def _take(self, device: _Device, frame: CapturedPacket, urb: Urb) -> Iterator[PacketLine]:
-        self.frames += 1
-        direction = "IN" if urb.to_host else "OUT"
-        where = f"USB {urb.bus}.{urb.device} endpoint {urb.endpoint} {direction}"
-        endpoint = device.endpoints.setdefault(f"endpoint {urb.endpoint} {direction}", _Endpoint())
+    def _take(self, device: _Device, packet: CapturedPacket, urb: Urb) -> Iterator[PacketLine]:
+        self.packets += 1
+        end = f"endpoint {urb.endpoint} {urb.direction.value}"
+        where = f"USB {urb.bus}.{urb.device} {end}"
+        endpoint = device.endpoints.setdefault(end, _Endpoint())
         if urb.transfer == usbmon.INTERRUPT and urb.event != "S" and urb.status:
             endpoint.failed[f"status {urb.status}"] += 1
-            yield frame, f"{where} transfer failed, status {urb.status}"
+            yield packet, f"{where} transfer failed, status {urb.status}"
             return
         layer = _layer(urb)
         if layer is None or not (urb.data or urb.cut):
             return
         self.messages += 1
         if urb.cut:
-            reason = "cut by the capture"
-            endpoint.malformed[reason] += 1
-            self.malformed[reason] += 1
-            yield frame, f"{where} MALFORMED {reason}: {urb.data.hex(' ')}"
+            self.count_malformed(CUT, endpoint.malformed)
+            yield packet, f"{where} MALFORMED {CUT}: {urb.data.hex(' ')}"
             return
         report = layer(urb.data)
-        endpoint.add(report, frame.time_ns)
+        endpoint.add(report, packet.time_ns)
         if isinstance(report, BrokenReport):
-            self.malformed[report.reason] += 1
-        yield frame, f"{where} {describe(report)}"
+            self.count_malformed(report.reason)
+        yield packet, f"{where} {describe(report)}"
 
     def summary(self) -> Iterable[str]:
         for (bus, address), device in self._devices.items():
@@ -223,14 +217,16 @@ class ConnexionReader(ProtocolReader):
 
 
 def _is_input(urb: Urb) -> bool:
-    return urb.transfer == usbmon.INTERRUPT and urb.to_host and urb.event == "C"
+    completed_in = (urb.event, urb.direction) == ("C", Direction.FROM_DEVICE)
+    return completed_in and urb.transfer == usbmon.INTERRUPT
 
 
 def _layer(urb: Urb) -> type[Packet] | None:
     """The kind of report in a request block, None where there is none."""
     if _is_input(urb):
         return ConnexionInput
-    if urb.event == "S" and urb.transfer == usbmon.INTERRUPT and not urb.to_host:
+    submitted_out = (urb.event, urb.direction) == ("S", Direction.TO_DEVICE)
+    if submitted_out and urb.transfer == usbmon.INTERRUPT:
         return ConnexionOutput
     if urb.event == "S" and urb.setup and urb.setup.startswith(SET_REPORT):
         return {OUTPUT_TYPE: ConnexionOutput, FEATURE_TYPE: ConnexionFeature}.get(urb.setup[3])

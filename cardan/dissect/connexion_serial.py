@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.dissect._scapy import (
     BitField,
@@ -26,15 +26,13 @@ from cardan.dissect._scapy import (
     StrField,
     StrFixedLenField,
 )
+from cardan.dissect.layers import Block
 
 CR = b"\r"
 
 
-class SerialPacket(Packet):
+class SerialPacket(Block):
     """One packet; what follows is the next one's."""
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 class Broken(SerialPacket):
@@ -42,10 +40,22 @@ class Broken(SerialPacket):
 
     fields_desc = [StrField("data", b"")]
 
+    fault: ClassVar[staticmethod[[bytes], str | None]]
+    """Why bytes are no packet of the device, None when they are one."""
+
     @property
     def reason(self) -> str:
         """What is wrong."""
-        return "no packet of the device"
+        return self.fault(self.data) or ""
+
+
+class TextPacket(SerialPacket):
+    """A letter, then `rest`: text and CR."""
+
+    @property
+    def text(self) -> bytes:
+        """What stands between the letter and the CR."""
+        return bytes(self.rest).removesuffix(CR)
 
 
 # Magellan
@@ -170,27 +180,14 @@ class MagellanExtendedKeys(_MagellanKeys):
     fields_desc = _magellan_keys("more_keys")
 
 
-class MagellanText(SerialPacket):
+class MagellanText(TextPacket):
     """A version, an error or the echo of a command: a letter, its argument, CR."""
 
     fields_desc = [StrFixedLenField("letter", b"v", 1), StrField("rest", CR)]
 
-    @property
-    def text(self) -> bytes:
-        """What stands between the letter and the CR."""
-        return bytes(self.rest).removesuffix(CR)
-
 
 MAGELLAN_LETTERS = b"vemcnqpzbfl"
 """Of packets whose content is text."""
-
-
-class MagellanBroken(Broken):
-    """No packet of a Magellan."""
-
-    @property
-    def reason(self) -> str:
-        return _magellan_fault(self.data) or ""
 
 
 def _magellan_fault(data: bytes) -> str | None:
@@ -213,6 +210,12 @@ def _magellan_fault(data: bytes) -> str | None:
     if letter in (CR, b"") or letter[0] not in MAGELLAN_LETTERS:
         return "unknown letter"
     return None
+
+
+class MagellanBroken(Broken):
+    """No packet of a Magellan."""
+
+    fault = staticmethod(_magellan_fault)
 
 
 class MagellanPacket(Packet):
@@ -319,23 +322,10 @@ class SpaceballExtendedKeys(SpaceballLayer):
     ]
 
 
-class SpaceballText(SerialPacket):
+class SpaceballText(TextPacket):
     """A banner, an error or the echo of a command: a letter, text, CR."""
 
     fields_desc = [StrFixedLenField("letter", b"@", 1), StrField("rest", CR)]
-
-    @property
-    def text(self) -> bytes:
-        """What stands between the letter and the CR."""
-        return bytes(self.rest).removesuffix(CR)
-
-
-class SpaceballBroken(Broken):
-    """No packet of a Spaceball."""
-
-    @property
-    def reason(self) -> str:
-        return _spaceball_fault(self.data) or ""
 
 
 def _spaceball_fault(data: bytes) -> str | None:
@@ -350,6 +340,12 @@ def _spaceball_fault(data: bytes) -> str | None:
             return f"{letter.decode()} of {len(decoded)} bytes"
         return None
     return None if letter != CR and letter[0] in SPACEBALL_LETTERS else "unknown letter"
+
+
+class SpaceballBroken(Broken):
+    """No packet of a Spaceball."""
+
+    fault = staticmethod(_spaceball_fault)
 
 
 class SpaceballPacket(Packet):
@@ -464,14 +460,6 @@ class SpaceOrbText(SpaceOrbLayer):
         return bytes(byte & 0x7F for byte in bytes(self.rest)[:-1])
 
 
-class SpaceOrbBroken(Broken):
-    """No packet of a SpaceOrb."""
-
-    @property
-    def reason(self) -> str:
-        return _orb_fault(self.data) or ""
-
-
 def _orb_fault(data: bytes) -> str | None:
     letter = data[:1]
     if letter not in (*ORB_BYTES, b"R", b"!"):
@@ -481,6 +469,12 @@ def _orb_fault(data: bytes) -> str | None:
     if not all(byte & 0x80 for byte in data[1:]):
         return f"{letter.decode()} with a byte without bit 7"
     return f"{letter.decode()} with a wrong checksum" if _orb_checksum(data) else None
+
+
+class SpaceOrbBroken(Broken):
+    """No packet of a SpaceOrb."""
+
+    fault = staticmethod(_orb_fault)
 
 
 class SpaceOrbPacket(Packet):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from cardan.dissect._scapy import Packet
 from cardan.dissect.connexion import (
     V3DK,
@@ -19,6 +17,7 @@ from cardan.dissect.connexion import (
     RotationReport,
     TranslationReport,
 )
+from cardan.dissect.text import listed
 
 
 def describe(report: Packet) -> str:
@@ -36,7 +35,7 @@ def describe(report: Packet) -> str:
         return f"long press {_bits(report.mask)}"
     if isinstance(report, KeysReport):
         kind = "long press keys" if isinstance(report, LongPressReport) else "keys down"
-        return f"{kind} {_list(f'{code} {V3DK.get(code, code)}' for code in report.codes)}"
+        return f"{kind} {listed(f'{code} {V3DK.get(code, code)}' for code in report.codes)}"
     if isinstance(report, BatteryReport):
         power = "external power" if report.external_power else "on battery"
         return f"battery {report.percent} % {power}"
@@ -50,8 +49,4 @@ def describe(report: Packet) -> str:
 
 
 def _bits(mask: int) -> str:
-    return _list(str(n) for n in range(mask.bit_length()) if mask >> n & 1)
-
-
-def _list(texts: Iterable[str]) -> str:
-    return ", ".join(texts) or "none"
+    return listed(str(n) for n in range(mask.bit_length()) if mask >> n & 1)

@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 from cardan.dissect.egm import EgmSensorPathCorr, symbol
 from cardan.dissect.protobuf import ProtoMessage, unknown_numbers
-
-
-def number(value: float) -> str:
-    """Eight significant digits, without noise of the last bits."""
-    return f"{value:.8g}"
-
-
-def numbers(values: Iterable[float]) -> str:
-    return " ".join(map(number, values)) or "(none)"
+from cardan.dissect.text import number, numbers
 
 
 def describe(message: ProtoMessage) -> str:

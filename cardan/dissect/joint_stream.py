@@ -31,6 +31,7 @@ from cardan.dissect._scapy import (
     bind_bottom_up,
     bind_top_down,
 )
+from cardan.dissect.layers import Block
 from cardan.dissect.ports import JOINT_STREAM_PORT
 
 MAGIC = b"CJST"
@@ -115,7 +116,7 @@ def _in_modes_with(name: str) -> ConditionalField:
     return ConditionalField(_per_joint(name), lambda pkt: name in pkt.lists)
 
 
-class JointStream(Packet):
+class JointStream(Block):
     """A datagram of either way; dissects to the layer of its kind."""
 
     name = "joint stream"
@@ -125,9 +126,6 @@ class JointStream(Packet):
         if _broken(_pkt):
             return JointStreamBroken
         return JointStreamState if _pkt[5] == STATE else JointStreamCommand
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 class JointStreamState(JointStream):

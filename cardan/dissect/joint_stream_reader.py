@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from cardan.dissect._scapy import Packet
-from cardan.dissect.capture import CapturedPacket
+from cardan.dissect.capture import Direction
+from cardan.dissect.flows import DatagramFlow, DatagramReader, Dissected
 from cardan.dissect.joint_stream import (
     HOLD,
     MAGIC,
@@ -19,48 +20,17 @@ from cardan.dissect.joint_stream import (
 from cardan.dissect.joint_stream_text import describe
 from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.ports import JOINT_STREAM_PORT
-from cardan.dissect.reader import Options, PacketLine, ProtocolReader
-from cardan.dissect.statistics import Intervals, Latencies, Sequence, tally
+from cardan.dissect.statistics import Latencies, tallies, tally
 
 PENDING = 256
 """Commands remembered until a state says that one was taken: half a second at 500 Hz."""
-SHOWN_BYTES = 24
-"""Of a malformed datagram: its header."""
 
 
-class _Direction:
-    """What went one way in a flow."""
-
-    def __init__(self) -> None:
-        self.datagrams = 0
-        self.sequence = Sequence()
-        self.intervals = Intervals()
-        self.malformed: Counter[str] = Counter()
-
-    def add(self, sequence: int, datagram: bytes, time_ns: int) -> str:
-        """One good datagram; what its sequence number says."""
-        verdict = self.sequence.add(sequence, datagram)
-        if verdict == "restart":
-            self.intervals.pause()
-        if verdict not in ("duplicate", "repeated", "late"):
-            self.intervals.add(time_ns)
-        return verdict
-
-    def summary(self, sender: str) -> Iterator[str]:
-        yield (
-            f"  from {sender}: {self.datagrams} datagrams, {self.sequence}, {self.intervals}, "
-            f"sequence restarts {self.sequence.restarts}"
-        )
-        if self.malformed:
-            yield f"    malformed: {tally(self.malformed)}"
-
-
-class _Flow:
+class _Flow(DatagramFlow):
     """One arm and one client."""
 
     def __init__(self, arm: Endpoint, client: Endpoint) -> None:
-        self.arm, self.client = arm, client
-        self.states, self.commands = _Direction(), _Direction()
+        super().__init__(arm, client)
         self._session: int | None = None
         self._sessions = 0
         self._taken: int | None = None
@@ -70,13 +40,19 @@ class _Flow:
         self._reasons: Counter[str] = Counter()
         self._pending: deque[tuple[int, int]] = deque(maxlen=PENDING)  # sequence, time in ns
 
-    def state(self, state: Packet, time_ns: int) -> Iterator[str]:
-        """A good state; what is to be said of it."""
-        verdict = self.states.add(state.sequence, state.original, time_ns)
+    def take(self, direction: Direction, layer: Packet, time_ns: int) -> Iterator[str]:
+        yield describe(layer)
+        verdict = self.senders[direction].add(layer.sequence, layer.original, time_ns)
         if verdict not in ("first", "next"):
             yield f"SEQUENCE {verdict.upper()}"
-        if verdict in ("duplicate", "late"):
+        if verdict == "duplicate":
             return
+        if direction is Direction.TO_DEVICE:
+            yield from self._command(layer, time_ns)
+        elif verdict != "late":
+            yield from self._state(layer, time_ns)
+
+    def _state(self, state: Packet, time_ns: int) -> Iterator[str]:
         if state.session != self._session:
             if self._session is not None:
                 yield f"SESSION CHANGED FROM {self._session}"
@@ -96,13 +72,7 @@ class _Flow:
                     self._pending.popleft()
                 return
 
-    def command(self, command: Packet, time_ns: int) -> Iterator[str]:
-        """A good command; what is to be said of it."""
-        verdict = self.commands.add(command.sequence, command.original, time_ns)
-        if verdict not in ("first", "next"):
-            yield f"SEQUENCE {verdict.upper()}"
-        if verdict == "duplicate":
-            return
+    def _command(self, command: Packet, time_ns: int) -> Iterator[str]:
         self._asked += 1
         self._modes[MODES[command.mode]] += 1
         self._pending.append((command.sequence, time_ns))
@@ -112,9 +82,9 @@ class _Flow:
             yield "NOT THE SESSION OF THE NEWEST STATE"
 
     def summary(self) -> Iterator[str]:
-        yield f"joint stream flow arm {self.arm} -> client {self.client}"
-        yield from self.states.summary("arm")
-        yield from self.commands.summary("client")
+        yield f"joint stream flow arm {self.device} -> client {self.client}"
+        for name, sender in zip(("arm", "client"), self.senders.values(), strict=True):
+            yield from sender.summary(name, f", sequence restarts {sender.sequence.restarts}")
         if self._asked:
             line = f"  commands: {tally(self._modes)}"
             yield line + (f", of another session {self._foreign}" if self._foreign else "")
@@ -122,62 +92,25 @@ class _Flow:
             f"  sessions {self._sessions}, commands that states name as taken "
             f"{len(self._latencies)}, latency {self._latencies}"
         )
-        if self._reasons:
-            yield f"  reasons of the arm: {tally(self._reasons)}"
+        yield from tallies("  ", ("reasons of the arm", self._reasons))
 
 
-class JointStreamReader(ProtocolReader):
-    """UDP datagrams that begin with the mark of the protocol, or go to or from its port.
+class JointStreamReader(DatagramReader[_Flow]):
+    """UDP datagrams that begin with the mark of the protocol, or go to or from its port."""
 
-    What goes to or from a port of EGM is left to EGM.
-    """
+    def open(self, device: Endpoint, client: Endpoint) -> _Flow:
+        return _Flow(device, client)
 
-    name = "joint stream"
-
-    def __init__(self, options: Options) -> None:
-        super().__init__(options)
-        self._egm_ports = options.egm_ports
-        self._flows: dict[tuple[Endpoint, Endpoint], _Flow] = {}
-
-    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
-        if not isinstance(network, Segment) or not self._is_ours(network):
-            return
-        self.frames += 1
-        self.messages += 1
-        datagram = JointStream(network.payload)
-        flow, from_arm = self._flow(network, datagram)
-        direction = flow.states if from_arm else flow.commands
-        direction.datagrams += 1
-        reason = "cut by the capture" if network.cut else malformed(datagram)
-        if reason is None:
-            take = flow.state if from_arm else flow.command
-            text = " | ".join((describe(datagram), *take(datagram, frame.time_ns)))
-        else:
-            self.malformed[reason] += 1
-            direction.malformed[reason] += 1
-            shown = network.payload[:SHOWN_BYTES].hex(" ")
-            more = " ..." if len(network.payload) > SHOWN_BYTES else ""
-            text = f"MALFORMED {self.name}: {reason} ({len(network.payload)} B: {shown}{more})"
-        yield frame, f"{network.source} > {network.destination} {text}"
-
-    def _is_ours(self, segment: Segment) -> bool:
+    def dissect(self, segment: Segment) -> Dissected | None:
+        """Which way it went: by its kind, then by the flows that are known, then by the port."""
         ports = {segment.source.port, segment.destination.port}
-        if segment.protocol != "UDP" or ports & self._egm_ports:
-            return False
-        return JOINT_STREAM_PORT in ports or segment.payload.startswith(MAGIC)
-
-    def _flow(self, segment: Segment, datagram: Packet) -> tuple[_Flow, bool]:
-        """The flow, and whether the arm sent it: by kind, then the flows known, then the port."""
-        ways = (segment.source, segment.destination), (segment.destination, segment.source)
-        if not isinstance(datagram, JointStreamBroken):
-            from_arm = isinstance(datagram, JointStreamState)
-        elif ways[0] in self._flows or ways[1] in self._flows:
-            from_arm = ways[0] in self._flows
-        else:
-            from_arm = segment.source.port == JOINT_STREAM_PORT
-        key = ways[0] if from_arm else ways[1]
-        return self._flows.setdefault(key, _Flow(*key)), from_arm
-
-    def summary(self) -> Iterable[str]:
-        for flow in self._flows.values():
-            yield from flow.summary()
+        if JOINT_STREAM_PORT not in ports and not segment.payload.startswith(MAGIC):
+            return None
+        layer = JointStream(segment.payload)
+        broken = isinstance(layer, JointStreamBroken)
+        direction = self.known_direction(segment) if broken else None
+        if direction is None:
+            from_port = segment.source.port == JOINT_STREAM_PORT
+            from_arm = from_port if broken else isinstance(layer, JointStreamState)
+            direction = Direction.FROM_DEVICE if from_arm else Direction.TO_DEVICE
+        return Dissected(layer, direction, "joint stream", malformed(layer))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cardan.dissect._scapy import Packet
-from cardan.dissect.egm_text import number, numbers
 from cardan.dissect.joint_stream import MODES, JointStreamState
+from cardan.dissect.text import number, numbers
 
 UNITS = {"positions": "rad or m", "speeds": "rad/s or m/s", "torques": "N·m or N"}
 """Which of both, the arm's model says and the wire does not."""

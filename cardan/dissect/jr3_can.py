@@ -15,14 +15,15 @@ from typing import Any, ClassVar
 
 from cardan.dissect._scapy import (
     ByteEnumField,
-    Field,
     LEIntField,
     LEShortField,
     LESignedShortField,
-    Packet,
     StrField,
 )
+from cardan.dissect.capture import Direction
+from cardan.dissect.layers import Block, LEFloatField
 
+FROM_BOARD = Direction.FROM_DEVICE
 OPCODE_MASK, NODE_MASK = 0x780, 0x07F
 SYNC_IDENTIFIER = 0x080
 COUNTS_AT_FULL_SCALE = 16384
@@ -35,23 +36,14 @@ SAMPLE_PERIOD_S = 128.5e-6
 """Of the sensor; the counter counts its samples."""
 
 
-class LEFloatField(Field[float, float]):
-    """f32."""
-
-    def __init__(self, name: str, default: float) -> None:
-        Field.__init__(self, name, default, "<f")
-
-
-class Jr3Frame(Packet):
+class Jr3Frame(Block):
     """The payload of a frame."""
 
     opcode: ClassVar[int] = 0
     title: ClassVar[str] = ""
-    from_board: ClassVar[bool] = False
+    way: ClassVar[Direction] = Direction.TO_DEVICE
+    """From the board or to it."""
     least_bytes: ClassVar[int] = 0
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 class SyncFrame(Jr3Frame):
@@ -63,14 +55,14 @@ class SyncFrame(Jr3Frame):
 class AckFrame(Jr3Frame):
     """Answers a command, and does not say which."""
 
-    opcode, title, from_board, least_bytes = 0x100, "ACK", True, 1
+    opcode, title, way, least_bytes = 0x100, "ACK", FROM_BOARD, 1
     fields_desc = [ByteEnumField("state", 0, STATES)]
 
 
 class FullScalesAckFrame(Jr3Frame):
     """Answers a query of full scales: X, Y, Z in N, or in 0.1 N·m."""
 
-    opcode, title, from_board, least_bytes = 0x100, "ACK", True, 7
+    opcode, title, way, least_bytes = 0x100, "ACK", FROM_BOARD, 7
     fields_desc = [
         ByteEnumField("state", 0, STATES),
         *(LEShortField(axis, 0) for axis in "xyz"),
@@ -131,21 +123,21 @@ def _sample() -> list[Any]:
 class ForcesFrame(Jr3Frame):
     """The first half of a sample."""
 
-    opcode, title, from_board, least_bytes = 0x600, "FORCES", True, 8
+    opcode, title, way, least_bytes = 0x600, "FORCES", FROM_BOARD, 8
     fields_desc = _sample()
 
 
 class MomentsFrame(Jr3Frame):
     """The second half, with the same counter."""
 
-    opcode, title, from_board, least_bytes = 0x680, "MOMENTS", True, 8
+    opcode, title, way, least_bytes = 0x680, "MOMENTS", FROM_BOARD, 8
     fields_desc = _sample()
 
 
 class BootupFrame(Jr3Frame):
     """The board is ready, with a sensor."""
 
-    opcode, title, from_board = 0x700, "BOOTUP", True
+    opcode, title, way = 0x700, "BOOTUP", FROM_BOARD
 
 
 class GripperPwmFrame(Jr3Frame):
@@ -169,26 +161,6 @@ class BrokenFrame(Jr3Frame):
     title = "broken"
 
 
-LAYERS: dict[int, type[Jr3Frame]] = {
-    layer.opcode: layer
-    for layer in (
-        AckFrame,
-        StartSyncFrame,
-        StartAsyncFrame,
-        StopFrame,
-        ZeroOffsetsFrame,
-        SetFilterFrame,
-        GetStateFrame,
-        GetForceScalesFrame,
-        GetMomentScalesFrame,
-        ResetFrame,
-        ForcesFrame,
-        MomentsFrame,
-        BootupFrame,
-        GripperPwmFrame,
-    )
-}
-"""By opcode, of frames with a node id."""
 ACKNOWLEDGED = (
     StartSyncFrame,
     StartAsyncFrame,
@@ -201,6 +173,18 @@ ACKNOWLEDGED = (
     ResetFrame,
 )
 """The commands that the board answers."""
+LAYERS: dict[int, type[Jr3Frame]] = {
+    layer.opcode: layer
+    for layer in (
+        AckFrame,
+        *ACKNOWLEDGED,
+        ForcesFrame,
+        MomentsFrame,
+        BootupFrame,
+        GripperPwmFrame,
+    )
+}
+"""By opcode, of frames with a node id."""
 
 
 def split(identifier: int) -> tuple[int, int]:
@@ -216,7 +200,8 @@ def dissect(identifier: int, data: bytes) -> Jr3Frame:
         layer = SyncFrame
     elif layer is AckFrame and len(data) == FullScalesAckFrame.least_bytes:
         layer = FullScalesAckFrame
-    if len(data) < layer.least_bytes or (layer.from_board and len(data) > layer.least_bytes):
+    excess = len(data) - layer.least_bytes
+    if excess < 0 or (excess and layer.way is FROM_BOARD):
         return BrokenFrame(data=data)
     # scapy makes a packet with default values of no bytes; only layers without fields get there.
     return layer(data) if data else layer()

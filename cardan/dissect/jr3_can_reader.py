@@ -34,10 +34,10 @@ from cardan.dissect.jr3_can import (
 )
 from cardan.dissect.jr3_can_text import Scales, describe, overrange
 from cardan.dissect.network import Segment
-from cardan.dissect.reader import Options, PacketLine, ProtocolReader
-from cardan.dissect.statistics import Intervals, Latencies, tally
+from cardan.dissect.reader import CUT, PacketLine, ProtocolReader
+from cardan.dissect.statistics import Intervals, Latencies, tallies, tally
 
-HELD_FRAMES = 64
+HELD_PACKETS = 64
 """Of a node that is not known to be a board: the handshake before its first sample, and more."""
 FIRST_OPCODE = 0x100
 """Lower ones are no board's."""
@@ -50,7 +50,7 @@ class _Board:
     def __init__(self, node: int, ours: bool) -> None:
         self.node = node
         self.ours = ours
-        self.held: deque[tuple[CapturedPacket, CapturedCanFrame]] = deque(maxlen=HELD_FRAMES)
+        self.held: deque[tuple[CapturedPacket, CapturedCanFrame]] = deque(maxlen=HELD_PACKETS)
         self.frames: Counter[str] = Counter()
         self.malformed: Counter[str] = Counter()
         self._force_scales: Scales | None = None
@@ -158,65 +158,61 @@ class _Board:
         ):
             if scales is not None:
                 yield f"  full scales of {label} {' '.join(map(str, scales))} {unit}"
-        if self.malformed:
-            yield f"  malformed: {tally(self.malformed)}"
+        yield from tallies("  ", ("malformed", self.malformed))
 
 
 class Jr3CanReader(ProtocolReader):
     """Frames of boards with a JR3 sensor."""
 
-    name = "JR3"
-
-    def __init__(self, options: Options) -> None:
-        super().__init__(options)
-        self._boards = {node: _Board(node, True) for node in sorted(options.jr3_nodes)}
+    def __init__(self, jr3_nodes: frozenset[int] = frozenset()) -> None:
+        super().__init__()
+        self._boards = {node: _Board(node, True) for node in sorted(jr3_nodes)}
         self._found = bool(self._boards)
         self._syncs = Intervals()
         self._sync_count = 0
 
-    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
-        captured = can.parse(frame)
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
+        captured = can.parse(packet)
         if captured is None:
             return
         opcode, node = split(captured.identifier)
         if captured.identifier == SYNC_IDENTIFIER:
             if self._found:
-                yield self._sync(frame)
+                yield self._sync(packet)
             return
         if opcode < FIRST_OPCODE or not node:
             return
         board = self._boards.setdefault(node, _Board(node, False))
         if board.ours:
-            yield self._take(board, frame, captured)
+            yield self._take(board, packet, captured)
             return
         before = board.held[-1][1] if board.held else None
-        board.held.append((frame, captured))
+        board.held.append((packet, captured))
         if before is not None and _is_sample(before, captured):
             board.ours = self._found = True
             for earlier, held in board.held:
                 yield self._take(board, earlier, held)
             board.held.clear()
 
-    def _sync(self, frame: CapturedPacket) -> PacketLine:
-        self.frames += 1
+    def _sync(self, packet: CapturedPacket) -> PacketLine:
+        self.packets += 1
         self.messages += 1
         self._sync_count += 1
-        self._syncs.add(frame.time_ns)
-        return frame, f"CAN 0x{SYNC_IDENTIFIER:03x} SYNC to every node"
+        self._syncs.add(packet.time_ns)
+        return packet, f"CAN 0x{SYNC_IDENTIFIER:03x} SYNC to every node"
 
-    def _take(self, board: _Board, frame: CapturedPacket, captured: CapturedCanFrame) -> PacketLine:
-        self.frames += 1
+    def _take(self, board: _Board, packet: CapturedPacket, frame: CapturedCanFrame) -> PacketLine:
+        self.packets += 1
         self.messages += 1
-        where = f"CAN 0x{captured.identifier:03x} JR3 node {board.node}"
-        reason = "cut by the capture" if captured.cut else None
-        layer = dissect(captured.identifier, captured.data)
+        where = f"CAN 0x{frame.identifier:03x} JR3 node {board.node}"
+        reason = CUT if frame.cut else None
+        layer = dissect(frame.identifier, frame.data)
         if reason is None and isinstance(layer, BrokenFrame):
-            reason = malformed(captured.identifier, captured.data)
+            reason = malformed(frame.identifier, frame.data)
         if reason:
-            self.malformed[reason] += 1
-            board.malformed[reason] += 1
-            return frame, f"{where} MALFORMED {reason}: {captured.data.hex(' ')}".rstrip()
-        return frame, f"{where} " + " | ".join(board.take(layer, frame.time_ns))
+            self.count_malformed(reason, board.malformed)
+            return packet, f"{where} MALFORMED {reason}: {frame.data.hex(' ')}".rstrip()
+        return packet, f"{where} " + " | ".join(board.take(layer, packet.time_ns))
 
     def summary(self) -> Iterable[str]:
         for board in self._boards.values():

@@ -1,4 +1,4 @@
-"""From a captured frame down to the UDP or TCP payload."""
+"""From a captured packet down to the UDP or TCP payload."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import ipaddress
 import struct
 from typing import NamedTuple
 
-from cardan.dissect.capture import CapturedPacket
+from cardan.dissect.capture import CapturedPacket, Direction
 
 NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2 = 0, 1, 108, 101, 113, 228, 229, 276
 RAW_OF_BSD = (12, 14)
+LINK_TYPES = frozenset((NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2, *RAW_OF_BSD))
+"""Of captures that can hold IP."""
 ETHERTYPE_IPV4, ETHERTYPE_IPV6 = 0x0800, 0x86DD
 VLAN_TAGS = (0x8100, 0x88A8, 0x9100)
 ETHERTYPE_NAMES = {0x0806: "ARP", 0x88CC: "LLDP", 0x8892: "PROFINET", 0x88A4: "EtherCAT"}
@@ -54,18 +56,24 @@ class Segment(NamedTuple):
         low, high = sorted((self.source.port, self.destination.port))
         return f"{self.protocol} {low}/{high}"
 
+    def ends(self, direction: Direction) -> tuple[Endpoint, Endpoint]:
+        """The device's end and the client's, of a segment that goes this way."""
+        if direction is Direction.FROM_DEVICE:
+            return self.source, self.destination
+        return self.destination, self.source
 
-def parse(frame: CapturedPacket) -> Segment | str:
-    """The segment in a frame; of a frame without one its name ("ARP", "USB", "CAN"...)."""
+
+def parse(packet: CapturedPacket) -> Segment | str:
+    """The segment in a packet; of a packet without one its name ("ARP", "USB", "CAN"...)."""
     try:
-        found = _link(frame)
+        found = _link(packet)
     except (struct.error, IndexError):
         return "cut or broken packet"
-    return found._replace(cut=found.cut or frame.cut) if isinstance(found, Segment) else found
+    return found._replace(cut=found.cut or packet.cut) if isinstance(found, Segment) else found
 
 
-def _link(frame: CapturedPacket) -> Segment | str:
-    data, link_type = frame.data, frame.link_type
+def _link(packet: CapturedPacket) -> Segment | str:
+    data, link_type = packet.data, packet.link_type
     if link_type in (RAW, IPV4, IPV6, *RAW_OF_BSD):
         return _ip(data)
     if link_type in (NULL, LOOP):

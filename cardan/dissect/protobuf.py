@@ -14,7 +14,8 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NamedTuple
 
-from cardan.dissect._scapy import Field, Packet
+from cardan.dissect._scapy import Field
+from cardan.dissect.layers import Block
 
 VARINT, FIXED64, LENGTH, GROUP, GROUP_END, FIXED32 = range(6)
 MAX_VARINT_BYTES = 10
@@ -270,7 +271,7 @@ class Verbatim(Field[Any, Any]):
 TAIL = (Verbatim("unknown"), Verbatim("rest"))
 
 
-class ProtoMessage(Packet):
+class ProtoMessage(Block):
     """A protobuf message; see the module's text."""
 
     _by_number: ClassVar[dict[int, ProtoField]] = {}
@@ -301,9 +302,6 @@ class ProtoMessage(Packet):
         # No raw_packet_cache: scapy's does not see a change two messages down.
         self.explicit = 1
         return b""
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 def faults(message: ProtoMessage) -> Iterator[str]:

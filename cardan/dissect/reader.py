@@ -1,70 +1,43 @@
-"""What one protocol makes of a capture: the interface, and the table of protocols there are.
-
-A new protocol is a module with a :class:`ProtocolReader` and a line in :data:`READERS`, or in
-:data:`LINK_READERS` when it is found on links of one kind only.
-"""
+"""What one protocol makes of a capture: a reader, and the declaration that it is found by."""
 
 from __future__ import annotations
 
 import importlib
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, NamedTuple
 
 from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import Segment
-from cardan.dissect.ports import SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT
+from cardan.errors import ConfigurationError
 
 PacketLine = tuple[CapturedPacket, str]
 """A line to print, with the packet that it is about."""
 
-READERS = (
-    "cardan.dissect.egm_reader:EgmReader",
-    "cardan.dissect.connexion_reader:ConnexionReader",
-    "cardan.dissect.joint_stream_reader:JointStreamReader",
-    "cardan.dissect.simple_message_reader:SimpleMessageReader",
-)
-"""By name, because the modules need scapy."""
-LINK_READERS = {
-    187: "cardan.dissect.wiimote_reader:WiimoteReader",
-    201: "cardan.dissect.wiimote_reader:WiimoteReader",
-    227: "cardan.dissect.jr3_can_reader:Jr3CanReader",
-}
-"""By the link type whose first frame makes them worth loading: Bluetooth HCI and CAN."""
-
-
-class Options(NamedTuple):
-    """What the user can choose."""
-
-    egm_ports: frozenset[int]
-    """UDP ports of a PC."""
-    simple_message_ports: frozenset[int] = frozenset(
-        (*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT)
-    )
-    """TCP ports of a controller."""
-    jr3_nodes: frozenset[int] = frozenset()
-    """Node ids of JR3 boards on CAN besides those that are recognised."""
+CUT = "cut by the capture"
+"""The reason for which a message is malformed that the capture does not have all of."""
 
 
 class ProtocolReader(ABC):
-    """Sees every frame of a capture in order and takes those of its protocol."""
+    """Sees the packets of its link types in order and takes those of its protocol.
 
-    name: ClassVar[str]
+    A packet that it takes (`packets` has grown) is not offered to the readers after it.
+    """
 
-    def __init__(self, options: Options) -> None:
-        self.frames = 0
-        """Frames that belong to the protocol, those without a message of it included."""
+    def __init__(self) -> None:
+        self.packets = 0
+        """Packets that belong to the protocol, those without a message of it included."""
         self.messages = 0
         """Datagrams, reports or messages of a stream shown, malformed ones included."""
         self.malformed: Counter[str] = Counter()
         """Those that are not what they should be, by reason."""
 
     @abstractmethod
-    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
-        """Lines to show, each with its frame; none when the frame holds nothing of the protocol.
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
+        """Lines to show, each with its packet; none when this one holds nothing of the protocol.
 
-        `network` is what :func:`cardan.dissect.network.parse` says of the frame.
+        `network` is what :func:`cardan.dissect.network.parse` says of the packet.
         """
 
     def finish(self) -> Iterable[PacketLine]:
@@ -75,24 +48,65 @@ class ProtocolReader(ABC):
     def summary(self) -> Iterable[str]:
         """Lines about everything that was fed."""
 
-
-def load_readers(options: Options) -> list[ProtocolReader]:
-    """A fresh reader of every protocol; ScapyMissingError without scapy."""
-    return [_load(target, options) for target in READERS]
-
-
-def load_link_reader(
-    link_type: int, readers: list[ProtocolReader], options: Options
-) -> ProtocolReader | None:
-    """A fresh reader of what only links of this type carry; None when there is none, or when
-    `readers` have it."""
-    target = LINK_READERS.get(link_type)
-    if target is None or any(f"{type(r).__module__}:{type(r).__name__}" == target for r in readers):
-        return None
-    return _load(target, options)
+    def count_malformed(self, reason: str, *counters: Counter[str]) -> None:
+        """One more malformed message, here and in `counters` of its flow or device."""
+        for counter in (self.malformed, *counters):
+            counter[reason] += 1
 
 
-def _load(target: str, options: Options) -> ProtocolReader:
-    module, _, name = target.partition(":")
-    reader: ProtocolReader = getattr(importlib.import_module(module), name)(options)
-    return reader
+class Numbers(NamedTuple):
+    """An option that adds numbers to those a protocol is looked for at: ports, nodes."""
+
+    key: str
+    """The keyword of :func:`cardan.dissect.dissect_file` and of the reader."""
+    flag: str
+    """On the command line, without the leading dashes; it can be given several times."""
+    metavar: str
+    help: str
+    """In a few words without a full stop; that the option is repeatable is added."""
+    what: str
+    """What one of the numbers is ("UDP port")."""
+    allowed: range
+    usual: frozenset[int] = frozenset()
+    """Those that are looked at anyway."""
+
+    def with_usual(self, more: Iterable[int]) -> frozenset[int]:
+        """The usual numbers and `more`; ConfigurationError for one out of range."""
+        numbers = frozenset(more)
+        if wrong := sorted(numbers.difference(self.allowed)):
+            listed = ", ".join(map(str, wrong))
+            raise ConfigurationError(
+                self.key,
+                f"{self.what} {listed}: allowed are {self.allowed[0]} to {self.allowed[-1]}",
+            )
+        return self.usual | numbers
+
+
+class Dissector:
+    """A protocol as ``cardan dissect`` has it: where it is looked for, its options, its reader.
+
+    It is never instantiated, and looking at it needs no scapy. The class's docstring says in a line
+    what it reads.
+    """
+
+    name: ClassVar[str]
+    """The protocol's, in the figures of a capture."""
+    page: ClassVar[str]
+    """Where it is described: a page under docs/, or an address."""
+    link_types: ClassVar[frozenset[int]]
+    """Of the packets that it is offered (LINKTYPE_ numbers of libpcap)."""
+    always: ClassVar[bool] = False
+    """Whether the figures say of every capture how much of it there was, instead of captures with
+    one of its link types only."""
+    options: ClassVar[Sequence[Numbers]] = ()
+    reader: ClassVar[str]
+    """The ProtocolReader as "package.module:Class", which is imported when a capture needs it: most
+    need scapy. It is made with the numbers of each option by its key."""
+
+    @classmethod
+    def open(cls, numbers: Mapping[str, frozenset[int]]) -> ProtocolReader:
+        """A fresh reader, with those of `numbers` that are its options'. ScapyMissingError."""
+        module, _, name = cls.reader.partition(":")
+        make = getattr(importlib.import_module(module), name)
+        reader: ProtocolReader = make(**{o.key: numbers[o.key] for o in cls.options})
+        return reader

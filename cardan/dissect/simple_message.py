@@ -45,120 +45,76 @@ REPLY_CODES = {0: "unused", 1: "SUCCESS", 2: "FAILURE"}
 TIME, POSITION, VELOCITY, ACCELERATION = 1, 2, 4, 8
 VALID_FIELDS = {TIME: "TIME", POSITION: "POSITION", VELOCITY: "VELOCITY", ACCELERATION: "ACCEL"}
 
+
+def _numbered(names: dict[int, str]) -> dict[int, str]:
+    """Names of numbers that follow each other, from each key on; "-" stands for no name."""
+    return {
+        number: name
+        for first, each in names.items()
+        for number, name in enumerate(each.split(), first)
+        if name != "-"
+    }
+
+
 NAMES = {
-    1: "PING",
-    2: "GET_VERSION",
-    10: "JOINT_POSITION",
-    11: "JOINT_TRAJ_PT",
-    12: "JOINT_TRAJ",
-    13: "ROBOT_STATUS",
-    14: "JOINT_TRAJ_PT_FULL",
-    15: "JOINT_FEEDBACK",
+    **_numbered(
+        {
+            1: "PING GET_VERSION",
+            10: "JOINT_POSITION JOINT_TRAJ_PT JOINT_TRAJ ROBOT_STATUS JOINT_TRAJ_PT_FULL "
+            "JOINT_FEEDBACK",
+            20: "READ_INPUT WRITE_OUTPUT",
+            2001: "MOTO_MOTION_CTRL MOTO_MOTION_REPLY READ_IO_BIT READ_IO_BIT_REPLY WRITE_IO_BIT "
+            "WRITE_IO_BIT_REPLY READ_IO_GROUP READ_IO_GROUP_REPLY WRITE_IO_GROUP "
+            "WRITE_IO_GROUP_REPLY IOCTRL_REPLY READ_MREGISTER WRITE_MREGISTER",
+            2016: "JOINT_TRAJ_PT_FULL_EX JOINT_FEEDBACK_EX SELECT_TOOL - GET_DH_PARAMETERS",
+            2030: "RT_JOINT_STATE_EX RT_JOINT_COMMAND_EX",
+            2040: "MOTO_JOINT_VELOCITY MOTO_JOINT_VELOCITY_EX MOTO_VELOCITY_INFO",
+        }
+    ),
     16: "JOINT_TRAJ_PT_FULL_EX (16)",
     17: "JOINT_FEEDBACK_EX (17)",
-    20: "READ_INPUT",
-    21: "WRITE_OUTPUT",
-    2001: "MOTO_MOTION_CTRL",
-    2002: "MOTO_MOTION_REPLY",
-    2003: "READ_IO_BIT",
-    2004: "READ_IO_BIT_REPLY",
-    2005: "WRITE_IO_BIT",
-    2006: "WRITE_IO_BIT_REPLY",
-    2007: "READ_IO_GROUP",
-    2008: "READ_IO_GROUP_REPLY",
-    2009: "WRITE_IO_GROUP",
-    2010: "WRITE_IO_GROUP_REPLY",
-    2011: "IOCTRL_REPLY",
-    2012: "READ_MREGISTER",
-    2013: "WRITE_MREGISTER",
-    2016: "JOINT_TRAJ_PT_FULL_EX",
-    2017: "JOINT_FEEDBACK_EX",
-    2018: "SELECT_TOOL",
-    2020: "GET_DH_PARAMETERS",
-    2030: "RT_JOINT_STATE_EX",
-    2031: "RT_JOINT_COMMAND_EX",
-    2040: "MOTO_JOINT_VELOCITY",
-    2041: "MOTO_JOINT_VELOCITY_EX",
-    2042: "MOTO_VELOCITY_INFO",
 }
 CHECK_MOTION_READY, CHECK_QUEUE_CNT, DISCONNECT = 200101, 200102, 200130
-COMMANDS = {
-    CHECK_MOTION_READY: "CHECK_MOTION_READY",
-    CHECK_QUEUE_CNT: "CHECK_QUEUE_CNT",
-    200111: "STOP_MOTION",
-    200112: "START_SERVOS",
-    200113: "STOP_SERVOS",
-    200114: "RESET_ALARM",
-    200121: "START_TRAJ_MODE",
-    200122: "STOP_TRAJ_MODE",
-    DISCONNECT: "DISCONNECT",
-    200140: "START_RT_MODE",
-    200141: "STOP_RT_MODE",
-    200142: "CHECK_TIMEOUT_CNT",
-    200151: "START_VEL_MODE",
-    200152: "STOP_VEL_MODE",
-}
+COMMANDS = _numbered(
+    {
+        200101: "CHECK_MOTION_READY CHECK_QUEUE_CNT",
+        200111: "STOP_MOTION START_SERVOS STOP_SERVOS RESET_ALARM",
+        200121: "START_TRAJ_MODE STOP_TRAJ_MODE",
+        200130: "DISCONNECT",
+        200140: "START_RT_MODE STOP_RT_MODE CHECK_TIMEOUT_CNT",
+        200151: "START_VEL_MODE STOP_VEL_MODE",
+    }
+)
 SUCCESS, BUSY, FAILURE, INVALID, ALARM, NOT_READY, MP_FAILURE = range(7)
-RESULTS = {
-    SUCCESS: "SUCCESS",
-    BUSY: "BUSY",
-    FAILURE: "FAILURE",
-    INVALID: "INVALID",
-    ALARM: "ALARM",
-    NOT_READY: "NOT_READY",
-    MP_FAILURE: "MP_FAILURE",
-}
-INVALID_SUBCODES = {
-    3000: "UNSPECIFIED",
-    3001: "MSGSIZE",
-    3002: "MSGHEADER",
-    3003: "MSGTYPE",
-    3004: "GROUPNO",
-    3005: "SEQUENCE",
-    3006: "COMMAND",
-    3010: "DATA",
-    3011: "DATA_START_POS",
-    3012: "DATA_POSITION",
-    3013: "DATA_SPEED",
-    3014: "DATA_ACCEL",
-    3015: "DATA_INSUFFICIENT",
-    3016: "DATA_TIME",
-    3017: "DATA_TOOLNO",
-    3040: "VEL_SEQUENCE",
-    3041: "VEL_NOT_FINITE",
-}
-NOT_READY_SUBCODES = {
-    5000: "UNSPECIFIED",
-    5001: "ALARM",
-    5002: "ERROR",
-    5003: "ESTOP",
-    5004: "NOT_PLAY",
-    5005: "NOT_REMOTE",
-    5006: "SERVO_OFF",
-    5007: "HOLD",
-    5008: "NOT_STARTED",
-    5009: "WAITING_ROS",
-    5010: "SKILLSEND",
-    5011: "PFL_ACTIVE",
-    5012: "INC_MOVE_ERROR",
-    5040: "NOT_IN_VEL_MODE",
-    5041: "VEL_WATCHDOG",
-    5042: "OTHER_MODE_ACTIVE",
-}
+RESULTS = _numbered({0: "SUCCESS BUSY FAILURE INVALID ALARM NOT_READY MP_FAILURE"})
+INVALID_SUBCODES = _numbered(
+    {
+        3000: "UNSPECIFIED MSGSIZE MSGHEADER MSGTYPE GROUPNO SEQUENCE COMMAND",
+        3010: "DATA DATA_START_POS DATA_POSITION DATA_SPEED DATA_ACCEL DATA_INSUFFICIENT DATA_TIME "
+        "DATA_TOOLNO",
+        3040: "VEL_SEQUENCE VEL_NOT_FINITE",
+    }
+)
+NOT_READY_SUBCODES = _numbered(
+    {
+        5000: "UNSPECIFIED ALARM ERROR ESTOP NOT_PLAY NOT_REMOTE SERVO_OFF HOLD NOT_STARTED "
+        "WAITING_ROS SKILLSEND PFL_ACTIVE INC_MOVE_ERROR",
+        5040: "NOT_IN_VEL_MODE VEL_WATCHDOG OTHER_MODE_ACTIVE",
+    }
+)
 SUBCODES = {
     FAILURE: NOT_READY_SUBCODES,  # CHECK_MOTION_READY says FALSE with the subcodes of NOT_READY
     INVALID: INVALID_SUBCODES,
     NOT_READY: NOT_READY_SUBCODES,
 }
 """By result."""
-IO_RESULTS = {
-    0: "OK",
-    1001: "READ_ADDRESS_INVALID",
-    1002: "WRITE_ADDRESS_INVALID",
-    1003: "WRITE_VALUE_INVALID",
-    1004: "READ_API_ERROR",
-    1005: "WRITE_API_ERROR",
-}
+IO_RESULTS = _numbered(
+    {
+        0: "OK",
+        1001: "READ_ADDRESS_INVALID WRITE_ADDRESS_INVALID WRITE_VALUE_INVALID READ_API_ERROR "
+        "WRITE_API_ERROR",
+    }
+)
 TRI_STATES = {-1: "unknown", 0: "no", 1: "yes"}
 MODES = {-1: "unknown", 1: "MANUAL", 2: "AUTO"}
 ACTIVE_MODES = {0: "none", 1: "trajectory", 2: "velocity"}
@@ -370,6 +326,19 @@ def _header(msg_type: int, comm_type: int) -> list[Any]:
     ]
 
 
+def _words(*names: str) -> list[Any]:
+    return [WordField(name, 0) for name in names]
+
+
+def _reals(*names: str) -> list[Any]:
+    """Ten of each."""
+    return [RealsField(name, []) for name in names]
+
+
+def _states(*names: str) -> list[Any]:
+    return [WordEnumField(name, 0, TRI_STATES) for name in names]
+
+
 HEADER_FIELDS = 6
 """Of fields_desc; the body's follow."""
 
@@ -454,25 +423,19 @@ class RobotStatus(SimpleMessage):
 
     fields_desc = [
         *_header(13, TOPIC),
-        WordEnumField("drives_powered", 0, TRI_STATES),
-        WordEnumField("e_stopped", 0, TRI_STATES),
+        *_states("drives_powered", "e_stopped"),
         WordField("error_code", 0),
-        WordEnumField("in_error", 0, TRI_STATES),
-        WordEnumField("in_motion", 0, TRI_STATES),
+        *_states("in_error", "in_motion"),
         WordEnumField("mode", 2, MODES),
-        WordEnumField("motion_possible", 0, TRI_STATES),
+        *_states("motion_possible"),
     ]
 
 
 def _point(sequence: bool) -> list[Any]:
     return [
-        WordField("group", 0),
-        *([WordField("sequence", 0)] if sequence else []),
-        WordField("valid_fields", 0),
+        *_words("group", *(("sequence",) if sequence else ()), "valid_fields"),
         RealField("time_s", 0.0),
-        RealsField("positions", []),
-        RealsField("velocities", []),
-        RealsField("accelerations", []),
+        *_reals("positions", "velocities", "accelerations"),
     ]
 
 
@@ -493,8 +456,7 @@ class MotionCtrl(SimpleMessage):
 
     fields_desc = [
         *_header(2001, REQUEST),
-        WordField("group", 0),
-        WordField("sequence", 0),
+        *_words("group", "sequence"),
         WordEnumField("command_code", CHECK_MOTION_READY, COMMANDS),
         RealsField("values", []),
     ]
@@ -505,8 +467,7 @@ class MotionReply(SimpleMessage):
 
     fields_desc = [
         *_header(2002, REPLY),
-        WordField("group", 0),
-        WordField("sequence", 0),
+        *_words("group", "sequence"),
         WordEnumField("command_code", CHECK_MOTION_READY, {**NAMES, **COMMANDS}),
         WordEnumField("result", SUCCESS, RESULTS),
         WordField("subcode", 0),
@@ -522,73 +483,44 @@ class IoErrorReply(SimpleMessage):
         *_header(2002, REPLY),
         WordEnumField("result", INVALID, RESULTS),
         WordEnumField("subcode", 3000, INVALID_SUBCODES),
-        *(WordField(f"unused_{n}", 0) for n in range(3)),
+        *_words("unused_0", "unused_1", "unused_2"),
         RealsField("values", []),
     ]
 
 
-def _io_read(request: int, reply: int) -> tuple[list[Any], list[Any]]:
+def _io(
+    name: str, request: int, reply: int, asked: str, answered: str
+) -> tuple[type[SimpleMessage], type[SimpleMessage]]:
+    """The layers of a request of the I/O server and of its reply, which can have the same type."""
+
+    def layer(name: str, fields: list[Any], doc: str) -> type[SimpleMessage]:
+        return type(
+            name, (SimpleMessage,), {"fields_desc": fields, "__doc__": doc, "__module__": __name__}
+        )
+
     result = UnsignedEnumField("result", 0, IO_RESULTS)
+    values = {each: UnsignedField(each, 0) for each in ("address", "value")} | {"result": result}
     return (
-        [*_header(request, REQUEST), UnsignedField("address", 0)],
-        [*_header(reply, REPLY), UnsignedField("value", 0), result],
+        layer(
+            name,
+            [*_header(request, REQUEST), *(values[each] for each in asked.split())],
+            "Client to controller.",
+        ),
+        layer(
+            f"{name}Reply",
+            [*_header(reply, REPLY), *(values[each] for each in answered.split())],
+            "Controller to client.",
+        ),
     )
 
 
-def _io_write(request: int, reply: int) -> tuple[list[Any], list[Any]]:
-    asked = [UnsignedField("address", 0), UnsignedField("value", 0)]
-    return (
-        [*_header(request, REQUEST), *asked],
-        [*_header(reply, REPLY), UnsignedEnumField("result", 0, IO_RESULTS)],
-    )
-
-
-class ReadIoBit(SimpleMessage):
-    """Client to controller."""
-
-    fields_desc = _io_read(2003, 2004)[0]
-
-
-class ReadIoBitReply(SimpleMessage):
-    """Controller to client."""
-
-    fields_desc = _io_read(2003, 2004)[1]
-
-
-class WriteIoBit(SimpleMessage):
-    """Client to controller."""
-
-    fields_desc = _io_write(2005, 2006)[0]
-
-
-class WriteIoBitReply(SimpleMessage):
-    """Controller to client."""
-
-    fields_desc = _io_write(2005, 2006)[1]
-
-
-class ReadIoGroup(SimpleMessage):
-    """Client to controller."""
-
-    fields_desc = _io_read(2007, 2008)[0]
-
-
-class ReadIoGroupReply(SimpleMessage):
-    """Controller to client."""
-
-    fields_desc = _io_read(2007, 2008)[1]
-
-
-class WriteIoGroup(SimpleMessage):
-    """Client to controller."""
-
-    fields_desc = _io_write(2009, 2010)[0]
-
-
-class WriteIoGroupReply(SimpleMessage):
-    """Controller to client."""
-
-    fields_desc = _io_write(2009, 2010)[1]
+ReadIoBit, ReadIoBitReply = _io("ReadIoBit", 2003, 2004, "address", "value result")
+WriteIoBit, WriteIoBitReply = _io("WriteIoBit", 2005, 2006, "address value", "result")
+ReadIoGroup, ReadIoGroupReply = _io("ReadIoGroup", 2007, 2008, "address", "value result")
+WriteIoGroup, WriteIoGroupReply = _io("WriteIoGroup", 2009, 2010, "address value", "result")
+# The address is the register.
+ReadRegister, ReadRegisterReply = _io("ReadRegister", 2012, 2012, "address", "value result")
+WriteRegister, WriteRegisterReply = _io("WriteRegister", 2013, 2013, "address value", "result")
 
 
 class IoCtrlReply(SimpleMessage):
@@ -599,30 +531,6 @@ class IoCtrlReply(SimpleMessage):
         WordEnumField("result", 0, RESULTS),
         WordField("subcode", 0),
     ]
-
-
-class ReadRegister(SimpleMessage):
-    """Client to controller; `address` is the register."""
-
-    fields_desc = _io_read(2012, 2012)[0]
-
-
-class ReadRegisterReply(SimpleMessage):
-    """Controller to client, of the same type as its request."""
-
-    fields_desc = _io_read(2012, 2012)[1]
-
-
-class WriteRegister(SimpleMessage):
-    """Client to controller; `address` is the register."""
-
-    fields_desc = _io_write(2013, 2013)[0]
-
-
-class WriteRegisterReply(SimpleMessage):
-    """Controller to client, of the same type as its request."""
-
-    fields_desc = _io_write(2013, 2013)[1]
 
 
 class JointTrajPtFullEx(SimpleMessage):
@@ -649,12 +557,7 @@ class JointFeedbackEx(SimpleMessage):
 class SelectTool(SimpleMessage):
     """Client to controller."""
 
-    fields_desc = [
-        *_header(2018, REQUEST),
-        WordField("group", 0),
-        WordField("tool", 0),
-        WordField("sequence", 0),
-    ]
+    fields_desc = [*_header(2018, REQUEST), *_words("group", "tool", "sequence")]
 
 
 class GetDhParameters(SimpleMessage):
@@ -674,8 +577,7 @@ class RtJointState(SimpleMessage):
 
     fields_desc = [
         *_header(2030, TOPIC),
-        WordField("message_id", 0),
-        WordField("mode", 0),
+        *_words("message_id", "mode"),
         GroupCountField("group_count", None),
         RecordsField("groups", GroupState),
     ]
@@ -726,46 +628,40 @@ class VelocityInfoReply(SimpleMessage):
         WordEnumField("active_mode", 0, ACTIVE_MODES),
         WordField("number_of_groups", 1),
         WordField("axes", 6),
-        RealsField("v_max", []),
-        RealsField("a_max", []),
-        RealsField("pos_min", []),
-        RealsField("pos_max", []),
+        *_reals("v_max", "a_max", "pos_min", "pos_max"),
     ]
 
 
-CATALOGUE: dict[int, tuple[type[SimpleMessage], ...]] = {
-    1: (Ping,),
-    2: (GetVersion,),
-    10: (JointPosition,),
-    11: (JointTrajPt,),
-    13: (RobotStatus,),
-    14: (JointTrajPtFull,),
-    15: (JointFeedback,),
-    16: (JointTrajPtFullEx,),
-    17: (JointFeedbackEx,),
-    2001: (MotionCtrl,),
-    2002: (MotionReply,),
-    2003: (ReadIoBit,),
-    2004: (ReadIoBitReply,),
-    2005: (WriteIoBit,),
-    2006: (WriteIoBitReply,),
-    2007: (ReadIoGroup,),
-    2008: (ReadIoGroupReply,),
-    2009: (WriteIoGroup,),
-    2010: (WriteIoGroupReply,),
-    2011: (IoCtrlReply,),
-    2012: (ReadRegister, ReadRegisterReply),
-    2013: (WriteRegister, WriteRegisterReply),
-    2016: (JointTrajPtFullEx,),
-    2017: (JointFeedbackEx,),
-    2018: (SelectTool,),
-    2020: (GetDhParameters, DhParameters),
-    2030: (RtJointState,),
-    2031: (RtJointCommand,),
-    2040: (JointVelocity,),
-    2041: (JointVelocityEx,),
-    2042: (VelocityInfo, VelocityInfoReply),
-}
+MOTION_PORT, STATE_PORT, IO_PORT = SIMPLE_MESSAGE_PORTS
+SENT: tuple[tuple[type[Packet], dict[str, int], tuple[type[SimpleMessage], ...]], ...] = (
+    (TCP, {"dport": MOTION_PORT}, (
+        Ping, GetVersion, JointTrajPt, JointTrajPtFull, JointTrajPtFullEx, MotionCtrl, SelectTool,
+        GetDhParameters, JointVelocity, JointVelocityEx, VelocityInfo,
+    )),
+    (TCP, {"sport": MOTION_PORT}, (MotionReply, DhParameters, VelocityInfoReply)),
+    (TCP, {"sport": STATE_PORT}, (JointPosition, RobotStatus, JointFeedback, JointFeedbackEx)),
+    (TCP, {"dport": IO_PORT}, (
+        ReadIoBit, ReadIoGroup, WriteIoBit, WriteIoGroup, ReadRegister, WriteRegister,
+    )),
+    (TCP, {"sport": IO_PORT}, (
+        ReadIoBitReply, ReadIoGroupReply, WriteIoBitReply, WriteIoGroupReply, ReadRegisterReply,
+        WriteRegisterReply, IoErrorReply, IoCtrlReply,
+    )),
+    (UDP, {"dport": SIMPLE_MESSAGE_RT_PORT}, (RtJointState,)),
+    (UDP, {"sport": SIMPLE_MESSAGE_RT_PORT}, (RtJointCommand,)),
+)  # fmt: skip
+"""Every layer, by what it goes in and the port that it goes to or comes from."""
+
+
+def _catalogue() -> dict[int, tuple[type[SimpleMessage], ...]]:
+    layers: dict[int, tuple[type[SimpleMessage], ...]] = {}
+    for layer in (layer for _, _, group in SENT for layer in group if layer is not IoErrorReply):
+        msg_type = layer().msg_type
+        layers[msg_type] = (*layers.get(msg_type, ()), layer)
+    return {**layers, 16: layers[2016], 17: layers[2017]}
+
+
+CATALOGUE = _catalogue()
 """Layers by type; the second is that of a reply with the type of its request."""
 
 
@@ -870,16 +766,7 @@ def malformed(layer: Packet) -> str | None:
     return layer.reason if isinstance(layer, SimpleMessageBroken) else None
 
 
-REPLIES: tuple[type[SimpleMessage], ...] = (
-    *(layers[-1] for layers in CATALOGUE.values() if len(layers) > 1),
-    MotionReply,
-    IoErrorReply,
-    ReadIoBitReply,
-    ReadIoGroupReply,
-    WriteIoBitReply,
-    WriteIoGroupReply,
-    IoCtrlReply,
-)
+REPLIES = tuple(layer for _, _, group in SENT for layer in group if layer().comm_type == REPLY)
 TOPICS = (JointPosition, RobotStatus, JointFeedback, JointFeedbackEx, RtJointState, RtJointCommand)
 
 
@@ -920,30 +807,11 @@ def result_name(reply: MotionReply | IoErrorReply) -> str:
     return RESULTS.get(reply.result, f"result {reply.result}")
 
 
-MOTION_PORT, STATE_PORT, IO_PORT = SIMPLE_MESSAGE_PORTS
-_layer: type[SimpleMessage]
 for _port in (*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT):
     bind_bottom_up(TCP, SimpleMessage, dport=_port)
     bind_bottom_up(TCP, SimpleMessage, sport=_port)
 bind_bottom_up(UDP, SimpleMessage, dport=SIMPLE_MESSAGE_RT_PORT)
 bind_bottom_up(UDP, SimpleMessage, sport=SIMPLE_MESSAGE_RT_PORT)
-bind_top_down(UDP, RtJointState, dport=SIMPLE_MESSAGE_RT_PORT)
-bind_top_down(UDP, RtJointCommand, sport=SIMPLE_MESSAGE_RT_PORT)
-for _layer in (
-    Ping, GetVersion, JointTrajPt, JointTrajPtFull, JointTrajPtFullEx, MotionCtrl, SelectTool,
-    GetDhParameters, JointVelocity, JointVelocityEx, VelocityInfo,
-):  # fmt: skip
-    bind_top_down(TCP, _layer, dport=MOTION_PORT)
-for _layer in (MotionReply, DhParameters, VelocityInfoReply):
-    bind_top_down(TCP, _layer, sport=MOTION_PORT)
-for _layer in (JointPosition, RobotStatus, JointFeedback, JointFeedbackEx):
-    bind_top_down(TCP, _layer, sport=STATE_PORT)
-for _layer in (
-    ReadIoBit, ReadIoGroup, WriteIoBit, WriteIoGroup, ReadRegister, WriteRegister,
-):  # fmt: skip
-    bind_top_down(TCP, _layer, dport=IO_PORT)
-for _layer in (
-    ReadIoBitReply, ReadIoGroupReply, WriteIoBitReply, WriteIoGroupReply, ReadRegisterReply,
-    WriteRegisterReply, IoErrorReply, IoCtrlReply,
-):  # fmt: skip
-    bind_top_down(TCP, _layer, sport=IO_PORT)
+for _below, _end, _layers in SENT:
+    for _layer in _layers:
+        bind_top_down(_below, _layer, **_end)

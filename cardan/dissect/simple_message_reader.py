@@ -7,10 +7,16 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from cardan.dissect.capture import CapturedPacket
-from cardan.dissect.network import TCP_ACK, TCP_FIN, TCP_RST, TCP_SYN, Endpoint, Segment
-from cardan.dissect.ports import SIMPLE_MESSAGE_RT_PORT
-from cardan.dissect.reader import Options, PacketLine, ProtocolReader
+from cardan.dissect import tcp
+from cardan.dissect.capture import CapturedPacket, Direction
+from cardan.dissect.flows import Flow, FlowReader, Sender, excerpt
+from cardan.dissect.network import TCP_ACK, TCP_SYN, Endpoint, Segment
+from cardan.dissect.ports import (
+    SIMPLE_MESSAGE_PORTS,
+    SIMPLE_MESSAGE_RT_CONTROL_PORT,
+    SIMPLE_MESSAGE_RT_PORT,
+)
+from cardan.dissect.reader import PacketLine
 from cardan.dissect.simple_message import (
     BUSY,
     DISCONNECT,
@@ -39,14 +45,8 @@ from cardan.dissect.simple_message import (
     subcode_name,
 )
 from cardan.dissect.simple_message_text import describe, message_name
-from cardan.dissect.statistics import Intervals, Latencies, milliseconds, tally
+from cardan.dissect.statistics import Intervals, Latencies, milliseconds, tallies, tally
 
-SEQUENCE_MODULUS = 2**32
-HELD_BYTES, HELD_NS = 2**16, 10**9
-"""A hole in a stream that is not filled while so much, or for so long, comes after it is one of
-the capture."""
-FARTHEST_BACK = 2**20
-"""A sequence number farther back is of another connection and not a retransmission."""
 PENDING = 256
 """Requests remembered until they are answered."""
 SHOWN_BYTES = 32
@@ -62,123 +62,40 @@ class _Piece(NamedTuple):
     data: bytes
     malformed: str = ""
     note: str = ""
-    time_ns: int | None = None
-    """When it could be read; None: with the frame that is fed."""
 
 
-class _Stream:
-    """One direction of a TCP connection: segments in any order to messages in order."""
+class _Framer:
+    """Cuts the bytes of one direction into messages."""
 
     def __init__(self, flow: _Flow) -> None:
-        self.segments = self.retransmitted = self.reordered = self.gaps = self.lost_bytes = 0
         self.skipped_bytes = 0
         """Of messages whose beginning is missing."""
         self._flow = flow
-        self._next: int | None = None
         self._buffer = bytearray()
         self._synchronised = False
         self._early = b""
         """Too few bytes to tell whether a message begins with them."""
-        self._held: list[tuple[int, bytes, int]] = []  # sequence, payload, time
-        self._held_since_ns = 0
 
     @property
     def left_bytes(self) -> int:
         """Of a message that has begun and not ended."""
         return len(self._buffer) + len(self._early)
 
-    def feed(self, segment: Segment, time_ns: int) -> Iterator[_Piece]:
-        """One segment; what can be read now."""
-        sequence, payload = segment.sequence, segment.payload
-        if segment.flags & TCP_SYN:
-            start = (sequence + 1) % SEQUENCE_MODULUS
-            if self._next is None or start != self._next or self._buffer:
-                yield from self.end()
-                self._next, self._synchronised = start, True
-            sequence = start
-        if payload:
-            self.segments += 1
-            yield from self._take(sequence, payload, time_ns)
-        if segment.flags & TCP_RST or (
-            segment.flags & TCP_FIN
-            and not self._held
-            and self._next == (sequence + len(payload)) % SEQUENCE_MODULUS
-        ):
-            yield from self.end()
-
-    def _take(self, sequence: int, payload: bytes, time_ns: int) -> Iterator[_Piece]:
-        if self._next is None:
-            self._next = sequence
-        ahead = _difference(sequence, self._next)
-        if ahead < -FARTHEST_BACK:
-            yield from self.end()
-            self._next, ahead = sequence, 0
-        if ahead > 0:
-            if not self._held:
-                self._held_since_ns = time_ns
-            self.reordered += 1
-            self._held.append((sequence, payload, time_ns))
-            total = sum(len(data) for _, data, _ in self._held)
-            if total > HELD_BYTES or time_ns - self._held_since_ns > HELD_NS:
-                yield from self._give_up()
+    def take(self, event: tcp.Event) -> Iterator[_Piece]:
+        """What the stream says next; what can be read now."""
+        if isinstance(event, tcp.Bytes):
+            yield from self._cut(event.data)
             return
-        yield from self._append(sequence, payload)
-        yield from self._release(filled=True)
-        if self._held and time_ns - self._held_since_ns > HELD_NS:
-            yield from self._give_up()
-
-    def _append(self, sequence: int, payload: bytes) -> Iterator[_Piece]:
-        """A segment that begins at or before what is expected next."""
-        known = -_difference(sequence, self._next or 0)
-        if known:
-            self.retransmitted += 1
-        fresh = payload[known:]
-        if fresh:
-            self._next = ((self._next or 0) + len(fresh)) % SEQUENCE_MODULUS
-            yield from self._cut(fresh)
-
-    def _release(self, *, filled: bool) -> Iterator[_Piece]:
-        """Held segments that are not ahead any more. When the hole was `filled` they could not be
-        read before, else it is the capture's and they could as soon as they came."""
-        found = True
-        while found:
-            found = False
-            for held in self._held:
-                if _difference(held[0], self._next or 0) <= 0:
-                    self._held.remove(held)
-                    for piece in self._append(*held[:2]):
-                        yield piece if filled else piece._replace(time_ns=held[2])
-                    found = True
-                    break
-
-    def _give_up(self) -> Iterator[_Piece]:
-        """What is missing will not come any more."""
-        nearest = min(_difference(sequence, self._next or 0) for sequence, _, _ in self._held)
-        self.gaps += 1
-        self.lost_bytes += nearest
-        note = f"GAP: {nearest} bytes are missing in the capture"
-        if self._buffer:
-            note += f", {len(self._buffer)} bytes of an unfinished message dropped"
-        yield _Piece(b"", note=note)
+        if isinstance(event, tcp.Gap):
+            note = f"GAP: {event.size} bytes are missing in the capture"
+            if self._buffer:
+                note += f", {len(self._buffer)} bytes of an unfinished message dropped"
+            yield _Piece(b"", note=note)
         yield from self._skip_early()
-        self._buffer.clear()
-        self._synchronised = False
-        self._next = ((self._next or 0) + nearest) % SEQUENCE_MODULUS
-        yield from self._release(filled=False)
-
-    def end(self) -> Iterator[_Piece]:
-        """The connection has ended."""
-        yield from self.flush()
-        yield from self._skip_early()
-        if self._buffer:
+        if self._buffer and isinstance(event, tcp.End):
             yield _Piece(bytes(self._buffer), "the connection ends inside a message")
         self._buffer.clear()
-        self._next, self._synchronised = None, False
-
-    def flush(self) -> Iterator[_Piece]:
-        """Nothing more comes: what is held back."""
-        while self._held:
-            yield from self._give_up()
+        self._synchronised = isinstance(event, tcp.Begin)
 
     def _cut(self, payload: bytes) -> Iterator[_Piece]:
         """The next bytes of the stream; the messages they end."""
@@ -223,27 +140,19 @@ class _Stream:
         return _Piece(b"", note=f"SKIPPED {count} bytes that begin no message")
 
 
-def _difference(sequence: int, other: int) -> int:
-    """`sequence` - `other` modulo 2**32, between -2**31 and 2**31."""
-    half = SEQUENCE_MODULUS // 2
-    return (sequence - other + half) % SEQUENCE_MODULUS - half
-
-
-class _Direction:
-    """What went one way in a flow."""
+class _Sender(Sender):
+    """What one end of a flow sent."""
 
     def __init__(self, flow: _Flow) -> None:
-        self.stream = _Stream(flow)
+        super().__init__()
+        self.stream, self.framer = tcp.TcpStream(), _Framer(flow)
         self.types: Counter[str] = Counter()
-        self.malformed: Counter[str] = Counter()
-        self.remarks: Counter[str] = Counter()
-        self.datagrams = 0
 
-    def summary(self, sender: str) -> Iterator[str]:
+    def summary(self, name: str, more: str = "") -> Iterator[str]:
         stream, messages = self.stream, self.types.total() + self.malformed.total()
         if not messages and not stream.segments:
             return
-        line = f"  from {sender}: {messages} messages in "
+        line = f"  from {name}: {messages} messages in "
         if self.datagrams:
             line += f"{self.datagrams} datagrams"
         else:
@@ -252,16 +161,13 @@ class _Direction:
                 f"out of order {stream.reordered} gaps {stream.gaps}"
             )
             line += f" ({stream.lost_bytes} B missing)" if stream.gaps else ""
-            line += f" skipped {stream.skipped_bytes} B" if stream.skipped_bytes else ""
-            if stream.left_bytes:
-                line += f", the capture ends {stream.left_bytes} B into a message"
-        yield line
+            skipped, left = self.framer.skipped_bytes, self.framer.left_bytes
+            line += f" skipped {skipped} B" if skipped else ""
+            line += f", the capture ends {left} B into a message" if left else ""
+        yield line + more
         if self.types:
             yield f"    {tally(self.types)}"
-        if self.malformed:
-            yield f"    malformed: {tally(self.malformed)}"
-        if self.remarks:
-            yield f"    remarks: {tally(self.remarks)}"
+        yield from self.reasons()
 
 
 class _Asked(NamedTuple):
@@ -273,15 +179,14 @@ class _Asked(NamedTuple):
     expected: bool
 
 
-class _Flow:
+class _Flow(Flow[_Sender]):
     """One port of a controller and one client."""
 
     def __init__(self, controller: Endpoint, client: Endpoint) -> None:
-        self.controller, self.client = controller, client
+        super().__init__(controller, client, lambda: _Sender(self))
         self.byte_order: str | None = None
-        self.waiting_frames: int | None = 0
-        """Frames without a byte before the first with one; None after it."""
-        self.from_controller, self.from_client = _Direction(self), _Direction(self)
+        self.waiting_packets: int | None = 0
+        """Packets without a byte before the first with one; None after it."""
         self._real_bytes: set[int] = set()
         self._pending: deque[_Asked] = deque(maxlen=PENDING)
         self._latencies: dict[str, Latencies] = {}
@@ -293,31 +198,27 @@ class _Flow:
         self._cycles: Counter[str] = Counter()
         self._rt: tuple[int, int] | None = None  # message id, time
 
-    def take(self, data: bytes, from_controller: bool, time_ns: int) -> tuple[str, str]:
+    def take(self, data: bytes, direction: Direction, time_ns: int) -> tuple[str, str]:
         """One whole message; its line, and why it is malformed ("" when it is not)."""
-        direction = self.from_controller if from_controller else self.from_client
-        message = SimpleMessage(data)
+        sender, message = self.senders[direction], SimpleMessage(data)
         reason = malformed(message)
         if reason is not None:
-            return self.broken(data, reason, from_controller), reason
+            return self.broken(data, reason, direction), reason
         if any(getattr(field, "reals", 0) for field in message.body_fields):
             self._real_bytes.add(message.real_bytes)
-        direction.types[message_name(message.msg_type)] += 1
+        sender.types[message_name(message.msg_type)] += 1
         said = list(remarks(message))
-        if from_controller:
+        if direction is Direction.FROM_DEVICE:
             said += self._from_controller(message, time_ns)
         else:
             said += self._from_client(message, time_ns)
-        direction.remarks.update(said)
+        sender.remarks.update(said)
         return " | ".join((describe(message), *(text.upper() for text in said))), ""
 
-    def broken(self, data: bytes, reason: str, from_controller: bool) -> str:
+    def broken(self, data: bytes, reason: str, direction: Direction) -> str:
         """The line of bytes that are no message."""
-        direction = self.from_controller if from_controller else self.from_client
-        direction.malformed[reason] += 1
-        more = " ..." if len(data) > SHOWN_BYTES else ""
-        shown = data[:SHOWN_BYTES].hex(" ", 4)
-        return f"MALFORMED simple message: {reason} ({len(data)} B: {shown}{more})"
+        self.senders[direction].malformed[reason] += 1
+        return f"MALFORMED simple message: {reason} {excerpt(data, SHOWN_BYTES, 4)}"
 
     def _from_client(self, message: SimpleMessage, time_ns: int) -> Iterator[str]:
         if isinstance(message, RtJointCommand):
@@ -380,20 +281,17 @@ class _Flow:
         self._latencies.setdefault(what, Latencies()).add(duration_ns)
 
     def summary(self) -> Iterator[str]:
-        port = PORT_NAMES.get(self.controller.port)
+        port = PORT_NAMES.get(self.device.port)
         order = {"<": "little-endian", ">": "big-endian", None: "byte order unknown"}
         sizes = " and ".join(f"{8 * size}-bit" for size in sorted(self._real_bytes))
         yield (
-            f"simple message flow controller {self.controller}"
+            f"simple message flow controller {self.device}"
             f"{f' ({port})' if port else ''} - client {self.client}, {order[self.byte_order]}"
             f"{f', {sizes} reals' if sizes else ''}"
         )
-        yield from self.from_controller.summary("controller")
-        yield from self.from_client.summary("client")
-        if self._replies:
-            yield f"  replies: {tally(self._replies)}"
-        if self._busy:
-            yield f"  BUSY: {tally(self._busy)}"
+        for name, sender in zip(("controller", "client"), self.senders.values(), strict=True):
+            yield from sender.summary(name)
+        yield from tallies("  ", ("replies", self._replies), ("BUSY", self._busy))
         for what, latencies in self._latencies.items():
             figures = zip(("min", "median", "p95", "max"), (0.0, 0.5, 0.95, 1.0), strict=True)
             shown = " ".join(
@@ -437,93 +335,96 @@ def _outcome(reply: SimpleMessage) -> str:
     return "SUCCESS" if reply.reply_code == 1 else f"reply_code {reply.reply_code}"
 
 
-class SimpleMessageReader(ProtocolReader):
+class SimpleMessageReader(FlowReader[_Flow]):
     """TCP streams to and from the ports of a controller, and the datagrams of the NTNU fork.
 
     A connection that carries no byte is left to the other packets.
     """
 
-    name = "simple message"
-
-    def __init__(self, options: Options) -> None:
-        super().__init__(options)
-        self._ports, self._egm_ports = options.simple_message_ports, options.egm_ports
-        self._flows: dict[tuple[Endpoint, Endpoint], _Flow] = {}
+    def __init__(
+        self,
+        simple_message_ports: frozenset[int] = frozenset(
+            (*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT)
+        ),
+    ) -> None:
+        super().__init__()
+        self._ports = simple_message_ports
         self._last: CapturedPacket | None = None
 
-    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
+    def open(self, device: Endpoint, client: Endpoint) -> _Flow:
+        return _Flow(device, client)
+
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
         if not isinstance(network, Segment):
             return
-        ways = (network.source, network.destination), (network.destination, network.source)
         if network.protocol == "UDP":
-            yield from self._datagram(frame, network, ways)
+            yield from self._datagram(packet, network)
             return
-        from_controller = self._sent_by_controller(network, ways)
-        if from_controller is None:
+        direction = self._direction(network)
+        if direction is None:
             return
-        key = ways[0] if from_controller else ways[1]
-        flow = self._flows.get(key)
-        if flow is None:
-            flow = self._flows[key] = _Flow(*key)
-        if flow.waiting_frames is None:
-            self.frames += 1
+        flow = self.flow(network, direction)
+        if flow.waiting_packets is None:
+            self.packets += 1
         elif network.payload:
-            self.frames += flow.waiting_frames + 1
-            flow.waiting_frames = None
+            self.packets += flow.waiting_packets + 1
+            flow.waiting_packets = None
         else:
-            flow.waiting_frames += 1
-        self._last = frame
-        direction = flow.from_controller if from_controller else flow.from_client
-        pieces = direction.stream.feed(network, frame.time_ns)
-        for text in self._lines(flow, from_controller, pieces, frame.time_ns):
-            yield frame, text
+            flow.waiting_packets += 1
+        self._last = packet
+        events = flow.senders[direction].stream.feed(network, packet.time_ns)
+        yield from self._read(packet, flow, direction, events)
 
     def finish(self) -> Iterable[PacketLine]:
-        for flow in self._flows.values():
-            for from_controller in (True, False):
-                direction = flow.from_controller if from_controller else flow.from_client
+        for flow in self.flows.values():
+            for direction, sender in flow.senders.items():
                 if self._last is not None:
-                    time_ns, pieces = self._last.time_ns, direction.stream.flush()
-                    for text in self._lines(flow, from_controller, pieces, time_ns):
-                        yield self._last, text
+                    yield from self._read(self._last, flow, direction, sender.stream.flush())
 
-    def _lines(
-        self, flow: _Flow, from_controller: bool, pieces: Iterable[_Piece], time_ns: int
-    ) -> Iterator[str]:
-        ends = (flow.controller, flow.client) if from_controller else (flow.client, flow.controller)
-        way = f"{ends[0]} > {ends[1]}"
-        for piece in pieces:
-            if piece.note:
-                yield f"{way} {piece.note}"
-                continue
+    def _read(
+        self,
+        packet: CapturedPacket,
+        flow: _Flow,
+        direction: Direction,
+        events: Iterable[tcp.Event],
+    ) -> Iterator[PacketLine]:
+        """What the events of a stream make readable, told with `packet`."""
+        for event in events:
+            time_ns = event.time_ns if isinstance(event, tcp.Bytes) else packet.time_ns
+            for piece in flow.senders[direction].framer.take(event):
+                yield packet, self._line(flow, direction, piece, time_ns)
+
+    def _line(self, flow: _Flow, direction: Direction, piece: _Piece, time_ns: int) -> str:
+        text = piece.note
+        if not text:
             reason = piece.malformed
             if reason:
-                text = flow.broken(piece.data, reason, from_controller)
+                text = flow.broken(piece.data, reason, direction)
             else:
-                when_ns = time_ns if piece.time_ns is None else piece.time_ns
-                text, reason = flow.take(piece.data, from_controller, when_ns)
+                text, reason = flow.take(piece.data, direction, time_ns)
             self.messages += 1
             if reason:
-                self.malformed[reason] += 1
-            yield f"{way} {text}"
+                self.count_malformed(reason)
+        ends = (flow.device, flow.client)
+        source, destination = ends if direction is Direction.FROM_DEVICE else ends[::-1]
+        return f"{source} > {destination} {text}"
 
-    def _sent_by_controller(
-        self, segment: Segment, ways: tuple[tuple[Endpoint, Endpoint], ...]
-    ) -> bool | None:
+    def _direction(self, segment: Segment) -> Direction | None:
         """None when the segment is to or from no controller."""
         from_port = segment.source.port in self._ports
         to_port = segment.destination.port in self._ports
         if from_port and to_port:  # the client's port happens to be one of ours
-            if ways[0] in self._flows or ways[1] in self._flows:
-                return ways[0] in self._flows
-            return segment.flags & (TCP_SYN | TCP_ACK) != TCP_SYN
-        return from_port if from_port or to_port else None
+            known = self.known_direction(segment)
+            if known is not None:
+                return known
+            from_port = segment.flags & (TCP_SYN | TCP_ACK) != TCP_SYN
+        if from_port:
+            return Direction.FROM_DEVICE
+        return Direction.TO_DEVICE if to_port else None
 
-    def _datagram(
-        self, frame: CapturedPacket, segment: Segment, ways: tuple[tuple[Endpoint, Endpoint], ...]
-    ) -> Iterator[PacketLine]:
+    def _datagram(self, packet: CapturedPacket, segment: Segment) -> Iterator[PacketLine]:
         ports = {segment.source.port, segment.destination.port}
-        if SIMPLE_MESSAGE_RT_PORT not in ports or ports & self._egm_ports or segment.cut:
+        if SIMPLE_MESSAGE_RT_PORT not in ports or segment.cut:
             return
         if not begins_message(segment.payload):
             return
@@ -532,19 +433,18 @@ class SimpleMessageReader(ProtocolReader):
             from_controller = segment.destination.port == SIMPLE_MESSAGE_RT_PORT
         else:
             from_controller = isinstance(message, RtJointState)
-        key = ways[0] if from_controller else ways[1]
-        flow = self._flows.setdefault(key, _Flow(*key))
-        flow.waiting_frames = None
+        direction = Direction.FROM_DEVICE if from_controller else Direction.TO_DEVICE
+        flow = self.flow(segment, direction)
+        flow.waiting_packets = None
         flow.byte_order = byte_order(segment.payload)
-        (flow.from_controller if from_controller else flow.from_client).datagrams += 1
-        self.frames += 1
+        flow.senders[direction].datagrams += 1
+        self.packets += 1
         # Firmware sends its whole buffer; what follows the message means nothing.
         size = PREFIX_BYTES + struct.unpack_from(f"{flow.byte_order}i", segment.payload)[0]
-        pieces = [_Piece(segment.payload[:size])]
-        for text in self._lines(flow, from_controller, pieces, frame.time_ns):
-            yield frame, text
+        piece = _Piece(segment.payload[:size])
+        yield packet, self._line(flow, direction, piece, packet.time_ns)
 
     def summary(self) -> Iterable[str]:
-        for flow in self._flows.values():
-            if flow.waiting_frames is None:
+        for flow in self.flows.values():
+            if flow.waiting_packets is None:
                 yield from flow.summary()

@@ -16,7 +16,6 @@ from typing import Any
 
 from cardan.dissect._scapy import (
     ByteField,
-    Field,
     FieldListField,
     LEIntField,
     LEShortField,
@@ -25,6 +24,7 @@ from cardan.dissect._scapy import (
     StrField,
     XByteField,
 )
+from cardan.dissect.layers import Block, LEFloatField
 
 RECORD_BYTES, WORD_BYTES = 32, 4
 HANDSHAKE = 0x7FAA5500
@@ -48,6 +48,22 @@ NO_WORDS: Any = [0] * 6
 FAILED = -1
 
 SET_NAME = 0x1000
+# What the requests SCFG_... (even numbers from 0x3000 on) and GCFG_... (odd) are about.
+_SETTINGS = {
+    "SENS": "f",
+    "SENS_AXIS": "ffffff",
+    "DEADZONE": "ii",
+    "INVERT": "iiiiii",
+    "AXISMAP": "ii",
+    "BNMAP": "ii",
+    "BNACTION": "ii",
+    "KBMAP": "ii",
+    "SWAPYZ": "i",
+    "LED": "i",
+    "GRAB": "i",
+    "SERDEV": "text",
+    "REPEAT": "i",
+}
 REQUESTS: dict[int, tuple[str, str]] = {
     SET_NAME: ("SET_NAME", "text"),
     0x1001: ("SET_SENS", "f"),
@@ -60,78 +76,36 @@ REQUESTS: dict[int, tuple[str, str]] = {
     0x2003: ("DEV_NBUTTONS", "i"),
     0x2004: ("DEV_USBID", "ii"),
     0x2005: ("DEV_TYPE", "i"),
-    0x3000: ("SCFG_SENS", "f"),
-    0x3001: ("GCFG_SENS", "f"),
-    0x3002: ("SCFG_SENS_AXIS", "ffffff"),
-    0x3003: ("GCFG_SENS_AXIS", "ffffff"),
-    0x3004: ("SCFG_DEADZONE", "ii"),
-    0x3005: ("GCFG_DEADZONE", "ii"),
-    0x3006: ("SCFG_INVERT", "iiiiii"),
-    0x3007: ("GCFG_INVERT", "iiiiii"),
-    0x3008: ("SCFG_AXISMAP", "ii"),
-    0x3009: ("GCFG_AXISMAP", "ii"),
-    0x300A: ("SCFG_BNMAP", "ii"),
-    0x300B: ("GCFG_BNMAP", "ii"),
-    0x300C: ("SCFG_BNACTION", "ii"),
-    0x300D: ("GCFG_BNACTION", "ii"),
-    0x300E: ("SCFG_KBMAP", "ii"),
-    0x300F: ("GCFG_KBMAP", "ii"),
-    0x3010: ("SCFG_SWAPYZ", "i"),
-    0x3011: ("GCFG_SWAPYZ", "i"),
-    0x3012: ("SCFG_LED", "i"),
-    0x3013: ("GCFG_LED", "i"),
-    0x3014: ("SCFG_GRAB", "i"),
-    0x3015: ("GCFG_GRAB", "i"),
-    0x3016: ("SCFG_SERDEV", "text"),
-    0x3017: ("GCFG_SERDEV", "text"),
-    0x3018: ("SCFG_REPEAT", "i"),
-    0x3019: ("GCFG_REPEAT", "i"),
+    **{
+        0x3000 + 2 * n + way: (f"{'SG'[way]}CFG_{name}", data)
+        for n, (name, data) in enumerate(_SETTINGS.items())
+        for way in (0, 1)
+    },
     0x3FFE: ("CFG_SAVE", ""),
     0x3FFF: ("CFG_RESTORE", ""),
     0x4000: ("CFG_RESET", ""),
 }
 """Name of each request, and what its data are: `f` a float, `i` an integer, or a string."""
 
+_SERIAL_DEVICES = (
+    "Spaceball 1003/2003", "Spaceball 3003", "Spaceball 4000", "Magellan",
+    "Spaceball 5000 (serial)", "CadMan (serial)",
+)  # fmt: skip
+_USB_DEVICES = (
+    "SpaceMouse Plus XT", "CadMan", "SpaceMouse Classic", "Spaceball 5000", "SpaceTraveler",
+    "SpacePilot", "SpaceNavigator", "SpaceExplorer", "SpaceNavigator for Notebooks",
+    "SpacePilot Pro", "SpaceMouse Pro", "NuLOOQ", "SpaceMouse Wireless", "SpaceMouse Pro Wireless",
+    "SpaceMouse Enterprise", "SpaceMouse Compact", "SpaceMouse Module",
+)  # fmt: skip
 DEVICE_TYPES = {
-    0x000: "unknown",
-    0x100: "Spaceball 1003/2003",
-    0x101: "Spaceball 3003",
-    0x102: "Spaceball 4000",
-    0x103: "Magellan",
-    0x104: "Spaceball 5000 (serial)",
-    0x105: "CadMan (serial)",
-    0x200: "SpaceMouse Plus XT",
-    0x201: "CadMan",
-    0x202: "SpaceMouse Classic",
-    0x203: "Spaceball 5000",
-    0x204: "SpaceTraveler",
-    0x205: "SpacePilot",
-    0x206: "SpaceNavigator",
-    0x207: "SpaceExplorer",
-    0x208: "SpaceNavigator for Notebooks",
-    0x209: "SpacePilot Pro",
-    0x20A: "SpaceMouse Pro",
-    0x20B: "NuLOOQ",
-    0x20C: "SpaceMouse Wireless",
-    0x20D: "SpaceMouse Pro Wireless",
-    0x20E: "SpaceMouse Enterprise",
-    0x20F: "SpaceMouse Compact",
-    0x210: "SpaceMouse Module",
+    0: "unknown",
+    **dict(enumerate(_SERIAL_DEVICES, 0x100)),
+    **dict(enumerate(_USB_DEVICES, 0x200)),
 }
 
 
-class LEFloatField(Field[float, float]):
-    """f32."""
-
-    def __init__(self, name: str, default: float) -> None:
-        Field.__init__(self, name, default, "<f")
-
-
-class Record(Packet):
+class Record(Block):
     """What follows belongs to the next record."""
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
 
 
 def _event(kind: int, *names: str) -> list[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, OrderedDict, deque
+from collections.abc import Iterator
 
 SEQNO_MODULUS = 2**32
 RESTART_JUMP = 2**16
@@ -145,3 +146,10 @@ def milliseconds(duration_ns: float) -> str:
 def tally(counter: Counter[str]) -> str:
     """Texts and how often each was seen, the most frequent first."""
     return ", ".join(f"{text} x{count}" for text, count in counter.most_common())
+
+
+def tallies(indent: str, *labelled: tuple[str, Counter[str]]) -> Iterator[str]:
+    """A line for each counter that counted something."""
+    for label, counter in labelled:
+        if counter:
+            yield f"{indent}{label}: {tally(counter)}"

@@ -9,10 +9,11 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from cardan.dissect.capture import CapturedPacket
+from cardan.dissect.capture import CapturedPacket, Direction
 
 HEADER_BYTES = {189: 48, 220: 64}
 """By link type: LINKTYPE_USB_LINUX, LINKTYPE_USB_LINUX_MMAPPED."""
+LINK_TYPES = frozenset(HEADER_BYTES)
 ISO, INTERRUPT, CONTROL, BULK = range(4)
 
 
@@ -23,7 +24,7 @@ class Urb(NamedTuple):
     event: str
     transfer: int
     endpoint: int
-    to_host: bool
+    direction: Direction
     device: int
     bus: int
     status: int  # 0, or a negative errno on completion
@@ -32,26 +33,26 @@ class Urb(NamedTuple):
     cut: bool
 
 
-def parse(frame: CapturedPacket) -> Urb | None:
-    """The request block in a frame; None where there is none or its header is cut."""
-    header_bytes = HEADER_BYTES.get(frame.link_type)
-    if header_bytes is None or len(frame.data) < header_bytes:
+def parse(packet: CapturedPacket) -> Urb | None:
+    """The request block in a packet; None where there is none or its header is cut."""
+    header_bytes = HEADER_BYTES.get(packet.link_type)
+    if header_bytes is None or len(packet.data) < header_bytes:
         return None
     urb_id, event, transfer, endpoint, device, bus, no_setup, no_data = struct.unpack_from(
-        f"{frame.byte_order}QcBBBHBB", frame.data
+        f"{packet.byte_order}QcBBBHBB", packet.data
     )
-    status, _, captured = struct.unpack_from(f"{frame.byte_order}iII", frame.data, 28)
-    data = b"" if no_data else frame.data[header_bytes : header_bytes + captured]
+    status, _, captured = struct.unpack_from(f"{packet.byte_order}iII", packet.data, 28)
+    data = b"" if no_data else packet.data[header_bytes : header_bytes + captured]
     return Urb(
         urb_id,
         event.decode("latin-1"),
         transfer,
         endpoint & 0x7F,
-        bool(endpoint & 0x80),
+        Direction.FROM_DEVICE if endpoint & 0x80 else Direction.TO_DEVICE,
         device,
         bus,
         status,
-        None if no_setup else frame.data[40:48],
+        None if no_setup else packet.data[40:48],
         data,
-        not no_data and (frame.cut or len(data) < captured),
+        not no_data and (packet.cut or len(data) < captured),
     )

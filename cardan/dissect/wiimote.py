@@ -28,12 +28,18 @@ from cardan.dissect._scapy import (
     Packet,
     PacketListField,
     ShortField,
-    StrField,
     StrFixedLenField,
     X3BytesField,
     XByteEnumField,
     XByteField,
     XShortField,
+)
+from cardan.dissect.layers import (
+    Block,
+    BrokenReport as BrokenReport,
+    Report,
+    UnknownReport as UnknownReport,
+    choose_report,
 )
 
 BUTTONS = ("left", "right", "down", "up", "plus", "two", "one", "b", "a", "minus", "home")
@@ -84,19 +90,6 @@ class Spot(NamedTuple):
     size: int | None = None
     box: tuple[int, int, int, int] | None = None
     intensity: int | None = None
-
-
-class Block(Packet):
-    """Bytes of fixed length inside a report; what follows is not its own."""
-
-    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
-        return b"", s
-
-
-class Report(Block):
-    """A report; `least_bytes` counts its id."""
-
-    least_bytes = 1
 
 
 def _buttons(
@@ -240,7 +233,6 @@ class StatusReport(ButtonsReport):
         StrFixedLenField("zeros", bytes(2), 2),
         ByteField("battery", 0),
     ]
-    least_bytes = 7
 
     @property
     def leds(self) -> tuple[int, ...]:
@@ -259,7 +251,6 @@ class ReadReport(ButtonsReport):
         XShortField("address", 0),
         StrFixedLenField("data", bytes(DATA_BYTES), DATA_BYTES),
     ]
-    least_bytes = 22
 
     @property
     def content(self) -> bytes:
@@ -276,42 +267,34 @@ class AcknowledgeReport(ButtonsReport):
         XByteEnumField("of", 0, OUTPUTS),
         ByteEnumField("error", 0, ERRORS),
     ]
-    least_bytes = 5
 
 
 class CoreReport(ButtonsReport):
     fields_desc = [XByteField("id", 0x30), *_buttons()]
-    least_bytes = 3
 
 
 class CoreAccelerationReport(AccelerationReport):
     fields_desc = [XByteField("id", 0x31), *_acceleration()]
-    least_bytes = 6
 
 
 class CoreExtension8Report(ButtonsReport):
     fields_desc = [XByteField("id", 0x32), *_buttons(), _extension(8)]
-    least_bytes = 11
 
 
 class CoreAccelerationIr12Report(AccelerationReport, CameraReport):
     fields_desc = [XByteField("id", 0x33), *_acceleration(), _camera(IrExtended, 4)]
-    least_bytes = 18
 
 
 class CoreExtension19Report(ButtonsReport):
     fields_desc = [XByteField("id", 0x34), *_buttons(), _extension(19)]
-    least_bytes = 22
 
 
 class CoreAccelerationExtension16Report(AccelerationReport):
     fields_desc = [XByteField("id", 0x35), *_acceleration(), _extension(16)]
-    least_bytes = 22
 
 
 class CoreIr10Extension9Report(CameraReport):
     fields_desc = [XByteField("id", 0x36), *_buttons(), _camera(IrBasicPair, 2), _extension(9)]
-    least_bytes = 22
 
 
 class CoreAccelerationIr10Extension6Report(AccelerationReport, CameraReport):
@@ -321,20 +304,16 @@ class CoreAccelerationIr10Extension6Report(AccelerationReport, CameraReport):
         _camera(IrBasicPair, 2),
         _extension(6),
     ]
-    least_bytes = 22
 
 
 class Extension21Report(Report):
     """The only one without buttons."""
 
     fields_desc = [XByteField("id", 0x3D), _extension(21)]
-    least_bytes = 22
 
 
 class InterleavedReport(CameraReport):
     """Half a sample: two of four objects, and parts of an accelerometer value of 8 bits."""
-
-    least_bytes = 22
 
 
 class InterleavedFirstReport(InterleavedReport):
@@ -383,7 +362,6 @@ class OutputReport(Report):
 
 class RumbleReport(OutputReport):
     fields_desc = [XByteField("id", 0x10), *_first_byte()]
-    least_bytes = 2
 
 
 class LedsReport(OutputReport):
@@ -394,7 +372,6 @@ class LedsReport(OutputReport):
         BitField("acknowledge", 0, 1),
         BitField("rumble", 0, 1),
     ]
-    least_bytes = 2
 
     @property
     def leds(self) -> tuple[int, ...]:
@@ -410,13 +387,10 @@ class DataModeReport(OutputReport):
         *_first_byte("continuous", "acknowledge"),
         XByteField("mode", 0x30),
     ]
-    least_bytes = 3
 
 
 class EnableReport(OutputReport):
     """A switch."""
-
-    least_bytes = 2
 
 
 class CameraEnable1Report(EnableReport):
@@ -437,7 +411,6 @@ class CameraEnable2Report(EnableReport):
 
 class StatusRequestReport(OutputReport):
     fields_desc = [XByteField("id", 0x15), *_first_byte()]
-    least_bytes = 2
 
 
 def _memory() -> list[Any]:
@@ -459,7 +432,6 @@ class WriteReport(OutputReport):
         ByteField("size", 1),
         StrFixedLenField("data", bytes(DATA_BYTES), DATA_BYTES),
     ]
-    least_bytes = 22
 
     @property
     def content(self) -> bytes:
@@ -469,7 +441,6 @@ class WriteReport(OutputReport):
 
 class ReadRequestReport(OutputReport):
     fields_desc = [XByteField("id", 0x17), *_memory(), ShortField("size", 1)]
-    least_bytes = 7
 
 
 class SpeakerDataReport(OutputReport):
@@ -480,7 +451,6 @@ class SpeakerDataReport(OutputReport):
         BitField("rumble", 0, 1),
         StrFixedLenField("data", bytes(20), 20),
     ]
-    least_bytes = 22
 
     @property
     def content(self) -> bytes:
@@ -488,23 +458,10 @@ class SpeakerDataReport(OutputReport):
         return bytes(self.data[: self.length])
 
 
-class UnknownReport(Report):
-    fields_desc = [XByteField("id", 0), StrField("data", b"")]
-
-
-class BrokenReport(Report):
-    """Bytes too few for their id; `reason` says which."""
-
-    fields_desc = [StrField("data", b"")]
-
-    @property
-    def reason(self) -> str:
-        if not self.data:
-            return "empty report"
-        return f"report 0x{self.data[0]:02x} of {len(self.data)} bytes"
-
-
 def _by_id(*reports: type[Report]) -> dict[int, type[Report]]:
+    """By id; what a report of defaults has is the least that any of its kind has."""
+    for report in reports:
+        report.least_bytes = len(bytes(report()))
     return {int(report().id): report for report in reports}
 
 
@@ -539,19 +496,12 @@ OUTPUT_LAYERS = _by_id(
 )
 
 
-def _choose(reports: dict[int, type[Report]], report: bytes) -> type[Report]:
-    if not report:
-        return BrokenReport
-    layer = reports.get(report[0], UnknownReport)
-    return layer if len(report) >= layer.least_bytes else BrokenReport
-
-
 class WiimoteInput(Packet):
     """A report from the remote."""
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
-        return _choose(INPUT_LAYERS, _pkt)
+        return choose_report(INPUT_LAYERS, _pkt)
 
 
 class WiimoteOutput(Packet):
@@ -559,7 +509,7 @@ class WiimoteOutput(Packet):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes = b"", *args: Any, **kwargs: Any) -> type[Packet]:
-        return _choose(OUTPUT_LAYERS, _pkt)
+        return choose_report(OUTPUT_LAYERS, _pkt)
 
 
 def _leds(report: Packet) -> tuple[int, ...]:

@@ -12,13 +12,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from cardan.dissect import bluetooth
 from cardan.dissect._scapy import Packet
 from cardan.dissect.bluetooth import Links, Payload
-from cardan.dissect.capture import CapturedPacket
+from cardan.dissect.capture import CapturedPacket, Direction
 from cardan.dissect.network import Segment
-from cardan.dissect.reader import Options, PacketLine, ProtocolReader
-from cardan.dissect.statistics import Intervals, Latencies, tally
+from cardan.dissect.reader import CUT, PacketLine, ProtocolReader
+from cardan.dissect.statistics import Intervals, Latencies, tallies, tally
 from cardan.dissect.wiimote import (
     DATA_MODES,
     EEPROM,
@@ -52,6 +51,12 @@ from cardan.dissect.wiimote_text import (
 CONTROL, INTERRUPT = 0x11, 0x13
 CHANNELS = {CONTROL: "control", INTERRUPT: "interrupt"}
 INPUT, OUTPUT, SET_OUTPUT = 0xA1, 0xA2, 0x52
+DIRECTIONS = {
+    INPUT: Direction.FROM_DEVICE,
+    OUTPUT: Direction.TO_DEVICE,
+    SET_OUTPUT: Direction.TO_DEVICE,
+}
+LAYERS = {Direction.FROM_DEVICE: WiimoteInput, Direction.TO_DEVICE: WiimoteOutput}
 HANDSHAKES = {
     0x00: "ok",
     0x01: "not ready",
@@ -190,30 +195,25 @@ class _Remote:
                 f"  memory requests answered {len(self._latencies)} of {self._memory_requests}, "
                 f"latency {self._latencies}"
             )
-        for label, counter in (
+        yield from tallies(
+            "  ",
             ("errors", self.errors),
             ("malformed", self.malformed),
             ("unknown report ids", self.unknown),
-        ):
-            if counter:
-                yield f"  {label}: {tally(counter)}"
+        )
 
 
 class WiimoteReader(ProtocolReader):
     """Reports of Wii Remotes over Bluetooth."""
 
-    name = "Wiimote"
-
-    def __init__(self, options: Options) -> None:
-        super().__init__(options)
+    def __init__(self) -> None:
+        super().__init__()
         self._links = Links()
         self._remotes: dict[int, _Remote] = {}
         self._done: list[tuple[_Remote, str | None]] = []
 
-    def feed(self, frame: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
-        if frame.link_type not in bluetooth.LINK_TYPES:
-            return
-        for found in self._links.feed(frame):
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
+        for found in self._links.feed(packet):
             if isinstance(found, int):  # the connection ended, or another begins with its handle
                 self._end(found)
                 continue
@@ -223,8 +223,8 @@ class WiimoteReader(ProtocolReader):
                 if not self._is_remote(found):
                     continue
                 self._remotes[found.handle] = _Remote(self._links.name(found.handle))
-            for text in self._take(self._remotes[found.handle], found, frame.time_ns):
-                yield frame, text
+            for text in self._take(self._remotes[found.handle], found, packet.time_ns):
+                yield packet, text
 
     def _end(self, handle: int) -> None:
         if handle in self._remotes:
@@ -247,24 +247,20 @@ class WiimoteReader(ProtocolReader):
         layer = _layer(payload)
         if layer is None and payload.psm is None:
             return  # of any channel
-        self.frames += 1
+        self.packets += 1
         psm = payload.psm or (CONTROL if transaction == SET_OUTPUT else INTERRUPT)
-        if layer is None:
-            way = {True: " IN", False: " OUT", None: ""}[payload.to_host]
-        else:
-            way = " IN" if layer is WiimoteInput else " OUT"
-        where = f"Wiimote {remote.name} {CHANNELS[psm]}{way}"
+        way = payload.direction if layer is None else DIRECTIONS[transaction]
+        where = f"Wiimote {remote.name} {CHANNELS[psm]}{f' {way.value}' if way else ''}"
         if layer is None:
             yield f"{where} {_other_transaction(payload)}"
             return
         self.messages += 1
         report = layer(data)
-        reason = "cut by the capture" if payload.cut else None
+        reason = CUT if payload.cut else None
         if reason is None and isinstance(report, BrokenReport):
             reason = report.reason
         if reason:
-            self.malformed[reason] += 1
-            remote.malformed[reason] += 1
+            self.count_malformed(reason, remote.malformed)
             yield f"{where} MALFORMED {reason}: {data.hex(' ')}"
             return
         remarks: Iterable[str] = ()
@@ -287,12 +283,10 @@ def _layer(payload: Payload) -> type[Packet] | None:
     """The kind of report behind the transaction byte, None where there is none."""
     if not payload.data:
         return None
-    transaction = payload.data[0]
-    if transaction == INPUT and payload.to_host is not False:
-        return WiimoteInput
-    if transaction in (OUTPUT, SET_OUTPUT) and payload.to_host is not True:
-        return WiimoteOutput
-    return None
+    direction = DIRECTIONS.get(payload.data[0])
+    if direction is None or payload.direction not in (None, direction):
+        return None
+    return LAYERS[direction]
 
 
 def _other_transaction(payload: Payload) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from cardan.dissect._scapy import Packet
+from cardan.dissect.text import listed
 from cardan.dissect.wiimote import (
     DATA_BYTES,
     DATA_MODES,
@@ -83,7 +84,7 @@ def describe(report: Packet, extension: str | None = None) -> str:
 def _output(report: OutputReport) -> Iterator[str]:
     yield OUTPUTS[report.id]
     if isinstance(report, LedsReport):
-        yield _list(map(str, report.leds))
+        yield listed(map(str, report.leds))
     elif isinstance(report, DataModeReport):
         yield f"0x{report.mode:02x}"
         yield "continuous" if report.continuous else "on change"
@@ -118,10 +119,10 @@ def place(report: Packet) -> str:
 def _input(report: Packet, extension: str | None) -> Iterator[str]:
     if isinstance(report, StatusReport):
         yield f"status battery {report.battery}{' LOW' if report.battery_low else ''}"
-        yield f"LEDs {_list(map(str, report.leds))}"
+        yield f"LEDs {listed(map(str, report.leds))}"
         yield f"extension {'connected' if report.extension_connected else 'none'}"
         on = ("camera", "speaker")
-        yield "on: " + _list(name for name in on if report.getfieldval(name))
+        yield "on: " + listed(name for name in on if report.getfieldval(name))
     elif isinstance(report, ReadReport):
         if report.error:
             yield f"read at 0x{report.address:04x} ERROR {report.error} {_error(report.error)}"
@@ -135,7 +136,7 @@ def _input(report: Packet, extension: str | None) -> Iterator[str]:
     else:
         yield f"data 0x{report.id:02x}"
     if isinstance(report, ButtonsReport):
-        yield f"buttons {_list(report.buttons)}"
+        yield f"buttons {listed(report.buttons)}"
     if isinstance(report, AccelerationReport):
         yield "accel {} {} {}".format(*report.acceleration)
     elif isinstance(report, InterleavedFirstReport):
@@ -180,7 +181,7 @@ def describe_extension(data: bytes, extension: str | None) -> str:
         named = zip(("yaw", "roll", "pitch"), values.rates, values.slow, strict=True)
         rates = " ".join(f"{name} {raw} {'slow' if slow else 'fast'}" for name, raw, slow in named)
         return f"MotionPlus {rates}"
-    down = _list(name for name, up in (("c", values.c_up), ("z", values.z_up)) if not up)
+    down = listed(name for name, up in (("c", values.c_up), ("z", values.z_up)) if not up)
     x, y, z = values.acceleration
     return f"Nunchuk stick {values.stick_x} {values.stick_y} accel {x} {y} {z} buttons {down}"
 
@@ -223,7 +224,3 @@ def describe_block(layer: Packet) -> str:
             text += f" {name} zero {zero} at {speed} deg/s {scale},"
         return f"{text} {state}"
     raise TypeError(f"{type(layer).__name__} is no calibration block")
-
-
-def _list(texts: Iterable[str]) -> str:
-    return ", ".join(texts) or "none"

@@ -9,6 +9,7 @@ from scapy.layers.can import CAN
 from scapy.utils import RawPcapWriter
 
 from cardan.dissect import dissect_file, jr3_can as layers
+from cardan.dissect.capture import Direction
 from cardan.dissect.jr3_can import BrokenFrame, UnknownFrame, dissect
 from cardan.dissect.jr3_can_text import describe
 from cardan.errors import ConfigurationError
@@ -152,7 +153,7 @@ def value_of(frame):
 def test_frames_of_the_codecs_board(message, node):
     frame = codec.encode_from_board(message, node)
     found = dissect(*frame)
-    assert found.from_board
+    assert found.way is Direction.FROM_DEVICE
     assert value_of(found) == message
     assert layers.split(frame.arbitration_id)[1] == node
 
@@ -161,7 +162,7 @@ def test_frames_of_the_codecs_board(message, node):
 def test_frames_of_the_codecs_host(message, node):
     frame = codec.encode_from_host(message, node)
     found = dissect(*frame)
-    assert not found.from_board
+    assert found.way is Direction.TO_DEVICE
     assert value_of(found) == message
 
 
@@ -277,7 +278,7 @@ def test_counters_must_agree_and_nodes_can_be_named(dissected):
     counts, shown, _ = dissected([forces, moments, forces], jr3_nodes=[NODE])
     assert counts.messages["JR3"] == 3
     assert shown[1].endswith("NO FORCES OF THIS COUNTER")
-    with pytest.raises(ConfigurationError, match="node id 128: those of boards are 1 to 127"):
+    with pytest.raises(ConfigurationError, match="node id 128: allowed are 1 to 127"):
         dissected([forces], jr3_nodes=[1, 128])
 
 

@@ -14,7 +14,6 @@ from scapy.utils import wrpcap
 from cardan.dissect import dissect_file, simple_message as sm
 from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
-from cardan.dissect.reader import Options
 from cardan.dissect.simple_message_reader import SimpleMessageReader
 from tests import captures
 from tests.dissect import worked
@@ -31,12 +30,12 @@ def segments(parts, start=2**32 - 100, source=CONTROLLER, destination=CLIENT):
     return made
 
 
-def fed(listed, options=None, period_s=0.001):
+def fed(listed, period_s=0.001):
     """Lines without their addresses, and the reader."""
-    reader, lines = SimpleMessageReader(options or Options(frozenset())), []
+    reader, lines = SimpleMessageReader(), []
     for number, segment in enumerate(listed, 1):
-        frame = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)
-        lines += [text for _, text in reader.feed(frame, segment)]
+        packet = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)
+        lines += [text for _, text in reader.feed(packet, segment)]
     lines += [text for _, text in reader.finish()]
     return [line.split(" ", 3)[3] for line in lines], reader
 
@@ -188,7 +187,7 @@ def test_the_cycle_of_the_real_time_mode():
     ]
     lines, reader = fed(listed)
     assert [line.split(" ")[0] for line in lines] == ["RT_JOINT_STATE_EX", "RT_JOINT_COMMAND_EX"]
-    assert reader.frames == 2
+    assert reader.packets == 2
     assert "RT_JOINT_COMMAND_EX to its reply x1" in "\n".join(reader.summary())
 
 

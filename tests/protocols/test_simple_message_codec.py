@@ -20,13 +20,18 @@ LINK = st.builds(sm.DhLink, REAL, REAL, REAL, REAL)
 FIELDS = {"i": INT, "I": UNSIGNED, "f": REAL, "10f": JOINTS}
 
 
-def _fixed(body: type, layout: str) -> st.SearchStrategy:
-    return st.builds(body, *(FIELDS[part] for part in layout.split()))
+def _fixed(body: type) -> st.SearchStrategy:
+    return st.builds(body, *(FIELDS[part] for part in codec.letters(body)))
 
 
 GROUPS = st.lists(POINT, max_size=4).map(tuple)
 BODIES = {
-    **{body: _fixed(body, layout) for body, layout in codec._LAYOUTS.items()},
+    **{
+        body: _fixed(body)
+        for bodies in messages.BODIES.values()
+        for body in bodies
+        if "" not in codec.letters(body)
+    },
     sm.JointTrajPtFullEx: st.builds(sm.JointTrajPtFullEx, INT, GROUPS),
     sm.JointVelocityEx: st.builds(sm.JointVelocityEx, INT, GROUPS),
     sm.JointFeedbackEx: st.builds(

@@ -39,7 +39,6 @@ from cardan.protocols.connexion.reports import (
     LedOutput as LedOutput,
     LongPress as LongPress,
     LongPressBits as LongPressBits,
-    MalformedReport as MalformedReport,
     Motion as Motion,
     Rotation as Rotation,
     Translation as Translation,
@@ -57,3 +56,4 @@ from cardan.protocols.connexion.reports import (
     from_serial_axes as from_serial_axes,
     to_robot_axes as to_robot_axes,
 )
+from cardan.protocols.hid import MalformedReport as MalformedReport

@@ -12,6 +12,8 @@ import struct
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from cardan.protocols.hid import BAD_VALUE, EMPTY, TOO_SHORT, UNKNOWN_ID, MalformedReport
+
 TRANSLATION_ID = 0x01
 """Translation (7 bytes), or all six axes (13 bytes)."""
 ROTATION_ID = 0x02
@@ -102,15 +104,6 @@ class LedOutput(NamedTuple):
     on: bool
 
 
-class MalformedReport(NamedTuple):
-    """A report that says nothing we can use."""
-
-    reason: str
-    """One of a few fixed phrases, fit for counting by."""
-    report_id: int
-    """-1 for a report without any byte."""
-
-
 InputReport = (
     Translation
     | Rotation
@@ -122,11 +115,6 @@ InputReport = (
     | Battery
     | MalformedReport
 )
-
-EMPTY = "empty"
-UNKNOWN_ID = "of an unknown id"
-TOO_SHORT = "too short"
-BAD_VALUE = "with an impossible value"
 
 
 def decode_input(report: bytes) -> InputReport:

@@ -18,9 +18,8 @@ from cardan.protocols.connexion_serial.values import (
     BAD_CODE,
     BAD_LENGTH,
     CR,
-    LONGEST_PACKET_BYTES,
-    TOO_LONG,
     UNKNOWN_LETTER,
+    LineReader,
     Malformed,
 )
 
@@ -176,39 +175,20 @@ def encode_magellan_keys(mask: int, *, extended: bool) -> bytes:
     return b"k" + bytes(ALPHABET[nibble] for nibble in nibbles) + b"\r"
 
 
-class MagellanReader:
+class MagellanReader(LineReader[MagellanPacket]):
     """Cuts a stream into packets and finds the way back after noise. Never raises."""
 
-    def __init__(self) -> None:
-        self._pending = b""
-        self._skipping = False
-
-    def feed(self, data: bytes) -> list[MagellanPacket]:
-        """Take bytes as they come; the packets that are complete now."""
-        *lines, self._pending = (self._pending + data).split(b"\r")
-        packets: list[MagellanPacket] = []
-        for line in lines:
-            if self._skipping:
-                self._skipping = False
-            elif line:
-                self._decode(line, packets)
-        if len(self._pending) > LONGEST_PACKET_BYTES:
-            if not self._skipping:
-                packets.append(Malformed(TOO_LONG, self._pending[0]))
-            self._skipping = True
-            self._pending = self._pending[:1]
-        return packets
-
     def _decode(self, line: bytes, packets: list[MagellanPacket]) -> None:
+        if not line:
+            return
         value = decode_magellan(line)
+        packets.append(value)
         if isinstance(value, Malformed):
             begin = max(line.rfind(letter) for letter in _LETTERS_WITHIN_DATA)
             if begin > 0:
                 tail = decode_magellan(line[begin:])
                 if not isinstance(tail, Malformed):
-                    packets.append(value)
-                    value = tail
-        packets.append(value)
+                    packets.append(tail)
 
 
 def _nibbles(data: bytes) -> bytes | None:

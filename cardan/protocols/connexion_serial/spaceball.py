@@ -18,9 +18,8 @@ from cardan.protocols.connexion_serial.values import (
     BAD_CODE,
     BAD_LENGTH,
     CR,
-    LONGEST_PACKET_BYTES,
-    TOO_LONG,
     UNKNOWN_LETTER,
+    LineReader,
     Malformed,
 )
 
@@ -177,27 +176,12 @@ def unescape(data: bytes) -> bytes | None:
     return None if bad else decoded
 
 
-class SpaceballReader:
+class SpaceballReader(LineReader[SpaceballPacket]):
     """Cuts a stream into packets; XON, XOFF and line feeds between packets go. Never raises."""
 
-    def __init__(self) -> None:
-        self._pending = b""
-        self._skipping = False
-
     def feed(self, data: bytes) -> list[SpaceballPacket]:
-        """Take bytes as they come; the packets that are complete now."""
-        *lines, self._pending = (self._pending + data.translate(None, _FLOW)).split(b"\r")
-        packets: list[SpaceballPacket] = []
-        for line in lines:
-            if self._skipping:
-                self._skipping = False
-                continue
-            line = line.lstrip(b"\n")
-            if line:
-                packets.append(decode_spaceball(line))
-        if len(self._pending) > LONGEST_PACKET_BYTES:
-            if not self._skipping:
-                packets.append(Malformed(TOO_LONG, self._pending[0]))
-            self._skipping = True
-            self._pending = self._pending[:1]
-        return packets
+        return super().feed(data.translate(None, _FLOW))
+
+    def _decode(self, line: bytes, packets: list[SpaceballPacket]) -> None:
+        if line := line.lstrip(b"\n"):
+            packets.append(decode_spaceball(line))

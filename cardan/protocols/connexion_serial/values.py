@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from typing import Generic, NamedTuple, TypeVar
 
 CR = 0x0D
 
@@ -23,6 +24,38 @@ class Malformed(NamedTuple):
     """One of a few fixed phrases, fit for counting by."""
     letter: int
     """The byte that the packet began with."""
+
+
+PacketT = TypeVar("PacketT")
+
+
+class LineReader(ABC, Generic[PacketT]):
+    """Cuts a stream into packets, which end in CR, and finds the way back after noise. Never
+    raises."""
+
+    def __init__(self) -> None:
+        self._pending = b""
+        self._skipping = False
+
+    @abstractmethod
+    def _decode(self, line: bytes, packets: list[PacketT | Malformed]) -> None:
+        """Adds the packets in what stands before a CR, which may be nothing."""
+
+    def feed(self, data: bytes) -> list[PacketT | Malformed]:
+        """Take bytes as they come; the packets that are complete now."""
+        *lines, self._pending = (self._pending + data).split(b"\r")
+        packets: list[PacketT | Malformed] = []
+        for line in lines:
+            if self._skipping:
+                self._skipping = False
+            else:
+                self._decode(line, packets)
+        if len(self._pending) > LONGEST_PACKET_BYTES:
+            if not self._skipping:
+                packets.append(Malformed(TOO_LONG, self._pending[0]))
+            self._skipping = True
+            self._pending = self._pending[:1]
+        return packets
 
 
 class CommandReader:

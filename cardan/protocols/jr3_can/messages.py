@@ -11,7 +11,7 @@ from __future__ import annotations
 import enum
 import math
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 MAX_NODE_ID = 127
 NODE_MASK = 0x7F
@@ -175,9 +175,25 @@ class Malformed(NamedTuple):
 
 _SAMPLE = struct.Struct("<3hH")
 _SCALES = struct.Struct("<B3H")
-_CUTOFF = struct.Struct("<H")
-_START = struct.Struct("<HI")
-_PWM = struct.Struct("<f")
+
+_FROM_HOST: dict[int, tuple[type[HostMessage], struct.Struct]] = {
+    int(opcode): (message, struct.Struct(f"<{letters}"))
+    for opcode, message, letters in (
+        (Opcode.SYNC, Sync, ""),
+        (Opcode.START_SYNC, StartSync, "H"),
+        (Opcode.START_ASYNC, StartAsync, "HI"),
+        (Opcode.STOP, Stop, ""),
+        (Opcode.ZERO_OFFS, ZeroOffs, ""),
+        (Opcode.SET_FILTER, SetFilter, "H"),
+        (Opcode.GET_STATE, GetState, ""),
+        (Opcode.GET_FS_FORCES, GetFsForces, ""),
+        (Opcode.GET_FS_MOMENTS, GetFsMoments, ""),
+        (Opcode.RESET, Reset, ""),
+        (Opcode.GRIPPER_PWM, GripperPwm, "f"),
+    )
+}
+"""Message and its layout by opcode."""
+_TO_BOARD = {message: (opcode, layout) for opcode, (message, layout) in _FROM_HOST.items()}
 
 _ACK_BYTES = 1
 
@@ -227,59 +243,29 @@ def decode_from_host(arbitration_id: int, data: bytes) -> HostMessage | None:
     last field is ignored. Never raises.
     """
     opcode = arbitration_id & ~NODE_MASK
-    if opcode == Opcode.SYNC:
-        return Sync() if arbitration_id == Opcode.SYNC else None
-    if opcode == Opcode.START_ASYNC:
-        return StartAsync(_unsigned(data, 0, 2), _unsigned(data, 2, 4))
-    if opcode == Opcode.START_SYNC:
-        return StartSync(_unsigned(data, 0, 2))
-    if opcode == Opcode.SET_FILTER:
-        return SetFilter(_unsigned(data, 0, 2))
-    if opcode == Opcode.GRIPPER_PWM:
-        return GripperPwm(_PWM.unpack_from(data)[0] if len(data) >= _PWM.size else 0.0)
-    plain = _PLAIN.get(opcode)
-    return None if plain is None else plain()
+    if opcode not in _FROM_HOST or (opcode == Opcode.SYNC and arbitration_id != opcode):
+        return None
+    message, layout = _FROM_HOST[opcode]
+    if len(data) >= layout.size:
+        return message(*layout.unpack_from(data))
+    values: list[Any] = []
+    at = 0
+    for letter in layout.format.removeprefix("<"):
+        size = struct.calcsize(f"<{letter}")
+        piece = data[at : at + size]
+        values += struct.unpack(f"<{letter}", piece if len(piece) == size else bytes(size))
+        at += size
+    return message(*values)
 
 
 def encode_from_host(message: HostMessage, node_id: int) -> CanFrame:
     """The frame that asks the board `node_id`; ValueError for a value that does not fit."""
+    opcode, layout = _TO_BOARD[type(message)]
     try:
-        if isinstance(message, StartAsync):
-            data = _START.pack(*message)
-        elif isinstance(message, (StartSync, SetFilter)):
-            data = _CUTOFF.pack(*message)
-        elif isinstance(message, GripperPwm):
-            data = _PWM.pack(*message)
-        else:
-            data = b""
+        data = layout.pack(*message)
     except (struct.error, OverflowError) as error:
         raise ValueError(f"{message}: {error}") from None
-    opcode = _OPCODES[type(message)]
-    return CanFrame(opcode if opcode is Opcode.SYNC else opcode + node_id, data)
-
-
-def _unsigned(data: bytes, offset: int, size: int) -> int:
-    field = data[offset : offset + size]
-    return int.from_bytes(field, "little") if len(field) == size else 0
-
-
-_PLAIN: dict[int, type[Stop | ZeroOffs | GetState | GetFsForces | GetFsMoments | Reset]] = {
-    Opcode.STOP: Stop,
-    Opcode.ZERO_OFFS: ZeroOffs,
-    Opcode.GET_STATE: GetState,
-    Opcode.GET_FS_FORCES: GetFsForces,
-    Opcode.GET_FS_MOMENTS: GetFsMoments,
-    Opcode.RESET: Reset,
-}
-
-_OPCODES: dict[type[HostMessage], Opcode] = {
-    Sync: Opcode.SYNC,
-    StartSync: Opcode.START_SYNC,
-    StartAsync: Opcode.START_ASYNC,
-    SetFilter: Opcode.SET_FILTER,
-    GripperPwm: Opcode.GRIPPER_PWM,
-    **{message: Opcode(opcode) for opcode, message in _PLAIN.items()},
-}
+    return CanFrame(opcode if opcode == Opcode.SYNC else opcode + node_id, data)
 
 
 def centihertz(cutoff_hz: float) -> int:

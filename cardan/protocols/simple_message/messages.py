@@ -6,8 +6,9 @@ base to tool, whatever the arm has: `joints10` fills one up. Group numbers count
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from cardan.protocols.simple_message.codes import CommType, MessageType, ReplyCode
 
@@ -17,6 +18,8 @@ MAX_GROUPS = 4
 """MOT_MAX_GR: groups a controller can have; JOINT_FEEDBACK_EX always carries so many."""
 DH_LINKS = 8
 
+Unsigned = Annotated[int, "without sign"]
+"""A word on the wire, as an `int` is; that one has a sign."""
 Joints = tuple[float, ...]
 """Ten values, one a joint."""
 ZEROS: Joints = (0.0,) * JOINTS
@@ -117,28 +120,28 @@ class MotionReply(NamedTuple):
 class ReadIo(NamedTuple):
     """MOTO_READ_IO_BIT 2003 and MOTO_READ_IO_GROUP 2007."""
 
-    address: int
+    address: Unsigned
 
 
 class ReadIoReply(NamedTuple):
     """MOTO_READ_IO_BIT_REPLY 2004 and MOTO_READ_IO_GROUP_REPLY 2008."""
 
-    value: int
-    result: int
+    value: Unsigned
+    result: Unsigned
     """An IoResult."""
 
 
 class WriteIo(NamedTuple):
     """MOTO_WRITE_IO_BIT 2005 and MOTO_WRITE_IO_GROUP 2009."""
 
-    address: int
-    value: int
+    address: Unsigned
+    value: Unsigned
 
 
 class WriteIoReply(NamedTuple):
     """MOTO_WRITE_IO_BIT_REPLY 2006 and MOTO_WRITE_IO_GROUP_REPLY 2010."""
 
-    result: int
+    result: Unsigned
     """An IoResult."""
 
 
@@ -152,28 +155,28 @@ class IoCtrlReply(NamedTuple):
 class ReadRegister(NamedTuple):
     """Request of MOTO_READ_MREGISTER 2012."""
 
-    register: int
+    register: Unsigned
 
 
 class ReadRegisterReply(NamedTuple):
     """Reply of MOTO_READ_MREGISTER 2012, which has the same type."""
 
-    value: int
-    result: int
+    value: Unsigned
+    result: Unsigned
     """An IoResult."""
 
 
 class WriteRegister(NamedTuple):
     """Request of MOTO_WRITE_MREGISTER 2013."""
 
-    register: int
-    value: int
+    register: Unsigned
+    value: Unsigned
 
 
 class WriteRegisterReply(NamedTuple):
     """Reply of MOTO_WRITE_MREGISTER 2013, which has the same type."""
 
-    result: int
+    result: Unsigned
     """An IoResult."""
 
 
@@ -349,31 +352,51 @@ class Malformed(NamedTuple):
     msg_type: int = 0
 
 
-_TYPES: dict[type[Body], MessageType] = {
-    JointPosition: MessageType.JOINT_POSITION,
-    JointTrajPt: MessageType.JOINT_TRAJ_PT,
-    RobotStatus: MessageType.ROBOT_STATUS,
-    JointTrajPtFull: MessageType.JOINT_TRAJ_PT_FULL,
-    JointFeedback: MessageType.JOINT_FEEDBACK,
-    MotionCtrl: MessageType.MOTO_MOTION_CTRL,
-    MotionReply: MessageType.MOTO_MOTION_REPLY,
-    IoCtrlReply: MessageType.MOTO_IOCTRL_REPLY,
-    ReadRegister: MessageType.MOTO_READ_MREGISTER,
-    ReadRegisterReply: MessageType.MOTO_READ_MREGISTER,
-    WriteRegister: MessageType.MOTO_WRITE_MREGISTER,
-    WriteRegisterReply: MessageType.MOTO_WRITE_MREGISTER,
-    JointTrajPtFullEx: MessageType.MOTO_JOINT_TRAJ_PT_FULL_EX,
-    JointFeedbackEx: MessageType.MOTO_JOINT_FEEDBACK_EX,
-    SelectTool: MessageType.MOTO_SELECT_TOOL,
-    DhParameters: MessageType.MOTO_GET_DH_PARAMETERS,
-    RtJointState: MessageType.MOTO_RT_JOINT_STATE_EX,
-    RtJointCommand: MessageType.MOTO_RT_JOINT_COMMAND_EX,
-    JointVelocity: MessageType.MOTO_JOINT_VELOCITY,
-    JointVelocityEx: MessageType.MOTO_JOINT_VELOCITY_EX,
-    VelocityInfoRequest: MessageType.MOTO_VELOCITY_INFO,
-    VelocityInfo: MessageType.MOTO_VELOCITY_INFO,
+BODIES: dict[MessageType, tuple[type[Body], ...]] = {
+    MessageType.PING: (Empty,),
+    MessageType.GET_VERSION: (Empty,),
+    MessageType.JOINT_POSITION: (JointPosition,),
+    MessageType.JOINT_TRAJ_PT: (JointTrajPt,),
+    MessageType.ROBOT_STATUS: (RobotStatus,),
+    MessageType.JOINT_TRAJ_PT_FULL: (JointTrajPtFull,),
+    MessageType.JOINT_FEEDBACK: (JointFeedback,),
+    MessageType.OLD_JOINT_TRAJ_PT_FULL_EX: (JointTrajPtFullEx,),
+    MessageType.OLD_JOINT_FEEDBACK_EX: (JointFeedbackEx,),
+    MessageType.MOTO_MOTION_CTRL: (MotionCtrl,),
+    MessageType.MOTO_MOTION_REPLY: (MotionReply,),
+    MessageType.MOTO_READ_IO_BIT: (ReadIo,),
+    MessageType.MOTO_READ_IO_BIT_REPLY: (ReadIoReply,),
+    MessageType.MOTO_WRITE_IO_BIT: (WriteIo,),
+    MessageType.MOTO_WRITE_IO_BIT_REPLY: (WriteIoReply,),
+    MessageType.MOTO_READ_IO_GROUP: (ReadIo,),
+    MessageType.MOTO_READ_IO_GROUP_REPLY: (ReadIoReply,),
+    MessageType.MOTO_WRITE_IO_GROUP: (WriteIo,),
+    MessageType.MOTO_WRITE_IO_GROUP_REPLY: (WriteIoReply,),
+    MessageType.MOTO_IOCTRL_REPLY: (IoCtrlReply,),
+    MessageType.MOTO_READ_MREGISTER: (ReadRegister, ReadRegisterReply),
+    MessageType.MOTO_WRITE_MREGISTER: (WriteRegister, WriteRegisterReply),
+    MessageType.MOTO_JOINT_TRAJ_PT_FULL_EX: (JointTrajPtFullEx,),
+    MessageType.MOTO_JOINT_FEEDBACK_EX: (JointFeedbackEx,),
+    MessageType.MOTO_SELECT_TOOL: (SelectTool,),
+    MessageType.MOTO_GET_DH_PARAMETERS: (Empty, DhParameters),
+    MessageType.MOTO_RT_JOINT_STATE_EX: (RtJointState,),
+    MessageType.MOTO_RT_JOINT_COMMAND_EX: (RtJointCommand,),
+    MessageType.MOTO_JOINT_VELOCITY: (JointVelocity,),
+    MessageType.MOTO_JOINT_VELOCITY_EX: (JointVelocityEx,),
+    MessageType.MOTO_VELOCITY_INFO: (VelocityInfoRequest, VelocityInfo),
 }
-"""The type of each body that has one only; of the others it must be given."""
+"""Where a type has several bodies, their lengths tell them apart."""
+
+
+def _types() -> dict[type[Body], MessageType]:
+    """The type of each body that has one only; of the others it must be given."""
+    old = (MessageType.OLD_JOINT_TRAJ_PT_FULL_EX, MessageType.OLD_JOINT_FEEDBACK_EX)
+    found = [(body, each) for each in BODIES if each not in old for body in BODIES[each]]
+    counts = Counter(body for body, _ in found)
+    return {body: each for body, each in found if counts[body] == 1}
+
+
+_TYPES = _types()
 
 
 def _type_of(body: Body, msg_type: int | None) -> int:

@@ -92,32 +92,22 @@ class LedMode(enum.IntEnum):
 
 UNKNOWN_DEVICE = 0
 
+_SERIAL_DEVICES = (
+    "Spaceball 1003/2003", "Spaceball 3003", "Spaceball 4000 FLX", "Magellan SpaceMouse",
+    "Spaceball 5000 (serial)", "CadMan (serial)",
+)  # fmt: skip
+_USB_DEVICES = (
+    "SpaceMouse Plus XT", "CadMan", "SpaceMouse Classic", "Spaceball 5000", "SpaceTraveler",
+    "SpacePilot", "SpaceNavigator", "SpaceExplorer", "SpaceNavigator for Notebooks",
+    "SpacePilot Pro", "SpaceMouse Pro", "NuLOOQ", "SpaceMouse Wireless", "SpaceMouse Pro Wireless",
+    "SpaceMouse Enterprise", "SpaceMouse Compact", "SpaceMouse Module",
+)  # fmt: skip
+
 DEVICE_TYPES: Mapping[int, str] = MappingProxyType(
     {
         UNKNOWN_DEVICE: "unknown",
-        0x100: "Spaceball 1003/2003",
-        0x101: "Spaceball 3003",
-        0x102: "Spaceball 4000 FLX",
-        0x103: "Magellan SpaceMouse",
-        0x104: "Spaceball 5000 (serial)",
-        0x105: "CadMan (serial)",
-        0x200: "SpaceMouse Plus XT",
-        0x201: "CadMan",
-        0x202: "SpaceMouse Classic",
-        0x203: "Spaceball 5000",
-        0x204: "SpaceTraveler",
-        0x205: "SpacePilot",
-        0x206: "SpaceNavigator",
-        0x207: "SpaceExplorer",
-        0x208: "SpaceNavigator for Notebooks",
-        0x209: "SpacePilot Pro",
-        0x20A: "SpaceMouse Pro",
-        0x20B: "NuLOOQ",
-        0x20C: "SpaceMouse Wireless",
-        0x20D: "SpaceMouse Pro Wireless",
-        0x20E: "SpaceMouse Enterprise",
-        0x20F: "SpaceMouse Compact",
-        0x210: "SpaceMouse Module",
+        **dict(enumerate(_SERIAL_DEVICES, 0x100)),
+        **dict(enumerate(_USB_DEVICES, 0x200)),
     }
 )
 """Answers to DEV_TYPE."""

@@ -25,7 +25,7 @@ ACCELEROMETER_CALIBRATION_BYTES = 10
 COUNTS_MAX = 1023
 _ZERO_RANGE = (440, 600)
 _SPAN_RANGE = (80, 130)
-_CHECKSUM_SEED = 0x55
+CHECKSUM_SEED = 0x55
 
 Vector = tuple[float, float, float]
 
@@ -53,12 +53,12 @@ class CalibrationSource(enum.Enum):
 
 def checksum(block: bytes) -> int:
     """What ends a calibration block, of the bytes before."""
-    return (sum(block) + _CHECKSUM_SEED) & 0xFF
+    return (sum(block) + CHECKSUM_SEED) & 0xFF
 
 
 def decode_accelerometer_calibration(block: bytes) -> AccelerometerCalibration | None:
     """One block of ten bytes; None when it is short, its checksum wrong or it is implausible."""
-    if len(block) < 10 or checksum(block[:9]) != block[9]:
+    if len(block) < ACCELEROMETER_CALIBRATION_BYTES or checksum(block[:9]) != block[9]:
         return None
     zero, one_g = points(block)
     if not all(_ZERO_RANGE[0] <= value <= _ZERO_RANGE[1] for value in zero):

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from cardan.protocols.wiimote.accelerometer import checksum, encode_points, points
+from cardan.protocols.wiimote.accelerometer import CHECKSUM_SEED, checksum, encode_points, points
 from cardan.protocols.wiimote.inputs import Triple
 from cardan.protocols.wiimote.outputs import ReadMemory, WriteMemory
 
@@ -164,7 +164,7 @@ def decode_nunchuk_calibration(block: bytes) -> NunchukCalibration | None:
     if len(block) < 16:
         return None
     first = checksum(block[:14])
-    if block[14] != first or block[15] != (first + 0x55) & 0xFF:
+    if block[14] != first or block[15] != (first + CHECKSUM_SEED) & 0xFF:
         return None
     zero, one_g = points(block)
     x_max, x_min, x_mid, y_max, y_min, y_mid = block[8:14]
@@ -183,7 +183,7 @@ def encode_nunchuk_calibration(value: NunchukCalibration) -> bytes:
     )  # fmt: skip
     body = encode_points(value.zero, value.one_g) + bytes(sticks)
     first = checksum(body)
-    return body + bytes((first, (first + 0x55) & 0xFF))
+    return body + bytes((first, (first + CHECKSUM_SEED) & 0xFF))
 
 
 def stick_deflection(value: int, calibration: Triple) -> float:

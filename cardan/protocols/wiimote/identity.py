@@ -62,16 +62,34 @@ def model_of(bluetooth_name: str, product_id: int) -> Model | None:
     return None
 
 
+RUMBLE_ID = 0x10
+LEDS_ID = 0x11
+DATA_MODE_ID = 0x12
+IR_ENABLE_1_ID = 0x13
+SPEAKER_ENABLE_ID = 0x14
+STATUS_REQUEST_ID = 0x15
+WRITE_MEMORY_ID = 0x16
+READ_MEMORY_ID = 0x17
+SPEAKER_DATA_ID = 0x18
+SPEAKER_MUTE_ID = 0x19
+IR_ENABLE_2_ID = 0x1A
 OUTPUT_SIZES: dict[int, int] = {
-    0x10: 1, 0x11: 1, 0x12: 2, 0x13: 1, 0x14: 1, 0x15: 1, 0x16: 21, 0x17: 6, 0x18: 21,
-    0x19: 1, 0x1A: 1,
+    RUMBLE_ID: 1, LEDS_ID: 1, DATA_MODE_ID: 2, IR_ENABLE_1_ID: 1, SPEAKER_ENABLE_ID: 1,
+    STATUS_REQUEST_ID: 1, WRITE_MEMORY_ID: 21, READ_MEMORY_ID: 6, SPEAKER_DATA_ID: 21,
+    SPEAKER_MUTE_ID: 1, IR_ENABLE_2_ID: 1,
 }  # fmt: skip
 """Bytes of each output report after its id."""
 
+STATUS_ID = 0x20
+READ_DATA_ID = 0x21
+ACK_ID = 0x22
+FIRST_HALF_ID = 0x3E
+SECOND_HALF_ID = 0x3F
+
 INPUT_SIZES: dict[int, int] = {
-    0x20: 6, 0x21: 21, 0x22: 4,
+    STATUS_ID: 6, READ_DATA_ID: 21, ACK_ID: 4,
     0x30: 2, 0x31: 5, 0x32: 10, 0x33: 17, 0x34: 21, 0x35: 21, 0x36: 21, 0x37: 21,
-    0x3D: 21, 0x3E: 21, 0x3F: 21,
+    0x3D: 21, FIRST_HALF_ID: 21, SECOND_HALF_ID: 21,
 }  # fmt: skip
 """Bytes of each input report after its id."""
 
@@ -83,7 +101,7 @@ def report_descriptor() -> bytes:
     """The remote's HID report descriptor, 217 bytes: every report is an array of vendor bytes."""
     parts = [bytes.fromhex("0501 0905 a101")]
     for report_id, size in OUTPUT_SIZES.items():
-        first = report_id == 0x10
+        first = report_id == RUMBLE_ID
         parts.append(bytes((0x85, report_id)))
         parts.append(bytes.fromhex("1500 26ff00 7508") if first else b"")
         parts.append(bytes((0x95, size)))

@@ -12,20 +12,16 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
-from cardan.protocols.wiimote.identity import INPUT_SIZES
-from cardan.protocols.wiimote.values import (
-    BUTTON_MASK,
-    EMPTY,
-    TOO_SHORT,
-    UNKNOWN_ID,
-    MalformedReport,
+from cardan.protocols.hid import EMPTY, TOO_SHORT, UNKNOWN_ID, MalformedReport
+from cardan.protocols.wiimote.identity import (
+    ACK_ID,
+    FIRST_HALF_ID,
+    INPUT_SIZES,
+    READ_DATA_ID,
+    SECOND_HALF_ID,
+    STATUS_ID,
 )
-
-STATUS_ID = 0x20
-READ_DATA_ID = 0x21
-ACK_ID = 0x22
-FIRST_HALF_ID = 0x3E
-SECOND_HALF_ID = 0x3F
+from cardan.protocols.wiimote.values import BUTTON_MASK
 
 READ_PIECE_BYTES = 16
 """The most that one answer to a read carries."""
@@ -59,7 +55,6 @@ class DataLayout(NamedTuple):
 
 
 def _layout(
-    report_id: int,
     *,
     buttons: bool = True,
     accelerometer: bool = False,
@@ -68,23 +63,24 @@ def _layout(
     extension: int = 0,
 ) -> DataLayout:
     ir_at = 2 * buttons + 3 * accelerometer
+    extension_at = ir_at + ir
     return DataLayout(
-        INPUT_SIZES[report_id], buttons, accelerometer,
-        ir_at, ir, ir_format, ir_at + ir, extension,
+        extension_at + extension, buttons, accelerometer,
+        ir_at, ir, ir_format, extension_at, extension,
     )  # fmt: skip
 
 
 DATA_LAYOUTS: Mapping[int, DataLayout] = MappingProxyType(
     {
-        0x30: _layout(0x30),
-        0x31: _layout(0x31, accelerometer=True),
-        0x32: _layout(0x32, extension=8),
-        0x33: _layout(0x33, accelerometer=True, ir=12, ir_format=IrFormat.EXTENDED),
-        0x34: _layout(0x34, extension=19),
-        0x35: _layout(0x35, accelerometer=True, extension=16),
-        0x36: _layout(0x36, ir=10, ir_format=IrFormat.BASIC, extension=9),
-        0x37: _layout(0x37, accelerometer=True, ir=10, ir_format=IrFormat.BASIC, extension=6),
-        0x3D: _layout(0x3D, buttons=False, extension=21),
+        0x30: _layout(),
+        0x31: _layout(accelerometer=True),
+        0x32: _layout(extension=8),
+        0x33: _layout(accelerometer=True, ir=12, ir_format=IrFormat.EXTENDED),
+        0x34: _layout(extension=19),
+        0x35: _layout(accelerometer=True, extension=16),
+        0x36: _layout(ir=10, ir_format=IrFormat.BASIC, extension=9),
+        0x37: _layout(accelerometer=True, ir=10, ir_format=IrFormat.BASIC, extension=6),
+        0x3D: _layout(buttons=False, extension=21),
     }
 )
 """The data reports that come whole; 0x3E and 0x3F take turns instead (`Interleaved`)."""

@@ -9,27 +9,23 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.protocols.wiimote.identity import OUTPUT_SIZES
-from cardan.protocols.wiimote.inputs import DATA_MODES
-from cardan.protocols.wiimote.values import (
-    BAD_VALUE,
-    EMPTY,
-    TOO_SHORT,
-    UNKNOWN_ID,
-    MalformedReport,
+from cardan.protocols.hid import BAD_VALUE, EMPTY, TOO_SHORT, UNKNOWN_ID, MalformedReport
+from cardan.protocols.wiimote.identity import (
+    DATA_MODE_ID,
+    IR_ENABLE_1_ID,
+    IR_ENABLE_2_ID,
+    LEDS_ID,
+    OUTPUT_SIZES,
+    READ_MEMORY_ID,
+    RUMBLE_ID,
+    SPEAKER_DATA_ID,
+    SPEAKER_ENABLE_ID,
+    SPEAKER_MUTE_ID,
+    STATUS_REQUEST_ID,
+    WRITE_MEMORY_ID,
 )
+from cardan.protocols.wiimote.inputs import DATA_MODES
 
-RUMBLE_ID = 0x10
-LEDS_ID = 0x11
-DATA_MODE_ID = 0x12
-IR_ENABLE_1_ID = 0x13
-SPEAKER_ENABLE_ID = 0x14
-STATUS_REQUEST_ID = 0x15
-WRITE_MEMORY_ID = 0x16
-READ_MEMORY_ID = 0x17
-SPEAKER_DATA_ID = 0x18
-SPEAKER_MUTE_ID = 0x19
-IR_ENABLE_2_ID = 0x1A
 SWITCH_IDS: frozenset[int] = frozenset(
     {IR_ENABLE_1_ID, SPEAKER_ENABLE_ID, SPEAKER_MUTE_ID, IR_ENABLE_2_ID}
 )

@@ -1,4 +1,4 @@
-"""What the remote's reports share: malformed ones, buttons, error codes."""
+"""What the remote's reports share: buttons and error codes."""
 
 from __future__ import annotations
 
@@ -6,22 +6,6 @@ import enum
 from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
-from typing import NamedTuple
-
-EMPTY = "empty"
-UNKNOWN_ID = "of an unknown id"
-TOO_SHORT = "too short"
-BAD_VALUE = "with an impossible value"
-
-
-class MalformedReport(NamedTuple):
-    """A report that says nothing we can use."""
-
-    reason: str
-    """One of a few fixed phrases, fit for counting by."""
-    report_id: int
-    """-1 for a report without any byte."""
-
 
 BUTTON_MASK = 0x9F1F
 """The bits of a button mask that are buttons: the first report byte is the low one."""

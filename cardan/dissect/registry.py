@@ -1,0 +1,34 @@
+"""Finds dissectors: the built-in table, then the entry points of installed packages."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoints, entry_points
+
+from cardan.dissect.reader import Dissector
+from cardan.plugins import Finder
+
+ENTRY_POINT_GROUP = "cardan.dissect"
+
+BUILT_IN = {
+    "egm": "cardan.dissect.dissectors:Egm",
+    "connexion": "cardan.dissect.dissectors:Connexion",
+    "joint_stream": "cardan.dissect.dissectors:JointStream",
+    "simple_message": "cardan.dissect.dissectors:SimpleMessage",
+    "wiimote": "cardan.dissect.dissectors:Wiimote",
+    "jr3_can": "cardan.dissect.dissectors:Jr3Can",
+}
+"""Our own. Packets are offered in this order, then to those of other packages by name: what goes to
+or from a port of EGM is EGM's, whatever it begins with."""
+
+
+def _installed() -> EntryPoints:
+    return entry_points(group=ENTRY_POINT_GROUP)
+
+
+_FINDER: Finder[Dissector] = Finder(Dissector, "dissector", BUILT_IN, _installed)
+
+
+def dissectors() -> list[type[Dissector]]:
+    """Every dissector there is, in the order in which they are offered packets."""
+    names = dict.fromkeys((*BUILT_IN, *_FINDER.names()))
+    return [_FINDER.load(name) for name in names]
