@@ -7,21 +7,31 @@ theirs through the entry-point group ``cardan.drivers`` (see :mod:`cardan.driver
 
 from __future__ import annotations
 
+import math
+import threading
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields
+from difflib import get_close_matches
 from types import TracebackType
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
-from cardan.errors import CommandError
+from cardan.errors import CommandError, ConfigurationError, NotOpenError
 from cardan.types import (
     ButtonEvent,
     DeviceCapabilities,
     DeviceFeedback,
+    DeviceLink,
     DeviceState,
     RobotCapabilities,
     RobotCommand,
     RobotState,
 )
+
+LOOK_S = 0.1
+"""Who waits for a new state looks so often even if nobody tells of one: silence that makes a state
+stale is no report, and the thread that reads the device may hang."""
 
 _D = TypeVar("_D", bound="Driver")
 
@@ -33,8 +43,39 @@ class Driver(ABC):
     """A frozen dataclass with a default for every field; the configuration file's table of this
     driver is checked against it. Its ``__post_init__`` raises ValueError for a bad value."""
 
-    def __init__(self, options: Any = None) -> None:
-        self.options = self.Options() if options is None else options
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        """Takes an `Options` object, or its fields as keywords.
+
+        Raises ConfigurationError for both at once, an option that does not exist, or a bad value.
+        """
+        self.options = self.make_options(options, keywords)
+
+    @classmethod
+    def make_options(cls, options: Any, keywords: Mapping[str, Any]) -> Any:
+        """`options`, or, where that is None, `Options` made of `keywords`."""
+        kind = cls.Options.__name__
+        if options is not None:
+            if not isinstance(options, cls.Options):
+                raise ConfigurationError(
+                    "options", f"{cls.__name__} takes {kind} or keywords, not {options!r:.60}"
+                )
+            if keywords:
+                raise ConfigurationError(
+                    "options",
+                    f"{cls.__name__} was given {kind} and the keywords {', '.join(keywords)}: put "
+                    "them into the one or the other",
+                )
+            return options
+        for name in keywords:
+            allowed = [field.name for field in fields(cls.Options) if field.init]
+            if name not in allowed:
+                near = get_close_matches(name, allowed, 1)
+                raise ConfigurationError(
+                    name,
+                    f"{cls.__name__} has no such option; allowed: {', '.join(allowed)}"
+                    + (f"; did you mean {near[0]!r}?" if near else ""),
+                )
+        return cls.Options(**keywords)
 
     @abstractmethod
     def open(self) -> None:
@@ -76,10 +117,26 @@ class FoundDevice(NamedTuple):
     """What the driver's options call it."""
     obstacle: str = ""
     """What stands in the way of opening it, in words; empty: nothing known."""
+    driver: str = ""
+    """The name of its driver, from :func:`cardan.devices`."""
 
 
 class OperatorDevice(Driver):
-    """A hand-held device. It reads itself (usually in a thread of its own)."""
+    """A hand-held device. It reads itself (usually in a thread of its own).
+
+    `state()` gives the newest state at once, `read()` waits for a new one, ``for state in device``
+    does so until the device is closed, and `on_state()` has a function called. Who is slower than
+    the device gets the newest state and misses those before; `button_events()` has every edge.
+    """
+
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._news = threading.Condition()
+        self._told = 0
+        """Counts calls of _tell()."""
+        self._closings = 0
+        """Counted by drivers that may be opened again: who waited does not go on then."""
+        self._reading: _Watch | None = None
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
@@ -94,6 +151,59 @@ class OperatorDevice(Driver):
     @abstractmethod
     def state(self) -> DeviceState:
         """The newest state. Never blocks, never raises, never old without saying so."""
+
+    def read(self, timeout_s: float | None = None) -> DeviceState | None:
+        """Wait for a state that read() has not returned yet, `timeout_s` at most (None: no limit).
+
+        Returns None where none came, or the device was closed meanwhile. The loss of a device is a
+        state, too: look at `link`. For one consumer; others iterate or have on_state().
+
+        Raises NotOpenError.
+        """
+        if self._reading is None or self._reading.ended:
+            self._reading = _Watch(self)
+        return self._reading.next(timeout_s)
+
+    def __iter__(self) -> Iterator[DeviceState]:
+        """The state now and each new one, until the device is closed. Raises NotOpenError."""
+        watch = _Watch(self)
+        while (state := watch.next()) is not None:
+            yield state
+
+    def on_state(self, callback: Callable[[DeviceState], object]) -> Callable[[], None]:
+        """Have `callback` called with the state now and each new one, until the device is closed.
+
+        The calls come one after the other from a thread of their own: a slow callback misses
+        states, and holds up neither the device nor other callbacks. An exception ends the calls and
+        goes to `threading.excepthook`, which prints it; the device goes on. The function that is
+        returned ends the calls, too, and waits for one that is under way.
+
+        Raises NotOpenError.
+        """
+        watch = _Watch(self)
+
+        def call() -> None:
+            while (state := watch.next()) is not None:
+                callback(state)
+
+        name = f"cardan-{type(self).__name__.lower()}-callback"
+        thread = threading.Thread(target=call, name=name, daemon=True)
+        thread.start()
+
+        def stop() -> None:
+            watch.stopped = True
+            self._tell()
+            if threading.current_thread() is not thread:
+                thread.join()
+
+        return stop
+
+    def _tell(self) -> None:
+        """Wake who waits for a new state. Drivers call it after a report and after a change of the
+        link; without it changes are seen `LOOK_S` later."""
+        with self._news:
+            self._told += 1
+            self._news.notify_all()
 
     @abstractmethod
     def button_events(self) -> Sequence[ButtonEvent]:
@@ -115,6 +225,45 @@ class OperatorDevice(Driver):
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
         """Send `feedback`, whose channels are known to exist. Drivers with feedback override."""
+
+
+class _Watch:
+    """Gives one consumer each new state of a device once. Raises NotOpenError."""
+
+    def __init__(self, device: OperatorDevice) -> None:
+        if device.state().link is DeviceLink.CLOSED:
+            raise NotOpenError(
+                f"{type(device).__name__} is not open: call open() before reading it, or use `with`"
+            )
+        self._device = device
+        self._closings = device._closings
+        self._last: DeviceState | None = None
+        self.stopped = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will come."""
+        return self.stopped or self._device._closings != self._closings
+
+    def next(self, timeout_s: float | None = None) -> DeviceState | None:
+        """The next new state; None where none comes within `timeout_s`, or none will any more."""
+        device = self._device
+        deadline_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        while not self.ended:
+            told = device._told
+            state = device.state()
+            if state.link is DeviceLink.CLOSED:
+                return None
+            if state != self._last:
+                self._last = state
+                return state
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0.0:
+                return None
+            with device._news:
+                if device._told == told:
+                    device._news.wait(min(left_s, LOOK_S))
+        return None
 
 
 class RobotDriver(Driver):

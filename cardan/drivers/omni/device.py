@@ -13,6 +13,7 @@ import time
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from cardan import spatial
 from cardan.drivers.access import UDEV_HINT
@@ -84,9 +85,9 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     Options = OmniOptions
     options: OmniOptions
 
-    def __init__(self, options: OmniOptions | None = None) -> None:
-        options = OmniOptions() if options is None else options
-        super().__init__(options, OmniCore(options))
+    def __init__(self, options: OmniOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = OmniCore(self.options)
         self._commands = threading.Lock()
         """Guards what is told to the tick: one source at a time."""
         self._hd: LibHD | None = None
@@ -101,7 +102,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         """Since when the tick was told that they will not be."""
         self._ticks_seen = 0
         self._sequence = 0
-        self._joint_torques = options.force_mode == "joint"
+        self._joint_torques = self.options.force_mode == "joint"
         self._transformation = IDENTITY_POSE
         self._at_exit = functools.partial(_close_at_exit, weakref.ref(self))
 
@@ -425,6 +426,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def _serve(self, stop: threading.Event) -> None:
         while not stop.is_set():
             self._watch()
+            self._tell()
             stop.wait(WATCH_PERIOD_S)
 
     def _watch(self) -> None:
