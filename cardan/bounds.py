@@ -1,19 +1,15 @@
-"""What a number of a configuration may be: ranges from physics, each with its reason.
+"""What a number or a text of a configuration may be: ranges from physics, each with its reason.
 
 A range stands in the annotation of its field, ``Annotated[float, LINEAR_SPEED_M_S]``, and nowhere
-else. :func:`check_ranges` and :func:`outside` read it there for the dataclasses of drivers and
-filters; the tables of a configuration file make it into what pydantic checks. A number beyond is a
-mistake, and would not stay finite on the way to a robot.
+else; :func:`cardan.options.check_options` reads it there. A number beyond is a mistake, and would
+not stay finite on the way to a robot.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, fields
-from functools import cache
-from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+import re
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,28 @@ class Range:
         if self.above:
             return f"above {low}, {'below' if self.below else 'at most'} {high}{unit}"
         return f"{low} to {'below ' if self.below else ''}{high}{unit}"
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text of a certain form, for ``Annotated[str, HOST]``."""
+
+    pattern: str
+    """Regular expression of the whole text."""
+    words: str
+    """What it is."""
+    most_bytes: int = 0
+    """In UTF-8; 0: any number."""
+
+    def __contains__(self, value: object) -> bool:
+        return (
+            isinstance(value, str)
+            and re.fullmatch(self.pattern, value) is not None
+            and len(value.encode(errors="surrogatepass")) <= (self.most_bytes or math.inf)
+        )
+
+    def __str__(self) -> str:
+        return self.words
 
 
 # -- speeds and accelerations ----------------------------------------------------------------------
@@ -174,52 +192,19 @@ OUTPUT_VALUE = Range(-1e9, 1e9, "", "whole numbers beyond are not exact in a pro
 COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")
 SENSOR_LEVEL = Range(0.0, 1e6, "", "no sensor's raw numbers are larger")
 SEED = Range(0, 2**32 - 1, "", "32 bits")
+
+# -- addresses and names ---------------------------------------------------------------------------
+
+_BYTE = "(25[0-5]|2[0-4][0-9]|1[0-9][0-9]|[1-9]?[0-9])"
+_SOCKET_PATH_BYTES = 107
+"""What the address of a Unix socket has room for."""
+
 PORT = Range(1, 65535, "", "ports have 16 bits")
-
-
-# -- reading them ----------------------------------------------------------------------------------
-
-
-@cache
-def _hints(kind: Hashable) -> dict[str, Any]:
-    return get_type_hints(kind, include_extras=True)
-
-
-def _broken(hint: Any, value: object) -> Iterator[str]:
-    """In words the ranges that `value`, or a number inside of it, is not in."""
-    if get_origin(hint) is Annotated:
-        hint, *notes = get_args(hint)
-        for note in notes:
-            if isinstance(note, Range):
-                whole = hint is int
-                if value not in note or (whole and not isinstance(value, int)):
-                    yield f"{note}{', whole' if whole else ''}: {note.reason}"
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin in (Union, UnionType):
-        if value is not None or NoneType not in inner:
-            for each in inner:
-                if each is not NoneType:
-                    yield from _broken(each, value)
-    elif origin is tuple and isinstance(value, (tuple, list)):
-        each_hint = (inner[0],) * len(value) if inner[-1] is Ellipsis else inner
-        for each, number in zip(each_hint, value, strict=False):  # Lengths are checked elsewhere.
-            yield from _broken(each, number)
-
-
-def outside(options: Any) -> Iterator[tuple[str, object, str]]:
-    """Name, value and what is allowed of each field of a dataclass that is not in its range.
-
-    Ranges are found in annotations: of the field, of what it may be besides None, and of the
-    elements of a tuple. A field without one is not looked at.
-    """
-    hints = _hints(options.__class__)
-    for field in fields(options):
-        value = getattr(options, field.name)
-        for allowed in _broken(hints[field.name], value):
-            yield field.name, value, allowed
-
-
-def check_ranges(options: Any) -> None:
-    """Raise ValueError for the first field of a dataclass that is not in its annotation's range."""
-    for name, value, allowed in outside(options):
-        raise ValueError(f"{name} is {value!r}; allowed: {allowed}")
+ANY_PORT = Range(0, 65535, "", "ports have 16 bits", zero="any free one")
+HOST = Text(r"[^\s\x00-\x1f\x7f]+", "an address or a host name")
+HOST_OR_IPV4 = Text(r"[^\s:\x00-\x1f\x7f]+", "an IPv4 address or a host name")
+IPV4 = Text(rf"{_BYTE}(\.{_BYTE}){{3}}", "an IPv4 address, as 127.0.0.1")
+SOCKET_PATH = Text(r"[^\0]+", f"a path of up to {_SOCKET_PATH_BYTES} bytes", _SOCKET_PATH_BYTES)
+BLUETOOTH_ADDRESS = Text(
+    "([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}", 'six bytes such as "00:1F:32:AA:BB:CC"'
+)

@@ -3,7 +3,8 @@
 ::
 
     CardanError
-    +-- ConfigurationError    a setting is wrong: names the key, the value, what is allowed
+    +-- ConfigurationError    a setting is wrong; also a ValueError
+    |   +-- OptionError           an option's value: names the key, the value, what is allowed
     +-- DriverError           a driver cannot do what it was asked
     |   +-- DeviceNotFoundError   nothing to open
     |   +-- DeviceAccessError     found, but the system or another program refuses it
@@ -28,12 +29,30 @@ class CardanError(Exception):
     """Base of everything Cardan raises on purpose."""
 
 
-class ConfigurationError(CardanError):
+class ConfigurationError(CardanError, ValueError):
     """A setting is wrong. `key` is its dotted path ("limits.linear_speed_m_s")."""
 
     def __init__(self, key: str, message: str) -> None:
         super().__init__(f"{key}: {message}" if key else message)
         self.key = key
+        self.message = message
+
+    def below(self, table: str) -> ConfigurationError:
+        """The same error, of a setting in `table`."""
+        key = ".".join(filter(None, (table, self.key)))
+        return ConfigurationError(key, self.message)
+
+
+class OptionError(ConfigurationError):
+    """An option has a value that is not allowed; `allowed` says what is, in words."""
+
+    def __init__(self, key: str, value: object, allowed: str) -> None:
+        super().__init__(key, f"{value!r} is not allowed; it must be {allowed}")
+        self.value = value
+        self.allowed = allowed
+
+    def below(self, table: str) -> OptionError:
+        return OptionError(super().below(table).key, self.value, self.allowed)
 
 
 class DriverError(CardanError):

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from cardan.bounds import LINEAR_SPEED_M_S, Range, check_ranges, outside
+from cardan.bounds import Range
 from cardan.drivers import registry
 from cardan.drivers.omni.limits import TickLimits
 from cardan.errors import ConfigurationError
@@ -19,6 +19,7 @@ from cardan.gateway.force import tables as force_tables
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.session import config
 from cardan.gateway.session.assembly import driver_options
+from cardan.options import check_options
 
 HUGE = 10**400
 """Too large even for a double."""
@@ -111,7 +112,7 @@ def test_no_table_takes_a_number_beyond_all_bounds(table, name, hint):
 def test_defaults_are_in_their_ranges(name):
     kind = {**DRIVERS, **FILTERS}[name]
     options = kind.Options()
-    assert list(outside(options)) == []
+    check_options(options)
     plain = {f.name: getattr(options, f.name) for f in dataclasses.fields(options)}
     assert driver_options(kind, plain, "table") == options
 
@@ -155,32 +156,3 @@ def test_ranges_in_words():
     assert str(Range(0.0, 60.0, "s", "", zero="off")) == "0 (off) to 60 s"
     assert str(Range(0.0, 1.0, "", "", below=True)) == "0 to below 1"
     assert str(Range(1.0, 1e6, "counts", "")) == "1 to 1000000 counts"
-
-
-@dataclasses.dataclass
-class Options:
-    speed: Annotated[float, LINEAR_SPEED_M_S] = 0.1
-    count: Annotated[int, CLOSED] = 1
-    corner: tuple[Annotated[float, CLOSED], ...] = ()
-    maybe: Annotated[float, CLOSED] | None = None
-    free: float = 0.0
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({}, ""),
-        ({"maybe": 1.5, "corner": (1.0, 2.0), "count": 2, "free": math.inf}, ""),
-        ({"speed": 7.0}, "speed is 7.0; allowed: 0.0001 to 5 m/s: no serial arm's TCP is faster"),
-        ({"count": 1.5}, "count is 1.5; allowed: 1 to 2 m, whole: so it is"),
-        ({"corner": (1.0, 3.0)}, "corner is (1.0, 3.0); allowed: 1 to 2 m: so it is"),
-        ({"maybe": 0}, "maybe is 0; allowed: 1 to 2 m: so it is"),
-    ],
-)
-def test_a_dataclass_is_checked_by_its_annotations(values, words):
-    if not words:
-        check_ranges(Options(**values))
-        return
-    with pytest.raises(ValueError, match="allowed") as caught:
-        check_ranges(Options(**values))
-    assert str(caught.value).startswith(words)

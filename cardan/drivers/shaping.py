@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
+from cardan.options import check_options
 from cardan.types import NEUTRAL as NEUTRAL, Axes as Axes
-
-DEAD_ZONE_SHAPES = ("axis", "radial")
 
 Deflections = tuple[float, float, float, float, float, float]
 """Axes while they are computed, without their names."""
@@ -24,7 +22,7 @@ DOMINANCE_MARGIN = 1.1
 
 @dataclass(frozen=True, kw_only=True)
 class ShapingOptions:
-    """Options of every driver with deflections. Raises ValueError for what is not allowed."""
+    """Options of every driver with deflections. Raises OptionError for what is not allowed."""
 
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.05
     """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
@@ -40,15 +38,7 @@ class ShapingOptions:
     """Only the axis that is deflected most acts."""
 
     def __post_init__(self) -> None:
-        bounds.check_ranges(self)
-        check_choice("dead_zone_shape", self.dead_zone_shape, DEAD_ZONE_SHAPES)
-
-
-def check_choice(name: str, value: object, allowed: Collection[str]) -> None:
-    """Raise ValueError when the option `name` is none of the `allowed`; "" stays unnamed."""
-    if value not in allowed:
-        words = ", ".join(word for word in allowed if word)
-        raise ValueError(f"{name} is {value!r}; allowed: {words}")
+        check_options(self)
 
 
 class Shaper:

@@ -237,11 +237,17 @@ def arm_names() -> tuple[str, ...]:
 
 
 @cache
-def load_arm(name_or_file: str) -> ArmModel:
+def load_arm(name_or_file: str, key: str = "") -> ArmModel:
     """One of our arms by name, or one from the path of a ``.toml`` or ``.urdf`` file.
 
-    Raises ConfigurationError that names the file, what is wrong in it, and what is allowed.
+    Raises ConfigurationError that names the option `key` which asks for it, the file, what is
+    wrong in it, and what is allowed.
     """
+    if key:
+        try:
+            return load_arm(name_or_file)
+        except ConfigurationError as error:
+            raise error.below(key) from None
     if name_or_file in arm_names():
         path = _FOLDER / f"{name_or_file}.toml"
         return _read(path if path.exists() else path.with_suffix(".urdf"))

@@ -207,12 +207,12 @@ def test_random_bytes_never_raise(data, at):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"transport": "usb"}, "allowed: evdev, socket"),
-        ({"transport": "socket"}, "needs the path"),
-        ({"layout": "both"}, "allowed: sticks, swapped, triggers"),
-        ({"shift": "turbo"}, "shift is 'turbo'"),
+        ({"transport": "usb"}, "it must be one of evdev, socket"),
+        ({"transport": "socket"}, "it must be the path"),
+        ({"layout": "both"}, "it must be one of sticks, swapped, triggers"),
+        ({"shift": "turbo"}, "shift: 'turbo' is not allowed"),
         ({"stale_after_s": -1.0}, "0 \\(off\\) to 60 s"),
-        ({"dead_zone": 1.0}, "dead_zone is 1.0"),
+        ({"dead_zone": 1.0}, "dead_zone: 1.0 is not allowed"),
     ],
 )
 def test_options_that_are_not_allowed(settings, words):

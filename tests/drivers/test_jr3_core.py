@@ -421,11 +421,11 @@ def test_it_never_asks_to_be_polled_in_vain():
         ({"cutoff_hz": 0.001}, "0.01 Hz"),
         ({"host_cutoff_hz": math.nan}, "655.35"),
         ({"bitrate": 0}, "bit/s"),
-        ({"port": 65536}, "a port"),
+        ({"port": 65536}, "ports have 16 bits"),
         ({"force_dead_band_n": 0.0}, "above 0"),
         ({"torque_full_nm": 0.0}, "above 0"),
         ({"steady_n_s": math.inf}, "above 0"),
-        ({"sensor_rpy_deg": (0.0, 0.0)}, "three numbers"),
+        ({"sensor_rpy_deg": (0.0, 0.0)}, "3 values"),
         ({"sensor_xyz_m": (0.0, 0.0, math.nan)}, "-10 to 10 m"),
         ({"force_full_scales_n": (0, 1, 1)}, "1 to 65535"),
         ({"torque_full_scales_nm": (0.0, 1.0, 1.0)}, "6553.5"),
@@ -433,7 +433,7 @@ def test_it_never_asks_to_be_polled_in_vain():
 )
 def test_options_say_what_is_allowed(options, words):
     (key,) = options
-    with pytest.raises(ValueError, match=f"(?s){key} is .*{words}"):
+    with pytest.raises(ValueError, match=f"(?s){key}: .* is not allowed; it must be .*{words}"):
         Jr3Options(**options)
 
 

@@ -110,9 +110,9 @@ def test_esc_is_any_button_without_grab():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"layout": "dvorak"}, "allowed: letters, arrows"),
-        ({"ramp_s": 9.0}, "allowed: 0 to 5 s"),
-        ({"transport": "terminal"}, "allowed: evdev, socket"),
+        ({"layout": "dvorak"}, "it must be one of letters, arrows"),
+        ({"ramp_s": 9.0}, "it must be 0 to 5 s"),
+        ({"transport": "terminal"}, "it must be one of evdev, socket"),
     ],
 )
 def test_options_that_are_not_allowed(settings, words):

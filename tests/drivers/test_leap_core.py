@@ -343,17 +343,17 @@ class TestOptions:
     @pytest.mark.parametrize(
         ("field", "value", "words"),
         [
-            ("hand", "both", "allowed: first, left, right"),
-            ("clutch", "fist", "allowed: still, open, grab, pinch"),
-            ("host", "", "host is ''"),
-            ("port", 0, "allowed: 1 to 65535"),
-            ("version", 8, "allowed: 1 to 7"),
-            ("min_confidence", 1.5, "allowed: 0 to 1"),
-            ("min_visible_s", -1.0, "allowed: 0 to 10"),
-            ("cutoff_hz", math.nan, "cutoff_hz is nan"),
-            ("cutoff_rise_1_m", -1.0, "cutoff_rise_1_m is -1.0"),
-            ("max_speed_m_s", 0.0, "allowed: above 0, at most 10 m/s"),
-            ("max_speed_m_s", math.inf, "allowed: above 0, at most 10 m/s"),
+            ("hand", "both", "it must be one of first, left, right"),
+            ("clutch", "fist", "it must be one of still, open, grab, pinch"),
+            ("host", "", "host: '' is not allowed"),
+            ("port", 0, "it must be 1 to 65535"),
+            ("version", 8, "it must be 1 to 7"),
+            ("min_confidence", 1.5, "it must be 0 to 1"),
+            ("min_visible_s", -1.0, "it must be 0 to 10"),
+            ("cutoff_hz", math.nan, "cutoff_hz: nan is not allowed"),
+            ("cutoff_rise_1_m", -1.0, "cutoff_rise_1_m: -1.0 is not allowed"),
+            ("max_speed_m_s", 0.0, "it must be above 0, at most 10 m/s"),
+            ("max_speed_m_s", math.inf, "it must be above 0, at most 10 m/s"),
         ],
     )
     def test_what_is_not_allowed(self, field, value, words):

@@ -411,7 +411,7 @@ def test_the_loop_hands_over_forces_or_joint_torques(bench, drive_by, used, othe
 
 
 def test_how_the_loop_drives_is_one_of_two():
-    with pytest.raises(ValueError, match=r"drive_by is 'torque'.*joint_torques"):
+    with pytest.raises(ValueError, match=r"drive_by: 'torque' is not allowed.*joint_torques"):
         OmniOptions(drive_by="torque")
 
 

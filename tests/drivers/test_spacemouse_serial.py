@@ -766,13 +766,18 @@ def test_closing_does_not_wait_for_a_device_that_does_not_answer(tmp_path):
 
 
 def test_options_of_serial_devices():
-    with pytest.raises(ValueError, match="path is ''; transport 'serial' needs the path of the"):
+    with pytest.raises(ValueError, match="path: '' is not allowed; it must be the path of the"):
         SpaceMouseOptions(transport="serial")
-    with pytest.raises(ValueError, match="model is 'spacenavigator'; allowed: magellan"):
+    with pytest.raises(
+        ValueError,
+        match="model: 'spacenavigator' is not allowed; it must be empty or one of magellan",
+    ):
         SpaceMouseOptions(transport="serial", path="/dev/ttyS0", model="spacenavigator")
-    with pytest.raises(ValueError, match="slot is '1'; transport 'serial' is not on USB"):
+    with pytest.raises(
+        ValueError, match="slot: '1' is not allowed; it must be empty for transport 'serial'"
+    ):
         SpaceMouseOptions(transport="serial", path="/dev/ttyS0", slot="1")
-    with pytest.raises(ValueError, match="model is 'magellan'"):
+    with pytest.raises(ValueError, match="model: 'magellan' is not allowed"):
         SpaceMouseOptions(model="magellan")
     options = SpaceMouseOptions(transport="serial", path="/dev/ttyS0", model="spaceorb")
     assert SpaceMouse(options).capabilities.buttons[0] == "a"

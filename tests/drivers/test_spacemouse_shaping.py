@@ -97,16 +97,22 @@ def test_continuous_and_monotonic(dead_zone, curve, shape):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"dead_zone": 1.0}, r"dead_zone is 1\.0; allowed: 0 to below 1"),
-        ({"dead_zone": float("nan")}, "dead_zone is nan"),
-        ({"curve": 1.5}, r"curve is 1\.5"),
-        ({"full_scale": 0.0}, r"full_scale is 0\.0"),
-        ({"full_scale": math.inf}, "full_scale is inf"),
-        ({"transport": "bus"}, "transport is 'bus'; allowed: auto, hidraw, libusb, usb, serial"),
-        ({"dead_zone_shape": "box"}, "dead_zone_shape is 'box'; allowed: axis, radial"),
-        ({"led": "blink"}, "led is 'blink'; allowed: keep, on, off"),
-        ({"model": "spaceship"}, "model is 'spaceship'; allowed: .*spacenavigator"),
-        ({"transport": "socket"}, "path is ''; transport 'socket' needs"),
+        ({"dead_zone": 1.0}, r"dead_zone: 1\.0 is not allowed; it must be 0 to below 1"),
+        ({"dead_zone": float("nan")}, "dead_zone: nan is not allowed"),
+        ({"curve": 1.5}, r"curve: 1\.5 is not allowed"),
+        ({"full_scale": 0.0}, r"full_scale: 0\.0 is not allowed"),
+        ({"full_scale": math.inf}, "full_scale: inf is not allowed"),
+        (
+            {"transport": "bus"},
+            "transport: 'bus' is not allowed; it must be one of auto, hidraw, libusb, usb, serial",
+        ),
+        (
+            {"dead_zone_shape": "box"},
+            "dead_zone_shape: 'box' is not allowed; it must be one of axis, radial",
+        ),
+        ({"led": "blink"}, "led: 'blink' is not allowed; it must be one of keep, on, off"),
+        ({"model": "spaceship"}, "model: 'spaceship' is not allowed; it must be .*spacenavigator"),
+        ({"transport": "socket"}, "path: '' is not allowed; it must be the path"),
     ],
 )
 def test_bad_options_name_the_field(settings, words):

@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.drivers.wiimote.core import BUTTON_NAMES, NUNCHUK_BUTTONS
-from cardan.drivers.wiimote.options import ROLES as ROLE_NAMES
+from cardan.drivers.wiimote.options import WiimoteOptions
 from cardan.drivers.wiimote.roles import ROLES, STICK_BUTTON, Hand
+from cardan.options import choices, hints
 
 REST = (0.0,) * 6
 UNIT = st.floats(-1.0, 1.0)
@@ -20,7 +21,7 @@ HANDS = st.builds(
 
 
 def test_the_options_name_them_all():
-    assert set(ROLE_NAMES) == set(ROLES)
+    assert set(choices(hints(WiimoteOptions)["roles"])) == set(ROLES)
 
 
 @pytest.mark.parametrize("name", ROLES)

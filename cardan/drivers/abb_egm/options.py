@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import ipaddress
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.bounds import Range, outside
+from cardan.bounds import Range
+from cardan.options import check_options, require_each
 from cardan.protocols.egm.messages import DNUM_MAX
 from cardan.robots import arm_names, load_arm
 from cardan.types import JointLimits
-
-MODES = ("pose", "joint", "path-correction")
-SPEED_REFERENCES = ("matched", "none", "only")
 
 CONTROLLER_PERIOD_S = 0.004032
 """A real controller's cycle; RAPID's \\SampleRate calls it 4 ms (a virtual one takes 4.000 ms)."""
@@ -23,7 +20,6 @@ CONTROLLER_PERIOD_S = 0.004032
 SILENT_PERIODS = 3
 """So many missed datagrams are not a hiccup of the network any more."""
 
-ANY_PORT = Range(0, 65535, "", "ports have 16 bits", zero="any free one")
 SAMPLE_RATE_MS = Range(
     4, 160, "ms", "three periods that are missed may take half a second, no longer"
 )
@@ -36,11 +32,11 @@ EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
 class AbbEgmOptions:
     """Options of :class:`AbbEgm`. Lengths in m, angles as the controller's own terms: degrees."""
 
-    listen_host: str = "127.0.0.1"
+    listen_host: Annotated[str, bounds.HOST_OR_IPV4] = "127.0.0.1"
     """This computer's address on the robot's network (RobotStudio on this machine: 127.0.0.1)."""
-    listen_port: Annotated[int, ANY_PORT] = 6510
+    listen_port: Annotated[int, bounds.ANY_PORT] = 6510
     """UDP port; the controller's UdpUc device names it as Remote Port Number. 0: any free one."""
-    controller_host: str | None = None
+    controller_host: Annotated[str, bounds.HOST_OR_IPV4] | None = None
     """The only address to accept. None: the first that sends a valid datagram, then only that."""
     mode: Literal["pose", "joint", "path-correction"] = "pose"
     """What the RAPID program runs: EGMRunPose, EGMRunJoint or EGMMoveL/EGMMoveC."""
@@ -92,76 +88,68 @@ class AbbEgmOptions:
     """RAPIDtoRobot.dnum at the start; empty: not sent."""
 
     def __post_init__(self) -> None:
-        for name, value, allowed in outside(self):
-            _require(name, value, False, allowed)
-        for name, choice in _CHOICES.items():
-            _require(name, getattr(self, name), getattr(self, name) in choice, _one_of(choice))
-        self._check_addresses()
+        check_options(self)
         self._check_axes()
-        self._check_ranges()
-        _require(
-            "digital_output",
-            self.digital_output,
-            self.digital_output in (None, False, True),
-            "true, false, or absent",
+        self._check_limits()
+        require_each(
+            self,
+            (
+                "controller_host",
+                not _is_wildcard(self.controller_host or ""),
+                "one controller's address",
+            ),
+            (
+                "output_values",
+                len(self.output_values) <= DNUM_MAX,
+                f"at most {DNUM_MAX} numbers",
+            ),
         )
-        _require(
-            "output_values",
-            self.output_values,
-            len(self.output_values) <= DNUM_MAX,
-            f"at most {DNUM_MAX} numbers",
-        )
-
-    def _check_addresses(self) -> None:
-        for name in ("listen_host", "controller_host"):
-            host = getattr(self, name)
-            if host is None and name == "controller_host":
-                continue
-            good = isinstance(host, str) and bool(host) and host.isprintable() and " " not in host
-            if good and ":" in host:
-                good = False
-            _require(name, host, good, "an IPv4 address or a host name")
-        if self.controller_host is not None and _is_wildcard(self.controller_host):
-            _require("controller_host", self.controller_host, False, "one controller's address")
 
     def _check_axes(self) -> None:
-        rate, step = self.sample_rate_ms, 24 if self.mode == "path-correction" else 4
-        good = rate is None or rate % step == 0
-        _require("sample_rate_ms", rate, good, f"a multiple of {step} in {self.mode} mode")
+        step = 24 if self.mode == "path-correction" else 4
+        good = self.sample_rate_ms is None or self.sample_rate_ms % step == 0
+        require_each(self, ("sample_rate_ms", good, f"a multiple of {step} in {self.mode} mode"))
         if self.joints == 7:
-            _require("joints", 7, self.mode == "joint", "6 unless mode is joint")
-            _require("external_axes", self.external_axes, self.external_axes <= 5, "0 to 5")
+            require_each(
+                self,
+                ("joints", self.mode == "joint", "6 unless mode is joint"),
+                ("external_axes", self.external_axes <= 5, "0 to 5"),
+            )
         if self.mode == "path-correction":
-            _require(
-                "speed_reference",
-                self.speed_reference,
-                self.speed_reference == "matched",
-                "matched (the default) in path-correction mode, which has no speeds",
+            outputs = self.digital_output is not None or self.output_values
+            require_each(
+                self,
+                (
+                    "speed_reference",
+                    self.speed_reference == "matched",
+                    "matched (the default) in path-correction mode, which has no speeds",
+                ),
+                ("external_axes", self.external_axes == 0, "0 in this mode"),
+                ("output_values", not outputs, "none in this mode"),
             )
-            _require("external_axes", self.external_axes, self.external_axes == 0, "0 in this mode")
-            outputs = self.digital_output is not None or bool(self.output_values)
-            _require("output_values", self.output_values, not outputs, "none in this mode")
 
-    def _check_ranges(self) -> None:
-        lower, upper = self.joint_lower_deg, self.joint_upper_deg
-        for name, angles in (("joint_lower_deg", lower), ("joint_upper_deg", upper)):
-            _require(
-                name, angles, len(angles) in (0, self.joints), f"{self.joints} angles, or none"
-            )
+    def _check_limits(self) -> None:
+        lower, upper, joints = self.joint_lower_deg, self.joint_upper_deg, self.joints
+        low, high = self.workspace_lower_m, self.workspace_upper_m
+        names = ", ".join(arm_names())
+        require_each(
+            self,
+            ("robot", self.robot in (None, *arm_names()), f"absent or one of {names}"),
+            ("joint_lower_deg", len(lower) in (0, joints), f"{joints} angles, or none"),
+            ("joint_upper_deg", len(upper) in (0, joints), f"{joints} angles, or none"),
+            ("workspace_lower_m", len(low) in (0, 3), "three coordinates, or none"),
+            ("workspace_upper_m", len(high) in (0, 3), "three coordinates, or none"),
+            ("workspace_lower_m", _is_below(low, high), f"below the upper corner {high}"),
+        )
         if self.robot is not None:
             known = len(load_arm(self.robot).joints)
-            _require("robot", self.robot, known == self.joints, f"one with {self.joints} joints")
+            require_each(self, ("robot", known == joints, f"one with {joints} joints"))
         else:
-            _require("joint_upper_deg", upper, bool(upper) == bool(lower), "given with the lower")
-        ends = self._range_deg()
-        if ends is not None:
-            good = all(low < high for low, high in zip(*ends, strict=True))
-            _require("joint_lower_deg", lower, good, f"below the upper ends {ends[1]}")
-        low, high = self.workspace_lower_m, self.workspace_upper_m
-        for name, corner in (("workspace_lower_m", low), ("workspace_upper_m", high)):
-            _require(name, corner, len(corner) in (0, 3), "three coordinates, or none")
-        good = len(low) == len(high) and all(a < b for a, b in zip(low, high, strict=True))
-        _require("workspace_lower_m", low, good, f"below the upper corner {high}")
+            given = bool(upper) == bool(lower)
+            require_each(self, ("joint_upper_deg", given, "given with the lower"))
+        if ends := self._range_deg():
+            allowed = f"below the upper ends {ends[1]}"
+            require_each(self, ("joint_lower_deg", _is_below(*ends), allowed))
 
     def _range_deg(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
         lower, upper = self.joint_lower_deg, self.joint_upper_deg
@@ -208,21 +196,8 @@ class AbbEgmOptions:
         return tuple(map(min, own, arm))
 
 
-_CHOICES: dict[str, tuple[Any, ...]] = {
-    "mode": MODES,
-    "speed_reference": SPEED_REFERENCES,
-    "force_frame": ("tool", "base"),
-    "robot": (None, *arm_names()),
-}
-
-
-def _one_of(choice: Iterable[object]) -> str:
-    return "one of " + ", ".join("absent" if value is None else str(value) for value in choice)
-
-
-def _require(name: str, value: object, good: bool, allowed: str) -> None:
-    if not good:
-        raise ValueError(f"{name}: {value!r} is not allowed; it must be {allowed}")
+def _is_below(low: tuple[float, ...], high: tuple[float, ...]) -> bool:
+    return len(low) == len(high) and all(a < b for a, b in zip(low, high, strict=True))
 
 
 def _is_wildcard(host: str) -> bool:

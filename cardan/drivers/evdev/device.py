@@ -22,8 +22,7 @@ from cardan.drivers.evdev.nodes import (
 )
 from cardan.drivers.reading import ReadDevice
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
-
-TRANSPORTS = ("evdev", "socket")
+from cardan.options import require
 
 READ_TIMEOUT_S = 0.02
 """How long a silent device is waited for before it counts as looked at."""
@@ -53,11 +52,9 @@ class EvdevOptions(Protocol):
 
 
 def check_way(options: EvdevOptions) -> None:
-    """Raise ValueError unless transport, path and name go together."""
-    if options.transport not in TRANSPORTS:
-        raise ValueError(f"transport is {options.transport!r}; allowed: {', '.join(TRANSPORTS)}")
-    if options.transport == "socket" and not options.path:
-        raise ValueError("path is ''; transport 'socket' needs the path of the socket")
+    """Raise OptionError unless transport and path go together."""
+    good = options.transport != "socket" or options.path
+    require(good, "path", options.path, "the path of the socket for transport 'socket'")
 
 
 K = TypeVar("K", bound=EvdevCore)

@@ -7,17 +7,16 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.drivers.evdev.device import check_way
-from cardan.drivers.shaping import ShapingOptions, check_choice
+from cardan.drivers.shaping import ShapingOptions
+from cardan.options import require
 from cardan.protocols.evdev import PAD_CODES
-
-LAYOUTS = ("sticks", "swapped", "triggers")
 
 STALE_AFTER_S = bounds.Range(0.0, 60.0, "s", "no hand keeps a stick so still", zero="off")
 
 
 @dataclass(frozen=True, kw_only=True)
 class GamepadOptions(ShapingOptions):
-    """Options of :class:`Gamepad`. Raises ValueError for a value that is not allowed."""
+    """Options of :class:`Gamepad`. Raises OptionError for a value that is not allowed."""
 
     transport: Literal["evdev", "socket"] = "evdev"
     """evdev: a node of /dev/input. socket: a simulated gamepad."""
@@ -41,5 +40,5 @@ class GamepadOptions(ShapingOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_way(self)
-        check_choice("layout", self.layout, LAYOUTS)
-        check_choice("shift", self.shift, ("", *PAD_CODES))
+        good = not self.shift or self.shift in PAD_CODES
+        require(good, "shift", self.shift, f"empty or one of {', '.join(PAD_CODES)}")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.bounds import Range
+from cardan.bounds import Range, Text
+from cardan.options import check_options, require
 from cardan.protocols.jr3_can import MAX_CUTOFF_HZ, MAX_NODE_ID
 
-MODES = ("async", "sync")
-
+CAN_NAME = Text(r"[^\0]+", "a name, as python-can calls it")
 NODE_ID = Range(1, MAX_NODE_ID, "", "a CANopen bus has no other numbers")
 BITRATE = Range(10_000, 1_000_000, "bit/s", "CAN knows no other")
 HOP_LIMIT = Range(0, 255, "", "it has 8 bits", zero="this computer")
@@ -23,7 +23,7 @@ TORQUE_FULL_SCALE_NM = Range(0.1, 6553.5, "N·m", "it has 16 bits, of tenths")
 
 UDP_MULTICAST_PORT = 43113
 SOCKETCAND_PORT = 29536
-PORT_OR_OWN = Range(0, 65535, "", "a port has 16 bits", zero="the interface's own")
+PORT_OR_OWN = replace(bounds.PORT, lowest=0, zero="the interface's own")
 DEFAULT_PORTS = {"udp_multicast": UDP_MULTICAST_PORT, "socketcand": SOCKETCAND_PORT}
 
 _Angle = Annotated[float, bounds.ANGLE_DEG]
@@ -34,17 +34,17 @@ _NewtonMetre = Annotated[float, TORQUE_FULL_SCALE_NM]
 
 @dataclass(frozen=True, kw_only=True)
 class Jr3Options:
-    """Options of :class:`Jr3`. Raises ValueError for a value that is not allowed."""
+    """Options of :class:`Jr3`. Raises OptionError for a value that is not allowed."""
 
-    interface: str = "socketcan"
+    interface: Annotated[str, CAN_NAME] = "socketcan"
     """python-can's name of the way to the bus: "socketcan", "slcan", "pcan", "gs_usb" ... for
     hardware, "udp_multicast" or "socketcand" for a simulated sensor."""
-    channel: str = "can0"
+    channel: Annotated[str, CAN_NAME] = "can0"
     """The bus: the network interface of socketcan, the serial port of slcan, the group of
     udp_multicast ("239.74.163.2")."""
     bitrate: Annotated[int, BITRATE] = 1_000_000
     """Of the bus, bit/s; socketcan's is set with `ip link` instead."""
-    host: str = "127.0.0.1"
+    host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """Where socketcand serves."""
     port: Annotated[int, PORT_OR_OWN] = 0
     """Of udp_multicast (0: 43113) and socketcand (0: 29536)."""
@@ -91,23 +91,9 @@ class Jr3Options:
     """open() succeeds without a sensor, which is picked up once it answers."""
 
     def __post_init__(self) -> None:
-        bounds.check_ranges(self)
-        for key in ("interface", "channel"):
-            if not getattr(self, key):
-                raise ValueError(f"{key} is ''; it needs a name, as python-can calls it")
-        if self.mode not in MODES:
-            raise ValueError(f"mode is {self.mode!r}; allowed: {', '.join(MODES)}")
-        if 0.0 < self.cutoff_hz < 0.01:
-            raise ValueError(f"cutoff_hz is {self.cutoff_hz!r}; allowed: 0, or 0.01 Hz and more")
-        for key in (
-            "sensor_rpy_deg",
-            "sensor_xyz_m",
-            "force_full_scales_n",
-            "torque_full_scales_nm",
-        ):
-            value = getattr(self, key)
-            if value is not None and len(value) != 3:
-                raise ValueError(f"{key} is {value!r}; it needs three numbers")
+        check_options(self)
+        good = not 0.0 < self.cutoff_hz < 0.01
+        require(good, "cutoff_hz", self.cutoff_hz, "0, or 0.01 Hz and more")
 
     @property
     def full_port(self) -> int:

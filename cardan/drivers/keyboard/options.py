@@ -7,16 +7,14 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.drivers.evdev.device import check_way
-from cardan.drivers.shaping import ShapingOptions, check_choice
-
-LAYOUTS = ("letters", "arrows")
+from cardan.drivers.shaping import ShapingOptions
 
 RAMP_S = bounds.Range(0.0, 5.0, "s", "a key that takes longer seems dead")
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeyboardOptions(ShapingOptions):
-    """Options of :class:`Keyboard`. Raises ValueError for a value that is not allowed."""
+    """Options of :class:`Keyboard`. Raises OptionError for a value that is not allowed."""
 
     transport: Literal["evdev", "socket"] = "evdev"
     """evdev: a node of /dev/input. socket: a simulated keyboard."""
@@ -40,4 +38,3 @@ class KeyboardOptions(ShapingOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_way(self)
-        check_choice("layout", self.layout, LAYOUTS)

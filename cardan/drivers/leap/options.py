@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
+from cardan.options import check_options
 from cardan.protocols.leap import PORT
 
-HAND_CHOICES = ("first", "left", "right")
-CLUTCHES = ("still", "open", "grab", "pinch")
 HIGHEST_VERSION = 7
 """Some bridges of newer tracking software offer one more version of the same frames."""
 
@@ -23,9 +22,9 @@ CUTOFF_RISE_1_M = bounds.Range(
 
 @dataclass(frozen=True, kw_only=True)
 class LeapOptions:
-    """Options of :class:`Leap`. Raises ValueError for a value that is not allowed."""
+    """Options of :class:`Leap`. Raises OptionError for a value that is not allowed."""
 
-    host: str = "127.0.0.1"
+    host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """Where the tracking service runs."""
     port: Annotated[int, bounds.PORT] = PORT
     """Its WebSocket port."""
@@ -52,10 +51,4 @@ class LeapOptions:
     """open() succeeds without the service, which is picked up once it runs."""
 
     def __post_init__(self) -> None:
-        bounds.check_ranges(self)
-        for name, allowed in (("hand", HAND_CHOICES), ("clutch", CLUTCHES)):
-            value = getattr(self, name)
-            if value not in allowed:
-                raise ValueError(f"{name} is {value!r}; allowed: {', '.join(allowed)}")
-        if not self.host:
-            raise ValueError("host is ''; allowed: a host name or an address")
+        check_options(self)

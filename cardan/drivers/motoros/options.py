@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.bounds import LONGEST_BLIND_S, Range, outside
-from cardan.errors import CardanError
+from cardan.bounds import LONGEST_BLIND_S, Range
+from cardan.options import check_options, require_each
 from cardan.protocols.simple_message import (
     IO_PORT,
     JOINTS,
@@ -40,7 +40,7 @@ START_TIMEOUT_S = Range(0.1, 60.0, "s", "servos are on and a job is started soon
 class MotorosOptions:
     """Options of :class:`Motoros`. Joints in rad, base to tool, as MotoROS sends them."""
 
-    host: str = "127.0.0.1"
+    host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """The robot controller."""
     motion_port: Annotated[int, bounds.PORT] = MOTION_PORT
     state_port: Annotated[int, bounds.PORT] = STATE_PORT
@@ -90,49 +90,37 @@ class MotorosOptions:
     """A CSV file for commands and feedback, written at close; empty: none."""
 
     def __post_init__(self) -> None:
-        for name, value, allowed in outside(self):
-            _require(name, value, False, allowed)
-        for name, choice in _CHOICES.items():
-            chosen = getattr(self, name)
-            _require(name, chosen, chosen in choice, "one of " + ", ".join(choice))
-        _require("host", self.host, isinstance(self.host, str) and bool(self.host), "a host")
-        path = isinstance(self.record, str) and "\0" not in self.record
-        _require("record", self.record, path, "a file's path or empty")
-        trust = self.trust_velocity
-        _require("trust_velocity", trust, isinstance(trust, bool), "true or false")
+        check_options(self)
+        joints = len(load_arm(self.robot, "robot").joints)
         ipc_ms = 1e3 * self.ipc_s
-        _require("ipc_s", self.ipc_s, abs(ipc_ms - round(ipc_ms)) < 1e-6, "whole milliseconds")
-        spacing = self.point_spacing_s
-        _require(
-            "point_spacing_s",
-            spacing,
-            2.0 * self.ipc_s <= spacing + 1e-9,
-            f"two interpolation periods ({2.0 * self.ipc_s:g} s) or more",
+        longest_queue = LONGEST_BLIND_S / self.ipc_s
+        ports = {self.motion_port, self.state_port, self.io_port}
+        require_each(
+            self,
+            ("ipc_s", abs(ipc_ms - round(ipc_ms)) < 1e-6, "whole milliseconds"),
+            (
+                "point_spacing_s",
+                2.0 * self.ipc_s <= self.point_spacing_s + 1e-9,
+                f"two interpolation periods ({2.0 * self.ipc_s:g} s) or more",
+            ),
+            (
+                "queue_low",
+                self.queue_low * self.ipc_s <= LONGEST_BLIND_S,
+                f"at most {longest_queue:.0f}: more takes longer than {LONGEST_BLIND_S:g} s to "
+                "drive, without us",
+            ),
+            (
+                "watchdog_ms",
+                self.watchdog_ms >= 3e3 * self.command_period_s,
+                "three command periods or more",
+            ),
+            ("state_port", len(ports) == 3, "another one than the others"),
+            ("robot", joints <= JOINTS, f"an arm of at most {JOINTS} joints"),
+            *(
+                (key, len(getattr(self, key)) in (0, joints), f"{joints} numbers, or none")
+                for key in ("velocity_rad_s", "acceleration_rad_s2")
+            ),
         )
-        _require(
-            "queue_low",
-            self.queue_low,
-            self.queue_low * self.ipc_s <= LONGEST_BLIND_S,
-            f"at most {LONGEST_BLIND_S / self.ipc_s:.0f}: more takes longer than "
-            f"{LONGEST_BLIND_S:g} s to drive, without us",
-        )
-        _require(
-            "watchdog_ms",
-            self.watchdog_ms,
-            self.watchdog_ms >= 3e3 * self.command_period_s,
-            "three command periods or more",
-        )
-        ports = (self.motion_port, self.state_port, self.io_port)
-        _require("state_port", self.state_port, len(set(ports)) == 3, "another one than the others")
-        try:
-            joints = len(load_arm(self.robot).joints)
-        except CardanError as error:
-            raise ValueError(f"robot: {error}") from None
-        _require("robot", self.robot, joints <= JOINTS, f"an arm of at most {JOINTS} joints")
-        for name in ("velocity_rad_s", "acceleration_rad_s2"):
-            values = getattr(self, name)
-            good = isinstance(values, (tuple, list)) and len(values) in (0, joints)
-            _require(name, values, good, f"{joints} numbers, or none")
 
     @property
     def joints(self) -> int:
@@ -167,15 +155,3 @@ class MotorosOptions:
     def known_byte_order(self) -> ByteOrder | None:
         """None: to be learnt from the state port."""
         return {"little": ByteOrder.LITTLE, "big": ByteOrder.BIG}.get(self.byte_order)
-
-
-_CHOICES: dict[str, tuple[str, ...]] = {
-    "mode": ("auto", "velocity", "stream", "standard"),
-    "enable": ("on-request", "at-start"),
-    "byte_order": ("auto", "little", "big"),
-}
-
-
-def _require(name: str, value: object, good: bool, allowed: str) -> None:
-    if not good:
-        raise ValueError(f"{name}: {value!r} is not allowed; it must be {allowed}")

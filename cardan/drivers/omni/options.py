@@ -8,10 +8,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.drivers.omni.limits import TickLimits
-from cardan.drivers.shaping import ShapingOptions, check_choice
-
-FORCE_MODES = ("cartesian", "joint")
-DRIVES = ("force", "joint_torques")
+from cardan.drivers.shaping import ShapingOptions
 
 CALIBRATION_WAIT_S = bounds.Range(0.0, 600.0, "s", "who has not calibrated it by then has left")
 STALE_AFTER_S = bounds.Range(0.005, 0.1, "s", "ticks come every 1 ms; a hand moves 10 cm in 0.1 s")
@@ -24,7 +21,7 @@ _Angle = Annotated[float, bounds.ANGLE_DEG]
 
 @dataclass(frozen=True, kw_only=True)
 class OmniOptions(ShapingOptions, TickLimits):
-    """Options of :class:`Omni`. Raises ValueError for a value that is not allowed.
+    """Options of :class:`Omni`. Raises OptionError for a value that is not allowed.
 
     The limits of the tick are among them, with its defaults: docs/omni.md has the reason of each.
     The device's own nominal forces are never exceeded, whatever is set here, and the workspace is
@@ -73,14 +70,6 @@ class OmniOptions(ShapingOptions, TickLimits):
     def __post_init__(self) -> None:
         ShapingOptions.__post_init__(self)
         TickLimits.__post_init__(self)
-
-        if "\0" in self.device:
-            raise ValueError(f"device is {self.device!r}; allowed: a name, or nothing")
-        check_choice("force_mode", self.force_mode, FORCE_MODES)
-        check_choice("drive_by", self.drive_by, DRIVES)
-        for key in ("centre_m", "centre_rpy_deg"):
-            if len(getattr(self, key)) != 3:
-                raise ValueError(f"{key} is {getattr(self, key)!r}; it needs three numbers")
 
     def limits(self) -> TickLimits:
         """The limits of the tick."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.bounds import outside
-from cardan.errors import CardanError
+from cardan.errors import ConfigurationError, ScriptError
+from cardan.options import check_options, require, require_each
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import (
     FAULTS,
@@ -63,41 +63,35 @@ class SimArmOptions:
     """Without a state for so long (or three periods, if that is longer) the link is LOST."""
 
     def __post_init__(self) -> None:
-        _choice("transport", self.transport, ("in-process", "udp"))
-        _choice("pacing", self.pacing, ("real-time", "virtual"))
-        for name, value, allowed in outside(self):
-            raise ValueError(f"{name}: {value!r} is not allowed; it must be {allowed}")
-        for name, length in (("planes", 6), ("spheres", 4)):
-            for values in getattr(self, name):
-                if len(values) != length:
-                    raise ValueError(f"{name}: {values!r} is not allowed; it must be {length} long")
+        check_options(self)
         _ = self.address
+        joints = len(load_arm(self.robot, "robot").joints)
         try:
             _ = self.arm_options
-            joints = len(load_arm(self.robot).joints)
-        except CardanError as error:
-            raise ValueError(str(error)) from None
-        if self.start and len(self.start) != joints:
-            raise ValueError(f"start: {self.start!r} is not allowed; it must be {joints} joints")
+        except ScriptError as error:
+            raise ConfigurationError("faults", str(error)) from None
+        require_each(self, ("start", len(self.start) in (0, joints), f"{joints} joints, or none"))
         if self.transport == "udp":
-            if self.pacing == "virtual":
-                raise ValueError("pacing: 'virtual' is not allowed; over udp it must be real-time")
-            for name in _OF_THE_PEER:
-                if getattr(self, name) != SimArmOptions.__dataclass_fields__[name].default:
-                    raise ValueError(
-                        f"{name}: {getattr(self, name)!r} is not allowed; over udp it must be "
-                        "left out: it is set at the served peer"
+            fields = SimArmOptions.__dataclass_fields__
+            require_each(
+                self,
+                ("pacing", self.pacing == "real-time", "real-time over udp"),
+                *(
+                    (
+                        key,
+                        getattr(self, key) == fields[key].default,
+                        "left out over udp: it is set at the served peer",
                     )
+                    for key in _OF_THE_PEER
+                ),
+            )
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of `endpoint`; ValueError when it is none."""
-        host, colon, port = self.endpoint.rpartition(":")
-        if not (colon and host and port.isdecimal() and 0 < int(port) < 65536):
-            raise ValueError(
-                f"endpoint: {self.endpoint!r} is not allowed; it must be HOST:PORT, as "
-                "127.0.0.1:6520"
-            )
+        """Host and port of `endpoint`; OptionError when it is none."""
+        host, _, port = self.endpoint.rpartition(":")
+        good = host and port.isdecimal() and int(port) in bounds.PORT
+        require(good, "endpoint", self.endpoint, "HOST:PORT, as 127.0.0.1:6520")
         return host, int(port)
 
     @property
@@ -144,9 +138,3 @@ _OF_THE_PEER = (
     "seed",
     "command_timeout_s",
 )
-
-
-def _choice(name: str, value: object, choice: tuple[str, ...]) -> None:
-    if value not in choice:
-        allowed = ", ".join(choice)
-        raise ValueError(f"{name}: {value!r} is not allowed; it must be one of {allowed}")

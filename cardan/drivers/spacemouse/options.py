@@ -6,20 +6,18 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.drivers.shaping import ShapingOptions, check_choice
+from cardan.drivers.shaping import ShapingOptions
+from cardan.options import require
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.connexion_serial import SERIAL_MODELS
 
-TRANSPORTS = ("auto", "hidraw", "libusb", "usb", "serial", "socket")
-SLOTS = ("", "0", "1", "2", "3", "4")
-LED_POLICIES = ("keep", "on", "off")
-_MODEL_KEYS = ("", *(model.key for model in MODELS))
-_SERIAL_MODEL_KEYS = ("", *(model.key for model in SERIAL_MODELS))
+_MODEL_KEYS = tuple(model.key for model in MODELS)
+_SERIAL_MODEL_KEYS = tuple(model.key for model in SERIAL_MODELS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceMouseOptions(ShapingOptions):
-    """Options of :class:`SpaceMouse`. Raises ValueError for a value that is not allowed."""
+    """Options of :class:`SpaceMouse`. Raises OptionError for a value that is not allowed."""
 
     transport: Literal["auto", "hidraw", "libusb", "usb", "serial", "socket"] = "auto"
     """auto: hidraw, then libusb. usb: raw USB, where there is no HID. serial: a device at a serial
@@ -46,21 +44,13 @@ class SpaceMouseOptions(ShapingOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, allowed in (
-            ("transport", TRANSPORTS),
-            ("slot", SLOTS),
-            ("led", LED_POLICIES),
-            ("model", _SERIAL_MODEL_KEYS if self.transport == "serial" else _MODEL_KEYS),
-        ):
-            check_choice(name, getattr(self, name), allowed)
-        for name in ("port", "slot"):
-            if self.transport in ("serial", "socket") and getattr(self, name):
-                raise ValueError(
-                    f"{name} is {getattr(self, name)!r}; transport {self.transport!r} is not "
-                    "on USB: its path tells devices apart"
-                )
-        if self.transport in ("serial", "socket") and not self.path:
+        keys = _SERIAL_MODEL_KEYS if self.transport == "serial" else _MODEL_KEYS
+        good = not self.model or self.model in keys
+        require(good, "model", self.model, f"empty or one of {', '.join(keys)}")
+        if self.transport in ("serial", "socket"):
+            way = f"for transport {self.transport!r}"
             what = "socket" if self.transport == "socket" else "serial port"
-            raise ValueError(
-                f"path is ''; transport {self.transport!r} needs the path of the {what}"
-            )
+            require(self.path, "path", self.path, f"the path of the {what} {way}")
+            for name in ("port", "slot"):
+                value = getattr(self, name)
+                require(not value, name, value, f"empty {way}: its path tells devices apart")

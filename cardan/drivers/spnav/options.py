@@ -11,7 +11,7 @@ from cardan.drivers.shaping import ShapingOptions
 
 @dataclass(frozen=True, kw_only=True)
 class SpnavOptions(ShapingOptions):
-    """Options of :class:`Spnav`. Raises ValueError for a value that is not allowed."""
+    """Options of :class:`Spnav`. Raises OptionError for a value that is not allowed."""
 
     socket: str = ""
     """Path of the socket; empty: what SPNAV_SOCKET says, else /var/run/spnav.sock."""
@@ -19,8 +19,3 @@ class SpnavOptions(ShapingOptions):
     """Counts of a full deflection; None: what the daemon's device usually gives, 350 or 500."""
     wait_for_device: bool = False
     """open() succeeds without the daemon, which is found once it runs."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if "\0" in self.socket:
-            raise ValueError(f"socket is {self.socket!r}; allowed: a path")

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.drivers.shaping import ShapingOptions, check_choice
+from cardan.drivers.shaping import ShapingOptions
+from cardan.options import require
 
-TRANSPORTS = ("auto", "hidraw", "l2cap", "socket")
-ROLES = ("paper", "tilt", "gyro")
-NEUTRALS = ("level", "press")
-MOTION_PLUS = ("auto", "on", "off")
-
-_ADDRESS = re.compile(r"([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}")
 FULL_TILT_DEG = bounds.Range(5.0, 90.0, "deg", "beyond upright a tilt gets smaller again")
 LOW_PASS_HZ = bounds.Range(0.5, 50.0, "Hz", "lower is seconds late; it measures 100 times a second")
+LED = bounds.Range(0, 4, "", "it has four", zero="none")
 RECONNECT_AFTER_S = bounds.Range(0.3, 60.0, "s", "a silence of a moment is no loss, a minute is")
 
 _FULL_TILT_DEG = {"paper": 90.0, "tilt": 45.0, "gyro": 90.0}
@@ -24,7 +19,7 @@ _FULL_TILT_DEG = {"paper": 90.0, "tilt": 45.0, "gyro": 90.0}
 
 @dataclass(frozen=True, kw_only=True)
 class WiimoteOptions(ShapingOptions):
-    """Options of :class:`Wiimote`. Raises ValueError for a value that is not allowed."""
+    """Options of :class:`Wiimote`. Raises OptionError for a value that is not allowed."""
 
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.07
     """Share of the full scale that counts as rest; 0.07 of 1 g are 4 degrees."""
@@ -50,7 +45,7 @@ class WiimoteOptions(ShapingOptions):
     """Whether to use a MotionPlus; auto: where the roles need it."""
     ir: bool = False
     """True: the camera is on; where the remote points stands in the metrics."""
-    led: int = 1
+    led: Annotated[int, LED] = 1
     """The LED, 1 to 4, that is lit from opening until the gateway says otherwise; 0: none."""
     reconnect_after_s: Annotated[float, RECONNECT_AFTER_S] = 0.5
     """A remote that was silent for so long is opened anew; after 0.1 s it is not trusted anyway."""
@@ -59,25 +54,15 @@ class WiimoteOptions(ShapingOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, allowed in (
-            ("transport", TRANSPORTS),
-            ("roles", ROLES),
-            ("neutral", NEUTRALS),
-            ("motion_plus", MOTION_PLUS),
-        ):
-            check_choice(name, getattr(self, name), allowed)
-        if not isinstance(self.led, int) or self.led not in range(5):
-            raise ValueError(f"led is {self.led!r}; allowed: 1 to 4, and 0 for none")
-        if self.address and not _ADDRESS.fullmatch(self.address):
-            raise ValueError(
-                f'address is {self.address!r}; allowed: six bytes such as "00:1F:32:AA:BB:CC"'
-            )
-        if self.transport == "l2cap" and not self.address:
-            raise ValueError("address is ''; transport 'l2cap' needs the remote's address")
-        if self.transport == "socket" and not self.path:
-            raise ValueError("path is ''; transport 'socket' needs the folder of the sockets")
-        if self.roles == "gyro" and self.motion_plus == "off":
-            raise ValueError("motion_plus is 'off'; roles 'gyro' need it: allowed: auto, on")
+        address, path, plus = self.address, self.path, self.motion_plus
+        good = not address or address in bounds.BLUETOOTH_ADDRESS
+        require(good, "address", address, f"empty or {bounds.BLUETOOTH_ADDRESS}")
+        good = self.transport != "l2cap" or bool(address)
+        require(good, "address", address, "the remote's address for transport 'l2cap'")
+        good = self.transport != "socket" or bool(path)
+        require(good, "path", path, "the folder of the sockets for transport 'socket'")
+        good = self.roles != "gyro" or plus != "off"
+        require(good, "motion_plus", plus, "auto or on: roles 'gyro' need it")
 
     @property
     def full_tilt_used_deg(self) -> float:

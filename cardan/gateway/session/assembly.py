@@ -95,6 +95,9 @@ def driver_options(driver: type[Driver], table: Mapping[str, Any], key: str) -> 
     try:
         return TypeAdapter(driver.Options).validate_python(dict(table))
     except ValidationError as error:
+        cause = error.errors()[0].get("ctx", {}).get("error")
+        if isinstance(cause, ConfigurationError):
+            raise cause.below(key) from None
         wrong = translate(error, (key,))
         name, _, rest = str(wrong).removeprefix(f"{key}: ").partition(" ")
         if wrong.key == key and name.rstrip(":") in fields:

@@ -6,19 +6,15 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
+from cardan.options import check_options
 from cardan.protocols.spnav import DEFAULT_SOCKET
-
-ACCESS = ("owner", "everybody")
-
-LONGEST_PATH_BYTES = 107
-"""What the address of a Unix socket has room for."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpnavServerOptions:
-    """Options of the server. Raises ValueError for a value that is not allowed."""
+    """Options of the server. Raises OptionError for a value that is not allowed."""
 
-    socket: str = DEFAULT_SOCKET
+    socket: Annotated[str, bounds.SOCKET_PATH] = DEFAULT_SOCKET
     """Path of the socket to create; programs look there, or where SPNAV_SOCKET says."""
     access: Literal["owner", "everybody"] = "owner"
     """Who may connect: the user who serves (mode 0600), or every user of this machine (0666)."""
@@ -30,10 +26,4 @@ class SpnavServerOptions:
     known."""
 
     def __post_init__(self) -> None:
-        bounds.check_ranges(self)
-        if not 0 < len(self.socket.encode()) <= LONGEST_PATH_BYTES or "\0" in self.socket:
-            raise ValueError(
-                f"socket is {self.socket!r}; allowed: a path of up to {LONGEST_PATH_BYTES} bytes"
-            )
-        if self.access not in ACCESS:
-            raise ValueError(f"access is {self.access!r}; allowed: {', '.join(ACCESS)}")
+        check_options(self)

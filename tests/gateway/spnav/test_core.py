@@ -632,11 +632,11 @@ def test_whatever_a_program_sends_nothing_is_raised(chunks, shakes_hands):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"socket": ""}, "socket is ''"),
+        ({"socket": ""}, "socket: '' is not allowed"),
         ({"socket": "x" * 200}, "up to 107 bytes"),
-        ({"access": "friends"}, "allowed: owner, everybody"),
-        ({"full_scale": 0.0}, "full_scale is 0.0"),
-        ({"full_scale": float("nan")}, "full_scale is nan"),
+        ({"access": "friends"}, "it must be one of owner, everybody"),
+        ({"full_scale": 0.0}, "full_scale: 0.0 is not allowed"),
+        ({"full_scale": float("nan")}, "full_scale: nan is not allowed"),
         ({"full_scale": 1e7}, "1 to 1000000 counts"),
     ],
 )

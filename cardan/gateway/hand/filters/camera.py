@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from cardan import bounds
-from cardan.bounds import check_ranges
 from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.gateway.hand.filters.listener import DatagramListener, check_host
+from cardan.gateway.hand.filters.listener import DatagramListener
 from cardan.gateway.hand.filters.readings import Malformed, decode_centroid
+from cardan.options import check_options
 from cardan.spatial import dot, from_euler_zyx, rotate, scale
 from cardan.types import NEVER_S, ZERO3, Frame, RobotState, Twist, Vector3
 
@@ -29,7 +29,7 @@ _Angle = Annotated[float, bounds.ANGLE_DEG]
 class CameraOptions:
     """Options of the filter ``camera``."""
 
-    host: str = "127.0.0.1"
+    host: Annotated[str, bounds.IPV4] = "127.0.0.1"
     """Address to listen on."""
     port: Annotated[int, bounds.PORT] = 6602
     """UDP port to listen on."""
@@ -41,8 +41,7 @@ class CameraOptions:
     """How long a target still counts after it was last seen."""
 
     def __post_init__(self) -> None:
-        check_ranges(self)
-        check_host(self.host)
+        check_options(self)
 
 
 class CameraFilter(TwistFilter):

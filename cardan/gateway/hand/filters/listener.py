@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ipaddress
 import socket
 from collections.abc import Callable
 
@@ -13,14 +12,6 @@ from cardan.types import NEVER_S
 
 MAX_PER_TICK = 8
 """Datagrams read in one tick, 2000 a second at 250 Hz: work that a flood cannot make longer."""
-
-
-def check_host(host: str) -> None:
-    """Raise ValueError, naming the option, unless a listener could be given this address."""
-    try:
-        ipaddress.IPv4Address(host)
-    except ValueError:
-        raise ValueError(f"host is {host!r}; allowed: an IPv4 address, as 127.0.0.1") from None
 
 
 class DatagramListener:

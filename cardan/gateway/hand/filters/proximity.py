@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cardan import bounds
-from cardan.bounds import check_ranges
 from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.gateway.hand.filters.listener import DatagramListener, check_host
+from cardan.gateway.hand.filters.listener import DatagramListener
 from cardan.gateway.hand.filters.readings import Malformed, decode_proximity
+from cardan.options import check_options, require
 from cardan.spatial import scale
 from cardan.types import NEVER_S, ZERO_TWIST, RobotState, Twist
 
@@ -24,9 +24,6 @@ PEAK_READINGS = 5
 
 PEAK_FACTOR = 5.0
 """A value that many times the oldest remembered one is a peak."""
-
-WITHOUT_SENSOR = ("stop", "half", "pass")
-"""What may be done while the sensors are silent."""
 
 
 class PeakFilter:
@@ -64,7 +61,7 @@ class PeakFilter:
 class ProximityOptions:
     """Options of the filter ``proximity``."""
 
-    host: str = "127.0.0.1"
+    host: Annotated[str, bounds.IPV4] = "127.0.0.1"
     """Address to listen on."""
     port: Annotated[int, bounds.PORT] = 6601
     """UDP port to listen on."""
@@ -78,21 +75,13 @@ class ProximityOptions:
     """Single spikes are held back, which makes a real rise four readings late."""
     max_age_s: Annotated[float, bounds.READING_AGE_S] = 0.3
     """Oldest reading that still counts."""
-    when_stale: str = "stop"
-    """What happens without a reading that counts: "stop", "half" (speed) or "pass"."""
+    when_stale: Literal["stop", "half", "pass"] = "stop"
+    """What happens without a reading that counts; half: half speed."""
 
     def __post_init__(self) -> None:
-        check_ranges(self)
-        check_host(self.host)
-        if self.alert_low > self.alert_high:
-            raise ValueError(
-                f"alert_low is {self.alert_low:g}; allowed: 0 to alert_high, which is "
-                f"{self.alert_high:g}"
-            )
-        if self.when_stale not in WITHOUT_SENSOR:
-            raise ValueError(
-                f"when_stale is {self.when_stale!r}; allowed: {', '.join(WITHOUT_SENSOR)}"
-            )
+        check_options(self)
+        low, high = self.alert_low, self.alert_high
+        require(low <= high, "alert_low", low, f"0 to alert_high, which is {high:g}")
 
 
 class ProximityFilter(TwistFilter):

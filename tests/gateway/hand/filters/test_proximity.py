@@ -141,15 +141,21 @@ def test_it_never_makes_a_motion_faster(level, age_s, when_stale):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"host": "skin.local"}, "host is 'skin.local'"),
-        ({"port": 0}, "port is 0; allowed: 1 to 65535"),
-        ({"alert_low": 900}, "alert_low is 900; allowed: 0 to alert_high, which is 800"),
-        ({"alert_low": -1}, "alert_low is -1"),
-        ({"alert_high": float("nan")}, "alert_high is nan"),
-        ({"alert_high": float("inf")}, "alert_high is inf"),
-        ({"max_age_s": 0}, "max_age_s is 0"),
-        ({"max_age_s": 1.5}, "max_age_s is 1.5"),
-        ({"when_stale": "go"}, "when_stale is 'go'; allowed: stop, half, pass"),
+        ({"host": "skin.local"}, "host: 'skin.local' is not allowed"),
+        ({"port": 0}, "port: 0 is not allowed; it must be 1 to 65535"),
+        (
+            {"alert_low": 900},
+            "alert_low: 900 is not allowed; it must be 0 to alert_high, which is 800",
+        ),
+        ({"alert_low": -1}, "alert_low: -1 is not allowed"),
+        ({"alert_high": float("nan")}, "alert_high: nan is not allowed"),
+        ({"alert_high": float("inf")}, "alert_high: inf is not allowed"),
+        ({"max_age_s": 0}, "max_age_s: 0 is not allowed"),
+        ({"max_age_s": 1.5}, "max_age_s: 1.5 is not allowed"),
+        (
+            {"when_stale": "go"},
+            "when_stale: 'go' is not allowed; it must be one of stop, half, pass",
+        ),
     ],
 )
 def test_options_are_checked(options, words):

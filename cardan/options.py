@@ -1,0 +1,135 @@
+"""Options are dataclasses whose annotations say what a value may be; errors name the key.
+
+A ``Literal`` or an enum lists the choices, a :class:`cardan.bounds.Range` bounds a number, a
+:class:`cardan.bounds.Text` says what form a text has::
+
+    @dataclass(frozen=True, kw_only=True)
+    class Options:
+        transport: Literal["hidraw", "socket"] = "hidraw"
+        dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.05
+
+        def __post_init__(self) -> None:
+            check_options(self)
+            require(self.dead_zone or self.transport == "hidraw", "dead_zone", 0.0, "above 0")
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Hashable, Mapping
+from dataclasses import fields
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from cardan.bounds import Range, Text
+from cardan.errors import OptionError
+
+_PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
+    bool: ((bool,), "true or false"),
+    int: ((int,), "a whole number"),
+    float: ((int, float), "a number"),
+    str: ((str,), "a text without a NUL"),
+}
+
+
+def check_options(options: Any) -> None:
+    """Raise OptionError for the first field of a dataclass that its annotation does not allow.
+
+    Looks at types, choices, ranges, what may be None, the length and the elements of tuples, and
+    the keys and values of mappings; an annotation of another kind allows everything.
+    """
+    allowed_types = hints(options.__class__)
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if allowed := refusal(allowed_types[field.name], value):
+            raise OptionError(field.name, value, allowed)
+
+
+def require(good: object, key: str, value: object, allowed: str) -> None:
+    """Raise OptionError, with what is `allowed` in words, unless `good`."""
+    if not good:
+        raise OptionError(key, value, allowed)
+
+
+def require_each(options: Any, *rules: tuple[str, object, str]) -> None:
+    """`require` for several fields: of each its key, whether it is good, and what is allowed."""
+    for key, good, allowed in rules:
+        require(good, key, getattr(options, key), allowed)
+
+
+def choices(hint: Any) -> tuple[Any, ...]:
+    """The values that a ``Literal`` or an enum has; of any other annotation none."""
+    if get_origin(hint) is Literal:
+        return get_args(hint)
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        return tuple(hint)
+    return ()
+
+
+@cache
+def hints(kind: Hashable) -> dict[str, Any]:
+    """The annotations of a class by name, ranges included."""
+    return get_type_hints(kind, include_extras=True)
+
+
+def refusal(hint: Any, value: object) -> str:
+    """What an annotation allows, in words, where `value` is not allowed; empty where it is."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _refused_by_notes(inner, value)
+    if origin in (Union, UnionType):
+        if value is None and NoneType in inner:
+            return ""
+        refusals = [refusal(each, value) for each in inner if each is not NoneType]
+        return "" if not all(refusals) else " or ".join(refusals)
+    if hint in _PLAIN:
+        kinds, words = _PLAIN[hint]
+        good = isinstance(value, kinds) and (hint is bool or not isinstance(value, bool))
+        return "" if good and not (isinstance(value, str) and "\0" in value) else words
+    if allowed := choices(hint):
+        # 1 == True, and an enum of texts equals its texts.
+        good = any(value == each and type(value) is type(each) for each in allowed)
+        return "" if good else f"one of {', '.join(str(_shown(each)) for each in allowed)}"
+    if origin is tuple:
+        return _refused_elements(inner, value)
+    if isinstance(hint, type) and issubclass(hint, tuple):
+        return _refused_elements(tuple(hints(hint).values()), value)
+    if origin is Mapping:
+        return _refused_items(inner, value)
+    if hint is not Any and isinstance(hint, type) and not isinstance(value, hint):
+        return f"of type {hint.__name__}"
+    return ""
+
+
+def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
+    for note in inner[1:]:
+        if isinstance(note, Text) and value not in note:
+            return str(note)
+        if isinstance(note, Range):
+            whole = inner[0] is int
+            if value not in note or (whole and not isinstance(value, int)):
+                return f"{note}{', whole' if whole else ''}: {note.reason}"
+            return ""
+    return refusal(inner[0], value)
+
+
+def _refused_elements(allowed: tuple[Any, ...], value: object) -> str:
+    if not isinstance(value, (tuple, list)):
+        return "several values"
+    if allowed[-1] is Ellipsis:
+        allowed = allowed[:1] * len(value)
+    if len(allowed) != len(value):
+        return f"{len(allowed)} values"
+    return next(filter(None, map(refusal, allowed, value)), "")
+
+
+def _refused_items(allowed: tuple[Any, ...], value: object) -> str:
+    if not isinstance(value, Mapping):
+        return "values by name"
+    return next(filter(None, (_refused_elements(allowed, each) for each in value.items())), "")
+
+
+def _shown(choice: Any) -> Any:
+    choice = choice.value if isinstance(choice, enum.Enum) else choice
+    return choice if choice != "" else '""'

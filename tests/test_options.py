@@ -1,0 +1,155 @@
+"""Options are checked by their annotations, and errors name the key, the value, what is allowed."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NamedTuple
+
+import pytest
+
+from cardan import bounds
+from cardan.bounds import LINEAR_SPEED_M_S, Range
+from cardan.errors import ConfigurationError, OptionError
+from cardan.options import check_options, choices, hints, refusal, require, require_each
+
+CLOSED = Range(1.0, 2.0, "m", "so it is")
+
+
+@dataclasses.dataclass
+class Options:
+    speed: Annotated[float, LINEAR_SPEED_M_S] = 0.1
+    count: Annotated[int, CLOSED] = 1
+    corner: tuple[Annotated[float, CLOSED], ...] = ()
+    maybe: Annotated[float, CLOSED] | None = None
+    free: float = 0.0
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({}, ""),
+        ({"maybe": 1.5, "corner": (1.0, 2.0), "count": 2, "free": math.inf}, ""),
+        (
+            {"speed": 7.0},
+            "speed: 7.0 is not allowed; it must be 0.0001 to 5 m/s: no serial arm's TCP is faster",
+        ),
+        ({"count": 1.5}, "count: 1.5 is not allowed; it must be 1 to 2 m, whole: so it is"),
+        (
+            {"corner": (1.0, 3.0)},
+            "corner: (1.0, 3.0) is not allowed; it must be 1 to 2 m: so it is",
+        ),
+        ({"maybe": 0}, "maybe: 0 is not allowed; it must be 1 to 2 m: so it is"),
+    ],
+)
+def test_a_dataclass_is_checked_by_its_annotations(values, words):
+    if not words:
+        check_options(Options(**values))
+        return
+    with pytest.raises(ValueError, match="allowed") as caught:
+        check_options(Options(**values))
+    assert str(caught.value).startswith(words)
+
+
+class Colour(enum.Enum):
+    RED = "red"
+    BLUE = "blue"
+
+
+class Point(NamedTuple):
+    x: Annotated[float, CLOSED]
+    y: float
+
+
+@pytest.mark.parametrize(
+    ("hint", "good", "bad", "allowed"),
+    [
+        (bool, [True, False], [0, 1, "true", None], "true or false"),
+        (int, [0, -1, 10**400], [1.0, True, "1", None], "a whole number"),
+        (float, [0, 1.5, math.inf], [True, "1", None], "a number"),
+        (str, ["", "x"], ["\0", 1, None, b""], "a text without a NUL"),
+        (Literal["a", "b"], ["a", "b"], ["c", "", None, 1], "one of a, b"),
+        (Literal["", "0"], ["", "0"], ["1", 0], 'one of "", 0'),
+        (Literal[2, 6], [2, 6], [3, "2", 2.0], "one of 2, 6"),
+        (Literal[1], [1], [True], "one of 1"),
+        (Colour, list(Colour), ["red", None], "one of red, blue"),
+        (int | None, [None, 1], ["x", 1.0], "a whole number"),
+        (int | str, [1, "x"], [None, 1.0], "a whole number or a text without a NUL"),
+        (tuple[int, int], [(1, 2), [1, 2]], [(1,), (1, 2, 3)], "2 values"),
+        (tuple[int, ...], [(), (1, 2, 3)], [(1, "x")], "a whole number"),
+        (tuple[int, ...], [()], [1, "12", None], "several values"),
+        (Point, [Point(1.0, 0.0), (2.0, 3.0)], [Point(0.0, 0.0)], "1 to 2 m: so it is"),
+        (Point, [], [(1.0,)], "2 values"),
+        (Mapping[str, float], [{}, {"a": 1.0}], [None, (), 1], "values by name"),
+        (Mapping[str, float], [], [{"a": "x"}], "a number"),
+        (Mapping[str, float], [], [{1: 1.0}], "a text without a NUL"),
+        (Options, [Options()], [None, {}, Colour.RED], "of type Options"),
+        (Annotated[int, "a note"], [1], ["x"], "a whole number"),
+        (Annotated[str, bounds.IPV4], ["127.0.0.1"], ["", "x", "1.2.3", 5], str(bounds.IPV4)),
+        (Any, [None, 1, "x"], [], ""),
+    ],
+)
+def test_what_an_annotation_allows(hint, good, bad, allowed):
+    for value in good:
+        assert refusal(hint, value) == "", value
+    for value in bad:
+        assert refusal(hint, value) == allowed, value
+
+
+@pytest.mark.parametrize(
+    ("form", "good", "bad"),
+    [
+        (
+            bounds.IPV4,
+            ["0.0.0.0", "192.168.125.1", "255.255.255.255"],
+            ["256.0.0.1", "1.2.3.04", "1.2.3.4.5", "1.2.3.4 ", "::1", "localhost", "１.2.3.4"],
+        ),
+        (
+            bounds.HOST,
+            ["localhost", "10.0.0.1", "::1", "müller"],
+            ["", "a b", "a\n", "a\0", "\x7f"],
+        ),
+        (bounds.HOST_OR_IPV4, ["localhost", "10.0.0.1"], ["", "::1", "a b", "host:80"]),
+        (
+            bounds.SOCKET_PATH,
+            ["x" * 107, "ü" * 53],
+            ["", "x" * 108, "ü" * 54, "x\0", "\ud800" * 36],
+        ),
+        (bounds.BLUETOOTH_ADDRESS, ["00:1F:32:aa:bb:cc"], ["", "00:1F:32:aa:bb", "0:1:2:3:4:5"]),
+    ],
+)
+def test_forms_of_texts(form, good, bad):
+    assert [text for text in good if text not in form] == []
+    assert [text for text in bad if text in form] == []
+    assert None not in form
+
+
+def test_choices_are_those_of_a_literal_or_an_enum():
+    assert choices(Literal["a", "b"]) == ("a", "b")
+    assert choices(Colour) == (Colour.RED, Colour.BLUE)
+    assert choices(int) == ()
+    assert hints(Options)["free"] is float
+
+
+def test_require_names_key_value_and_what_is_allowed():
+    require(True, "key", 1, "anything")
+    require_each(Options(), ("count", True, "1"), ("free", [0], ""))
+    with pytest.raises(OptionError) as caught:
+        require("", "key", 1, "2 or 3")
+    error = caught.value
+    assert (error.key, error.value, error.allowed) == ("key", 1, "2 or 3")
+    assert str(error) == "key: 1 is not allowed; it must be 2 or 3"
+    with pytest.raises(OptionError, match="count: 1 is not allowed; it must be 7"):
+        require_each(Options(), ("free", True, ""), ("count", False, "7"), ("speed", False, ""))
+
+
+def test_an_error_below_a_table_stays_what_it_is():
+    error = OptionError("key", 1, "2").below("robot")
+    assert isinstance(error, OptionError)
+    assert isinstance(error, ValueError)
+    assert (error.key, error.value) == ("robot.key", 1)
+    assert str(error) == "robot.key: 1 is not allowed; it must be 2"
+    assert str(ConfigurationError("", "is odd").below("robot")) == "robot: is odd"
+    assert str(ConfigurationError("a", "is odd").below("")) == "a: is odd"
