@@ -15,8 +15,9 @@ A ``Literal`` or an enum lists the choices, a :class:`cardan.bounds.Range` bound
 
 from __future__ import annotations
 
+import difflib
 import enum
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from types import NoneType, UnionType
@@ -133,3 +134,9 @@ def _refused_items(allowed: tuple[Any, ...], value: object) -> str:
 def _shown(choice: Any) -> Any:
     choice = choice.value if isinstance(choice, enum.Enum) else choice
     return choice if choice != "" else '""'
+
+
+def suggestion(word: str, allowed: Iterable[str]) -> str:
+    """The nearest of `allowed`, as the end of a sentence; empty when none is near."""
+    near = difflib.get_close_matches(word, list(allowed), 1)
+    return f"; did you mean {near[0]!r}?" if near else ""

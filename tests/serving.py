@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
-import time
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TypeVar
@@ -11,24 +11,26 @@ from typing import TypeVar
 from cardan.sim_peers.base import SimulatedPeer
 
 _P = TypeVar("_P", bound=SimulatedPeer)
-_SLICE_S = 0.02
 
 
 @contextmanager
 def in_a_thread(peer: _P) -> Iterator[_P]:
     """`peer`, opened, stepping in a thread of its own until the end."""
-    peer.open()
-    stopping = threading.Event()
-
-    def serve() -> None:
-        while not stopping.is_set():
-            peer.step(time.monotonic() + _SLICE_S)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with peer:
         yield peer
-    finally:
-        stopping.set()
-        thread.join()
-        peer.close()
+
+
+@contextmanager
+def simulated(*arguments: str) -> Iterator[str]:
+    """The endpoint of a peer that ``cardan sim`` serves in a process of its own."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cardan", "sim", *arguments], stdout=subprocess.PIPE, text=True
+    )
+    with process:
+        try:
+            assert process.stdout is not None
+            ready, _, endpoint = process.stdout.readline().strip().partition(" ")
+            assert ready == "READY", f"cardan sim {' '.join(arguments)} did not serve"
+            yield endpoint
+        finally:
+            process.terminate()

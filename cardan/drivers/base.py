@@ -13,11 +13,11 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from difflib import get_close_matches
 from types import TracebackType
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
+from cardan.options import suggestion
 from cardan.types import (
     ButtonEvent,
     DeviceCapabilities,
@@ -69,11 +69,10 @@ class Driver(ABC):
         for name in keywords:
             allowed = [field.name for field in fields(cls.Options) if field.init]
             if name not in allowed:
-                near = get_close_matches(name, allowed, 1)
                 raise ConfigurationError(
                     name,
                     f"{cls.__name__} has no such option; allowed: {', '.join(allowed)}"
-                    + (f"; did you mean {near[0]!r}?" if near else ""),
+                    + suggestion(name, allowed),
                 )
         return cls.Options(**keywords)
 
