@@ -16,11 +16,10 @@ from types import TracebackType
 from typing import Final, Literal, NamedTuple
 
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words
+from cardan.drivers.motoros.errors import IoConnectionError, IoRefusedError
 from cardan.errors import (
     CommandError,
     ConfigurationError,
-    IoConnectionError,
-    IoRefusedError,
     NotOpenError,
 )
 from cardan.protocols.simple_message import (
