@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +19,14 @@ def in_a_thread(peer: _P) -> Iterator[_P]:
     """`peer`, opened, stepping in a thread of its own until the end."""
     with peer:
         yield peer
+
+
+def free_udp_port() -> int:
+    """A UDP port nobody has now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
 
 
 @contextmanager
