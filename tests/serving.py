@@ -30,16 +30,16 @@ def free_udp_port() -> int:
 
 
 @contextmanager
-def simulated(*arguments: str) -> Iterator[str]:
-    """The endpoint of a peer that ``cardan sim`` serves in a process of its own."""
+def served(*arguments: str) -> Iterator[str]:
+    """The endpoint of what ``cardan ARGUMENTS`` serves in a process of its own."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "cardan", "sim", *arguments], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "cardan", *arguments], stdout=subprocess.PIPE, text=True
     )
     with process:
         try:
             assert process.stdout is not None
             ready, _, endpoint = process.stdout.readline().strip().partition(" ")
-            assert ready == "READY", f"cardan sim {' '.join(arguments)} did not serve"
+            assert ready == "READY", f"cardan {' '.join(arguments)} did not serve"
             yield endpoint
         finally:
             process.terminate()

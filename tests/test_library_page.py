@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.serving import free_udp_port, simulated
+from tests.serving import free_udp_port, served
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
@@ -40,7 +40,7 @@ def test_the_programs_run(program, tmp_path):
 
     with ExitStack() as stack:
         for peer in needed(program):
-            stack.enter_context(simulated(*shlex.split(at_home(peer))))
+            stack.enter_context(served("sim", *shlex.split(at_home(peer))))
         done = subprocess.run(
             [sys.executable, "-W", "error", "-c", at_home(program)],
             env={**os.environ, "PYTHONPATH": str(ROOT)},

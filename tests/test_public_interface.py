@@ -14,7 +14,7 @@ from cardan.drivers import registry
 from cardan.drivers.base import Driver, FoundDevice, OperatorDevice
 from cardan.errors import ConfigurationError, DeviceNotFoundError, DriverError, OptionError
 from cardan.types import NEUTRAL, Axes, DeviceLink
-from tests.serving import simulated
+from tests.serving import served
 
 DRIVERS = {name: registry.load(name) for name in registry.BUILT_IN}
 
@@ -121,7 +121,7 @@ def test_a_bad_value_is_refused_by_its_name():
 
 def test_a_device_is_opened_by_name_and_closed_by_with(tmp_path):
     path = str(tmp_path / "hid")
-    with simulated("spacemouse", "--hid", path, "--script", "circle"):
+    with served("sim", "spacemouse", "--hid", path, "--script", "circle"):
         with cardan.open_device("spacemouse", transport="socket", path=path) as mouse:
             assert isinstance(mouse, cardan.SpaceMouse)
             assert next(state for state in mouse if state.link is DeviceLink.LIVE)

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from types import TracebackType
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
+from cardan.opened import Opened
 from cardan.options import suggestion
 from cardan.types import (
     ButtonEvent,
@@ -33,10 +33,8 @@ LOOK_S = 0.1
 """Who waits for a new state looks so often even if nobody tells of one: silence that makes a state
 stale is no report, and the thread that reads the device may hang."""
 
-_D = TypeVar("_D", bound="Driver")
 
-
-class Driver(ABC):
+class Driver(Opened):
     """What operator devices and robots have in common: options, open, close, diagnosis."""
 
     Options: ClassVar[type[Any]]
@@ -91,18 +89,6 @@ class Driver(ABC):
     def metrics(self) -> dict[str, float]:
         """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""
         return {}
-
-    def __enter__(self: _D) -> _D:
-        self.open()
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class FoundDevice(NamedTuple):

@@ -13,13 +13,14 @@ import signal
 import sys
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import NamedTuple, TypeVar
 
 from cardan.errors import ScriptError
+from cardan.opened import Opened
 from cardan.realtime import ask_for_real_time
 
 
@@ -124,7 +125,7 @@ THREAD_SLICE_S = 0.02
 _P = TypeVar("_P", bound="SimulatedPeer")
 
 
-class SimulatedPeer(ABC):
+class SimulatedPeer(Opened):
     """A peer that can be served. Shells implement these four.
 
     `serve` is the loop of a program of its own; ``with peer:`` serves it beside something else.
@@ -165,12 +166,7 @@ class SimulatedPeer(ABC):
             self._leaving = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._leaving.close()
 
 

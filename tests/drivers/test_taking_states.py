@@ -1,15 +1,20 @@
 """The ways to take a device's states: read(), iteration, callbacks; woken by who reads it."""
 
+import socket
 import threading
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import pytest
 
-from cardan.drivers import base
+import cardan
+from cardan.drivers import base, registry
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import NotOpenError
+from cardan.sim_peers.omni import OmniSettings, SimulatedOmni, available, library_path
 from cardan.types import NEUTRAL, DeviceCapabilities, DeviceLink, DeviceState
+from tests.serving import served
 
 PATIENCE_S = 10.0
 
@@ -71,6 +76,12 @@ def meanwhile(function):
         return found[0]
 
     return result
+
+
+def free_tcp_port():
+    """A TCP port nobody has now."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return probe.getsockname()[1]
 
 
 def waits(device):
@@ -264,3 +275,70 @@ def test_closing_ends_the_calls(hand):
     hand.close()
     stop()
     assert threading.active_count() == before
+
+
+# -- the devices there are ---------------------------------------------------------------------
+
+HID = ("sim", "spacemouse", "--hid", "{path}", "--script", "wiggle")
+SERVED = {
+    "spacemouse": ([HID], {"transport": "socket", "path": "{path}"}),
+    "spnav": ([HID, ("spnav", "--socket", "{path}.spnav", "{file}")], {"socket": "{path}.spnav"}),
+    "wiimote": (
+        [("sim", "wiimote", "--l2cap", "{path}", "--script", "wiggle")],
+        {"transport": "socket", "path": "{path}"},
+    ),
+    "leap": ([("sim", "leap", "--port", "{port}", "--script", "rest")], {"port": "{port}"}),
+    "gamepad": (
+        [("sim", "gamepad", "--events", "{path}", "--script", "demo")],
+        {"transport": "socket", "path": "{path}"},
+    ),
+    "keyboard": (
+        [("sim", "keyboard", "--events", "{path}", "--script", "taps")],
+        {"transport": "socket", "path": "{path}"},
+    ),
+    "jr3_can": (
+        [("sim", "jr3", "--serve-socketcand", "--port", "{port}", "--script", "wiggle")],
+        {"interface": "socketcand", "host": "127.0.0.1", "port": "{port}"},
+    ),
+    "omni": ([], {"library": str(library_path())}),
+}
+"""How each device is simulated, and the options that lead there."""
+
+
+def test_every_device_is_tried():
+    devices = {n for n in registry.BUILT_IN if issubclass(registry.load(n), OperatorDevice)}
+    assert SERVED.keys() == devices
+
+
+@pytest.mark.once
+@pytest.mark.realtime
+@pytest.mark.parametrize("name", SERVED)
+def test_who_reads_a_device_is_woken_by_its_reader(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(base, "LOOK_S", PATIENCE_S)
+    path, port = str(tmp_path / "device"), free_tcp_port()
+    file = tmp_path / "served.toml"
+    file.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{path}"\n')
+
+    def filled(text):
+        return text.format(path=path, port=port, file=file)
+
+    commands, options = SERVED[name]
+    options = {
+        key: int(port) if text == "{port}" else filled(text) for key, text in options.items()
+    }
+    with ExitStack() as stack:
+        if name == "omni":
+            if not available():
+                pytest.skip("the simulated libHD was not compiled")
+            SimulatedOmni(OmniSettings()).hand((0.0, 0.0, 0.0))
+        for command in commands:
+            stack.enter_context(served(*map(filled, command)))
+        device = stack.enter_context(cardan.open_device(name, **options))
+        states = [device.read(PATIENCE_S / 2) for _ in range(10)]
+        called = threading.Semaphore(0)
+        device.on_state(lambda state: called.release())
+        for _ in range(3):
+            assert called.acquire(timeout=PATIENCE_S)
+    assert None not in states
+    assert len(set(states)) == len(states)
+    assert states[-1].stamp_s > states[0].stamp_s
