@@ -12,7 +12,6 @@ from pydantic import BaseModel, ValidationError
 
 from cardan.bounds import Range
 from cardan.drivers import registry
-from cardan.drivers.omni.limits import TickLimits
 from cardan.errors import ConfigurationError
 from cardan.gateway.common.tables import within
 from cardan.gateway.force import tables as force_tables
@@ -118,10 +117,9 @@ def test_defaults_are_in_their_ranges(name):
 
 
 @pytest.mark.parametrize("name", DRIVERS)
-def test_every_number_of_a_driver_has_its_range_or_is_one_of_the_ticks_limits(name):
-    ticks = {field.name for field in dataclasses.fields(TickLimits)}
+def test_every_number_of_a_driver_has_its_range(name):
     for field, hint in numeric(DRIVERS[name].Options).items():
-        assert "Range(" in repr(hint) or field in ticks | {"led"}, field
+        assert "Range(" in repr(hint), field
 
 
 # -- ranges ----------------------------------------------------------------------------------------

@@ -12,10 +12,10 @@ from cardan.drivers.omni import native, structures
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.omni.native import NativeMissingError, available, library_path
 from cardan.drivers.omni.tick import Tick
+from cardan.drivers.omni.values import haptic_state, tick_details
 from cardan.errors import DriverError
-from cardan.haptics import (
-    IDENTITY3,
-)
+from cardan.haptics import IDENTITY3, OperatingState
+from cardan.types import ZERO3, Pose, Quaternion, Vector3
 from tests.drivers.tick_rig import (
     ROOM,
 )
@@ -68,8 +68,8 @@ def test_nothing_is_ever_read_half_written() -> None:
                 continue
             sequence = snapshot.command_sequence
             # 8 springs of 1 N/m pull by 2n - n each, and n beside: 9 n along each axis.
-            if set(snapshot.commanded[:]) != {9.0 * sequence}:
-                torn.append((sequence, snapshot.commanded[:]))
+            if set(snapshot.force_commanded[:]) != {9.0 * sequence}:
+                torn.append((sequence, snapshot.force_commanded[:]))
             if {*snapshot.joints_rad[:], *snapshot.gimbal_rad[:]} != {float(snapshot.ticks)}:
                 torn.append((snapshot.ticks, snapshot.joints_rad[:], snapshot.gimbal_rad[:]))
             seen.add(snapshot.ticks)
@@ -115,10 +115,27 @@ def test_without_the_compiled_part_it_says_what_to_do(
 
 
 def test_packed_and_declared_structures_are_the_same() -> None:
-    assert structures.COMMAND.size == structures.CCommand.fixtures.offset
-    assert structures.FIXTURE.size == ctypes.sizeof(structures.CFixture)
-    assert structures.SAMPLE.size + structures.SAMPLE_REST.size == ctypes.sizeof(structures.CSample)
-    assert structures.SNAPSHOT.size == ctypes.sizeof(structures.CSnapshot)
+    command = structures.Flat(structures.CCommand, without="fixtures")
+    assert command.struct.size == structures.CCommand.fixtures.offset
+    for structure in (structures.CFixture, structures.CSample, structures.CSnapshot):
+        assert structures.Flat(structure).struct.size == ctypes.sizeof(structure)
+
+
+def test_a_snapshots_numbers_are_read_by_their_names() -> None:
+    snapshot = structures.CSnapshot(
+        stamp_s=3.0, ticks=7, state=2, reason=2, gap_s=0.25, presses=(4, 5), inkwell=1, faults=6
+    )
+    snapshot.rotation[:] = IDENTITY3
+    snapshot.force[:], snapshot.encoders[:] = (1.0, 2.0, 3.0), range(6)
+    state = haptic_state(bytearray(snapshot), 9)
+    assert state.pose == Pose(ZERO3, Quaternion(1.0, 0.0, 0.0, 0.0))
+    assert (state.stamp_s, state.ticks, state.state) == (3.0, 7, OperatingState.PAUSED)
+    assert (state.force, state.presses, state.inkwell) == (Vector3(1.0, 2.0, 3.0), (4, 5), True)
+    assert (state.gap_s, state.faults, state.dropped_commands) == (0.25, 6, 9)
+    assert type(state.force) is Vector3
+    details = tick_details(bytearray(snapshot))
+    assert (details.encoders, details.realtime) == ((0, 1, 2, 3, 4, 5), False)
+    assert haptic_state(bytearray(ctypes.sizeof(snapshot)), 0).rate_hz == 0.0
 
 
 def test_after_close_it_says_so() -> None:

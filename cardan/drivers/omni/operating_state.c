@@ -78,7 +78,7 @@ void publish(Tick *tick)
     tick->now.state = (int32_t)(word & 0xffu);
     if (exchange_was_taken(&tick->snapshot_exchange)) {
         tick->now.gap_s = tick->own_gap_s;
-        tick->now.cost_s = tick->own_cost_s;
+        tick->now.tick_cost_s = tick->own_cost_s;
     }
     tick->snapshots[tick->snapshot_exchange.writer] = tick->now;
     exchange_give(&tick->snapshot_exchange);

@@ -68,7 +68,6 @@ class OmniOptions(ShapingOptions, TickLimits):
     """open() succeeds without a device or its library, which are picked up once they are there."""
 
     def __post_init__(self) -> None:
-        ShapingOptions.__post_init__(self)
         TickLimits.__post_init__(self)
 
     def limits(self) -> TickLimits:

@@ -74,7 +74,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     tick->own_gap_s = gap;
     tick->own_cost_s = isfinite(s->cost_s) ? s->cost_s : 0.0;
     now->gap_s = fmax(now->gap_s, tick->own_gap_s);
-    now->cost_s = fmax(now->cost_s, tick->own_cost_s);
+    now->tick_cost_s = fmax(now->tick_cost_s, tick->own_cost_s);
     now->late_ticks += late;
     if (dt > 0.0)
         tick->period_s += 0.02 * (within(0.25e-3, dt, 4e-3) - tick->period_s);
@@ -372,13 +372,13 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     tick->mean_square += (dot(sent, sent) - tick->mean_square) *
                          -expm1(-dt / l->continuous_window_s);
 
-    set(now->commanded, force);
+    set(now->force_commanded, force);
     set(now->force, sent);
     now->rendering = rendering;
     now->peak_n = fmax(now->peak_n, norm(sent));
     set(now->torques_n_m, torques);
     now->energy_j = tick->energy_j;
-    now->alpha_n_s_m = alpha;
+    now->passivity_damping_n_s_m = alpha;
     now->reason = reason;
     set(output->force, sent);
     set(output->torques_n_m, torques);

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import ctypes
-import dataclasses
 import struct
+from collections.abc import Callable, Iterable, Mapping
 from ctypes import c_double, c_int32, c_int64, c_uint32, c_uint64
-from typing import Any
+from operator import itemgetter
+from typing import Any, Generic, NamedTuple, TypeVar, get_type_hints
 
 from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
 from cardan.haptics import MAX_FIXTURES
+from cardan.types import Vector3
+
+T = TypeVar("T", bound=NamedTuple)
 
 
 def _structure(name: str, fields: list[tuple[str, Any]]) -> type[ctypes.Structure]:
@@ -17,44 +21,24 @@ def _structure(name: str, fields: list[tuple[str, Any]]) -> type[ctypes.Structur
 
 
 C_VECTOR3, C_MATRIX3 = c_double * 3, c_double * 9
-_LIMIT_NAMES: tuple[tuple[str, Any], ...] = (
-    ("clamp_n", c_double),
-    ("slew_rise_n_s", c_double),
-    ("slew_fall_n_s", c_double),
-    ("release_s", c_double),
-    ("engage_ramp_s", c_double),
-    ("engage_below_n", c_double),
-    ("hold_s", c_double),
-    ("pause_s", c_double),
-    ("measured_hold_s", c_double),
-    ("velocity_gate_m_s", c_double),
-    ("damping_n_s_m", c_double),
-    ("velocity_cutoff_hz", c_double),
-    ("continuous_n", c_double),
-    ("continuous_window_s", c_double),
-    ("thermal_derating_s", c_double),
-    ("temperature_limit", c_double),
-    ("alpha_max_n_s_m", c_double),
-    ("energy_budget_j", c_double),
-    ("prediction_error_m", c_double),
-    ("leak_s", c_double),
-    ("workspace_lower_m", C_VECTOR3),
-    ("workspace_upper_m", C_VECTOR3),
-    ("edge_stiffness_n_m", c_double),
-    ("extrapolate_s", c_double),
-    ("overrun_gap_s", c_double),
-    ("pause_gap_s", c_double),
-    ("oscillation_window_s", c_double),
-    ("oscillation_speed_m_s", c_double),
-    ("force_error_wait_s", c_double),
-    ("torque_limit_n_m", c_double),
-    ("lowest_rate_hz", c_double),
-    ("engage_ticks", c_int32),
-    ("oscillation_reversals", c_int32),
-    ("passivity", c_int32),
+_C_TYPES: dict[Any, Any] = {
+    float: c_double,
+    tuple[float, float, float]: C_VECTOR3,
+    int: c_int32,
+    bool: c_int32,
+}
+_C_LIMITS = sorted(
+    ((name, kind) for name, kind in get_type_hints(TickLimits).items()),
+    key=lambda limit: (limit[1] in (int, bool), limit[1] is bool),
 )
+"""C has whole numbers behind the others, and flags last."""
 
-CLimits = _structure("TickLimits", [*_LIMIT_NAMES, ("unchecked", c_int32)])
+_FROM_C: dict[Any, Callable[..., Any]] = {bool: bool, Vector3: Vector3._make}
+
+CLimits = _structure(
+    "TickLimits",
+    [*((name, _C_TYPES[kind]) for name, kind in _C_LIMITS), ("unchecked", c_int32)],
+)
 CFixture = _structure(
     "TickFixture",
     [
@@ -134,19 +118,19 @@ CSnapshot = _structure(
         ("rotation", C_MATRIX3),
         ("joints_rad", C_VECTOR3),
         ("gimbal_rad", C_VECTOR3),
-        ("commanded", C_VECTOR3),
+        ("force_commanded", C_VECTOR3),
         ("force", C_VECTOR3),
         ("torques_n_m", C_VECTOR3),
         ("energy_j", c_double),
         ("delivered_j", c_double),
-        ("alpha_n_s_m", c_double),
+        ("passivity_damping_n_s_m", c_double),
         ("thermal_derating", c_double),
         ("temperature", c_double),
         ("command_sequence", c_uint64),
         ("command_age_s", c_double),
         ("force_age_s", c_double),
         ("gap_s", c_double),
-        ("cost_s", c_double),
+        ("tick_cost_s", c_double),
         ("rate_hz", c_double),
         ("encoders", c_int64 * 6),
         ("buttons", c_int32),
@@ -171,12 +155,64 @@ CSnapshot = _structure(
     ],
 )
 
-# The same structures as flat numbers: packing these is many times faster than setting fields.
-COMMAND = struct.Struct("=Qd4i9d3d9d3dd3d3dd3d3dd")
-FIXTURE = struct.Struct("=2i3d3d9d4d")
-SAMPLE = struct.Struct("=d3d3d9d3d3d9dd")
-SAMPLE_REST = struct.Struct("=d6q6i")
-SNAPSHOT = struct.Struct("=dQ2i3d3d9d3d3d3d3d3d5dQ5d6q4i2I7Ii2i2diI")
+
+class Flat:
+    """A structure as flat numbers: packing these is many times faster than setting fields."""
+
+    def __init__(self, structure: Any, without: str = "") -> None:
+        self.places: dict[str, int | slice] = {}
+        """Where each field's numbers are among all."""
+        codes, at = "", 0
+        for name, kind, *_ in structure._fields_:
+            if name == without:
+                continue
+            count = getattr(kind, "_length_", 0)
+            self.places[name] = slice(at, at + count) if count else at
+            at += count or 1
+            codes += f"{count or 1}{getattr(kind._type_, '_type_', kind._type_)}"
+        self.struct = struct.Struct(codes)
+
+
+class Reader(Generic[T]):
+    """Makes a NamedTuple of a structure's bytes.
+
+    A field comes from the structure's field of the same name, as its annotation has it (vectors,
+    flags). `made` names the exceptions: a function, and the fields of the structure it takes.
+    `beside` are fields whose values are given at each call.
+    """
+
+    def __init__(
+        self,
+        structure: type[ctypes.Structure],
+        kind: type[T],
+        made: Mapping[str, tuple[Callable[..., Any], tuple[str, ...]]],
+        beside: tuple[str, ...] = (),
+    ) -> None:
+        flat = Flat(structure)
+        self._unpack = flat.struct.unpack_from
+        places = flat.places | {name: i - len(beside) for i, name in enumerate(beside)}
+        first: list[int | slice] = []
+        self._changes: list[tuple[int, Callable[..., Any]]] = []
+        self._joined: list[tuple[int, Callable[..., Any], Callable[[Any], Any]]] = []
+        for index, (name, hint) in enumerate(get_type_hints(kind).items()):
+            function, sources = made.get(name, (_FROM_C.get(hint), (name,)))
+            at = [places[source] for source in sources]
+            first.append(at[0])
+            if function is not None and len(at) > 1:
+                self._joined.append((index, function, itemgetter(*at)))
+            elif function is not None:
+                self._changes.append((index, function))
+        self._pick = itemgetter(*first)
+        self._make: Callable[[Iterable[Any]], T] = kind._make
+
+    def __call__(self, buffer: bytearray, *beside: Any) -> T:
+        numbers = self._unpack(buffer) + beside
+        values = list(self._pick(numbers))
+        for index, change in self._changes:
+            values[index] = change(values[index])
+        for index, join, sources in self._joined:
+            values[index] = join(*sources(numbers))
+        return self._make(values)
 
 
 def expected_layout() -> list[int]:
@@ -190,11 +226,8 @@ def expected_layout() -> list[int]:
 
 def c_limits(limits: TickLimits) -> Any:
     """`limits` as a TickLimits structure."""
-    values = dataclasses.asdict(limits)
-    return CLimits(
-        unchecked=isinstance(limits, UncheckedLimits),
-        **{
-            name: kind(*values[name]) if kind is C_VECTOR3 else values[name]
-            for name, kind in _LIMIT_NAMES
-        },
-    )
+    given = CLimits(unchecked=isinstance(limits, UncheckedLimits))
+    for name, kind in _C_LIMITS:
+        value = getattr(limits, name)
+        setattr(given, name, value if kind in (float, int, bool) else C_VECTOR3(*value))
+    return given

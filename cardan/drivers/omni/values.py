@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from cardan.drivers.omni.structures import COMMAND, FIXTURE, SAMPLE, SAMPLE_REST, SNAPSHOT
+from cardan.drivers.omni.structures import CCommand, CFixture, CSample, CSnapshot, Flat, Reader
 from cardan.errors import CommandError
 from cardan.haptics import (
     IDENTITY3,
@@ -116,6 +117,9 @@ _REASONS = (
     "",  # slewing: on its way there
 )
 _NO_VECTOR = (0.0,) * 3
+_COMMAND = Flat(CCommand, without="fixtures").struct
+_FIXTURE = Flat(CFixture).struct
+_SAMPLE = Flat(CSample).struct
 
 
 def _flat(fixture: Fixture) -> tuple[Any, ...]:
@@ -149,7 +153,7 @@ def pack_command(buffer: bytearray, command: HapticCommand) -> None:
     Raises struct.error, TypeError or OverflowError for values that are no such numbers.
     """
     measured, torques, world = command.measured, command.joint_torques_n_m, command.world
-    COMMAND.pack_into(
+    _COMMAND.pack_into(
         buffer,
         0,
         command.sequence,
@@ -170,15 +174,15 @@ def pack_command(buffer: bytearray, command: HapticCommand) -> None:
         *(measured.position if measured else _NO_VECTOR),
         measured.stiffness_n_m if measured else 0.0,
     )
-    at = COMMAND.size
+    at = _COMMAND.size
     for fixture in command.fixtures:
-        FIXTURE.pack_into(buffer, at, *_flat(fixture))
-        at += FIXTURE.size
+        _FIXTURE.pack_into(buffer, at, *_flat(fixture))
+        at += _FIXTURE.size
 
 
 def pack_sample(buffer: bytearray, sample: StylusSample, jacobian: Matrix3) -> None:
     """Write `sample` as a TickSample; `jacobian` in m/rad, row by row."""
-    SAMPLE.pack_into(
+    _SAMPLE.pack_into(
         buffer,
         0,
         sample.now_s,
@@ -189,10 +193,6 @@ def pack_sample(buffer: bytearray, sample: StylusSample, jacobian: Matrix3) -> N
         *sample.gimbal_rad,
         *jacobian,
         sample.temperature,
-    )
-    SAMPLE_REST.pack_into(
-        buffer,
-        SAMPLE.size,
         0.0,
         *sample.encoders,
         sample.buttons,
@@ -201,67 +201,6 @@ def pack_sample(buffer: bytearray, sample: StylusSample, jacobian: Matrix3) -> N
         0x5000 if sample.calibrated else 0x5001,
         sample.joint_torque,
         sample.unsound,
-    )
-
-
-def haptic_state(snapshot: bytearray, dropped: int) -> HapticState:
-    """What users see of a TickSnapshot; `dropped` commands are counted apart from it."""
-    v = SNAPSHOT.unpack_from(snapshot)
-    ticks, state, reason = v[1], v[2], v[3]
-    pose = None
-    heard = v[0] > _TICK_NEVER
-    if heard:
-        pose = Pose(Vector3(*v[4:7]), quaternion_of(v[10:19]))
-    return HapticState(
-        stamp_s=v[0] if heard else NEVER_S,
-        ticks=ticks,
-        state=STATES[state],
-        reason=_REASONS[reason],
-        pose=pose,
-        velocity=Vector3(*v[7:10]),
-        joints_rad=Vector3(*v[19:22]),
-        gimbal_rad=Vector3(*v[22:25]),
-        force_commanded=Vector3(*v[25:28]),
-        force=Vector3(*v[28:31]),
-        energy_j=v[34],
-        delivered_j=v[35],
-        passivity_damping_n_s_m=v[36],
-        thermal_derating=v[37],
-        temperature=v[38],
-        command_sequence=v[39],
-        command_age_s=v[40],
-        force_age_s=v[41],
-        gap_s=v[42],
-        tick_cost_s=v[43],
-        rate_hz=v[44] if ticks else 0.0,
-        buttons=v[51],
-        inkwell=bool(v[52]),
-        calibration=_CALIBRATIONS.get(v[54], Calibration.UNKNOWN),
-        presses=(v[55], v[56]),
-        late_ticks=v[57],
-        stale_commands=v[58],
-        faults=v[59],
-        peak_n=v[67],
-        given_peak_j=v[68],
-        rendering=bool(v[69]),
-        dropped_commands=dropped,
-    )
-
-
-def tick_details(snapshot: bytearray) -> TickDetails:
-    """The rest of a TickSnapshot."""
-    v = SNAPSHOT.unpack_from(snapshot)
-    return TickDetails(
-        encoders=v[45:51],
-        torques_n_m=Vector3(*v[31:34]),
-        oscillations=v[60],
-        errors=v[61],
-        force_errors=v[62],
-        error=v[63],
-        internal_error=v[64],
-        realtime=None if v[65] < 0 else bool(v[65]),
-        finished=bool(v[66]),
-        bad_readings=v[70],
     )
 
 
@@ -284,3 +223,39 @@ def quaternion_of(r: Matrix3) -> Quaternion:
         q = (r[3] - r[1], r[2] + r[6], r[5] + r[7], z)
     size = 2.0 * math.sqrt(largest)
     return Quaternion(q[0] / size, q[1] / size, q[2] / size, q[3] / size)
+
+
+def _heard(stamp_s: float) -> float:
+    return stamp_s if stamp_s > _TICK_NEVER else NEVER_S
+
+
+def _pose(stamp_s: float, position: Sequence[float], rotation: Matrix3) -> Pose | None:
+    if stamp_s > _TICK_NEVER:
+        return Pose(Vector3._make(position), quaternion_of(rotation))
+    return None
+
+
+haptic_state = Reader(
+    CSnapshot,
+    HapticState,
+    {
+        "stamp_s": (_heard, ("stamp_s",)),
+        "state": (STATES.__getitem__, ("state",)),
+        "reason": (_REASONS.__getitem__, ("reason",)),
+        "pose": (_pose, ("stamp_s", "position", "rotation")),
+        "calibration": (
+            lambda code: _CALIBRATIONS.get(code, Calibration.UNKNOWN),
+            ("calibration",),
+        ),
+        "rate_hz": (lambda rate_hz, ticks: rate_hz if ticks else 0.0, ("rate_hz", "ticks")),
+    },
+    beside=("dropped_commands",),
+)
+"""What users see of a TickSnapshot; dropped commands are counted apart from it."""
+
+tick_details = Reader(
+    CSnapshot,
+    TickDetails,
+    {"realtime": (lambda word: None if word < 0 else bool(word), ("realtime",))},
+)
+"""The rest of a TickSnapshot."""

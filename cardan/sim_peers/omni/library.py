@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 from cardan.errors import DeviceNotFoundError, ScriptError
 from cardan.protocols.hdapi import rotation_to_device, to_device, to_hand
@@ -83,32 +84,29 @@ class OmniTruth(NamedTuple):
 
 
 _Double3 = ctypes.c_double * 3
+_C_TYPES: dict[type, Any] = {
+    float: ctypes.c_double,
+    Vector3: _Double3,
+    int: ctypes.c_int32,
+    bool: ctypes.c_int32,
+}
+_TRUTH = get_type_hints(OmniTruth)
+_read = attrgetter(*_TRUTH)
+_MADE: list[tuple[int, Callable[[Any], Any]]] = [
+    (index, bool if kind is bool else Vector3._make if name == "temperature" else to_hand)
+    for index, (name, kind) in enumerate(_TRUTH.items())
+    if kind in (bool, Vector3)
+]
+"""What makes a field of OmniTruth, by its place, of C's; others are as they are."""
 
 
 class _SimTruth(ctypes.Structure):
     """SimTruth of sim.h; device frame."""
 
-    _fields_ = (
-        ("time_s", ctypes.c_double),
-        ("ticks", ctypes.c_uint64),
-        ("position_m", _Double3),
-        ("velocity_m_s", _Double3),
-        ("hand_target_m", _Double3),
-        ("hand_force_n", _Double3),
-        ("commanded_n", _Double3),
-        ("delivered_n", _Double3),
-        ("delivered_j", ctypes.c_double),
-        ("hand_j", ctypes.c_double),
-        ("lost_j", ctypes.c_double),
-        ("kinetic_j", ctypes.c_double),
-        ("temperature", _Double3),
-        ("buttons", ctypes.c_int32),
-        ("docked", ctypes.c_int32),
-        ("gripped", ctypes.c_int32),
-        ("amplifier", ctypes.c_int32),
-        ("calibrated", ctypes.c_int32),
-        ("script_done", ctypes.c_int32),
-    )
+    _fields_ = [
+        (name, ctypes.c_uint64 if name == "ticks" else _C_TYPES[kind])
+        for name, kind in _TRUTH.items()
+    ]
 
 
 @functools.cache
@@ -168,27 +166,10 @@ class SimulatedOmni:
         """The device as it is, rather than as it shows itself."""
         it = self._truth
         self._library.simTruth(ctypes.byref(it))
-        return OmniTruth(
-            it.time_s,
-            it.ticks,
-            to_hand(it.position_m),
-            to_hand(it.velocity_m_s),
-            to_hand(it.hand_target_m),
-            to_hand(it.hand_force_n),
-            to_hand(it.commanded_n),
-            to_hand(it.delivered_n),
-            it.delivered_j,
-            it.hand_j,
-            it.lost_j,
-            it.kinetic_j,
-            Vector3(*it.temperature),
-            it.buttons,
-            bool(it.docked),
-            bool(it.gripped),
-            bool(it.amplifier),
-            bool(it.calibrated),
-            bool(it.script_done),
-        )
+        values = list(_read(it))
+        for index, make in _MADE:
+            values[index] = make(values[index])
+        return OmniTruth._make(values)
 
     def hand(
         self,
