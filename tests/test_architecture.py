@@ -9,7 +9,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "cardan"
 LEAVES = {
     "bounds",
-    "opened",
+    "openable",
     "options",
     "types",
     "errors",

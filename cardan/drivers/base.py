@@ -16,7 +16,7 @@ from dataclasses import fields
 from typing import Any, ClassVar, NamedTuple
 
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
-from cardan.opened import Opened
+from cardan.openable import Openable
 from cardan.options import suggestion
 from cardan.types import (
     ButtonEvent,
@@ -29,12 +29,12 @@ from cardan.types import (
     RobotState,
 )
 
-LOOK_S = 0.1
+RECHECK_S = 0.1
 """Who waits for a new state looks so often even if nobody tells of one: silence that makes a state
 stale is no report, and the thread that reads the device may hang."""
 
 
-class Driver(Opened):
+class Driver(Openable):
     """What operator devices and robots have in common: options, open, close, diagnosis."""
 
     Options: ClassVar[type[Any]]
@@ -116,12 +116,12 @@ class OperatorDevice(Driver):
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
-        self._news = threading.Condition()
-        self._told = 0
-        """Counts calls of _tell()."""
-        self._closings = 0
+        self._changed = threading.Condition()
+        self._notified = 0
+        """Counts calls of _notify()."""
+        self._close_count = 0
         """Counted by drivers that may be opened again: who waited does not go on then."""
-        self._reading: _Watch | None = None
+        self._reading: _StateReader | None = None
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
@@ -146,13 +146,13 @@ class OperatorDevice(Driver):
         Raises NotOpenError.
         """
         if self._reading is None or self._reading.ended:
-            self._reading = _Watch(self)
+            self._reading = _StateReader(self)
         return self._reading.next(timeout_s)
 
     def __iter__(self) -> Iterator[DeviceState]:
         """The state now and each new one, until the device is closed. Raises NotOpenError."""
-        watch = _Watch(self)
-        while (state := watch.next()) is not None:
+        reader = _StateReader(self)
+        while (state := reader.next()) is not None:
             yield state
 
     def on_state(self, callback: Callable[[DeviceState], object]) -> Callable[[], None]:
@@ -165,10 +165,10 @@ class OperatorDevice(Driver):
 
         Raises NotOpenError.
         """
-        watch = _Watch(self)
+        reader = _StateReader(self)
 
         def call() -> None:
-            while (state := watch.next()) is not None:
+            while (state := reader.next()) is not None:
                 callback(state)
 
         name = f"cardan-{type(self).__name__.lower()}-callback"
@@ -176,19 +176,19 @@ class OperatorDevice(Driver):
         thread.start()
 
         def stop() -> None:
-            watch.stopped = True
-            self._tell()
+            reader.stopped = True
+            self._notify()
             if threading.current_thread() is not thread:
                 thread.join()
 
         return stop
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         """Wake who waits for a new state. Drivers call it after a report and after a change of the
-        link; without it changes are seen `LOOK_S` later."""
-        with self._news:
-            self._told += 1
-            self._news.notify_all()
+        link; without it changes are seen `RECHECK_S` later."""
+        with self._changed:
+            self._notified += 1
+            self._changed.notify_all()
 
     @abstractmethod
     def button_events(self) -> Sequence[ButtonEvent]:
@@ -212,7 +212,7 @@ class OperatorDevice(Driver):
         """Send `feedback`, whose channels are known to exist. Drivers with feedback override."""
 
 
-class _Watch:
+class _StateReader:
     """Gives one consumer each new state of a device once. Raises NotOpenError."""
 
     def __init__(self, device: OperatorDevice) -> None:
@@ -221,21 +221,21 @@ class _Watch:
                 f"{type(device).__name__} is not open: call open() before reading it, or use `with`"
             )
         self._device = device
-        self._closings = device._closings
+        self._close_count = device._close_count
         self._last: DeviceState | None = None
         self.stopped = False
 
     @property
     def ended(self) -> bool:
         """Whether nothing more will come."""
-        return self.stopped or self._device._closings != self._closings
+        return self.stopped or self._device._close_count != self._close_count
 
     def next(self, timeout_s: float | None = None) -> DeviceState | None:
         """The next new state; None where none comes within `timeout_s`, or none will any more."""
         device = self._device
         deadline_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
         while not self.ended:
-            told = device._told
+            notified = device._notified
             state = device.state()
             if state.link is DeviceLink.CLOSED:
                 return None
@@ -245,17 +245,19 @@ class _Watch:
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
                 return None
-            with device._news:
-                if device._told == told:
-                    device._news.wait(min(left_s, LOOK_S))
+            with device._changed:
+                if device._notified == notified:
+                    device._changed.wait(min(left_s, RECHECK_S))
         return None
 
 
 class RobotDriver(Driver):
-    """A robot's controller. The robot is the clock::
+    """A robot's controller. The robot is the clock: it is commanded once for each of its states.
 
-    for state in robot.cycles():
-        robot.send(command_for(state))
+    ::
+
+        for state in robot.cycles():
+            robot.send(command_for(state))
     """
 
     @property

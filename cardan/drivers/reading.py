@@ -78,7 +78,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def _serve(self, stop: threading.Event) -> None:
         """Read the open device until `stop` is set, or OSError: it is gone.
 
-        Looks at `stop` at least every 50 ms; calls `_tell()` after what it took in.
+        Looks at `stop` at least every 50 ms; calls `_notify()` after what it took in.
         """
 
     @abstractmethod
@@ -140,8 +140,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
             self._thread = None
             with self._lock:
                 self._core.on_closed(time.monotonic())
-            self._closings += 1
-            self._tell()
+            self._close_count += 1
+            self._notify()
 
     def state(self) -> DeviceState:
         """The newest state."""
@@ -179,7 +179,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
                 if not connected:
                     try:
                         self._connect()
-                        self._tell()
+                        self._notify()
                         connected = True
                     except Exception as error:
                         self._lose(_words(error))
@@ -200,7 +200,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
         # Neutral first: letting go of a device may take its time.
         with self._lock:
             self._core.on_lost(reason, time.monotonic())
-        self._tell()
+        self._notify()
         self._release()
 
 

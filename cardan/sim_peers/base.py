@@ -20,7 +20,7 @@ from types import FrameType
 from typing import NamedTuple, TypeVar
 
 from cardan.errors import ScriptError
-from cardan.opened import Opened
+from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
 
 
@@ -125,7 +125,7 @@ THREAD_SLICE_S = 0.02
 _P = TypeVar("_P", bound="SimulatedPeer")
 
 
-class SimulatedPeer(Opened):
+class SimulatedPeer(Openable):
     """A peer that can be served. Shells implement these four.
 
     `serve` is the loop of a program of its own; ``with peer:`` serves it beside something else.

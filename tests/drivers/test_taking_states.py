@@ -39,8 +39,8 @@ class Hand(OperatorDevice):
 
     def close(self):
         self.now = self.now._replace(link=DeviceLink.CLOSED)
-        self._closings += 1
-        self._tell()
+        self._close_count += 1
+        self._notify()
 
     def diagnosis(self):
         return ()
@@ -53,13 +53,13 @@ class Hand(OperatorDevice):
 
     def move(self, x):
         self.now = self.now._replace(stamp_s=self.now.stamp_s + 1.0, axes=NEUTRAL._replace(x=x))
-        self._tell()
+        self._notify()
 
 
 @pytest.fixture
 def hand(monkeypatch):
-    # So that only _tell() wakes anybody.
-    monkeypatch.setattr(base, "LOOK_S", PATIENCE_S)
+    # So that only _notify() wakes anybody.
+    monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)
     with Hand() as hand:
         yield hand
 
@@ -87,7 +87,7 @@ def free_tcp_port():
 def waits(device):
     """Returns once somebody waits for the device."""
     end_s = time.monotonic() + PATIENCE_S
-    while not device._news._waiters:
+    while not device._changed._waiters:
         assert time.monotonic() < end_s
         time.sleep(0)
 
@@ -120,13 +120,13 @@ def test_being_told_of_nothing_new_is_no_state(hand):
     hand.read()
     state = meanwhile(hand.read)
     waits(hand)
-    hand._tell()
+    hand._notify()
     hand.move(0.5)
     assert state().axes.x == 0.5
 
 
 def test_a_state_that_nobody_tells_of_is_seen_all_the_same(hand, monkeypatch):
-    monkeypatch.setattr(base, "LOOK_S", 0.005)
+    monkeypatch.setattr(base, "RECHECK_S", 0.005)
     hand.read()
     state = meanwhile(lambda: hand.read(PATIENCE_S))
     waits(hand)
@@ -314,7 +314,7 @@ def test_every_device_is_tried():
 @pytest.mark.realtime
 @pytest.mark.parametrize("name", SERVED)
 def test_who_reads_a_device_is_woken_by_its_reader(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(base, "LOOK_S", PATIENCE_S)
+    monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)
     path, port = str(tmp_path / "device"), free_tcp_port()
     file = tmp_path / "served.toml"
     file.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{path}"\n')

@@ -152,7 +152,7 @@ class EvdevDevice(ReadDevice[K]):
             if needs_snapshot and now_s >= snapshot_due_s:
                 self._ask(link, core.description)
                 snapshot_due_s = time.monotonic() + SNAPSHOT_PERIOD_S
-            self._tell()
+            self._notify()
             self._attend(link)
 
     def _ask(self, link: Link, description: Description) -> None:

@@ -130,7 +130,7 @@ class Jr3(ReadDevice[Jr3Core]):
                 else:
                     self._core.on_frame(*received, time.monotonic())
             timeout_s = 0.0
-        self._tell()
+        self._notify()
 
     def _release(self) -> None:
         bus, self._bus = self._bus, None

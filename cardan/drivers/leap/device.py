@@ -123,7 +123,7 @@ class Leap(ReadDevice[LeapCore]):
                 now_s = time.monotonic()
                 with self._lock:
                     self._core.on_message(message, now_s)
-            self._tell()
+            self._notify()
             now_s = time.monotonic()
             with self._lock:
                 failure = self._core.failure(now_s)

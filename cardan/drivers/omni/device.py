@@ -334,7 +334,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def _serve(self, stop: threading.Event) -> None:
         while not stop.is_set():
             self._watch()
-            self._tell()
+            self._notify()
             stop.wait(WATCH_PERIOD_S)
 
     def _watch(self) -> None:

@@ -292,7 +292,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                 if report is not None:
                     self._take(report)
                 stop.wait(YIELD_S)
-            self._tell()
+            self._notify()
         if len(self._links) == 1:
             self._show_led(self._links[0])
 
@@ -313,7 +313,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                         other.close()
                 self._links[:] = [link]
                 self._take(report)
-                self._tell()
+                self._notify()
                 return
 
     def _take(self, report: Reading) -> None:

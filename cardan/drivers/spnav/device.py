@@ -133,7 +133,7 @@ class Spnav(ReadDevice[SpnavCore]):
             self._core.on_bytes(data, now_s)
             output = self._core.outgoing()
             out_of_step = self._core.out_of_step
-        self._tell()
+        self._notify()
         if out_of_step:
             raise OSError(errno.EPROTO, "what the daemon sends means nothing")
         for piece in output:

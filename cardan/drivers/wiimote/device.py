@@ -38,7 +38,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
     Its axes are zero unless a clutch button is held, and LIVE only after none was; see :mod:`.core`
     for the rules and :mod:`.roles` for what the motions mean. It, and no other, is opened again by
-    itself after it was lost. `found_by` replaces the way to the remote.
+    itself after it was lost. `backend` replaces the way to the remote.
     """
 
     Options = WiimoteOptions
@@ -48,12 +48,12 @@ class Wiimote(ReadDevice[WiimoteCore]):
         self,
         options: WiimoteOptions | None = None,
         *,
-        found_by: Transport | None = None,
+        backend: Transport | None = None,
         **keywords: Any,
     ) -> None:
         super().__init__(options, **keywords)
         self._core = WiimoteCore(self.options)
-        self._transport = found_by or _transport(self.options)
+        self._transport = backend or _transport(self.options)
         self._remote: Link | None = None
         self._kept: Found | None = None
         """The remote that was opened first, until it is closed: another hand is no successor."""
@@ -167,7 +167,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 with self._lock:
                     self._core.on_report(received, now_s)
                 received = link.read(0.0)
-            self._tell()
+            self._notify()
         with self._lock:
             reports = self._core.parting()
         for report in reports:

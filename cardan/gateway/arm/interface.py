@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cardan.gateway.arm.authority import VERBS
-from cardan.opened import Opened
+from cardan.openable import Openable
 
 if TYPE_CHECKING:  # Import Pinocchio, which who only asks does without.
     from cardan.gateway.arm.checks import Target
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # Import Pinocchio, which who only asks does without.
     from cardan.gateway.arm.parameters import Key, Value
 
 
-class CartesianArm(Opened):
+class CartesianArm(Openable):
     """An arm with the verbs movj, movl, ... of the Cartesian interface, for any thread.
 
     A verb that is refused raises MotionRefusedError and changes nothing. One that takes over from

@@ -17,7 +17,7 @@ from cardan.gateway.common.serving import interruptible, make_room
 from cardan.gateway.spnav.core import MOTION_PERIOD_S, SpnavServerCore
 from cardan.gateway.spnav.identity import DEFAULT_NAME, DeviceIdentity, identity_of
 from cardan.gateway.spnav.options import SpnavServerOptions
-from cardan.opened import Opened
+from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 
@@ -43,7 +43,7 @@ where it grows into one."""
 _MODES = {"owner": 0o600, "everybody": 0o666}
 
 
-class SpnavServer(Opened):
+class SpnavServer(Openable):
     """Serves `core` at a Unix socket. Call `step` often; nothing happens in between."""
 
     def __init__(self, core: SpnavServerCore, options: SpnavServerOptions) -> None:

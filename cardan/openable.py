@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import TypeVar
 
-_O = TypeVar("_O", bound="Opened")
+_O = TypeVar("_O", bound="Openable")
 
 
-class Opened(ABC):
+class Openable(ABC):
     """``with`` opens it and closes it again."""
 
     @abstractmethod
