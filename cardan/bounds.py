@@ -37,12 +37,14 @@ class Range:
 
     def __str__(self) -> str:
         low, high = (
-            f"{end:.10g}" if end == round(end) else f"{end:.5g}"
+            f"{end:.10g}" if float(end).is_integer() else f"{end:.5g}"
             for end in (self.lowest, self.highest)
         )
         unit = f" {self.unit}" if self.unit else ""
         if self.zero:
             low += f" ({self.zero})"
+        if math.isinf(self.highest):
+            return f"above {low}{unit}" if self.above else f"{low}{unit} or more"
         if self.above:
             return f"above {low}, {'below' if self.below else 'at most'} {high}{unit}"
         return f"{low} to {'below ' if self.below else ''}{high}{unit}"
@@ -192,6 +194,9 @@ OUTPUT_VALUE = Range(-1e9, 1e9, "", "whole numbers beyond are not exact in a pro
 COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")
 SENSOR_LEVEL = Range(0.0, 1e6, "", "no sensor's raw numbers are larger")
 SEED = Range(0, 2**32 - 1, "", "32 bits")
+NOT_NEGATIVE = Range(0.0, math.inf, "", "", below=True)
+POSITIVE = Range(0.0, math.inf, "", "", above=True, below=True)
+NOISE_COUNTS = Range(0, 1_000_000, "counts", "no device's raw numbers are larger")
 
 # -- addresses and names ---------------------------------------------------------------------------
 
@@ -201,6 +206,8 @@ _SOCKET_PATH_BYTES = 107
 
 PORT = Range(1, 65535, "", "ports have 16 bits")
 ANY_PORT = Range(0, 65535, "", "ports have 16 bits", zero="any free one")
+HOP_LIMIT = Range(0, 255, "", "it has 8 bits", zero="this computer")
+CAN_NAME = Text(r"[^\0]+", "a name, as python-can calls it")
 HOST = Text(r"[^\s\x00-\x1f\x7f]+", "an address or a host name")
 HOST_OR_IPV4 = Text(r"[^\s:\x00-\x1f\x7f]+", "an IPv4 address or a host name")
 IPV4 = Text(rf"{_BYTE}(\.{_BYTE}){{3}}", "an IPv4 address, as 127.0.0.1")

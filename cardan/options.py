@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import difflib
 import enum
+import math
 from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import fields
 from functools import cache
@@ -42,9 +43,13 @@ def check_options(options: Any) -> None:
     """
     allowed_types = hints(options.__class__)
     for field in fields(options):
-        value = getattr(options, field.name)
-        if allowed := refusal(allowed_types[field.name], value):
-            raise OptionError(field.name, value, allowed)
+        check_value(field.name, getattr(options, field.name), allowed_types[field.name])
+
+
+def check_value(key: str, value: object, hint: Any) -> None:
+    """Raise OptionError unless `hint`, an annotation, allows `value`."""
+    if allowed := refusal(hint, value):
+        raise OptionError(key, value, allowed)
 
 
 def require(good: object, key: str, value: object, allowed: str) -> None:
@@ -87,7 +92,11 @@ def refusal(hint: Any, value: object) -> str:
     if hint in _PLAIN:
         kinds, words = _PLAIN[hint]
         good = isinstance(value, kinds) and (hint is bool or not isinstance(value, bool))
-        return "" if good and not (isinstance(value, str) and "\0" in value) else words
+        if isinstance(value, str):
+            good = good and "\0" not in value
+        elif isinstance(value, float):
+            good = good and not math.isnan(value)
+        return "" if good else words
     if allowed := choices(hint):
         # 1 == True, and an enum of texts equals its texts.
         good = any(value == each and type(value) is type(each) for each in allowed)
@@ -110,7 +119,8 @@ def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
         if isinstance(note, Range):
             whole = inner[0] is int
             if value not in note or (whole and not isinstance(value, int)):
-                return f"{note}{', whole' if whole else ''}: {note.reason}"
+                reason = f": {note.reason}" if note.reason else ""
+                return f"{note}{', whole' if whole else ''}{reason}"
             return ""
     return refusal(inner[0], value)
 

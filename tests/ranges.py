@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from hypothesis import strategies as st
 from pydantic.fields import FieldInfo
@@ -13,7 +14,7 @@ from cardan.bounds import Range
 Strategy = st.SearchStrategy[Any]
 
 
-def _found(hint: Any) -> Iterator[tuple[Range, bool]]:
+def found_in(hint: Any) -> Iterator[tuple[Range, bool]]:
     """Each range in an annotation, and whether its numbers are whole."""
     inner = get_args(hint)
     if get_origin(hint) is Annotated:
@@ -26,13 +27,13 @@ def _found(hint: Any) -> Iterator[tuple[Range, bool]]:
                     low = ends["Gt"].gt if "Gt" in ends else ends["Ge"].ge
                     yield Range(low, ends["Le"].le, "", "", above="Gt" in ends), inner[0] is int
     for each in inner:
-        yield from _found(each)
+        yield from found_in(each)
 
 
 def ranges(kind: type[Any]) -> dict[str, Range]:
     """The first range of each field that has one, by the field's name."""
     found = {
-        name: next(_found(hint), None)
+        name: next(found_in(hint), None)
         for name, hint in get_type_hints(kind, include_extras=True).items()
     }
     return {name: each[0] for name, each in found.items() if each is not None}
@@ -55,5 +56,28 @@ def drawn(kind: type[Any], *names: str) -> Strategy:
     """Values of some or all of these fields."""
     hints = get_type_hints(kind, include_extras=True)
     return st.fixed_dictionaries(
-        {}, optional={name: numbers(*next(_found(hints[name]))) for name in names}
+        {}, optional={name: numbers(*next(found_in(hints[name]))) for name in names}
     )
+
+
+def spoilt(hint: Any, bad: float) -> list[Any]:
+    """Values of this type with `bad` in each place where a number may be; none without any."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in (int, float):
+        return [bad]
+    if origin is Annotated:
+        return spoilt(inner[0], bad)
+    if origin in (Union, UnionType):
+        return [value for each in inner if each is not NoneType for value in spoilt(each, bad)]
+    if origin is list:
+        return [[value] * 6 for value in spoilt(inner[0], bad)]
+    if origin is tuple and inner[-1] is Ellipsis:
+        return [(value,) for value in spoilt(inner[0], bad)]
+    if origin is tuple:
+        whole = [next(iter(spoilt(each, 0.5)), None) for each in inner]
+        return [
+            (*whole[:place], value, *whole[place + 1 :])
+            for place, each in enumerate(inner)
+            for value in spoilt(each, bad)
+        ]
+    return []

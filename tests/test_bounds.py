@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -19,6 +18,7 @@ from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.session import config
 from cardan.gateway.session.assembly import driver_options
 from cardan.options import check_options
+from tests.ranges import spoilt
 
 HUGE = 10**400
 """Too large even for a double."""
@@ -35,29 +35,6 @@ TABLES = sorted(
     },
     key=lambda table: table.__name__,
 )
-
-
-def spoilt(hint: Any, bad: float) -> list[Any]:
-    """Values of this type with `bad` in each place where a number may be; none without any."""
-    origin, inner = get_origin(hint), get_args(hint)
-    if hint in (int, float):
-        return [bad]
-    if origin is Annotated:
-        return spoilt(inner[0], bad)
-    if origin in (Union, UnionType):
-        return [value for each in inner if each is not NoneType for value in spoilt(each, bad)]
-    if origin is list:
-        return [[value] * 6 for value in spoilt(inner[0], bad)]
-    if origin is tuple and inner[-1] is Ellipsis:
-        return [(value,) for value in spoilt(inner[0], bad)]
-    if origin is tuple:
-        whole = [next(iter(spoilt(each, 0.5)), None) for each in inner]
-        return [
-            (*whole[:place], value, *whole[place + 1 :])
-            for place, each in enumerate(inner)
-            for value in spoilt(each, bad)
-        ]
-    return []
 
 
 def numeric(kind: type[Any]) -> dict[str, Any]:
@@ -154,3 +131,5 @@ def test_ranges_in_words():
     assert str(Range(0.0, 60.0, "s", "", zero="off")) == "0 (off) to 60 s"
     assert str(Range(0.0, 1.0, "", "", below=True)) == "0 to below 1"
     assert str(Range(1.0, 1e6, "counts", "")) == "1 to 1000000 counts"
+    assert str(Range(1.0, math.inf, "s", "")) == "1 s or more"
+    assert str(Range(0.0, math.inf, "", "", above=True)) == "above 0"

@@ -5,15 +5,27 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import pytest
 
 from cardan import bounds
 from cardan.bounds import LINEAR_SPEED_M_S, Range
+from cardan.drivers import registry as driver_registry
 from cardan.errors import ConfigurationError, OptionError
-from cardan.options import check_options, choices, hints, refusal, require, require_each
+from cardan.gateway.hand.filters import registry as filter_registry
+from cardan.options import (
+    check_options,
+    check_value,
+    choices,
+    hints,
+    refusal,
+    require,
+    require_each,
+)
+from cardan.sim_peers import registry as peer_registry
+from tests.ranges import found_in, spoilt
 
 CLOSED = Range(1.0, 2.0, "m", "so it is")
 
@@ -68,7 +80,7 @@ class Point(NamedTuple):
     [
         (bool, [True, False], [0, 1, "true", None], "true or false"),
         (int, [0, -1, 10**400], [1.0, True, "1", None], "a whole number"),
-        (float, [0, 1.5, math.inf], [True, "1", None], "a number"),
+        (float, [0, 1.5, math.inf], [True, "1", None, math.nan], "a number"),
         (str, ["", "x"], ["\0", 1, None, b""], "a text without a NUL"),
         (Literal["a", "b"], ["a", "b"], ["c", "", None, 1], "one of a, b"),
         (Literal["", "0"], ["", "0"], ["1", 0], 'one of "", 0'),
@@ -153,3 +165,59 @@ def test_an_error_below_a_table_stays_what_it_is():
     assert str(error) == "robot.key: 1 is not allowed; it must be 2"
     assert str(ConfigurationError("", "is odd").below("robot")) == "robot: is odd"
     assert str(ConfigurationError("a", "is odd").below("")) == "a: is odd"
+
+
+# -- all that are registered ---------------------------------------------------------------------
+
+
+def kinds() -> Iterator[tuple[str, type[Any]]]:
+    """The options of every driver, filter and simulated peer, and the dataclasses inside."""
+    for registry in (driver_registry, filter_registry, peer_registry):
+        for name in sorted(registry.BUILT_IN):
+            options = registry.load(name).Options
+            inside = [hint for hint in hints(options).values() if dataclasses.is_dataclass(hint)]
+            for kind in (options, *inside):
+                yield f"{registry.__name__.split('.')[1]}-{name}-{kind.__name__}", kind
+
+
+FIELDS = [
+    pytest.param(kind, field.name, id=f"{name}.{field.name}")
+    for name, kind in kinds()
+    for field in dataclasses.fields(kind)
+]
+
+
+def bad_values(kind: type[Any], name: str) -> Iterator[Any]:
+    """Of a wrong type, a choice that does not exist, and numbers out of range."""
+    hint = hints(kind)[name]
+    yield object()
+    yield b"bytes"
+    if any(map(choices, (hint, *get_args(hint)))):
+        yield "no such choice"
+    yield from spoilt(hint, math.nan)
+    allowed = {each for each, _ in found_in(hint)}
+    if len(allowed) == 1:  # Else a number is out of one range and in another.
+        (only,) = allowed
+        for end in (only.lowest - 1.0, 2.0 * only.highest + 1.0):
+            if math.isfinite(end):
+                yield from spoilt(hint, end)
+
+
+def test_all_of_them_are_found():
+    assert len(FIELDS) > 300
+
+
+@pytest.mark.parametrize(("kind", "name"), FIELDS)
+def test_every_bad_option_names_its_key(kind, name):
+    for bad in bad_values(kind, name):
+        with pytest.raises(OptionError, match="is not allowed; it must be") as caught:
+            kind(**{name: bad})
+        assert caught.value.key == name
+        assert caught.value.value is bad
+        assert caught.value.allowed
+
+
+def test_one_value_is_checked_likewise():
+    check_value("number", 1.0, Annotated[float, CLOSED])
+    with pytest.raises(OptionError, match="number: 3 is not allowed; it must be 1 to 2 m"):
+        check_value("number", 3, Annotated[float, CLOSED])

@@ -12,7 +12,7 @@ import time
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.errors import AddressError, ScriptError
+from cardan.errors import AddressError, ConfigurationError, OptionError, ScriptError
 from cardan.protocols import evdev
 from cardan.protocols.evdev import codes as c, uinput
 from cardan.sim_peers.base import parse_script
@@ -251,12 +251,10 @@ def test_scripts_that_make_no_sense(model, line, words):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"kind": "mouse"}, "no kind 'mouse'"),
-        ({"model": "keyboard"}, "no gamepad 'keyboard'"),
+        ({"kind": "mouse"}, "it must be one of gamepad, keyboard"),
+        ({"model": "keyboard"}, "it must be one of xbox-360"),
         ({"script": "nowhere"}, "neither a file"),
-        ({"path": ""}, "either the path of a socket or uinput"),
-        ({"uinput": True}, "either the path of a socket or uinput"),
-        ({"jitter_lsb": -1}, "must not be below 0"),
+        ({"jitter_lsb": -1}, "it must be 0 to"),
         ({"faults": {"fire": 1.0}}, "no fault 'fire'"),
         ({"faults": {"replug": 1.0}}, "needs the fault unplug"),
         ({"kind": "keyboard", "faults": {"drift": 0.1}}, "neither sticks nor motors"),
@@ -264,8 +262,15 @@ def test_scripts_that_make_no_sense(model, line, words):
     ],
 )
 def test_peers_that_make_no_sense(options, words):
-    with pytest.raises(ScriptError, match=words):
+    error = OptionError if "it must be" in words else ScriptError
+    with pytest.raises(error, match=words):
         EvdevPeer(EvdevPeerOptions(**{"path": "socket", **options}))
+
+
+@pytest.mark.parametrize("options", [{"path": ""}, {"path": "socket", "uinput": True}])
+def test_it_is_a_socket_or_a_device_of_the_kernel(options):
+    with pytest.raises(ConfigurationError, match="either the path of a socket or uinput"):
+        EvdevPeer(EvdevPeerOptions(**options))
 
 
 def test_every_fault_can_be_had_by_some_device():

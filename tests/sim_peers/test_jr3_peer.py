@@ -8,7 +8,7 @@ import time
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.errors import AddressError, ConfigurationError, ScriptError
+from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions, socketcand
 from cardan.sim_peers.jr3.socketcand import Session, SocketcandHub, frame_line
@@ -187,17 +187,17 @@ def test_a_port_that_is_taken_is_named(served):
     ("options", "words"),
     [
         ({"sensor": "left-ear"}, "right-hand"),
-        ({"node_id": 128}, "1 to 127"),
-        ({"port": 70000}, "a port"),
-        ({"boot_s": -1.0}, "at least 0"),
-        ({"noise_n": float("nan")}, "at least 0"),
-        ({"offset": (0.0,)}, "six loads"),
+        ({"node_id": 128}, "to 127"),
+        ({"port": 70000}, "65535"),
+        ({"boot_s": -1.0}, "0 or more"),
+        ({"noise_n": float("nan")}, "0 or more"),
+        ({"offset": (0.0,)}, "6 values"),
         ({"interface": ""}, "python-can"),
     ],
 )
 def test_options_say_what_is_allowed(options, words):
     (key,) = options
-    with pytest.raises(ConfigurationError, match=f"{key}: .*{words}"):
+    with pytest.raises(OptionError, match=f"{key}: .*{words}"):
         Jr3PeerOptions(**options)
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cardan.errors import ConfigurationError
+from cardan.errors import OptionError
+from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
 from cardan.sim_peers.motoros_controller.plant import PLANTS, Plant, PlantModel
 
 IPC_S = 0.004
@@ -83,5 +84,5 @@ def test_change_is_the_way_made_in_the_period():
 
 @pytest.mark.parametrize("bad", [-0.1, float("nan"), 11.0])
 def test_times_out_of_range_are_named(bad):
-    with pytest.raises(ConfigurationError, match=r"plant\.lag_s"):
-        PlantModel(lag_s=bad).check("plant")
+    with pytest.raises(OptionError, match=rf"plant: .*lag_s={bad}.* 0 to 10 s"):
+        MotorosControllerOptions(plant=PlantModel(lag_s=bad))

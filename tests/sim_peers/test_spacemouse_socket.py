@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.errors import AddressError, ScriptError
+from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.spacemouse.socket import MAX_CLIENTS, QUEUE_REPORTS
 
@@ -283,12 +283,13 @@ def test_close_removes_only_its_own_socket(path: str) -> None:
 
 def test_wrong_options_are_named(path: str) -> None:
     for options, message in (
-        ({"model": "mouse"}, "there is no model 'mouse'; there are: .*spacenavigator"),
+        ({"model": "mouse"}, "model: 'mouse' .* it must be one of .*spacenavigator"),
         ({"script": "nosuch"}, "script 'nosuch' is neither a file .* circle, demo"),
         ({"faults": {"explode": 1.0}}, "there is no fault 'explode'"),
-        ({"jitter_lsb": -1}, "jitter_lsb: -1 must not be below 0"),
+        ({"jitter_lsb": -1}, "jitter_lsb: -1 .* it must be 0 to"),
     ):
-        with pytest.raises(ScriptError, match=message):
+        error = OptionError if "it must be" in message else ScriptError
+        with pytest.raises(error, match=message):
             SpaceMousePeer(SpaceMousePeerOptions(path, **options))  # type: ignore[arg-type]
 
 

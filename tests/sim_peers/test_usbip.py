@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.errors import AddressError, ScriptError
+from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
@@ -394,12 +394,13 @@ def test_a_port_in_use_is_named(serve):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"port": 70000}, "port: 70000 is not in 0 to 65535"),
-        ({"bus_id": "x" * 32}, "must have 1 to 31 bytes"),
-        ({"model": "teapot"}, "there is no model 'teapot'"),
+        ({"port": 70000}, "port: 70000 is not allowed; it must be"),
+        ({"bus_id": "x" * 32}, "it must be a name of 1 to 31 bytes"),
+        ({"model": "teapot"}, "model: 'teapot' is not allowed; it must be"),
         ({"faults": {"newest-lost": 1.0}}, "the host's kernel keeps the queue"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options, words):
-    with pytest.raises(ScriptError, match=words):
+    error = OptionError if "it must be" in words else ScriptError
+    with pytest.raises(error, match=words):
         UsbipSpaceMousePeer(UsbipSpaceMousePeerOptions(**options))

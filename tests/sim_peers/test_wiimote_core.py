@@ -8,7 +8,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.errors import ScriptError
+from cardan.errors import OptionError, ScriptError
 from cardan.protocols.wiimote import (
     EEPROM,
     EXTENSION_IDS,
@@ -545,15 +545,16 @@ def test_reads_and_writes_are_each_answered_once(values):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"extension": "guitar"}, "no extension 'guitar'"),
+        ({"extension": "guitar"}, "extension: 'guitar' is not allowed; it must be"),
         ({"faults": {"nosuch": 1.0}}, "no fault 'nosuch'"),
         ({"faults": {"power-on": 1.0}}, "needs the fault power-off"),
         ({"faults": {"woken-by-1-2": 1.0}}, "only a -TR remote"),
-        ({"noise_lsb": -1}, "noise_lsb: -1"),
+        ({"noise_lsb": -1}, "noise_lsb: -1 is not allowed; it must be 0 to 50"),
     ],
 )
 def test_nonsense_is_refused(settings, words):
-    with pytest.raises(ScriptError, match=words):
+    error = OptionError if "it must be" in words else ScriptError
+    with pytest.raises(error, match=words):
         SimulatedWiimote(**settings)
 
 

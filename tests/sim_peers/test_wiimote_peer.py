@@ -16,7 +16,13 @@ from pathlib import Path
 
 import pytest
 
-from cardan.errors import AddressError, DeviceAccessError, ScriptError
+from cardan.errors import (
+    AddressError,
+    ConfigurationError,
+    DeviceAccessError,
+    OptionError,
+    ScriptError,
+)
 from cardan.protocols.wiimote import (
     Data,
     DataMode,
@@ -269,17 +275,22 @@ def test_places_that_cannot_be_used(place, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({}, "exactly one way"),
-        ({"l2cap": "d", "uhid": True}, "exactly one way"),
         ({"l2cap": "d", "script": "nosuch"}, "script 'nosuch'"),
         ({"l2cap": "d", "script": "nunchuk"}, "no Nunchuk"),
-        ({"l2cap": "d", "extension": "drums"}, "no extension 'drums'"),
-        ({"bluetooth": "00:11:22"}, "not a Bluetooth address"),
-        ({"uhid": True, "address": "zz:11:22:33:44:55"}, "not a Bluetooth address"),
+        ({"l2cap": "d", "extension": "drums"}, "extension: 'drums' is not allowed; it must be"),
+        ({"bluetooth": "00:11:22"}, "bluetooth: .* it must be empty or six bytes"),
+        ({"uhid": True, "address": "zz:11:22:33:44:55"}, "address: .* it must be six bytes"),
     ],
 )
 def test_nonsense_is_refused(settings, words):
-    with pytest.raises(ScriptError, match=words):
+    error = OptionError if "it must be" in words else ScriptError
+    with pytest.raises(error, match=words):
+        WiimotePeer(WiimotePeerOptions(**settings))
+
+
+@pytest.mark.parametrize("settings", [{}, {"l2cap": "d", "uhid": True}])
+def test_there_is_one_way_to_reach_it(settings):
+    with pytest.raises(ConfigurationError, match="exactly one way"):
         WiimotePeer(WiimotePeerOptions(**settings))
 
 

@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.bounds import Range, Text
+from cardan.bounds import Range
 from cardan.options import check_options, require
 from cardan.protocols.jr3_can import MAX_CUTOFF_HZ, MAX_NODE_ID
 
-CAN_NAME = Text(r"[^\0]+", "a name, as python-can calls it")
 NODE_ID = Range(1, MAX_NODE_ID, "", "a CANopen bus has no other numbers")
 BITRATE = Range(10_000, 1_000_000, "bit/s", "CAN knows no other")
-HOP_LIMIT = Range(0, 255, "", "it has 8 bits", zero="this computer")
 PERIOD_S = Range(
     0.001, 0.04, "s", "boards are tested to 1 ms; beyond, one lost sample makes the sensor stale"
 )
@@ -36,10 +34,10 @@ _NewtonMetre = Annotated[float, TORQUE_FULL_SCALE_NM]
 class Jr3Options:
     """Options of :class:`Jr3`. Raises OptionError for a value that is not allowed."""
 
-    interface: Annotated[str, CAN_NAME] = "socketcan"
+    interface: Annotated[str, bounds.CAN_NAME] = "socketcan"
     """python-can's name of the way to the bus: "socketcan", "slcan", "pcan", "gs_usb" ... for
     hardware, "udp_multicast" or "socketcand" for a simulated sensor."""
-    channel: Annotated[str, CAN_NAME] = "can0"
+    channel: Annotated[str, bounds.CAN_NAME] = "can0"
     """The bus: the network interface of socketcan, the serial port of slcan, the group of
     udp_multicast ("239.74.163.2")."""
     bitrate: Annotated[int, BITRATE] = 1_000_000
@@ -48,7 +46,7 @@ class Jr3Options:
     """Where socketcand serves."""
     port: Annotated[int, PORT_OR_OWN] = 0
     """Of udp_multicast (0: 43113) and socketcand (0: 29536)."""
-    hop_limit: Annotated[int, HOP_LIMIT] = 0
+    hop_limit: Annotated[int, bounds.HOP_LIMIT] = 0
     """Of udp_multicast; 0: frames stay on this computer."""
     node_id: Annotated[int, NODE_ID] = 33
     """The board's number on the bus, 1 to 127."""

@@ -10,8 +10,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.errors import OptionError
-from cardan.options import check_options, hints, refusal, require_each
+from cardan.options import check_options, check_value, hints, require_each
 
 WORKSPACE_LOWER_M = (-0.12, -0.2, -0.1)
 WORKSPACE_UPPER_M = (0.075, 0.2, 0.195)
@@ -170,9 +169,7 @@ class UncheckedLimits(TickLimits):
 
     def _check_ranges(self) -> None:
         for name, hint in hints(TickLimits).items():
-            value = getattr(self, name)
-            if allowed := refusal(_of_experiments(hint), value):
-                raise OptionError(name, value, allowed)
+            check_value(name, getattr(self, name), _of_experiments(hint))
 
 
 def _of_experiments(hint: Any) -> Any:

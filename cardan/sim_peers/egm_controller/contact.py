@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from cardan import bounds
 from cardan.sim_peers.egm_controller.kinematics import AXES, Frames
 from cardan.types import ZERO3, Vector3
 
@@ -17,15 +18,18 @@ STICK_SPEED_M_S = 0.001
 """Below this speed along the surface friction grows with speed; above it, it is Coulomb's."""
 
 
+_Size = Annotated[float, bounds.NOT_NEGATIVE]
+
+
 class Surface(NamedTuple):
     """A horizontal plane, solid below `height_m` of the base frame (the work object's)."""
 
     height_m: float
-    stiffness_n_m: float = 500.0
+    stiffness_n_m: _Size = 500.0
     """Of a pen in a spring-loaded holder; a rigid tool on a table has 10 kN/m and more."""
-    damping_n_s_m: float = 5.0
+    damping_n_s_m: _Size = 5.0
     """Against motion into and out of the surface; it never pulls."""
-    friction: float = 0.2
+    friction: _Size = 0.2
     """Coulomb's coefficient along the surface."""
 
     @classmethod

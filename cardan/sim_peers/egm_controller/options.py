@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
-from cardan.errors import ConfigurationError
+from cardan import bounds
+from cardan.bounds import Range
+from cardan.options import check_options, require_each
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.command import numbers, option
 from cardan.sim_peers.egm_controller.arguments import Mode
@@ -53,15 +55,23 @@ def _within_range(joints_deg: Sequence[float]) -> bool:
     )
 
 
-FORCE_FRAMES = ("tool", "base")
-FORCE_SENSES = ("exerted", "felt")
+GAIN = Range(0.0, 20.0, "1/s", "RAPID takes no more")
+LP_FILTER_HZ = Range(0.0, 100.0, "Hz", "RAPID takes no more", zero="no filter")
+RAMP_TIME_S = Range(0.005, 10.0, "s", "the system parameter takes no others")
+PERIOD_S = Range(0.001, 0.1, "s", "no controller has another cycle")
+SERVO_DELAY_S = Range(0.0, 1.0, "s", "no arm is farther behind")
+QUEUE_LENGTH = Range(1, 1_000_000, "", "as many as an operating system keeps")
+SAMPLE_RATE_MS = Range(4, 100_000, "ms", "a cycle is 4 ms")
+
+_Size = Annotated[float, bounds.NOT_NEGATIVE]
+_Positive = Annotated[float, bounds.POSITIVE]
 
 
 @dataclass(frozen=True, kw_only=True)
 class EgmControllerOptions:
     """How the simulated controller is set up. None means: as the script says."""
 
-    pc_host: str = option(
+    pc_host: Annotated[str, bounds.HOST] = option(
         "127.0.0.1",
         "The PC to send to, as the controller's UdpUc.",
         name="to",
@@ -69,7 +79,7 @@ class EgmControllerOptions:
         port_field="pc_port",
     )
     """Remote Address of the UDP Unicast Device."""
-    pc_port: int = 6510
+    pc_port: Annotated[int, bounds.PORT] = 6510
     """Remote Port Number."""
     robotware: str = option("7", "What its datagrams contain.", metavar="6|7|RELEASE")
     """A key of ROBOTWARE."""
@@ -87,40 +97,44 @@ class EgmControllerOptions:
         read=lambda text: numbers(text, AXES),
     )
 
-    comm_timeout_s: float | None = option(None, "RAPID's \\CommTimeout.")
-    max_speed_deviation_deg_s: float | None = option(None, "RAPID's \\MaxSpeedDeviation.")
-    max_pos_deviation_deg: float | None = None
+    comm_timeout_s: _Positive | None = option(None, "RAPID's \\CommTimeout.")
+    max_speed_deviation_deg_s: _Positive | None = option(None, "RAPID's \\MaxSpeedDeviation.")
+    max_pos_deviation_deg: _Positive | None = None
     lp_filter_hz: float | None = option(None, "RAPID's \\LpFilter.")
-    sample_rate_ms: int | None = None
+    sample_rate_ms: Annotated[int, SAMPLE_RATE_MS] | None = None
     cond_time_s: float | None = None
     ramp_in_s: float | None = None
-    pos_corr_gain: float | None = option(
+    pos_corr_gain: Annotated[float, bounds.SHARE_OR_NONE] | None = option(
         None, "RAPID's \\PosCorrGain; 0: speed only.", metavar="0..1"
     )
 
-    k: float = option(5.0, "Default Proportional Position Gain.", name="gain", metavar="1/S")
+    k: Annotated[float, GAIN] = option(
+        5.0, "Default Proportional Position Gain.", name="gain", metavar="1/S"
+    )
     """A system parameter."""
-    level: int | None = None
+    level: Literal[0, 1, 2] | None = None
     """System parameter Level: 0 raw, 1 filtering, 2 path; None is 1, for path correction 2."""
-    default_lp_filter_hz: float = 20.0
+    default_lp_filter_hz: Annotated[float, LP_FILTER_HZ] = 20.0
     """System parameter Default Low Pass Filter Bandwidth; 0 is no filter."""
-    ramp_time_s: float = 0.5
+    ramp_time_s: Annotated[float, RAMP_TIME_S] = 0.5
     """System parameter Default Ramp Time."""
     do_not_restart_after_motors_off: bool = False
 
     virtual: bool = option(False, "4.000 ms cycle, as RobotStudio's controller.")
     """`period_s` is VIRTUAL_PERIOD_S."""
-    period_s: float = option(REAL_PERIOD_S, "Another cycle, for a computer too slow for it.")
-    servo_delay_s: float = 0.016
+    period_s: Annotated[float, PERIOD_S] = option(
+        REAL_PERIOD_S, "Another cycle, for a computer too slow for it."
+    )
+    servo_delay_s: Annotated[float, SERVO_DELAY_S] = 0.016
     """How far the arm is behind the reference; real arms: 10 to 20 ms."""
-    encoder_noise_deg: float = 1e-4
+    encoder_noise_deg: _Size = 1e-4
     """Standard deviation of measured joints."""
-    dynamic_load_factor: float = 20.0
+    dynamic_load_factor: _Size = 20.0
     """A demand of more than this many times the joint accelerations stops the arm with "dynamic
     load", as real arms do after a jump of the reference; 0 never does."""
-    singularity_threshold: float = 0.02
+    singularity_threshold: _Size = 0.02
     """Smallest singular value of the Jacobian (m, rad) at which Cartesian motion stops."""
-    queue_length: int = 64
+    queue_length: Annotated[int, QUEUE_LENGTH] = 64
     """Datagrams of the PC that may wait; more are lost."""
     newest_wins: bool = False
     """Take the newest waiting datagram, as no real controller does; for comparison."""
@@ -158,7 +172,7 @@ class EgmControllerOptions:
     )
     """Of contact forces; ABB's manual does not say. Exerted is what `RobotState.wrench` is
     everywhere here."""
-    collision_force_n: float = 150.0
+    collision_force_n: _Size = 150.0
     """A contact force at which the motion supervision sees a collision; 0: never. The order of
     magnitude at which collaborative arms stop; the real one depends on load and speed."""
     ptp: bool = False
@@ -167,48 +181,25 @@ class EgmControllerOptions:
     """The RAPID program sends back what it got in RAPIDtoRobot."""
 
     def __post_init__(self) -> None:
-        def check(key: str, good: bool, allowed: str) -> None:
-            if not good:
-                raise ConfigurationError(key, f"{getattr(self, key)!r} is not {allowed}")
-
-        if not isinstance(self.mode, Mode):
-            check("mode", self.mode in {m.value for m in Mode}, "joint, pose or path")
-            object.__setattr__(self, "mode", Mode(self.mode))
+        mode: Any = self.mode
+        if mode in [each.value for each in Mode]:
+            object.__setattr__(self, "mode", Mode(mode))
+        check_options(self)
         if self.virtual:
-            if self.period_s not in (REAL_PERIOD_S, VIRTUAL_PERIOD_S):
-                raise ConfigurationError(
-                    "period_s", f"{self.period_s!r}: virtual is a period, too: give one of them"
-                )
+            periods = (REAL_PERIOD_S, VIRTUAL_PERIOD_S)
+            allowed = "left out: virtual is a period, too"
+            require_each(self, ("period_s", self.period_s in periods, allowed))
             object.__setattr__(self, "period_s", VIRTUAL_PERIOD_S)
-        check("robotware", self.robotware in ROBOTWARE, f"one of {', '.join(ROBOTWARE)}")
-        check("pc_port", 1 <= self.pc_port <= 65535, "a port, 1 to 65535")
-        check("joints_deg", len(self.joints_deg) == AXES, f"{AXES} joint values")
-        check("joints_deg", _within_range(self.joints_deg), "within the joints' ranges")
-        check("level", self.level in (None, 0, 1, 2), "0, 1 or 2")
-        check("k", 0.0 <= self.k <= 20.0, "within 0 to 20")
-        check("default_lp_filter_hz", 0.0 <= self.default_lp_filter_hz <= 100.0, "within 0 to 100")
-        check("ramp_time_s", 0.005 <= self.ramp_time_s <= 10.0, "within 0.005 to 10 s")
-        check("period_s", 0.001 <= self.period_s <= 0.1, "within 0.001 to 0.1 s")
-        check("servo_delay_s", 0.0 <= self.servo_delay_s <= 1.0, "within 0 to 1 s")
-        check("queue_length", self.queue_length >= 1, "at least 1")
-        gain = self.pos_corr_gain
-        check("pos_corr_gain", gain is None or 0.0 <= gain <= 1.0, "within 0 to 1")
-        for key in ("comm_timeout_s", "max_speed_deviation_deg_s", "max_pos_deviation_deg"):
-            value = getattr(self, key)
-            check(key, value is None or value > 0.0, "above 0")
         rate = self.sample_rate_ms
-        check("sample_rate_ms", rate is None or (rate >= 4 and rate % 4 == 0), "a multiple of 4")
-        check("force_frame", self.force_frame in FORCE_FRAMES, f"one of {', '.join(FORCE_FRAMES)}")
-        check("force_sense", self.force_sense in FORCE_SENSES, f"one of {', '.join(FORCE_SENSES)}")
-        check("collision_force_n", self.collision_force_n >= 0.0, "at least 0")
-        if self.surface is not None:
-            height_m, *others = self.surface
-            check("surface", math.isfinite(height_m), "at a finite height")
-            check(
-                "surface",
-                all(math.isfinite(value) and value >= 0.0 for value in others),
-                "of a finite stiffness, damping and friction of at least 0",
-            )
+        require_each(
+            self,
+            ("robotware", self.robotware in ROBOTWARE, f"one of {', '.join(ROBOTWARE)}"),
+            ("joints_deg", len(self.joints_deg) == AXES, f"{AXES} joint values"),
+            ("sample_rate_ms", rate is None or rate % 4 == 0, "a multiple of 4"),
+        )
+        require_each(
+            self, ("joints_deg", _within_range(self.joints_deg), "within the joints' ranges")
+        )
         check_faults(self.faults, FAULTS)
 
     @property

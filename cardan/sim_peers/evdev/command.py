@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand, option
@@ -42,7 +43,7 @@ class Gamepad(PeerCommand[GamepadOptions]):
 class KeyboardOptions(EvdevPeerOptions):
     """The one keyboard."""
 
-    kind: str = "keyboard"
+    kind: Literal["gamepad", "keyboard"] = "keyboard"
 
 
 class Keyboard(PeerCommand[KeyboardOptions]):

@@ -5,8 +5,11 @@ from __future__ import annotations
 import selectors
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
-from cardan.errors import ScriptError
+from cardan import bounds
+from cardan.errors import ConfigurationError, OptionError
+from cardan.options import check_options
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
 from cardan.sim_peers.evdev.carriers import Carrier, SocketCarrier, UinputCarrier
@@ -23,8 +26,7 @@ STALL_S = 0.016
 class EvdevPeerOptions:
     """What to simulate and where."""
 
-    kind: str = "gamepad"
-    """gamepad or keyboard."""
+    kind: Literal["gamepad", "keyboard"] = "gamepad"
     path: str = option(
         "",
         "Unix seqpacket socket: packets of struct input_event.",
@@ -40,27 +42,31 @@ class EvdevPeerOptions:
     """A built-in script or a file."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of `FAULTS`; times count from the start of the script."""
-    jitter_lsb: int = 0
+    jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 0
     """Noise of the sticks while they are deflected, counts."""
     seed: int = 0
     """Of the noise and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts when the first client connects, not when the peer opens; socket only."""
 
+    def __post_init__(self) -> None:
+        check_options(self)
+
 
 class EvdevPeer(HandPeer):
     """A simulated input device, for any number of programs up to 8 on its socket.
 
-    Raises ScriptError for a kind, model, script or fault that does not exist or does not fit.
+    Raises OptionError for a model that does not exist, ScriptError for a script or fault that does
+    not exist or does not fit.
     """
 
     def __init__(self, options: EvdevPeerOptions) -> None:
         super().__init__()
         model = _model(options)
         if options.uinput == bool(options.path):
-            raise ScriptError("give either the path of a socket or uinput, one of the two")
-        if options.jitter_lsb < 0:
-            raise ScriptError(f"jitter_lsb: {options.jitter_lsb} must not be below 0")
+            raise ConfigurationError(
+                "path, uinput", "give either the path of a socket or uinput, one of the two"
+            )
         self.options = options
         self.device = SimulatedInput(
             model,
@@ -143,13 +149,8 @@ class EvdevPeer(HandPeer):
 
 
 def _model(options: EvdevPeerOptions) -> Model:
-    if options.kind not in SCRIPTS:
-        raise ScriptError(f"there is no kind {options.kind!r}; there are: {', '.join(SCRIPTS)}")
     models = [model for model in MODELS if model.is_gamepad == (options.kind == "gamepad")]
     for model in models:
         if options.model in ("", model.key):
             return model
-    raise ScriptError(
-        f"there is no {options.kind} {options.model!r}; "
-        f"there are: {', '.join(model.key for model in models)}"
-    )
+    raise OptionError("model", options.model, f"one of {', '.join(each.key for each in models)}")

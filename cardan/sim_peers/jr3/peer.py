@@ -7,9 +7,10 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
-from cardan.errors import ConfigurationError
+from cardan import bounds
+from cardan.options import check_options, require_each
 from cardan.protocols.jr3_can import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, CanFrame, Six
 from cardan.sim_peers.base import SimulatedPeer, check_faults, load_script
 from cardan.sim_peers.command import option
@@ -21,6 +22,7 @@ from cardan.sim_peers.jr3.socketcand import SocketcandHub
 
 UDP_MULTICAST_GROUP, UDP_MULTICAST_PORT = "239.74.163.2", 43113
 SOCKETCAND_PORT = 29536
+NODE_ID = bounds.Range(0, MAX_NODE_ID, "", "a CANopen bus has no other numbers", zero="its own")
 STALL_S = 0.02
 """Samples older than this when the peer comes to run are left out: a late peer makes no burst."""
 
@@ -31,22 +33,24 @@ _log = logging.getLogger(__name__)
 class Jr3PeerOptions:
     """What to simulate and on which bus."""
 
-    interface: str = option(
+    interface: Annotated[str, bounds.CAN_NAME] = option(
         "udp_multicast", "The way to the bus, as python-can calls it.", metavar="NAME"
     )
-    channel: str = option(
+    channel: Annotated[str, bounds.CAN_NAME] = option(
         UDP_MULTICAST_GROUP,
         "The bus; that of udp_multicast is its group.",
         metavar="NAME",
     )
     serve_socketcand: bool = option(False, "Serve a bus of its own, by socketcand's protocol.")
     """Instead of joining one: at `host` and `port`; needs no python-can."""
-    host: str = option("127.0.0.1", "Of socketcand, served or joined.", metavar="HOST")
-    port: int | None = option(
+    host: Annotated[str, bounds.HOST] = option(
+        "127.0.0.1", "Of socketcand, served or joined.", metavar="HOST"
+    )
+    port: Annotated[int, bounds.ANY_PORT] | None = option(
         None, "Of udp_multicast or socketcand; default: theirs.", metavar="PORT"
     )
     """Theirs are 43113 and 29536; for socketcand that is served 0 is any."""
-    hop_limit: int = 0
+    hop_limit: Annotated[int, bounds.HOP_LIMIT] = 0
     """Of udp_multicast; 0: frames stay on this computer."""
     bitrate: int = 1_000_000
     """Of a bus by hardware other than socketcan."""
@@ -57,16 +61,18 @@ class Jr3PeerOptions:
         listed=[(name, f"node {TEO_NODE_IDS[name]}") for name in TEO_SENSORS],
     )
     """One of TEO's four sensors."""
-    node_id: int = option(0, "Node id; 0: that of the sensor on TEO.", name="node", metavar="ID")
+    node_id: Annotated[int, NODE_ID] = option(
+        0, "Node id; 0: that of the sensor on TEO.", name="node", metavar="ID"
+    )
     script: str = "demo"
     """A built-in script or a file."""
-    boot_s: float = option(2.0, "From power to its first message.")
+    boot_s: Annotated[float, bounds.NOT_NEGATIVE] = option(2.0, "From power to its first message.")
     """That message is BOOTUP."""
     offset: Six = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
     """What the sensor shows before it is zeroed: its own zero and what is mounted on it."""
-    noise_n: float = 0.05
+    noise_n: Annotated[float, bounds.NOT_NEGATIVE] = 0.05
     """Standard deviation of the unfiltered forces."""
-    noise_nm: float = 0.002
+    noise_nm: Annotated[float, bounds.NOT_NEGATIVE] = 0.002
     """The same of the moments."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of `FAULTS`; times count from when the board is told to acquire."""
@@ -74,19 +80,9 @@ class Jr3PeerOptions:
     """Of the noise and of the faults' choices."""
 
     def __post_init__(self) -> None:
-        def check(key: str, good: bool, allowed: str) -> None:
-            if not good:
-                raise ConfigurationError(key, f"{getattr(self, key)!r} is not {allowed}")
-
-        check("interface", bool(self.interface), "a name, as python-can calls it")
-        check("channel", bool(self.channel), "a name, as python-can calls it")
-        check("sensor", self.sensor in TEO_SENSORS, f"one of {', '.join(TEO_SENSORS)}")
-        check("node_id", 0 <= self.node_id <= MAX_NODE_ID, f"1 to {MAX_NODE_ID}, or 0")
-        check("port", self.port is None or 0 <= self.port <= 65535, "a port, 0 to 65535")
-        check("hop_limit", 0 <= self.hop_limit <= 255, "0 to 255")
-        for key in ("boot_s", "noise_n", "noise_nm"):
-            check(key, 0.0 <= getattr(self, key) < math.inf, "finite and at least 0")
-        check("offset", len(self.offset) == 6 and all(map(math.isfinite, self.offset)), "six loads")
+        check_options(self)
+        allowed = f"one of {', '.join(TEO_SENSORS)}"
+        require_each(self, ("sensor", self.sensor in TEO_SENSORS, allowed))
         check_faults(self.faults, FAULTS)
 
 

@@ -10,6 +10,7 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from websockets.exceptions import ConnectionClosed, InvalidState
 from websockets.frames import Frame, Opcode
@@ -17,7 +18,10 @@ from websockets.http11 import Request
 from websockets.protocol import State
 from websockets.server import ServerProtocol
 
-from cardan.errors import AddressError, ConfigurationError
+from cardan import bounds
+from cardan.bounds import Range
+from cardan.errors import AddressError
+from cardan.options import check_options
 from cardan.protocols.leap import HEARTBEAT_VERSIONS, PORT, ClientOptions, version_of
 from cardan.sim_peers.base import SimulatedPeer, load_script
 from cardan.sim_peers.command import option
@@ -37,19 +41,24 @@ _protocol_log = logging.getLogger(f"{__name__}.websocket")
 """Of the library: it would tell of every frame."""
 _protocol_log.setLevel(logging.WARNING)
 
+RATE_HZ = Range(1.0, 1000.0, "Hz", "no tracker is faster")
+JITTER = Range(0.0, 0.9, "", "a frame comes before the next one")
+
 
 @dataclass(frozen=True)
 class LeapPeerOptions:
-    """What to simulate and where. Raises ConfigurationError for a value that is not allowed."""
+    """What to simulate and where. Raises OptionError for a value that is not allowed."""
 
-    host: str = option("127.0.0.1", "The address it listens on.", metavar="HOST")
-    port: int = option(PORT, "Its port; 0: any.", metavar="PORT")
+    host: Annotated[str, bounds.HOST] = option(
+        "127.0.0.1", "The address it listens on.", metavar="HOST"
+    )
+    port: Annotated[int, bounds.ANY_PORT] = option(PORT, "Its port; 0: any.", metavar="PORT")
     script: str = "demo"
     """A built-in script or a file."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of `FAULTS`; times count from the start of the script."""
-    rate_hz: float = option(DEFAULT_RATE_HZ, "Frames a second.")
-    jitter: float = DEFAULT_JITTER
+    rate_hz: Annotated[float, RATE_HZ] = option(DEFAULT_RATE_HZ, "Frames a second.")
+    jitter: Annotated[float, JITTER] = DEFAULT_JITTER
     """How late a frame may be, as a share of the period."""
     seed: int = 0
     """Of the jitter and of the faults' choices."""
@@ -57,14 +66,7 @@ class LeapPeerOptions:
     """The script starts when the first client may get frames, not when the peer opens."""
 
     def __post_init__(self) -> None:
-        for key, lowest, highest in (
-            ("port", 0, 65535),
-            ("rate_hz", 1.0, 1000.0),
-            ("jitter", 0.0, 0.9),
-        ):
-            value = getattr(self, key)
-            if not lowest <= value <= highest:
-                raise ConfigurationError(key, f"{value!r} is not in {lowest:g} to {highest:g}")
+        check_options(self)
 
 
 class _Link:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
 
-from cardan.errors import ConfigurationError
-from cardan.protocols.simple_message import MAX_GROUPS, MOTION_PORT, ValidFields
+from cardan import bounds
+from cardan.bounds import Range
+from cardan.options import check_options, require_each
+from cardan.protocols.simple_message import MAX_GROUPS, MOTION_PORT
 from cardan.robots import ArmModel, JointKind, load_arm
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.command import option
@@ -18,6 +20,16 @@ from cardan.sim_peers.motoros_controller.server_faults import SERVER_FAULTS
 
 MAX_AXES = 8
 """MP_GRP_AXES_NUM: axes of a group."""
+
+GROUPS = Range(1, MAX_GROUPS, "", "a controller has no more")
+BASE_PORT = replace(bounds.ANY_PORT, highest=65533, reason="two more come after it")
+IPC_S = Range(0.001, 0.016, "s", "no controller interpolates in other steps")
+QUEUE_INCREMENTS = Range(2, 10_000, "", "one is being driven, one waits")
+STATE_PERIOD_S = Range(0.001, 10.0, "s", "later nobody waits for a state")
+TAKES_S = Range(0.0, 60.0, "s", "no controller takes longer")
+
+_Takes = Annotated[float, TAKES_S]
+_EachAxis = tuple[Annotated[float, bounds.POSITIVE], ...]
 
 PULSES_PER_TURN_OF_MOTOR = 4096
 """What a controller counts on its motors; gives the default `pulses_per_rad`."""
@@ -30,9 +42,13 @@ class MotorosControllerOptions:
 
     robot: str = "gp8"
     """A name or file as :func:`cardan.robots.load_arm` takes it."""
-    groups: int = option(1, "Control groups, each with such an arm.", metavar="1..4")
-    host: str = option("127.0.0.1", "The address it listens on.", metavar="HOST")
-    base_port: int = option(
+    groups: Annotated[int, GROUPS] = option(
+        1, "Control groups, each with such an arm.", metavar="1..4"
+    )
+    host: Annotated[str, bounds.HOST] = option(
+        "127.0.0.1", "The address it listens on.", metavar="HOST"
+    )
+    base_port: Annotated[int, BASE_PORT] = option(
         MOTION_PORT, "Motion; state and I/O are the two after it. 0: any three.", metavar="PORT"
     )
     big_endian: bool = option(False, "As an FS100; others are little-endian.")
@@ -43,31 +59,31 @@ class MotorosControllerOptions:
         "ideal", "paper: the arm lags as in Baklouti et al. 2021."
     )
     """How the arm follows its command: one of PLANTS, or one's own."""
-    ipc_s: float = 0.004
+    ipc_s: Annotated[float, IPC_S] = 0.004
     """Interpolation period, whole ms."""
-    queue_increments: int = 200
+    queue_increments: Annotated[int, QUEUE_INCREMENTS] = 200
     """Entries of each group's queue."""
-    pulses_per_rad: tuple[float, ...] | None = None
+    pulses_per_rad: _EachAxis | None = None
     """Of each axis (per m for a linear one). None: 4096 pulses a turn of the motor behind gears of
     80 to 120 (wrist roll 50), 32595 to 78228 a rad; makers do not publish them."""
-    state_period_s: float = 0.025
+    state_period_s: Annotated[float, STATE_PERIOD_S] = 0.025
     feedback_fields: Literal[2, 6] = 6
     """ValidFields of feedback: positions, or positions and speeds."""
     start: tuple[float, ...] | None = None
     """Joints at the start, rad or m; None: the arm's home."""
 
-    job_start_s: float = 0.11
+    job_start_s: _Takes = 0.11
     """START_TRAJ_MODE takes so long with the servos on; from about two thirds of it on motion is
     possible."""
-    servo_on_s: float = 1.0
+    servo_on_s: _Takes = 1.0
     """From the order to power the drives until they have it."""
-    servo_off_s: float = 0.05
-    eco_wake_s: float = 0.2
+    servo_off_s: _Takes = 0.05
+    eco_wake_s: _Takes = 0.2
     """Leaving energy saving."""
 
-    acceleration_limits: tuple[float, ...] | None = None
+    acceleration_limits: _EachAxis | None = None
     """Of each axis in velocity mode, rad/s²; None: the arm model's."""
-    speed_limits: tuple[float, ...] | None = None
+    speed_limits: _EachAxis | None = None
     """Of each axis, rad/s; None: the arm model's."""
     servo_on: bool = option(False, "Its drives have power from the start.")
     play: bool = True
@@ -80,41 +96,28 @@ class MotorosControllerOptions:
     """Empty: none is kept."""
 
     def __post_init__(self) -> None:
-        def check(key: str, good: bool, allowed: str) -> None:
-            if not good:
-                raise ConfigurationError(key, f"{getattr(self, key)!r} is not {allowed}")
-
-        check("groups", self.groups in range(1, MAX_GROUPS + 1), f"1 to {MAX_GROUPS}")
-        check("base_port", 0 <= self.base_port <= 65533, "a port, 0 to 65533")
-        if isinstance(self.plant, PlantModel):
-            self.plant.check("plant")
-        else:
-            check("plant", self.plant in PLANTS, f"one of {', '.join(PLANTS)}")
+        check_options(self)
         ms = self.ipc_s * 1000.0
-        check("ipc_s", 1.0 <= ms <= 16.0 and abs(ms - round(ms)) < 1e-6, "1 to 16 whole ms")
-        check("queue_increments", 2 <= self.queue_increments <= 10_000, "2 to 10000")
-        check("state_period_s", 0.001 <= self.state_period_s <= 10.0, "within 0.001 to 10 s")
-        fields = (ValidFields.POSITION, ValidFields.POSITION | ValidFields.VELOCITY)
-        check("feedback_fields", self.feedback_fields in fields, "2 or 6")
-        for key in ("job_start_s", "servo_on_s", "servo_off_s", "eco_wake_s"):
-            check(key, 0.0 <= getattr(self, key) <= 60.0, "within 0 to 60 s")
-        arm = load_arm(self.robot)
-        axes = len(arm.joints)
-        check("robot", axes <= MAX_AXES, f"an arm of at most {MAX_AXES} joints")
-        for key in ("pulses_per_rad", "acceleration_limits", "speed_limits"):
-            values = getattr(self, key)
-            check(
-                key,
-                values is None
-                or (len(values) == axes and all(0.0 < value < math.inf for value in values)),
-                f"{axes} numbers above 0",
-            )
-        if self.start is not None:
-            inside = len(self.start) == axes and all(
+        joints = load_arm(self.robot, "robot").joints
+        axes, start = len(joints), self.start
+        inside = start is None or (
+            len(start) == axes
+            and all(
                 joint.lower <= value <= joint.upper
-                for joint, value in zip(arm.joints, self.start, strict=True)
+                for joint, value in zip(joints, start, strict=True)
             )
-            check("start", inside, f"{axes} joints inside their ranges")
+        )
+        require_each(
+            self,
+            ("ipc_s", abs(ms - round(ms)) < 1e-6, "1 to 16 whole ms"),
+            ("robot", axes <= MAX_AXES, f"an arm of at most {MAX_AXES} joints"),
+            ("start", inside, f"{axes} joints inside their ranges"),
+            *(
+                (key, each is None or len(each) == axes, f"{axes} numbers above 0")
+                for key in ("pulses_per_rad", "acceleration_limits", "speed_limits")
+                for each in (getattr(self, key),)
+            ),
+        )
         check_faults(self.faults, ROBOT_FAULTS + SERVER_FAULTS)
 
     @property

@@ -9,25 +9,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from cardan.errors import ConfigurationError
+from cardan.bounds import Range
+
+DELAY_S = Range(0.0, 10.0, "s", "no arm is farther behind its command")
+
+_Delay = Annotated[float, DELAY_S]
 
 
 class PlantModel(NamedTuple):
     """How an arm follows its command. Times in s; each is rounded to whole IPCs but the lag."""
 
-    dead_time_s: float = 0.0
-    average_s: float = 0.0
+    dead_time_s: _Delay = 0.0
+    average_s: _Delay = 0.0
     """Length of the averaging filter."""
-    lag_s: float = 0.0
+    lag_s: _Delay = 0.0
     """Time constant of the servo."""
-
-    def check(self, key: str) -> None:
-        """Raise ConfigurationError for `key` unless every time is 0 to 10 s."""
-        for name, value in zip(self._fields, self, strict=True):
-            if not 0.0 <= value <= 10.0:
-                raise ConfigurationError(f"{key}.{name}", f"{value!r} is not within 0 to 10 s")
 
 
 PLANTS: Mapping[str, PlantModel] = {

@@ -37,9 +37,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from cardan.bounds import Range
 from cardan.errors import ScriptError
+from cardan.options import check_options, require_each
 from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.command import option
 from cardan.types import ZERO3, Vector3
@@ -157,6 +159,17 @@ class HandMotion(NamedTuple):
     """When it starts again; None: it does not."""
 
 
+SEED = Range(0, 2**63 - 1, "", "63 bits")
+RATE_HZ = Range(500, 2000, "Hz", "the real one's loop has no others")
+MASS_KG = Range(0.01, 1.0, "kg", "the real mechanism has 45 g")
+DRAG_N = Range(0.0, 5.0, "N", "no hand could move it")
+VISCOUS_N_S_M = Range(0.0, 50.0, "N·s/m", "no hand could move it")
+THERMAL_S = Range(0.1, 1e4, "s", "no motor warms more slowly")
+NOISE_LSB = Range(0.0, 200.0, "LSB", "that is 15 degrees")
+HAND_MASS_KG = Range(0.0, 10.0, "kg", "no hand has more")
+HAND_DAMPING_N_S_M = Range(0.0, 100.0, "N·s/m", "no hand has more")
+HAND_STIFFNESS_N_M = Range(0.0, 5000.0, "N/m", "no hand has more")
+
 STILL = HandMotion()
 UNSCALED = Vector3(1.0, 1.0, 1.0)
 
@@ -165,32 +178,32 @@ UNSCALED = Vector3(1.0, 1.0, 1.0)
 class OmniSettings:
     """A simulated Omni. `text` is what simConfigure, or the file of CARDAN_OMNI, takes.
 
-    Raises ScriptError for a value out of range; the numbers are those of the real device where
-    those are known.
+    Raises OptionError for a value out of range, ScriptError for a fault or a motion that makes no
+    sense; the numbers are those of the real device where those are known.
     """
 
     virtual: bool = False
     """Time passes in simStep only; otherwise the clock of this machine and a thread."""
-    seed: int = 0
-    rate_hz: int = 1000
+    seed: Annotated[int, SEED] = 0
+    rate_hz: Annotated[int, RATE_HZ] = 1000
     cold: bool = option(False, "It needs the inkwell before it knows where it is.")
     model: str = option("omni", "Which of the two it says it is.", metavar="|".join(MODELS))
     serial: str = "60907300123"
     device: str = ""
     """A name for hdInitDevice beside the default ones."""
-    mass_kg: float = 0.045
-    friction_n: float = 0.26
-    viscous_n_s_m: float = 0.1
-    droop_n: float = 0.3
+    mass_kg: Annotated[float, MASS_KG] = 0.045
+    friction_n: Annotated[float, DRAG_N] = 0.26
+    viscous_n_s_m: Annotated[float, VISCOUS_N_S_M] = 0.1
+    droop_n: Annotated[float, DRAG_N] = 0.3
     """What pulls an unheld stylus down; more than the friction: it falls."""
-    thermal_s: float = 80.0
+    thermal_s: Annotated[float, THERMAL_S] = 80.0
     gimbal_scale: Vector3 = UNSCALED
     gimbal_offset_rad: Vector3 = ZERO3
-    gimbal_noise_lsb: float | None = None
+    gimbal_noise_lsb: Annotated[float, NOISE_LSB] | None = None
     """Peak to peak, of 0.0735° each, uniform; None: that of the model."""
-    hand_mass_kg: float = 0.2
-    hand_damping_n_s_m: float = 5.0
-    hand_stiffness_n_m: float = 200.0
+    hand_mass_kg: Annotated[float, HAND_MASS_KG] = 0.2
+    hand_damping_n_s_m: Annotated[float, HAND_DAMPING_N_S_M] = 5.0
+    hand_stiffness_n_m: Annotated[float, HAND_STIFFNESS_N_M] = 200.0
     """Without waypoints, which say it themselves, as they do of the grip."""
     gripped: bool = True
     motion: HandMotion = STILL
@@ -206,16 +219,16 @@ class OmniSettings:
     """A row for each tick, at most 50 ms later."""
 
     def __post_init__(self) -> None:
-        if self.model not in MODELS:
-            raise ScriptError(f"there is no model {self.model!r}; there are: {', '.join(MODELS)}")
-        for name, lowest, highest in _RANGES:
-            value = getattr(self, name)
-            if value is not None and not lowest <= value <= highest:
-                raise ScriptError(f"{name} is {value:g}, must be {lowest:g} to {highest:g}")
-        for name, longest in (("serial", 63), ("device", 63), ("log", 4000)):
-            value = getattr(self, name)
-            if not value.isprintable() or len(value.encode()) > longest or value != value.strip():
-                raise ScriptError(f"{name} is {value!r}, must be a line of up to {longest} bytes")
+        check_options(self)
+        lines = (("serial", 63), ("device", 63), ("log", 4000))
+        require_each(
+            self,
+            ("model", self.model in MODELS, f"one of {', '.join(MODELS)}"),
+            *(
+                (key, _is_line(getattr(self, key), most), f"a line of up to {most} bytes")
+                for key, most in lines
+            ),
+        )
         for fault in self.faults:
             _check_fault(fault)
         times_s = [waypoint.time_s for waypoint in self.motion.waypoints]
@@ -262,19 +275,8 @@ class OmniSettings:
         return "\n".join(lines) + "\n"
 
 
-_RANGES = (
-    ("seed", 0, 2**63 - 1),
-    ("rate_hz", 500, 2000),
-    ("mass_kg", 0.01, 1.0),
-    ("friction_n", 0.0, 5.0),
-    ("viscous_n_s_m", 0.0, 50.0),
-    ("droop_n", 0.0, 5.0),
-    ("thermal_s", 0.1, 1e4),
-    ("gimbal_noise_lsb", 0.0, 200.0),
-    ("hand_mass_kg", 0.0, 10.0),
-    ("hand_damping_n_s_m", 0.0, 100.0),
-    ("hand_stiffness_n_m", 0.0, 5000.0),
-)
+def _is_line(text: str, most_bytes: int) -> bool:
+    return text.isprintable() and len(text.encode()) <= most_bytes and text == text.strip()
 
 
 def _waypoint_line(waypoint: Waypoint) -> str:

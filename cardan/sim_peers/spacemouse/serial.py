@@ -14,8 +14,11 @@ import time
 import tty
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
-from cardan.errors import AddressError, ScriptError
+from cardan import bounds
+from cardan.errors import AddressError, OptionError
+from cardan.options import check_options
 from cardan.protocols.connexion_serial import SERIAL_MODELS, serial_model_by_key
 from cardan.sim_peers.spacemouse.hand import Hand, Puck
 from cardan.sim_peers.spacemouse.serial_core import simulated_serial_puck
@@ -43,16 +46,19 @@ class SerialSpaceMousePeerOptions:
     """The terminal's keys move the cap instead of the script."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of `SERIAL_FAULTS`; times count from the start of the script."""
-    jitter_lsb: int = 1
+    jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 1
     """Noise on every deflected axis, counts."""
     seed: int = 0
     """Of the noise and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts `SCRIPT_DELAY_S` after a program has first started the device, not when the
     peer opens."""
-    boot_s: float | None = None
+    boot_s: Annotated[float, bounds.NOT_NEGATIVE] | None = None
     """From power, which the open port gives, to the first command that the device hears; None: as
     long as one of its kind takes."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class _WaitingHand:
@@ -88,14 +94,8 @@ class SerialSpaceMousePeer(HeldPuckPeer):
         try:
             model = serial_model_by_key(options.model)
         except KeyError:
-            raise ScriptError(
-                f"there is no serial model {options.model!r}; "
-                f"there are: {', '.join(model.key for model in SERIAL_MODELS)}"
-            ) from None
-        if options.jitter_lsb < 0:
-            raise ScriptError(f"jitter_lsb: {options.jitter_lsb} must not be below 0")
-        if options.boot_s is not None and not 0.0 <= options.boot_s < math.inf:
-            raise ScriptError(f"boot_s: {options.boot_s} must be a time in s, not below 0")
+            allowed = f"one of {', '.join(model.key for model in SERIAL_MODELS)}"
+            raise OptionError("model", options.model, allowed) from None
         self.options = options
         self.device = self.puck = simulated_serial_puck(
             model,

@@ -10,8 +10,11 @@ import time
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
-from cardan.errors import ScriptError
+from cardan import bounds
+from cardan.errors import OptionError, ScriptError
+from cardan.options import check_options
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
@@ -52,12 +55,15 @@ class PuckOptions:
     """Instead of the script."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of `FAULTS`; times count from the start of the script."""
-    jitter_lsb: int = 1
+    jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 1
     """Noise on every axis while deflected, counts."""
     seed: int = 0
     """Of the noise and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts when the first program opens the device, not when the peer opens."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class HeldPuckPeer(HandPeer):
@@ -202,7 +208,8 @@ class HeldPuckPeer(HandPeer):
 class PuckPeer(HeldPuckPeer):
     """A simulated HID device.
 
-    Raises ScriptError for a model, script or fault that does not exist or does not fit.
+    Raises OptionError for a model that does not exist, ScriptError for a script or fault that does
+    not exist or does not fit.
     """
 
     device: SimulatedSpaceMouse
@@ -213,12 +220,8 @@ class PuckPeer(HeldPuckPeer):
         try:
             model = model_by_key(options.model)
         except KeyError:
-            raise ScriptError(
-                f"there is no model {options.model!r}; "
-                f"there are: {', '.join(model.key for model in MODELS)}"
-            ) from None
-        if options.jitter_lsb < 0:
-            raise ScriptError(f"jitter_lsb: {options.jitter_lsb} must not be below 0")
+            allowed = f"one of {', '.join(model.key for model in MODELS)}"
+            raise OptionError("model", options.model, allowed) from None
         for name in options.faults:
             if name in self.unfit_faults:
                 raise ScriptError(f"fault {name}: {self.unfit_faults[name]}")

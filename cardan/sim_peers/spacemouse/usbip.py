@@ -16,8 +16,11 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Annotated
 
-from cardan.errors import AddressError, ScriptError
+from cardan import bounds
+from cardan.bounds import Text
+from cardan.errors import AddressError
 from cardan.sim_peers.spacemouse.shell import PuckOptions, PuckPeer
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 from cardan.sim_peers.usbip import USBIP_PORT, UsbipSession
@@ -25,16 +28,18 @@ from cardan.sim_peers.usbip import USBIP_PORT, UsbipSession
 MAX_CONNECTIONS = 8
 _ROOM = 65536
 
+BUS_ID = Text(r"[^\0]+", "a name of 1 to 31 bytes", 31)
+
 
 @dataclass(frozen=True, kw_only=True)
 class UsbipSpaceMousePeerOptions(PuckOptions):
     """What to simulate and where."""
 
-    host: str = "127.0.0.1"
+    host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """Address to listen on."""
-    port: int = USBIP_PORT
+    port: Annotated[int, bounds.ANY_PORT] = USBIP_PORT
     """TCP port to listen on; 0: any. The tool ``usbip`` expects 3240 unless told otherwise."""
-    bus_id: str = "1-1"
+    bus_id: Annotated[str, BUS_ID] = "1-1"
     """What the host calls the device that it attaches, at most 31 bytes."""
 
 
@@ -58,10 +63,6 @@ class UsbipSpaceMousePeer(PuckPeer):
 
     def __init__(self, options: UsbipSpaceMousePeerOptions) -> None:
         super().__init__(options)
-        if not 0 <= options.port < 65536:
-            raise ScriptError(f"port: {options.port} is not in 0 to 65535")
-        if not 0 < len(options.bus_id.encode()) < 32:
-            raise ScriptError(f"bus_id: {options.bus_id!r} must have 1 to 31 bytes")
         self.options = options
         self._usb = SpaceMouseUsb(self.device.model, self._take_output)
         self._listener: socket.socket | None = None

@@ -1,7 +1,7 @@
 """A simulated Wii Remote: its memory and sensors, the hand that holds it, and ways to reach it."""
 
 from cardan.sim_peers.wiimote.core import (
-    EXTENSIONS as EXTENSIONS,
+    ExtensionName as ExtensionName,
     LogEntry as LogEntry,
     SimulatedWiimote as SimulatedWiimote,
 )

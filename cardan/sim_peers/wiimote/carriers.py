@@ -17,7 +17,9 @@ import time
 from abc import ABC, abstractmethod
 from typing import Protocol
 
-from cardan.errors import AddressError, ScriptError
+from cardan.bounds import BLUETOOTH_ADDRESS
+from cardan.errors import AddressError
+from cardan.options import require
 from cardan.protocols.wiimote import (
     CONTROL_PSM,
     INPUT_HEADER,
@@ -449,15 +451,9 @@ def _hung_up(channel: socket.socket) -> bool:
 
 
 def parse_address(text: str) -> bytes:
-    """A Bluetooth address as it is on the wire: last printed octet first. Raises ScriptError."""
-    parts = text.split(":")
-    try:
-        octets = bytes(int(part, 16) for part in parts if len(part) == 2)
-    except ValueError:
-        octets = b""
-    if len(parts) != 6 or len(octets) != 6:
-        raise ScriptError(f"{text!r} is not a Bluetooth address such as 00:1F:32:5A:10:2B")
-    return octets[::-1]
+    """A Bluetooth address as it is on the wire: last printed octet first. Raises OptionError."""
+    require(text in BLUETOOTH_ADDRESS, "address", text, str(BLUETOOTH_ADDRESS))
+    return bytes.fromhex(text.replace(":", ""))[::-1]
 
 
 def sockaddr_l2(bdaddr: bytes, psm: int) -> bytes:

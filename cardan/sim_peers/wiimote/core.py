@@ -9,9 +9,11 @@ import math
 import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
+from cardan.bounds import Range
 from cardan.errors import ScriptError
+from cardan.options import check_value
 from cardan.protocols.wiimote import (
     BATTERY_LOW,
     BUTTONS,
@@ -67,7 +69,9 @@ from cardan.sim_peers.wiimote.faults import FaultyLink, check_faults
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
-EXTENSIONS = ("", "nunchuk")
+ExtensionName = Literal["", "nunchuk"]
+"""What is plugged in; empty: nothing."""
+NoiseLsb = Annotated[int, Range(0, 50, "counts", "what the gyroscopes have four times as much of")]
 TICK_S = 0.010
 """Period of the data reports and of the pieces of a read."""
 TICK_JITTER_S = 0.001
@@ -111,7 +115,7 @@ class SimulatedWiimote:
     def __init__(
         self,
         *,
-        extension: str = "",
+        extension: ExtensionName = "",
         motion_plus: bool = False,
         tr: bool = False,
         faults: Mapping[str, float] | None = None,
@@ -120,10 +124,8 @@ class SimulatedWiimote:
     ) -> None:
         faults = faults or {}
         check_faults(faults, tr=tr)
-        if extension not in EXTENSIONS:
-            raise ScriptError(f"there is no extension {extension!r}; there is: nunchuk")
-        if not 0 <= noise_lsb <= 50:
-            raise ScriptError(f"noise_lsb: {noise_lsb} is not in 0 to 50")
+        check_value("extension", extension, ExtensionName)
+        check_value("noise_lsb", noise_lsb, NoiseLsb)
         self.model = WIIMOTE_TR if tr else WIIMOTE
         blank = bool(faults.get("no-calibration"))
         self.eeprom = bus.make_eeprom(

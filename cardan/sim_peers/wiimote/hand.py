@@ -11,7 +11,7 @@ from cardan.protocols.wiimote.camera import HEIGHT, WIDTH
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.scripted import StepWords, Timeline
 from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
-from cardan.sim_peers.wiimote.core import EXTENSIONS, ZERO, SimulatedWiimote
+from cardan.sim_peers.wiimote.core import ZERO, SimulatedWiimote
 
 HAND_PERIOD_S = 0.005
 """How often a moving hand is sampled."""
@@ -252,7 +252,7 @@ class ScriptedHand:
             isinstance(action, _Button) and action.label in ("c", "z")
         )
         if needs and not self._has_nunchuk:
-            raise words.error(f"there is no Nunchuk; choose the extension {EXTENSIONS[1]!r}")
+            raise words.error("there is no Nunchuk; choose the extension 'nunchuk'")
         return action
 
     def _act(self, time_s: float, action: _Action, remote: SimulatedWiimote) -> None:

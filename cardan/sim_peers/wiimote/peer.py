@@ -7,8 +7,11 @@ import selectors
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
-from cardan.errors import ScriptError
+from cardan import bounds
+from cardan.errors import ConfigurationError
+from cardan.options import check_options, require_each
 from cardan.protocols.wiimote import SET_REPORT_HEADER, WIIMOTE, WIIMOTE_TR
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
@@ -19,7 +22,7 @@ from cardan.sim_peers.wiimote.carriers import (
     UhidCarrier,
     UnixChannels,
 )
-from cardan.sim_peers.wiimote.core import TICK_S, SimulatedWiimote
+from cardan.sim_peers.wiimote.core import TICK_S, ExtensionName, NoiseLsb, SimulatedWiimote
 from cardan.sim_peers.wiimote.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 
 STALL_S = 2.0 * TICK_S
@@ -39,10 +42,10 @@ class WiimotePeerOptions:
     )
     """00:00:00:00:00:00: any adapter."""
     uhid: bool = option(False, "A HID device of this machine's kernel (/dev/uhid).")
-    address: str = option(
+    address: Annotated[str, bounds.BLUETOOTH_ADDRESS] = option(
         "00:1F:32:5A:10:2B", "The remote's own, shown with --uhid.", metavar="ADDRESS"
     )
-    extension: str = option("", "What is plugged in.", metavar="nunchuk")
+    extension: ExtensionName = option("", "What is plugged in.", metavar="nunchuk")
     """Empty: nothing."""
     motion_plus: bool = option(False, "It has a MotionPlus.")
     """Plugged in; with `tr` built in."""
@@ -51,25 +54,32 @@ class WiimotePeerOptions:
     """A built-in script or a file."""
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of `FAULTS`; times count from the start of the script."""
-    noise_lsb: int = 1
+    noise_lsb: NoiseLsb = 1
     """Noise of the accelerometers, counts."""
     seed: int = 0
     """Of the noise and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts when the first host connects, not when the peer opens."""
 
+    def __post_init__(self) -> None:
+        check_options(self)
+        good = not self.bluetooth or self.bluetooth in bounds.BLUETOOTH_ADDRESS
+        require_each(self, ("bluetooth", good, f"empty or {bounds.BLUETOOTH_ADDRESS}"))
+
 
 class WiimotePeer(HandPeer):
     """A simulated remote that one host at a time can connect to, again and again.
 
-    Raises ScriptError for a script, fault or option that does not exist or does not fit.
+    Raises ScriptError for a script or fault that does not exist or does not fit.
     """
 
     def __init__(self, options: WiimotePeerOptions) -> None:
         super().__init__()
         ways = (options.l2cap, options.bluetooth, options.uhid)
         if sum(map(bool, ways)) != 1:
-            raise ScriptError("give exactly one way to reach the remote: l2cap, bluetooth or uhid")
+            raise ConfigurationError(
+                "l2cap, bluetooth, uhid", "give exactly one way to reach the remote"
+            )
         self.options = options
         self.remote = SimulatedWiimote(
             extension=options.extension,
