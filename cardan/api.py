@@ -73,7 +73,7 @@ if TYPE_CHECKING:
     from cardan.gateway.arm import CartesianDevice as CartesianDevice
 
 
-def open_device(driver: str, options: Any = None, **keywords: Any) -> OperatorDevice:
+def open_device(driver: str, /, options: Any = None, **keywords: Any) -> OperatorDevice:
     """Open the operator device that `driver` names ("spacemouse") and its options choose.
 
     The options are an `Options` object of the driver, or its fields as keywords. Close what is
@@ -88,7 +88,7 @@ def open_device(driver: str, options: Any = None, **keywords: Any) -> OperatorDe
     return device
 
 
-def open_robot(driver: str, options: Any = None, **keywords: Any) -> RobotDriver:
+def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDriver:
     """Open the robot's controller that `driver` names ("abb_egm"), as :func:`open_device` does.
 
     The robot may be silent yet: its cycles tell. Raises ConfigurationError, DriverError.
