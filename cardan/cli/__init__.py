@@ -27,7 +27,7 @@ from cardan.cli.common import (
 )
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
-from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
+from cardan.errors import CaptureError, CardanError, ConfigurationError, OptionError, ScriptError
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import DeviceLink, RobotLink
 
@@ -287,8 +287,8 @@ def spnav(
     try:
         if socket is not None:
             options = dataclasses.replace(options, socket=socket)
-    except ValueError as error:
-        raise ConfigurationError("--socket", str(error)) from None
+    except OptionError as error:
+        raise OptionError("--socket", error.value, error.allowed) from None
     if everybody:
         options = dataclasses.replace(options, access="everybody")
     serve_device(device, options, seconds)

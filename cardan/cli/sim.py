@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, ge
 import typer
 from typer.core import TyperGroup
 
+from cardan.bounds import ANY_PORT
 from cardan.cli.common import Seconds
 from cardan.errors import ConfigurationError
 from cardan.sim_peers import registry
@@ -154,7 +155,7 @@ class _Given(NamedTuple):
 
     def _host_and_port(self, text: str) -> tuple[str, int]:
         host, colon, port = text.rpartition(":")
-        if not (colon and host and port.isdecimal() and int(port) < 65536):
+        if not (colon and host and port.isdecimal() and int(port) in ANY_PORT):
             example = f"{self.field.default}:{self.default_port}"
             raise ConfigurationError(self.flag, f"{text!r} is not HOST:PORT, as {example}")
         return host, int(port)

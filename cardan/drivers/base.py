@@ -39,7 +39,8 @@ class Driver(Openable):
 
     Options: ClassVar[type[Any]]
     """A frozen dataclass with a default for every field; the configuration file's table of this
-    driver is checked against it. Its ``__post_init__`` raises ValueError for a bad value."""
+    driver is checked against it. Its ``__post_init__`` raises OptionError for a bad value, as
+    :func:`cardan.options.check_options` does by the annotations."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         """Takes an `Options` object, or its fields as keywords.

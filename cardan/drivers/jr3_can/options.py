@@ -19,10 +19,7 @@ CUTOFF_HZ = Range(0.0, MAX_CUTOFF_HZ, "Hz", "the board has no room for more", ze
 FORCE_FULL_SCALE_N = Range(1, 65535, "N", "it has 16 bits")
 TORQUE_FULL_SCALE_NM = Range(0.1, 6553.5, "N·m", "it has 16 bits, of tenths")
 
-UDP_MULTICAST_PORT = 43113
-SOCKETCAND_PORT = 29536
 PORT_OR_OWN = replace(bounds.PORT, lowest=0, zero="the interface's own")
-DEFAULT_PORTS = {"udp_multicast": UDP_MULTICAST_PORT, "socketcand": SOCKETCAND_PORT}
 
 _Angle = Annotated[float, bounds.ANGLE_DEG]
 _Near = Annotated[float, bounds.NEAR_M]
@@ -96,4 +93,4 @@ class Jr3Options:
     @property
     def full_port(self) -> int:
         """The port to use: the interface's own where `port` is 0."""
-        return self.port or DEFAULT_PORTS.get(self.interface, 0)
+        return self.port or bounds.CAN_PORTS.get(self.interface, 0)

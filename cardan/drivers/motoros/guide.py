@@ -19,9 +19,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Annotated, Final
 
+from cardan.bounds import POSITIVE
 from cardan.errors import CommandError, ConfigurationError
+from cardan.options import check_value
 from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotCommand
 
 LONGEST_STEP_S: Final = 0.1
@@ -93,8 +95,7 @@ class JointGuide:
                 raise ConfigurationError(key, f"{len(values)} values for {count} joints")
         for key, values in (("velocity", velocity), ("acceleration", acceleration)):
             for value in values:
-                if not 0.0 < value < _INF:
-                    raise ConfigurationError(key, f"{value!r} is not a positive, finite number")
+                check_value(key, value, Annotated[float, POSITIVE])
         for low, high in zip(lower, upper, strict=True):
             if not low < high:
                 raise ConfigurationError("upper", f"{high!r} is not above the lower end {low!r}")

@@ -13,15 +13,16 @@ import threading
 import time
 from contextlib import suppress
 from types import TracebackType
-from typing import Final, Literal, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple
 
+from cardan import bounds
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words
 from cardan.drivers.motoros.errors import IoConnectionError, IoRefusedError
 from cardan.errors import (
     CommandError,
-    ConfigurationError,
     NotOpenError,
 )
+from cardan.options import check_value, require
 from cardan.protocols.simple_message import (
     IO_PORT,
     LONGEST_PREFIX_OF_MOTOROS,
@@ -50,6 +51,9 @@ from cardan.protocols.simple_message import (
 READABLE_REGISTERS: Final = 1000
 WRITABLE_REGISTERS: Final = 560
 
+TIMEOUT_S = bounds.Range(
+    0.0, 3600.0, "s", "nobody waits longer for a reply", above=True, below=True
+)
 _ORDERS = {"little": ByteOrder.LITTLE, "big": ByteOrder.BIG}
 _RECEIVE_BYTES = 4096
 
@@ -297,15 +301,12 @@ class IoClient:
     ) -> None:
         """`byte_order` is that of the controller's CPU: "big" on FS100, else "little".
 
-        `timeout_s` bounds the connecting, and the wait for a reply. ConfigurationError for values
+        `timeout_s` bounds the connecting, and the wait for a reply. OptionError for values
         that cannot be.
         """
-        if byte_order not in _ORDERS:
-            raise ConfigurationError("byte_order", f'{byte_order!r} is not "little" or "big"')
-        if not 0.0 < timeout_s < 3600.0:
-            raise ConfigurationError("timeout_s", f"{timeout_s!r} is not above 0 and below 3600 s")
-        if not 0 < port < 0x10000:
-            raise ConfigurationError("port", f"{port!r} is not 1 to 65535")
+        require(byte_order in _ORDERS, "byte_order", byte_order, f"one of {', '.join(_ORDERS)}")
+        check_value("timeout_s", timeout_s, Annotated[float, TIMEOUT_S])
+        check_value("port", port, Annotated[int, bounds.PORT])
         self._address = (host, port)
         self._order = _ORDERS[byte_order]
         self._timeout_s = timeout_s

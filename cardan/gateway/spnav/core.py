@@ -12,10 +12,12 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
+from typing import Annotated
 
 from cardan.bounds import COUNTS
 from cardan.gateway.spnav.client import SpnavClient
 from cardan.gateway.spnav.identity import DeviceIdentity
+from cardan.options import check_value
 from cardan.protocols.spnav import (
     FAILED,
     MAX_BUTTONS,
@@ -69,7 +71,7 @@ class SpnavServerCore:
     number when it is first seen. Of a device that lists none, "left" and "right" are 0 and 1,
     "button-7" is 7 and "7" is 6, whatever is pressed first; all others follow. `on_led` switches
     the device's LED; None: it has none, or it is not for programs to switch. `full_scale` is in
-    counts; None: what programs take for a full deflection of such a device. Raises ValueError for
+    counts; None: what programs take for a full deflection of such a device. Raises OptionError for
     one that is not in `COUNTS` of :mod:`cardan.bounds`.
     """
 
@@ -81,8 +83,7 @@ class SpnavServerCore:
         identity: DeviceIdentity | None = None,
         on_led: Callable[[bool], None] | None = None,
     ) -> None:
-        if full_scale is not None and full_scale not in COUNTS:
-            raise ValueError(f"full_scale is {full_scale!r}; allowed: {COUNTS}")
+        check_value("full_scale", full_scale, Annotated[float, COUNTS] | None)
         self._numbers: dict[str, int] = {}
         self._taken: set[int] = set()
         """The numbers of buttons that are given."""

@@ -20,8 +20,7 @@ from cardan.sim_peers.jr3.faults import FAULTS
 from cardan.sim_peers.jr3.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand, play
 from cardan.sim_peers.jr3.socketcand import SocketcandHub
 
-UDP_MULTICAST_GROUP, UDP_MULTICAST_PORT = "239.74.163.2", 43113
-SOCKETCAND_PORT = 29536
+UDP_MULTICAST_GROUP = "239.74.163.2"
 NODE_ID = bounds.Range(0, MAX_NODE_ID, "", "a CANopen bus has no other numbers", zero="its own")
 STALL_S = 0.02
 """Samples older than this when the peer comes to run are left out: a late peer makes no burst."""
@@ -117,7 +116,7 @@ class Jr3Peer(SimulatedPeer):
         self._hand = ScriptedHand(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
         self._bus: _Bus
         if options.serve_socketcand:
-            port = SOCKETCAND_PORT if options.port is None else options.port
+            port = bounds.CAN_PORTS["socketcand"] if options.port is None else options.port
             self._bus = SocketcandHub(options.host, port)
         else:
             self._bus = PythonCanBus(options.interface, options.channel, _extra(options))
@@ -172,9 +171,9 @@ class Jr3Peer(SimulatedPeer):
 def _extra(options: Jr3PeerOptions) -> dict[str, Any]:
     """What an interface wants to be told beside its channel."""
     if options.interface == "udp_multicast":
-        port = UDP_MULTICAST_PORT if options.port is None else options.port
+        port = bounds.CAN_PORTS["udp_multicast"] if options.port is None else options.port
         return {"port": port, "hop_limit": options.hop_limit}
     if options.interface == "socketcand":
-        port = SOCKETCAND_PORT if options.port is None else options.port
+        port = bounds.CAN_PORTS["socketcand"] if options.port is None else options.port
         return {"host": options.host, "port": port, "tcp_tune": True}
     return {} if options.interface in ("socketcan", "virtual") else {"bitrate": options.bitrate}
