@@ -1,5 +1,8 @@
 """The errors Cardan raises, as a tree. Bad bytes from a peer are never among them.
 
+Those that only one part raises live with it: their module stands behind them. docs/errors.md says
+of each when it comes and what to do.
+
 ::
 
     CardanError
@@ -11,15 +14,18 @@
     |   +-- AddressError          a network address cannot be used
     |   +-- NotOpenError          used before open() or after close()
     |   +-- CommandError          a command this robot or device cannot take
-    |   +-- IoConnectionError     a controller's inputs and outputs cannot be reached
-    |   +-- IoRefusedError        a controller refused to read or write one
+    |   +-- IoConnectionError     cardan.drivers.motoros: inputs and outputs cannot be reached
+    |   +-- IoRefusedError        cardan.drivers.motoros: the controller refused to do it
+    |   +-- NativeMissingError    cardan.drivers.omni.native: the compiled force loop is missing
     +-- ScriptError           a simulated peer's script or fault switch is wrong
     +-- CaptureError          a capture file cannot be read
+    +-- ScapyMissingError     cardan.dissect.errors: what dissecting needs is not installed
     +-- MotionRefusedError    a verb of the Cartesian interface was refused; nothing changed
     |   +-- OutOfReachError       no joint positions put the TCP there
     |   +-- JointLimitError       a joint would have to leave its range
     |   +-- CollisionError        two bodies would meet on the way
     +-- MotionLoopError       the loop that drives the arm has ended
+    +-- PacketError           cardan.gateway.session.requests: no request, or no reply
 """
 
 from __future__ import annotations
@@ -81,22 +87,6 @@ class NotOpenError(DriverError):
 
 class CommandError(DriverError):
     """A command this robot or device cannot take; nothing was sent."""
-
-
-class IoConnectionError(DriverError):
-    """A controller's port for inputs and outputs was not reached, fell silent, or answered
-    something else; whether a write had its effect is open."""
-
-
-class IoRefusedError(DriverError):
-    """A controller refused to read or write; the connection stays.
-
-    `result` is what it said: of MotoROS an IoResult, or the subcode of a message it did not know.
-    """
-
-    def __init__(self, message: str, result: int) -> None:
-        super().__init__(message)
-        self.result = result
 
 
 class ScriptError(CardanError):

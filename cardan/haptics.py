@@ -172,6 +172,15 @@ class Calibration(enum.Enum):
     UNKNOWN = "unknown"
 
 
+class FeedbackLimits(NamedTuple):
+    """The largest feedback that a haptic device lets out."""
+
+    force_n: float
+    """Of the norm."""
+    joint_torque_n_m: float | None = None
+    """Of each joint; None: it takes no joint torques."""
+
+
 class HapticState(NamedTuple):
     """A snapshot of the tick."""
 

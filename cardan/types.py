@@ -108,18 +108,29 @@ class ButtonEvent(NamedTuple):
     pressed: bool
 
 
-class DeviceState(NamedTuple):
-    """The newest state of an operator device.
+class Axes(NamedTuple):
+    """Deflections in -1..1: x forward (away from the operator), y left, z up, and right-handed
+    rotations about the same axes."""
 
-    `axes` are six deflections in -1..1 after calibration, dead zone and curve: x forward (away
-    from the operator), y left, z up, then right-handed rotations about the same axes. They are
-    all zero unless `link` is LIVE.
-    """
+    x: float
+    y: float
+    z: float
+    roll: float
+    pitch: float
+    yaw: float
+
+
+NEUTRAL = Axes(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class DeviceState(NamedTuple):
+    """The newest state of an operator device."""
 
     stamp_s: float
     """Local monotonic time of the newest report, s; NEVER_S before the first."""
     link: DeviceLink
-    axes: tuple[float, float, float, float, float, float]
+    axes: Axes
+    """After calibration, dead zone and curve; all zero unless `link` is LIVE."""
     buttons: frozenset[str]
     """Names of the buttons held down."""
     pose: Pose | None = None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import threading
-import time
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TypeVar
@@ -11,24 +12,34 @@ from typing import TypeVar
 from cardan.sim_peers.base import SimulatedPeer
 
 _P = TypeVar("_P", bound=SimulatedPeer)
-_SLICE_S = 0.02
 
 
 @contextmanager
 def in_a_thread(peer: _P) -> Iterator[_P]:
     """`peer`, opened, stepping in a thread of its own until the end."""
-    peer.open()
-    stopping = threading.Event()
-
-    def serve() -> None:
-        while not stopping.is_set():
-            peer.step(time.monotonic() + _SLICE_S)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with peer:
         yield peer
-    finally:
-        stopping.set()
-        thread.join()
-        peer.close()
+
+
+def free_udp_port() -> int:
+    """A UDP port nobody has now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@contextmanager
+def served(*arguments: str) -> Iterator[str]:
+    """The endpoint of what ``cardan ARGUMENTS`` serves in a process of its own."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cardan", *arguments], stdout=subprocess.PIPE, text=True
+    )
+    with process:
+        try:
+            assert process.stdout is not None
+            ready, _, endpoint = process.stdout.readline().strip().partition(" ")
+            assert ready == "READY", f"cardan {' '.join(arguments)} did not serve"
+            yield endpoint
+        finally:
+            process.terminate()

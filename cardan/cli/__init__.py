@@ -243,13 +243,9 @@ def drivers() -> None:
 @app.command()
 def devices() -> None:
     """List the operator devices that are plugged in, and what stands in their way."""
-    from cardan.drivers import registry
+    from cardan import api
 
-    found: list[tuple[str, FoundDevice]] = []
-    for name in registry.names():
-        driver = registry.load(name)
-        if issubclass(driver, OperatorDevice):
-            found += [(name, device) for device in driver.find()]
+    found = api.devices()
     if not found:
         print(
             "no operator device that shows itself is plugged in; serial, CAN and network devices "
@@ -261,28 +257,28 @@ def devices() -> None:
         (
             (
                 device.name,
-                name,
+                device.driver,
                 device.identity,
                 device.transport,
                 device.path,
                 device.obstacle or "ready",
             )
-            for name, device in _merged(found)
+            for device in _merged(found)
         ),
     )
 
 
-def _merged(found: Sequence[tuple[str, FoundDevice]]) -> list[tuple[str, FoundDevice]]:
+def _merged(found: Sequence[FoundDevice]) -> list[FoundDevice]:
     """`found`, with one row for all drivers that the same thing hides the devices from."""
-    rows: dict[object, list[tuple[str, FoundDevice]]] = {}
-    for number, (name, device) in enumerate(found):
+    rows: dict[object, list[FoundDevice]] = {}
+    for number, device in enumerate(found):
         hidden = device.obstacle and not (device.path or device.identity)
         key = (device.transport, device.obstacle) if hidden else number
-        rows.setdefault(key, []).append((name, device))
+        rows.setdefault(key, []).append(device)
     return [
-        (
-            ", ".join(dict.fromkeys(name for name, _ in row)),
-            row[0][1]._replace(name=", ".join(dict.fromkeys(device.name for _, device in row))),
+        row[0]._replace(
+            name=", ".join(dict.fromkeys(device.name for device in row)),
+            driver=", ".join(dict.fromkeys(device.driver for device in row)),
         )
         for row in rows.values()
     ]

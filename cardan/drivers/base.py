@@ -7,26 +7,34 @@ theirs through the entry-point group ``cardan.drivers`` (see :mod:`cardan.driver
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from types import TracebackType
-from typing import Any, ClassVar, NamedTuple, TypeVar
+import math
+import threading
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields
+from typing import Any, ClassVar, NamedTuple
 
-from cardan.errors import CommandError
+from cardan.errors import CommandError, ConfigurationError, NotOpenError
+from cardan.openable import Openable
+from cardan.options import suggestion
 from cardan.types import (
     ButtonEvent,
     DeviceCapabilities,
     DeviceFeedback,
+    DeviceLink,
     DeviceState,
     RobotCapabilities,
     RobotCommand,
     RobotState,
 )
 
-_D = TypeVar("_D", bound="Driver")
+RECHECK_S = 0.1
+"""Who waits for a new state looks so often even if nobody tells of one: silence that makes a state
+stale is no report, and the thread that reads the device may hang."""
 
 
-class Driver(ABC):
+class Driver(Openable):
     """What operator devices and robots have in common: options, open, close, diagnosis."""
 
     Options: ClassVar[type[Any]]
@@ -40,8 +48,38 @@ class Driver(ABC):
     peer: ClassVar[str] = ""
     """The simulated peer that stands in for the hardware: ``cardan sim PEER``."""
 
-    def __init__(self, options: Any = None) -> None:
-        self.options = self.Options() if options is None else options
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        """Takes an `Options` object, or its fields as keywords.
+
+        Raises ConfigurationError for both at once, an option that does not exist, or a bad value.
+        """
+        self.options = self.make_options(options, keywords)
+
+    @classmethod
+    def make_options(cls, options: Any, keywords: Mapping[str, Any]) -> Any:
+        """`options`, or, where that is None, `Options` made of `keywords`."""
+        kind = cls.Options.__name__
+        if options is not None:
+            if not isinstance(options, cls.Options):
+                raise ConfigurationError(
+                    "options", f"{cls.__name__} takes {kind} or keywords, not {options!r:.60}"
+                )
+            if keywords:
+                raise ConfigurationError(
+                    "options",
+                    f"{cls.__name__} was given {kind} and the keywords {', '.join(keywords)}: put "
+                    "them into the one or the other",
+                )
+            return options
+        for name in keywords:
+            allowed = [field.name for field in fields(cls.Options) if field.init]
+            if name not in allowed:
+                raise ConfigurationError(
+                    name,
+                    f"{cls.__name__} has no such option; allowed: {', '.join(allowed)}"
+                    + suggestion(name, allowed),
+                )
+        return cls.Options(**keywords)
 
     @abstractmethod
     def open(self) -> None:
@@ -59,18 +97,6 @@ class Driver(ABC):
         """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""
         return {}
 
-    def __enter__(self: _D) -> _D:
-        self.open()
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
-
 
 class FoundDevice(NamedTuple):
     """A device that is plugged in, for ``cardan devices``."""
@@ -83,10 +109,26 @@ class FoundDevice(NamedTuple):
     """What the driver's options call it."""
     obstacle: str = ""
     """What stands in the way of opening it, in words; empty: nothing known."""
+    driver: str = ""
+    """The name of its driver, from :func:`cardan.devices`."""
 
 
 class OperatorDevice(Driver):
-    """A hand-held device. It reads itself (usually in a thread of its own)."""
+    """A hand-held device. It reads itself (usually in a thread of its own).
+
+    `state()` gives the newest state at once, `read()` waits for a new one, ``for state in device``
+    does so until the device is closed, and `on_state()` has a function called. Who is slower than
+    the device gets the newest state and misses those before; `button_events()` has every edge.
+    """
+
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._changed = threading.Condition()
+        self._notified = 0
+        """Counts calls of _notify()."""
+        self._close_count = 0
+        """Counted by drivers that may be opened again: who waited does not go on then."""
+        self._reading: _StateReader | None = None
 
     gives: ClassVar[str] = ""
     """What it measures, in a few words."""
@@ -112,6 +154,59 @@ class OperatorDevice(Driver):
     def state(self) -> DeviceState:
         """The newest state. Never blocks, never raises, never old without saying so."""
 
+    def read(self, timeout_s: float | None = None) -> DeviceState | None:
+        """Wait for a state that read() has not returned yet, `timeout_s` at most (None: no limit).
+
+        Returns None where none came, or the device was closed meanwhile. The loss of a device is a
+        state, too: look at `link`. For one consumer; others iterate or have on_state().
+
+        Raises NotOpenError.
+        """
+        if self._reading is None or self._reading.ended:
+            self._reading = _StateReader(self)
+        return self._reading.next(timeout_s)
+
+    def __iter__(self) -> Iterator[DeviceState]:
+        """The state now and each new one, until the device is closed. Raises NotOpenError."""
+        reader = _StateReader(self)
+        while (state := reader.next()) is not None:
+            yield state
+
+    def on_state(self, callback: Callable[[DeviceState], object]) -> Callable[[], None]:
+        """Have `callback` called with the state now and each new one, until the device is closed.
+
+        The calls come one after the other from a thread of their own: a slow callback misses
+        states, and holds up neither the device nor other callbacks. An exception ends the calls and
+        goes to `threading.excepthook`, which prints it; the device goes on. The function that is
+        returned ends the calls, too, and waits for one that is under way.
+
+        Raises NotOpenError.
+        """
+        reader = _StateReader(self)
+
+        def call() -> None:
+            while (state := reader.next()) is not None:
+                callback(state)
+
+        name = f"cardan-{type(self).__name__.lower()}-callback"
+        thread = threading.Thread(target=call, name=name, daemon=True)
+        thread.start()
+
+        def stop() -> None:
+            reader.stopped = True
+            self._notify()
+            if threading.current_thread() is not thread:
+                thread.join()
+
+        return stop
+
+    def _notify(self) -> None:
+        """Wake who waits for a new state. Drivers call it after a report and after a change of the
+        link; without it changes are seen `RECHECK_S` later."""
+        with self._changed:
+            self._notified += 1
+            self._changed.notify_all()
+
     @abstractmethod
     def button_events(self) -> Sequence[ButtonEvent]:
         """Button edges since the last call, oldest first; none is lost. One consumer."""
@@ -134,11 +229,52 @@ class OperatorDevice(Driver):
         """Send `feedback`, whose channels are known to exist. Drivers with feedback override."""
 
 
-class RobotDriver(Driver):
-    """A robot's controller. The robot is the clock::
+class _StateReader:
+    """Gives one consumer each new state of a device once. Raises NotOpenError."""
 
-    for state in robot.cycles():
-        robot.send(command_for(state))
+    def __init__(self, device: OperatorDevice) -> None:
+        if device.state().link is DeviceLink.CLOSED:
+            raise NotOpenError(
+                f"{type(device).__name__} is not open: call open() before reading it, or use `with`"
+            )
+        self._device = device
+        self._close_count = device._close_count
+        self._last: DeviceState | None = None
+        self.stopped = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will come."""
+        return self.stopped or self._device._close_count != self._close_count
+
+    def next(self, timeout_s: float | None = None) -> DeviceState | None:
+        """The next new state; None where none comes within `timeout_s`, or none will any more."""
+        device = self._device
+        deadline_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        while not self.ended:
+            notified = device._notified
+            state = device.state()
+            if state.link is DeviceLink.CLOSED:
+                return None
+            if state != self._last:
+                self._last = state
+                return state
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0.0:
+                return None
+            with device._changed:
+                if device._notified == notified:
+                    device._changed.wait(min(left_s, RECHECK_S))
+        return None
+
+
+class RobotDriver(Driver):
+    """A robot's controller. The robot is the clock: it is commanded once for each of its states.
+
+    ::
+
+        for state in robot.cycles():
+            robot.send(command_for(state))
     """
 
     @property

@@ -5,15 +5,15 @@ from __future__ import annotations
 from abc import abstractmethod
 
 from cardan.drivers.base import OperatorDevice
-from cardan.haptics import HapticCommand, HapticState
-from cardan.types import Pose, Vector3
+from cardan.errors import DriverError, NotOpenError
+from cardan.haptics import FeedbackLimits, HapticCommand, HapticState
+from cardan.types import DeviceLink, Pose
 
 
 class HapticDevice(OperatorDevice):
     """A device with a force loop of its own, which is told what to render and never waited for.
 
-    The second half are the functions of YARP's IHapticDevice, with their defects corrected: SI
-    units, the rotation alone for forces, the norm clamped and not each axis.
+    :class:`cardan.drivers.ihaptic.IHapticDevice` gives any of them the functions of YARP.
     """
 
     @abstractmethod
@@ -44,52 +44,22 @@ class HapticDevice(OperatorDevice):
     def resume(self) -> None:
         """Go on after pause(). Raises CommandError unless paused."""
 
-    # -- IHapticDevice -------------------------------------------------------------------------
-
+    @property
     @abstractmethod
-    def get_position(self) -> Vector3:
-        """Of the gimbal's centre in the frame of the transformation, m."""
+    def feedback_limits(self) -> FeedbackLimits:
+        """The largest feedback that is let out."""
 
-    @abstractmethod
-    def get_orientation(self) -> Vector3:
-        """Of the stylus in the frame of the transformation: roll, pitch, yaw, rad."""
+    def measured_pose(self) -> Pose:
+        """Where the hand is, also while buttons or the link keep it from driving anything.
 
-    @abstractmethod
-    def get_buttons(self) -> tuple[bool, ...]:
-        """Whether each button is down."""
-
-    @abstractmethod
-    def is_cartesian_force_mode_enabled(self) -> bool:
-        """True: feedback is a force; False: joint torques."""
-
-    @abstractmethod
-    def set_cartesian_force_mode(self) -> None:
-        """Feedback is a force in N from now on; it becomes zero first."""
-
-    @abstractmethod
-    def set_joint_torque_mode(self) -> None:
-        """Feedback is torques in N·m from now on; it becomes zero first."""
-
-    @abstractmethod
-    def get_max_feedback(self) -> Vector3:
-        """The largest feedback: N in Cartesian mode (of the norm), N·m in joint torque mode."""
-
-    @abstractmethod
-    def set_feedback(self, feedback: Vector3) -> None:
-        """Force in N along the transformation's axes, or joint torques in N·m.
-
-        It lasts as long as the watchdog lets it: repeat it. Raises CommandError for what is not
-        finite.
+        Raises DriverError in words while the device cannot tell, NotOpenError.
         """
+        state = self.state()
+        if state.pose is None:
+            kind = NotOpenError if state.link is DeviceLink.CLOSED else DriverError
+            raise kind(f"the haptic device has no position to give: {state.reason}")
+        return state.pose
 
-    @abstractmethod
-    def stop_feedback(self) -> None:
-        """No feedback, by ramp."""
-
-    @abstractmethod
-    def set_transformation(self, transformation: Pose) -> None:
-        """Where the hand frame is in the user's: applied to positions; its rotation to forces."""
-
-    @abstractmethod
-    def get_transformation(self) -> Pose:
-        """The transformation."""
+    def next_sequence(self) -> int:
+        """A sequence for a command that shall count, whoever gave those before."""
+        return self.haptics().command_sequence + 1

@@ -54,9 +54,11 @@ class ReadDevice(OperatorDevice, Generic[C]):
     Its options have `wait_for_device`: open() succeeds without a device.
     """
 
-    def __init__(self, options: Any, core: C) -> None:
-        super().__init__(options)
-        self._core = core
+    _core: C
+    """Set by the driver's __init__, from `self.options`."""
+
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
         self._opening = threading.RLock()
         """Held while it is opened or closed: one thread at a time. The reader never takes it."""
         self._lock = threading.Lock()
@@ -76,7 +78,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def _serve(self, stop: threading.Event) -> None:
         """Read the open device until `stop` is set, or OSError: it is gone.
 
-        Looks at `stop` at least every 50 ms.
+        Looks at `stop` at least every 50 ms; calls `_notify()` after what it took in.
         """
 
     @abstractmethod
@@ -138,6 +140,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
             self._thread = None
             with self._lock:
                 self._core.on_closed(time.monotonic())
+            self._close_count += 1
+            self._notify()
 
     def state(self) -> DeviceState:
         """The newest state."""
@@ -175,6 +179,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
                 if not connected:
                     try:
                         self._connect()
+                        self._notify()
                         connected = True
                     except Exception as error:
                         self._lose(_words(error))
@@ -195,6 +200,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
         # Neutral first: letting go of a device may take its time.
         with self._lock:
             self._core.on_lost(reason, time.monotonic())
+        self._notify()
         self._release()
 
 

@@ -8,12 +8,12 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.options import check_options
+from cardan.types import NEUTRAL as NEUTRAL, Axes as Axes
 
-Axes = tuple[float, float, float, float, float, float]
-"""Deflections in -1..1: x forward, y left, z up, then right-handed rotations about them."""
+Deflections = tuple[float, float, float, float, float, float]
+"""Axes while they are computed, without their names."""
 Triple = tuple[float, float, float]
 
-NEUTRAL: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ZERO: Triple = (0.0, 0.0, 0.0)
 
 DOMINANCE_MARGIN = 1.1
@@ -55,16 +55,16 @@ class Shaper:
         self._dominant = options.dominant_axis
         self._leader = 0
 
-    def __call__(self, axes: Axes) -> Axes:
+    def __call__(self, axes: Deflections) -> Axes:
         """The shaped deflections."""
         shaped = self._shape(axes)
         if not self._translation:
             shaped = (0.0, 0.0, 0.0, *shaped[3:])
         if not self._rotation:
             shaped = (*shaped[:3], 0.0, 0.0, 0.0)
-        return self._lead(shaped) if self._dominant else shaped
+        return Axes._make(self._lead(shaped) if self._dominant else shaped)
 
-    def _per_axis(self, axes: Axes) -> Axes:
+    def _per_axis(self, axes: Deflections) -> Deflections:
         dead, reach, linear, cubic = self._dead, self._reach, self._linear, self._cubic
         shaped = []
         for u in axes:
@@ -78,7 +78,7 @@ class Shaper:
             shaped.append(size * (linear + cubic * size * size))
         return tuple(shaped)  # type: ignore[return-value]
 
-    def _radial(self, axes: Axes) -> Axes:
+    def _radial(self, axes: Deflections) -> Deflections:
         return (*self._scaled(*axes[:3]), *self._scaled(*axes[3:]))
 
     def _scaled(self, a: float, b: float, c: float) -> Triple:
@@ -91,7 +91,7 @@ class Shaper:
         gain = size / length * (self._linear + self._cubic * size * size)
         return (a * gain, b * gain, c * gain)
 
-    def _lead(self, axes: Axes) -> Axes:
+    def _lead(self, axes: Deflections) -> Deflections:
         sizes = [abs(u) for u in axes]
         strongest = max(sizes)
         leading = sizes[self._leader]

@@ -11,14 +11,16 @@ import math
 import shlex
 import signal
 import sys
+import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import FrameType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from cardan.errors import ScriptError
+from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
 
 
@@ -114,8 +116,20 @@ def load_script(
     return parse_script(text, verbs)
 
 
-class SimulatedPeer(ABC):
-    """A peer that can be served. Shells implement these four; `serve` is the stand-alone loop."""
+SERVE_SLICE_S = 0.1
+"""How soon a served peer notices that it was interrupted."""
+
+THREAD_SLICE_S = 0.02
+"""How long the end of a ``with`` block waits for the thread that serves a peer."""
+
+_P = TypeVar("_P", bound="SimulatedPeer")
+
+
+class SimulatedPeer(Openable):
+    """A peer that can be served. Shells implement these four.
+
+    `serve` is the loop of a program of its own; ``with peer:`` serves it beside something else.
+    """
 
     @property
     @abstractmethod
@@ -134,9 +148,26 @@ class SimulatedPeer(ABC):
     def close(self) -> None:
         """Release the transport; remove what open() created. Never raises."""
 
+    def __enter__(self: _P) -> _P:
+        """Open it, and serve in a thread until the end of the ``with`` block."""
+        with contextlib.ExitStack() as stack:
+            self.open()
+            stack.callback(self.close)
+            stopping = threading.Event()
 
-SERVE_SLICE_S = 0.1
-"""How soon a served peer notices that it was interrupted."""
+            def step() -> None:
+                while not stopping.is_set():
+                    self.step(time.monotonic() + THREAD_SLICE_S)
+
+            thread = threading.Thread(target=step, name=f"cardan-{type(self).__name__}")
+            thread.start()
+            stack.callback(thread.join)
+            stack.callback(stopping.set)
+            self._leaving = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._leaving.close()
 
 
 def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from hypothesis import given, strategies as st
 
+from cardan.drivers.motoros import IoConnectionError, IoRefusedError
 from cardan.drivers.motoros.diagnosis import io_result_in_words
 from cardan.drivers.motoros.io_client import (
     IoClient,
@@ -26,8 +27,6 @@ from cardan.errors import (
     CommandError,
     ConfigurationError,
     DriverError,
-    IoConnectionError,
-    IoRefusedError,
     NotOpenError,
 )
 from cardan.protocols.simple_message import (

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from cardan import spatial
+from cardan.drivers.ihaptic import IHapticDevice
 from cardan.drivers.omni import BUTTONS, Omni, OmniOptions, device, library
 from cardan.drivers.omni.servo import Servo
 from cardan.drivers.omni.tick import Tick
@@ -82,6 +83,7 @@ class Bench:
         # A stall of the machine that the tests run on is no fault of the driver.
         options = {"library": str(library_path()), "stale_after_s": 0.1, **options}
         made = Omni(OmniOptions(**options))
+        made.yarp = IHapticDevice(made)
         self.devices.append(made)
         return made
 
@@ -97,7 +99,7 @@ class Bench:
         made.enable()
 
         def repeat():
-            made.set_feedback(Vector3(*force))
+            made.yarp.set_feedback(Vector3(*force))
             return spatial.norm(self.sim.truth().commanded_n) > 0.1
 
         until(repeat, "no force ever came")
@@ -326,14 +328,14 @@ def test_a_transformation_moves_positions_and_only_turns_forces(bench):
     bench.sim.hand((0.02, 0.01, 0.0))
     omni, _ = bench.rendering(damping_n_s_m=0.0)
     quarter = Quaternion(math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
-    omni.set_transformation(Pose(Vector3(10.0, 20.0, 30.0), quarter))
-    assert omni.get_transformation().position == (10.0, 20.0, 30.0)
+    omni.yarp.set_transformation(Pose(Vector3(10.0, 20.0, 30.0), quarter))
+    assert omni.yarp.get_transformation().position == (10.0, 20.0, 30.0)
     x, y, z = until(omni.state).pose.position
-    assert omni.get_position() == pytest.approx((10.0 - y, 20.0 + x, 30.0 + z), abs=2e-3)
-    assert omni.get_orientation().z == pytest.approx(0.5 * math.pi, abs=0.05)
+    assert omni.yarp.get_position() == pytest.approx((10.0 - y, 20.0 + x, 30.0 + z), abs=2e-3)
+    assert omni.yarp.get_orientation().z == pytest.approx(0.5 * math.pi, abs=0.05)
 
     def felt():
-        omni.set_feedback(Vector3(0.0, 0.15, 0.0))
+        omni.yarp.set_feedback(Vector3(0.0, 0.15, 0.0))
         return omni.haptics().force_commanded == pytest.approx((0.15, 0.0, 0.0), abs=0.02)
 
     until(felt, "the force was not turned back")
@@ -342,18 +344,18 @@ def test_a_transformation_moves_positions_and_only_turns_forces(bench):
         Pose(ZERO3, Quaternion(0.0, 0.0, 0.0, 0.0)),
     ):
         with pytest.raises(CommandError):
-            omni.set_transformation(bad)
-    assert omni.get_transformation().orientation == quarter
+            omni.yarp.set_transformation(bad)
+    assert omni.yarp.get_transformation().orientation == quarter
 
 
 def test_too_much_feedback_is_shortened_and_keeps_its_direction(bench):
     omni = bench.live(engage_ramp_s=0.02, hold_s=0.1, pause_s=0.3, clamp_n=1.0, damping_n_s_m=0.0)
     omni.enable()
-    assert omni.get_max_feedback() == (1.0, 1.0, 1.0)
+    assert omni.yarp.get_max_feedback() == (1.0, 1.0, 1.0)
     sizes = []
 
     def felt(n):
-        omni.set_feedback(Vector3(n, n, n))
+        omni.yarp.set_feedback(Vector3(n, n, n))
         sizes.append(spatial.norm(omni.haptics().force))
         return sizes[-1]
 
@@ -368,21 +370,21 @@ def test_too_much_feedback_is_shortened_and_keeps_its_direction(bench):
 
 def test_joint_torques_instead_of_forces(bench):
     omni = bench.live(engage_ramp_s=0.02, hold_s=0.1, force_mode="joint")
-    assert not omni.is_cartesian_force_mode_enabled()
-    assert omni.get_max_feedback() == (0.35, 0.35, 0.35)
+    assert not omni.yarp.is_cartesian_force_mode_enabled()
+    assert omni.yarp.get_max_feedback() == (0.35, 0.35, 0.35)
     omni.enable()
 
     def felt():
-        omni.set_feedback(Vector3(0.015, 0.0, 0.0))
+        omni.yarp.set_feedback(Vector3(0.015, 0.0, 0.0))
         return spatial.norm(bench.sim.truth().commanded_n) > 0.02
 
     until(felt)
-    omni.set_cartesian_force_mode()
-    assert omni.is_cartesian_force_mode_enabled()
+    omni.yarp.set_cartesian_force_mode()
+    assert omni.yarp.is_cartesian_force_mode_enabled()
     until(lambda: bench.sim.truth().commanded_n == ZERO3)
-    omni.stop_feedback()
-    omni.set_joint_torque_mode()
-    assert not omni.is_cartesian_force_mode_enabled()
+    omni.yarp.stop_feedback()
+    omni.yarp.set_joint_torque_mode()
+    assert not omni.yarp.is_cartesian_force_mode_enabled()
 
 
 @pytest.mark.parametrize(
@@ -416,11 +418,11 @@ def test_how_the_loop_drives_is_one_of_two():
 def test_buttons_by_event_and_by_level(bench):
     omni = bench.live()
     bench.sim.hand(ZERO3, buttons=2)
-    until(lambda: omni.get_buttons() == (False, True))
+    until(lambda: omni.yarp.get_buttons() == (False, True))
     bench.sim.hand(ZERO3, buttons=1)
-    until(lambda: omni.get_buttons() == (True, False))
+    until(lambda: omni.yarp.get_buttons() == (True, False))
     bench.sim.hand(ZERO3)
-    until(lambda: omni.get_buttons() == (False, False))
+    until(lambda: omni.yarp.get_buttons() == (False, False))
     events = [(event.button, event.pressed) for event in omni.button_events()]
     assert events[0] == ("button_2", True)
     assert sorted(events) == [(b, p) for b in BUTTONS for p in (False, True)]
@@ -432,27 +434,27 @@ def test_no_position_is_better_than_an_old_one(bench):
     omni.open()
     until(lambda: "put the stylus" in omni.state().reason)
     with pytest.raises(DriverError, match="put the stylus into the inkwell"):
-        omni.get_position()
+        omni.yarp.get_position()
     bench.power()
     omni = bench.live()
-    omni.get_position()
+    omni.yarp.get_position()
     bench.sim.fault("comm-error")
     until(lambda: omni.state().link is DeviceLink.LOST)
     with pytest.raises(DriverError, match="does not answer"):
-        omni.get_orientation()
+        omni.yarp.get_orientation()
 
 
 def test_nothing_can_be_asked_of_what_is_not_open(bench):
     omni = bench.device()
     calls = [
         lambda: omni.render(HapticCommand(1, 0.0)),
-        lambda: omni.set_feedback(ZERO3),
-        omni.stop_feedback,
+        lambda: omni.yarp.set_feedback(ZERO3),
+        omni.yarp.stop_feedback,
         omni.enable,
         omni.disable,
         omni.pause,
         omni.resume,
-        omni.get_position,
+        omni.yarp.get_position,
         omni.details,
     ]
     for call in calls:
@@ -461,7 +463,7 @@ def test_nothing_can_be_asked_of_what_is_not_open(bench):
     assert omni.haptics().state is OperatingState.DISABLED
     assert omni.haptics().reason == "not opened"
     omni.feedback(DeviceFeedback(wrench=Wrench(ZERO3, ZERO3, Frame.BASE)))
-    assert omni.get_buttons() == (False, False)
+    assert omni.yarp.get_buttons() == (False, False)
 
 
 def test_details_have_the_encoders_the_torques_and_the_newest_error(bench):
@@ -504,7 +506,7 @@ def test_three_threads_that_command_at_once_keep_within_the_limits(bench):
 
     calls = (
         render,
-        lambda: omni.set_feedback(Vector3(0.19, 0.0, 0.0)),
+        lambda: omni.yarp.set_feedback(Vector3(0.19, 0.0, 0.0)),
         lambda: omni.feedback(wrench),
     )
     threads = [threading.Thread(target=again, args=(each,)) for each in calls]
@@ -530,7 +532,7 @@ def test_three_threads_that_command_at_once_keep_within_the_limits(bench):
         step_n = math.dist(before.force, after.force)
         assert step_n <= 40.0 * (after.stamp_s - before.stamp_s) + 1e-9
     dropped = omni.haptics().dropped_commands
-    omni.set_feedback(Vector3(0.19, 0.0, 0.0))
+    omni.yarp.set_feedback(Vector3(0.19, 0.0, 0.0))
     omni.render(HapticCommand(1, time.monotonic(), True, force=Vector3(0.0, 0.19, 0.0)))
     assert omni.haptics().dropped_commands == dropped + 1
 
@@ -655,7 +657,7 @@ def test_feedback_that_is_none_is_refused(bench, bad, mode):
     omni = bench.device(force_mode=mode)
     omni.open()
     with pytest.raises(CommandError, match="feedback"):
-        omni.set_feedback(bad)
+        omni.yarp.set_feedback(bad)
 
 
 def test_a_command_of_another_clock_is_refused_and_blocks_nothing(bench):
@@ -678,7 +680,7 @@ def is_unknown(reading):
 def test_a_wrench_along_a_stylus_that_nobody_sees_is_none(bench):
     omni, _ = bench.rendering()
     bench.sim.fault("dead-scheduler")
-    until(lambda: is_unknown(omni.get_position))
+    until(lambda: is_unknown(omni.yarp.get_position))
     sequence = omni._sequence
     omni.feedback(DeviceFeedback(wrench=Wrench(Vector3(0.1, 0, 0), ZERO3, Frame.TOOL)))
     assert omni._sequence == sequence
@@ -752,16 +754,18 @@ def test_close_takes_the_force_down_and_opens_again(bench):
 
 FORGETFUL = """
 import sys, time
+from cardan.drivers.ihaptic import IHapticDevice
 from cardan.drivers.omni import Omni, OmniOptions
 omni = Omni(OmniOptions(engage_ramp_s=0.02, stale_after_s=0.1))
 omni.open()
 while omni.state().link.value != "live":
     time.sleep(0.002)
 omni.enable(wait_s=2.0)
+yarp = IHapticDevice(omni)
 until_s = time.monotonic() + 5.0
 while omni.haptics().force.x < 0.1:
     assert time.monotonic() < until_s
-    omni.set_feedback((0.15, 0.0, 0.0))
+    yarp.set_feedback((0.15, 0.0, 0.0))
     time.sleep(0.002)
 {end}
 """

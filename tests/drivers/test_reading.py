@@ -62,8 +62,11 @@ class Patient(Options):
 class Device(ReadDevice):
     """Reads a hardware that is there while `plugged` is set."""
 
+    Options = Options
+
     def __init__(self, options=None, plugged=True):
-        super().__init__(options or Options(), Core())
+        super().__init__(options)
+        self._core = Core()
         self.plugged = threading.Event()
         if plugged:
             self.plugged.set()

@@ -18,6 +18,7 @@ from cardan.protocols.spnav import (
     encode_handshake,
     encode_motion,
 )
+from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.spacemouse.serial import SerialSpaceMousePeer, SerialSpaceMousePeerOptions
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from tests.serving import in_a_thread
@@ -50,8 +51,10 @@ def path(tmp_path):
     return tmp_path / "spnav.sock"
 
 
-class Hand:
+class Hand(SimulatedPeer):
     """A served device, as Cardan's own server has it."""
+
+    endpoint = "the socket"
 
     def __init__(self, path, **options):
         self.leds = []

@@ -246,37 +246,37 @@ SECOND = Found("Nintendo RVL-CNT-01", "shelf", "/dev/hidraw2", "00:00:00:00:00:0
 )
 def test_the_remote_that_is_meant(options, opened):
     shelf = Shelf(FIRST, SECOND)
-    with Wiimote(WiimoteOptions(**options), transport=shelf):
+    with Wiimote(WiimoteOptions(**options), backend=shelf):
         assert shelf.opened == [opened]
 
 
 def test_the_next_one_if_the_first_is_refused():
     shelf = Shelf(FIRST, SECOND, refuses={FIRST.path})
-    with Wiimote(transport=shelf):
+    with Wiimote(backend=shelf):
         assert shelf.opened == [SECOND.path]
 
 
 def test_a_remote_that_is_not_really_there_is_passed_over():
     shelf = Shelf(FIRST, SECOND, absent={FIRST.path})
-    with Wiimote(transport=shelf):
+    with Wiimote(backend=shelf):
         assert shelf.opened == [FIRST.path, SECOND.path]
         assert shelf.links[0].closed
     with pytest.raises(DeviceAccessError, match=r"hidraw1 takes no report: .*Broken pipe"):
-        Wiimote(transport=Shelf(FIRST, absent={FIRST.path})).open()
+        Wiimote(backend=Shelf(FIRST, absent={FIRST.path})).open()
     held = FIRST._replace(transport="socket")
     with pytest.raises(DeviceAccessError, match="Broken pipe; another program holds it"):
-        Wiimote(transport=Shelf(held, absent={held.path})).open()
+        Wiimote(backend=Shelf(held, absent={held.path})).open()
 
 
 def test_all_refused():
     with pytest.raises(DeviceAccessError, match="hidraw1; cannot open /dev/hidraw2"):
-        Wiimote(transport=Shelf(FIRST, SECOND, refuses={FIRST.path, SECOND.path})).open()
+        Wiimote(backend=Shelf(FIRST, SECOND, refuses={FIRST.path, SECOND.path})).open()
 
 
 def test_none_is_meant():
     options = WiimoteOptions(address="00:00:00:00:00:02")
     with pytest.raises(DeviceNotFoundError, match="with address '00:00:00:00:00:02'"):
-        Wiimote(options, transport=Shelf(FIRST)).open()
+        Wiimote(options, backend=Shelf(FIRST)).open()
 
 
 class Lossy(Silent):
@@ -301,7 +301,7 @@ class Returning(Shelf):
 
 def test_another_remote_is_no_successor():
     shelf = Returning(FIRST, SECOND)
-    wiimote = Wiimote(transport=shelf)
+    wiimote = Wiimote(backend=shelf)
     with wiimote:
         shelf.remotes = (SECOND,)
         shelf.links[0].lost = True
@@ -321,7 +321,7 @@ def test_another_remote_is_no_successor():
 def test_a_remote_without_an_address_is_known_by_its_path():
     first, second = FIRST._replace(address=""), SECOND._replace(address="")
     shelf = Returning(first, second)
-    with Wiimote(transport=shelf) as wiimote:
+    with Wiimote(backend=shelf) as wiimote:
         shelf.remotes = (second,)
         shelf.links[0].lost = True
         eventually(lambda: f"the remote {first.path} is gone" in wiimote.state().reason)
@@ -333,7 +333,7 @@ def test_a_remote_without_an_address_is_known_by_its_path():
 
 def test_a_path_finds_the_remote_only_the_first_time():
     shelf = Returning(FIRST, SECOND)
-    with Wiimote(WiimoteOptions(path=SECOND.path), transport=shelf):
+    with Wiimote(WiimoteOptions(path=SECOND.path), backend=shelf):
         shelf.remotes = (FIRST, SECOND._replace(path="/dev/hidraw8"))
         shelf.links[0].lost = True
         eventually(lambda: shelf.opened == [SECOND.path, "/dev/hidraw8"])
@@ -341,7 +341,7 @@ def test_a_path_finds_the_remote_only_the_first_time():
 
 def test_the_motor_is_stopped_at_the_end():
     shelf = Shelf(FIRST)
-    with Wiimote(transport=shelf):
+    with Wiimote(backend=shelf):
         pass
     (link,) = shelf.links
     assert link.written[-1] == b"\x10\x00"
@@ -365,7 +365,7 @@ def test_found_remotes(monkeypatch):
 def test_the_list_has_the_remedy_that_the_diagnosis_has(monkeypatch):
     remote = FIRST._replace(kernel_driver=True)
     listed = what_is_listed(monkeypatch, remote)
-    with Wiimote(transport=Shelf(remote)) as wiimote:
+    with Wiimote(backend=Shelf(remote)) as wiimote:
         (told,) = [words for words in wiimote.diagnosis() if "hid-wiimote" in words]
     assert listed.endswith(told[told.index("load the module") :])
 

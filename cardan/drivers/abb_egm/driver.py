@@ -9,6 +9,7 @@ import struct
 import threading
 import time
 from collections.abc import Generator, Sequence
+from typing import Any
 
 from cardan.drivers.abb_egm.address import bind_udp, resolve
 from cardan.drivers.abb_egm.options import AbbEgmOptions
@@ -56,8 +57,8 @@ class AbbEgm(RobotDriver):
     peer = "abb-gofa"
     options: AbbEgmOptions
 
-    def __init__(self, options: AbbEgmOptions | None = None) -> None:
-        super().__init__(options)
+    def __init__(self, options: AbbEgmOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
         self._session = EgmSession(self.options, _monotonic())
         self._socket: socket.socket | None = None
         self._poll = select.poll()

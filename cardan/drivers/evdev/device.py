@@ -67,8 +67,8 @@ class EvdevDevice(ReadDevice[K]):
     """What people call it."""
     _permission_hint: ClassVar[str]
 
-    def __init__(self, options: Any, core: K) -> None:
-        super().__init__(options, core)
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
         self._link: Link | None = None
         self._chosen: Description | None = None
         """What was opened first since open(): no other takes its place when it is unplugged."""
@@ -152,6 +152,7 @@ class EvdevDevice(ReadDevice[K]):
             if needs_snapshot and now_s >= snapshot_due_s:
                 self._ask(link, core.description)
                 snapshot_due_s = time.monotonic() + SNAPSHOT_PERIOD_S
+            self._notify()
             self._attend(link)
 
     def _ask(self, link: Link, description: Description) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.gamepad.options import GamepadOptions
-from cardan.drivers.shaping import Axes, Shaper
+from cardan.drivers.shaping import Axes, Deflections, Shaper
 from cardan.protocols.evdev import (
     ABS_BRAKE,
     ABS_GAS,
@@ -188,7 +188,7 @@ class GamepadCore(EvdevCore):
             self._stick("right_y"),
         )
         shift = self._options.shift in self._buttons.held
-        axes: Axes
+        axes: Deflections
         if self._on_triggers:
             x, y, z = (
                 left_y,

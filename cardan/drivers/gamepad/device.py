@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from typing import Any
 
 from cardan.drivers.evdev.device import EvdevDevice
 from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
@@ -53,9 +54,9 @@ class Gamepad(EvdevDevice[GamepadCore]):
     _permission_hint = CONSOLE_HINT
     _fits = staticmethod(is_gamepad)
 
-    def __init__(self, options: GamepadOptions | None = None) -> None:
-        options = GamepadOptions() if options is None else options
-        super().__init__(options, GamepadCore(options))
+    def __init__(self, options: GamepadOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = GamepadCore(self.options)
         self._level = 0.0
         """Of the rumble that is wanted, 0 to 1."""
         self._shown = 0.0

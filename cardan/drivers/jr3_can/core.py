@@ -55,7 +55,9 @@ from cardan.protocols.jr3_can import (
 )
 from cardan.spatial import add, from_euler_zyx, rotate
 from cardan.types import (
+    NEUTRAL,
     NEVER_S,
+    Axes,
     ButtonEvent,
     DeviceLink,
     DeviceState,
@@ -64,7 +66,6 @@ from cardan.types import (
     Wrench,
 )
 
-NEUTRAL: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 Raw = tuple[int, int, int, int, int, int]
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -717,13 +718,13 @@ class Jr3Core:
             torque = add(torque, Vector3(y * fz - z * fy, z * fx - x * fz, x * fy - y * fx))
         return Wrench(force, torque, Frame.TOOL)
 
-    def _axes(self, wrench: Wrench) -> Six:
+    def _axes(self, wrench: Wrench) -> Axes:
         options = self._options
         fx, fy, fz = wrench.force
         mx, my, mz = wrench.torque
         band, full = options.force_dead_band_n, options.force_full_n
         turn_band, turn_full = options.torque_dead_band_nm, options.torque_full_nm
-        return (
+        return Axes(
             _deflection(fx, band, full),
             _deflection(fy, band, full),
             _deflection(fz, band, full),

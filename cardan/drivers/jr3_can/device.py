@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import Any
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.jr3_can.bus import CanBus, Unusable, can_interfaces, in_use, open_bus
@@ -46,9 +47,9 @@ class Jr3(ReadDevice[Jr3Core]):
     suits = "rate, tool frame (hand guiding)"
     options: Jr3Options
 
-    def __init__(self, options: Jr3Options | None = None) -> None:
-        options = Jr3Options() if options is None else options
-        super().__init__(options, Jr3Core(options))
+    def __init__(self, options: Jr3Options | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = Jr3Core(self.options)
         self._bus: CanBus | None = None
 
     @classmethod
@@ -127,13 +128,14 @@ class Jr3(ReadDevice[Jr3Core]):
         for _ in range(DRAIN_AT_MOST):
             received = bus.receive(timeout_s)
             if received is None:
-                return
+                break
             with self._lock:
                 if isinstance(received, Unusable):
                     self._core.on_unusable(received.kind)
                 else:
                     self._core.on_frame(*received, time.monotonic())
             timeout_s = 0.0
+        self._notify()
 
     def _release(self) -> None:
         bus, self._bus = self._bus, None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from cardan.drivers.evdev.device import EvdevDevice
 from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
 from cardan.drivers.evdev.nodes import GROUP_HINT, is_keyboard
@@ -36,9 +38,9 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     _permission_hint = GROUP_HINT
     _fits = staticmethod(is_keyboard)
 
-    def __init__(self, options: KeyboardOptions | None = None) -> None:
-        options = KeyboardOptions() if options is None else options
-        super().__init__(options, KeyboardCore(options))
+    def __init__(self, options: KeyboardOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = KeyboardCore(self.options)
         self._grabbed = False
         self._grab_refused = False
 

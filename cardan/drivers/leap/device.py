@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.leap.connection import Connection, connect
@@ -60,9 +61,9 @@ class Leap(ReadDevice[LeapCore]):
     suits = "position, base frame"
     options: LeapOptions
 
-    def __init__(self, options: LeapOptions | None = None) -> None:
-        options = LeapOptions() if options is None else options
-        super().__init__(options, LeapCore(options))
+    def __init__(self, options: LeapOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = LeapCore(self.options)
         self._connection: Connection | None = None
         self._version = 0
 
@@ -127,6 +128,7 @@ class Leap(ReadDevice[LeapCore]):
                 now_s = time.monotonic()
                 with self._lock:
                     self._core.on_message(message, now_s)
+            self._notify()
             now_s = time.monotonic()
             with self._lock:
                 failure = self._core.failure(now_s)

@@ -3,6 +3,10 @@
 from cardan.drivers.motoros.driver import (
     Motoros as Motoros,
 )
+from cardan.drivers.motoros.errors import (
+    IoConnectionError as IoConnectionError,
+    IoRefusedError as IoRefusedError,
+)
 from cardan.drivers.motoros.io_client import (
     IoClient as IoClient,
 )

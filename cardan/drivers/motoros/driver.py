@@ -11,6 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Generator
+from typing import Any
 
 from cardan.drivers.base import RobotDriver
 from cardan.drivers.motoros.connections import CHANNELS, Channel
@@ -65,8 +66,8 @@ class Motoros(RobotDriver):
     peer = "motoman-gp8"
     options: MotorosOptions
 
-    def __init__(self, options: MotorosOptions | None = None) -> None:
-        super().__init__(options)
+    def __init__(self, options: MotorosOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
         self._session = MotorosSession(self.options)
         self._links: dict[Channel, _Link] = {}
         self._open = False

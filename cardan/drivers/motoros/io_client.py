@@ -17,10 +17,9 @@ from typing import Annotated, Final, Literal, NamedTuple
 
 from cardan import bounds
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words
+from cardan.drivers.motoros.errors import IoConnectionError, IoRefusedError
 from cardan.errors import (
     CommandError,
-    IoConnectionError,
-    IoRefusedError,
     NotOpenError,
 )
 from cardan.options import check_value, require

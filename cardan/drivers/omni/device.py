@@ -13,6 +13,7 @@ import time
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from cardan import spatial
 from cardan.drivers.access import UDEV_HINT
@@ -28,10 +29,9 @@ from cardan.drivers.omni.tick import Tick
 from cardan.drivers.omni.values import TickDetails
 from cardan.drivers.reading import ReadDevice
 from cardan.errors import CommandError, DeviceAccessError, DriverError, NotOpenError
-from cardan.haptics import HapticCommand, HapticState, OperatingState
+from cardan.haptics import FeedbackLimits, HapticCommand, HapticState, OperatingState
 from cardan.protocols.hdapi import Capability, Info, State, to_hand
 from cardan.types import (
-    IDENTITY_POSE,
     ZERO3,
     DeviceCapabilities,
     DeviceFeedback,
@@ -96,9 +96,9 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     )
     options: OmniOptions
 
-    def __init__(self, options: OmniOptions | None = None) -> None:
-        options = OmniOptions() if options is None else options
-        super().__init__(options, OmniCore(options))
+    def __init__(self, options: OmniOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = OmniCore(self.options)
         self._commands = threading.Lock()
         """Guards what is told to the tick: one source at a time."""
         self._hd: LibHD | None = None
@@ -113,8 +113,6 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         """Since when the tick was told that they will not be."""
         self._ticks_seen = 0
         self._sequence = 0
-        self._joint_torques = options.force_mode == "joint"
-        self._transformation = IDENTITY_POSE
         self._at_exit = functools.partial(_close_at_exit, weakref.ref(self))
 
     @classmethod
@@ -208,6 +206,18 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             self._look()
             return tick.details()
 
+    def measured_pose(self) -> Pose:
+        """Where the hand is, whatever buttons and inkwell say.
+
+        Raises DriverError while the device cannot tell, in words.
+        """
+        with self._lock:
+            pose, reason = self._core.measured(self._look())
+        if pose is None:
+            kind = DriverError if self._opened else NotOpenError
+            raise kind(f"the haptic device has no position to give: {reason}")
+        return pose
+
     # -- what it renders -----------------------------------------------------------------------
 
     def render(self, command: HapticCommand) -> None:
@@ -215,6 +225,16 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         with self._commands:
             self._opened_tick().command(command, time.monotonic())
             self._sequence = max(self._sequence, command.sequence)
+
+    def next_sequence(self) -> int:
+        """One above the highest sequence so far."""
+        return self._sequence + 1
+
+    @property
+    def feedback_limits(self) -> FeedbackLimits:
+        """By the options, and by what the device says that it bears."""
+        limits = self._limits()
+        return FeedbackLimits(limits.clamp_n, limits.torque_limit_n_m)
 
     def enable(self, wait_s: float = 0.0) -> None:
         """Let force out; after a latched fault this tries again.
@@ -269,94 +289,9 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             force = spatial.rotate(pose.orientation, force)
         with self._commands:
             if self._tick is not None:
-                self._send(force=force)
-
-    # -- IHapticDevice -------------------------------------------------------------------------
-
-    def get_position(self) -> Vector3:
-        """Of the gimbal's centre in the frame of the transformation, m.
-
-        Raises DriverError while the device cannot tell, in words.
-        """
-        offset, turn, _ = self._transformation
-        return spatial.add(offset, spatial.rotate(turn, self._measured_pose().position))
-
-    def get_orientation(self) -> Vector3:
-        """Of the stylus in the frame of the transformation: roll, pitch, yaw, rad.
-
-        Raises DriverError while the device cannot tell, in words.
-        """
-        turn = self._transformation.orientation
-        return spatial.to_euler_zyx(spatial.multiply(turn, self._measured_pose().orientation))
-
-    def get_buttons(self) -> tuple[bool, ...]:
-        """Whether button 1 and button 2 are down."""
-        held = self.state().buttons
-        return tuple(label in held for label in BUTTONS)
-
-    def is_cartesian_force_mode_enabled(self) -> bool:
-        """True: feedback is a force; False: joint torques."""
-        return not self._joint_torques
-
-    def set_cartesian_force_mode(self) -> None:
-        """Feedback is a force in N from now on; it becomes zero first."""
-        self._set_mode(joint_torques=False)
-
-    def set_joint_torque_mode(self) -> None:
-        """Feedback is torques in N·m from now on; it becomes zero first."""
-        self._set_mode(joint_torques=True)
-
-    def get_max_feedback(self) -> Vector3:
-        """The largest feedback: N in Cartesian mode, of the norm; N·m in joint torque mode, of each
-        joint. Torques are limited as a force, too: theirs at the gimbal is within the same norm."""
-        limits = self._limits()
-        most = limits.torque_limit_n_m if self._joint_torques else limits.clamp_n
-        return Vector3(most, most, most)
-
-    def set_feedback(self, feedback: Vector3) -> None:
-        """Force in N along the transformation's axes, or joint torques in N·m.
-
-        It starts with less than `engage_below_n`, as every force does, and ends `hold_s` after the
-        last call. Raises CommandError for what is not three finite numbers, NotOpenError.
-        """
-        try:
-            x, y, z = map(float, feedback)
-        except (TypeError, ValueError, OverflowError):
-            raise CommandError(f"the feedback {feedback!r:.60} is not three numbers") from None
-        asked = Vector3(x, y, z)
-        if not spatial.is_finite(asked):
-            raise CommandError(f"the feedback {asked} is not finite")
-        with self._commands:
-            self._opened_tick()
-            if self._joint_torques:
-                self._send(torques=asked)
-            else:
-                back = spatial.conjugate(self._transformation.orientation)
-                self._send(force=spatial.rotate(back, asked))
-
-    def stop_feedback(self) -> None:
-        """No feedback, by ramp."""
-        with self._commands:
-            self._opened_tick()
-            self._send(engaged=False)
-
-    def set_transformation(self, transformation: Pose) -> None:
-        """Where the hand frame is in the user's: applied to positions; its rotation to forces.
-
-        Raises CommandError for what is no pose.
-        """
-        position, turn, frame = transformation
-        if not spatial.is_finite((*position, *turn)):
-            raise CommandError(f"the transformation {transformation} is not finite")
-        try:
-            unit = spatial.normalized(turn)
-        except ValueError as error:
-            raise CommandError(f"the transformation is no pose: {error}") from None
-        self._transformation = Pose(Vector3(*position), unit, frame)
-
-    def get_transformation(self) -> Pose:
-        """The transformation."""
-        return self._transformation
+                self._sequence += 1
+                now_s = time.monotonic()
+                self._tick.command(HapticCommand(self._sequence, now_s, True, force=force), now_s)
 
     # -- inside: commands ----------------------------------------------------------------------
 
@@ -364,32 +299,6 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         if self._tick is None:
             raise NotOpenError("the haptic device is not open")
         return self._tick
-
-    def _send(
-        self, *, engaged: bool = True, force: Vector3 = ZERO3, torques: Vector3 | None = None
-    ) -> None:
-        """Command that and nothing else; `_commands` is held and the tick is there."""
-        self._sequence += 1
-        now_s = time.monotonic()
-        self._opened_tick().command(
-            HapticCommand(self._sequence, now_s, engaged, force=force, joint_torques_n_m=torques),
-            now_s,
-        )
-
-    def _set_mode(self, *, joint_torques: bool) -> None:
-        with self._commands:
-            if self._tick is not None and self._joint_torques is not joint_torques:
-                self._send(engaged=False)
-            self._joint_torques = joint_torques
-
-    def _measured_pose(self) -> Pose:
-        with self._lock:
-            now_s = self._look()
-            pose, reason = self._core.measured(now_s)
-        if pose is None:
-            kind = DriverError if self._opened else NotOpenError
-            raise kind(f"the haptic device has no position to give: {reason}")
-        return pose
 
     def _light(self, value: int) -> None:
         with self._lock:
@@ -437,6 +346,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def _serve(self, stop: threading.Event) -> None:
         while not stop.is_set():
             self._watch()
+            self._notify()
             stop.wait(WATCH_PERIOD_S)
 
     def _watch(self) -> None:

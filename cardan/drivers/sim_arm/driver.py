@@ -13,7 +13,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Any, Protocol
 
 from cardan.drivers.base import RobotDriver
 from cardan.drivers.sim_arm.options import SimArmOptions
@@ -168,8 +168,8 @@ class SimArm(RobotDriver):
     peer = "arm"
     options: SimArmOptions
 
-    def __init__(self, options: SimArmOptions | None = None) -> None:
-        super().__init__(options)
+    def __init__(self, options: SimArmOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
         self._session = SimArmSession(self.options)
         self._transport: _Transport | None = None
         self._owes_answer = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from cardan.drivers import base
 from cardan.drivers.access import obstacle
@@ -88,14 +89,16 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         options: SpaceMouseOptions | None = None,
         *,
         transports: Sequence[Transport] | None = None,
+        **keywords: Any,
     ) -> None:
-        options = SpaceMouseOptions() if options is None else options
+        super().__init__(options, **keywords)
+        options = self.options
         self._model: Model | None = None
         if options.model and options.transport == "serial":
             self._model = device_model(serial_model_by_key(options.model))
         elif options.model:
             self._model = model_by_key(options.model)
-        super().__init__(options, SpaceMouseCore(options, self._model))
+        self._core = SpaceMouseCore(options, self._model)
         self._transports = tuple(self._usual_transports() if transports is None else transports)
         self._links: list[Link] = []
         self._opened_s = 0.0
@@ -304,6 +307,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                 if report is not None:
                     self._take(report)
                 stop.wait(YIELD_S)
+            self._notify()
         if len(self._links) == 1:
             self._show_led(self._links[0])
 
@@ -324,6 +328,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                         other.close()
                 self._links[:] = [link]
                 self._take(report)
+                self._notify()
                 return
 
     def _take(self, report: Reading) -> None:

@@ -9,6 +9,7 @@ import select
 import socket
 import threading
 import time
+from typing import Any
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
@@ -47,9 +48,9 @@ class Spnav(ReadDevice[SpnavCore]):
     suits = "rate, base frame"
     options: SpnavOptions
 
-    def __init__(self, options: SpnavOptions | None = None) -> None:
-        options = options or SpnavOptions()
-        super().__init__(options, SpnavCore(options))
+    def __init__(self, options: SpnavOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = SpnavCore(self.options)
         self._socket: socket.socket | None = None
         self._led_wanted: bool | None = None
 
@@ -138,6 +139,7 @@ class Spnav(ReadDevice[SpnavCore]):
             self._core.on_bytes(data, now_s)
             output = self._core.outgoing()
             out_of_step = self._core.out_of_step
+        self._notify()
         if out_of_step:
             raise OSError(errno.EPROTO, "what the daemon sends means nothing")
         for piece in output:

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import threading
 import time
+from typing import Any
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
@@ -37,7 +38,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
     Its axes are zero unless a clutch button is held, and LIVE only after none was; see :mod:`.core`
     for the rules and :mod:`.roles` for what the motions mean. It, and no other, is opened again by
-    itself after it was lost. `transport` replaces the way to the remote.
+    itself after it was lost. `backend` replaces the way to the remote.
     """
 
     Options = WiimoteOptions
@@ -55,11 +56,15 @@ class Wiimote(ReadDevice[WiimoteCore]):
     options: WiimoteOptions
 
     def __init__(
-        self, options: WiimoteOptions | None = None, *, transport: Transport | None = None
+        self,
+        options: WiimoteOptions | None = None,
+        *,
+        backend: Transport | None = None,
+        **keywords: Any,
     ) -> None:
-        options = WiimoteOptions() if options is None else options
-        super().__init__(options, WiimoteCore(options))
-        self._transport = transport or _transport(options)
+        super().__init__(options, **keywords)
+        self._core = WiimoteCore(self.options)
+        self._transport = backend or _transport(self.options)
         self._remote: Link | None = None
         self._kept: Found | None = None
         """The remote that was opened first, until it is closed: another hand is no successor."""
@@ -173,6 +178,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 with self._lock:
                     self._core.on_report(received, now_s)
                 received = link.read(0.0)
+            self._notify()
         with self._lock:
             reports = self._core.parting()
         for report in reports:

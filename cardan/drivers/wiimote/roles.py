@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from cardan.drivers.shaping import Axes
+from cardan.drivers.shaping import Deflections
 
 STICK_BUTTON = "z"
 """The Nunchuk's trigger: a clutch for its stick alone."""
@@ -51,7 +51,7 @@ class Roles(ABC):
         """Tilt to the side turns about z instead of x."""
         return False
 
-    def axes(self, hand: Hand) -> Axes:
+    def axes(self, hand: Hand) -> Deflections:
         """The deflections, before they are shaped."""
         held = not self.clutch.isdisjoint(hand.buttons)
         x, y, z, rx, ry, rz = self._moved(hand) if held else (0.0,) * 6
@@ -60,7 +60,7 @@ class Roles(ABC):
         return (x, y, z, _clamped(rx), _clamped(ry), _clamped(rz))
 
     @abstractmethod
-    def _moved(self, hand: Hand) -> Axes:
+    def _moved(self, hand: Hand) -> Deflections:
         """The deflections that the remote itself makes, its clutch being held."""
 
 
@@ -86,7 +86,7 @@ class PaperRoles(Roles):
         elif "two" in buttons:
             self._yaw = True
 
-    def _moved(self, hand: Hand) -> Axes:
+    def _moved(self, hand: Hand) -> Deflections:
         z = float("a" in hand.buttons) - float("b" in hand.buttons)
         if self._yaw:
             return (0.0, 0.0, z, 0.0, hand.dipped, hand.rolled)
@@ -99,7 +99,7 @@ class TiltRoles(Roles):
 
     clutch = frozenset({"b"})
 
-    def _moved(self, hand: Hand) -> Axes:
+    def _moved(self, hand: Hand) -> Deflections:
         z = _cross(hand.buttons, "up", "down")
         rz = _cross(hand.buttons, "left", "right")
         if "a" in hand.buttons:
@@ -114,7 +114,7 @@ class GyroRoles(Roles):
     clutch = frozenset({"b"})
     needs_rates = True
 
-    def _moved(self, hand: Hand) -> Axes:
+    def _moved(self, hand: Hand) -> Deflections:
         buttons = hand.buttons
         return (
             _cross(buttons, "up", "down"),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from cardan.gateway.arm.authority import VERBS
+from cardan.openable import Openable
 
 if TYPE_CHECKING:  # Import Pinocchio, which who only asks does without.
     from cardan.gateway.arm.checks import Target
@@ -15,10 +15,8 @@ if TYPE_CHECKING:  # Import Pinocchio, which who only asks does without.
     from cardan.gateway.arm.motion import ControllerStatus, Motion, Stat
     from cardan.gateway.arm.parameters import Key, Value
 
-Self = TypeVar("Self", bound="CartesianArm")
 
-
-class CartesianArm(ABC):
+class CartesianArm(Openable):
     """An arm with the verbs movj, movl, ... of the Cartesian interface, for any thread.
 
     A verb that is refused raises MotionRefusedError and changes nothing. One that takes over from
@@ -44,18 +42,6 @@ class CartesianArm(ABC):
     ) -> Any:
         """Have `verb` carried out by the arm's :class:`VerbDesk`, for `source` or our own; raises
         what it raises."""
-
-    def __enter__(self: Self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     # -- requests --------------------------------------------------------------------------------
 

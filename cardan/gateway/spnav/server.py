@@ -17,6 +17,7 @@ from cardan.gateway.common.serving import interruptible, make_room
 from cardan.gateway.spnav.core import MOTION_PERIOD_S, SpnavServerCore
 from cardan.gateway.spnav.identity import DEFAULT_NAME, DeviceIdentity, identity_of
 from cardan.gateway.spnav.options import SpnavServerOptions
+from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 
@@ -42,7 +43,7 @@ where it grows into one."""
 _MODES = {"owner": 0o600, "everybody": 0o666}
 
 
-class SpnavServer:
+class SpnavServer(Openable):
     """Serves `core` at a Unix socket. Call `step` often; nothing happens in between."""
 
     def __init__(self, core: SpnavServerCore, options: SpnavServerOptions) -> None:
@@ -320,9 +321,7 @@ def serve_device(
             full_scale=options.full_scale,
             on_led=show if "led" in capabilities.feedback else None,
         )
-        server = SpnavServer(core, options)
-        stack.callback(server.close)
-        server.open()
+        server = stack.enter_context(SpnavServer(core, options))
         # A program takes a pause for a loss, or sees it as a jerk.
         ask_for_real_time()
         print(f"READY {server.endpoint}", flush=True)

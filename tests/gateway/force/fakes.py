@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import CommandError
-from cardan.haptics import HapticCommand, HapticState, OperatingState
+from cardan.haptics import FeedbackLimits, HapticCommand, HapticState, OperatingState
 from cardan.types import (
     IDENTITY,
     NEVER_S,
@@ -97,10 +97,8 @@ class FakeHaptic(HapticDevice):
     def pause(self):
         raise NotImplementedError
 
-    resume = get_position = get_orientation = get_buttons = pause
-    is_cartesian_force_mode_enabled = set_cartesian_force_mode = set_joint_torque_mode = pause
-    get_max_feedback = set_feedback = stop_feedback = set_transformation = pause
-    get_transformation = pause
+    resume = pause
+    feedback_limits = FeedbackLimits(3.0)
 
 
 class FakeSensor(OperatorDevice):

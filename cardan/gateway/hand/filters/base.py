@@ -22,8 +22,8 @@ class TwistFilter(Driver):
     sensor is fresh: what it does without must be safe, and status() must say it.
     """
 
-    def __init__(self, options: Any = None) -> None:
-        super().__init__(options)
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
         self.name = type(self).__name__
         """What people know it by; a session sets the name that its configuration uses."""
 

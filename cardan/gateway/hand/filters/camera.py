@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from cardan import bounds
 from cardan.gateway.hand.filters.base import TwistFilter
@@ -49,8 +49,8 @@ class CameraFilter(TwistFilter):
 
     Options = CameraOptions
 
-    def __init__(self, options: CameraOptions | None = None) -> None:
-        super().__init__(options)
+    def __init__(self, options: CameraOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
         self.listener = DatagramListener(self.options.host, self.options.port, self._take)
         self._camera = from_euler_zyx(*map(math.radians, self.options.camera_rpy_deg))
         self._axis = rotate(self._camera, Vector3(0.0, 0.0, 1.0))

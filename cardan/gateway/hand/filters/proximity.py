@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cardan import bounds
 from cardan.gateway.hand.filters.base import TwistFilter
@@ -89,8 +89,8 @@ class ProximityFilter(TwistFilter):
 
     Options = ProximityOptions
 
-    def __init__(self, options: ProximityOptions | None = None) -> None:
-        super().__init__(options)
+    def __init__(self, options: ProximityOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
         self.listener = DatagramListener(self.options.host, self.options.port, self._take)
         self._peaks = PeakFilter() if self.options.peak_filter else None
         self._level = 0.0

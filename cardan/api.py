@@ -1,0 +1,132 @@
+"""The public interface: what ``import cardan`` gives. Drivers are imported when they are named."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from cardan.drivers import registry
+from cardan.drivers.base import (
+    Driver as Driver,
+    FoundDevice as FoundDevice,
+    OperatorDevice as OperatorDevice,
+    RobotDriver as RobotDriver,
+)
+from cardan.drivers.registry import BUILT_IN
+from cardan.errors import (
+    AddressError as AddressError,
+    CardanError as CardanError,
+    CollisionError as CollisionError,
+    CommandError as CommandError,
+    ConfigurationError as ConfigurationError,
+    DeviceAccessError as DeviceAccessError,
+    DeviceNotFoundError as DeviceNotFoundError,
+    DriverError as DriverError,
+    JointLimitError as JointLimitError,
+    MotionLoopError as MotionLoopError,
+    MotionRefusedError as MotionRefusedError,
+    NotOpenError as NotOpenError,
+    OptionError as OptionError,
+    OutOfReachError as OutOfReachError,
+    ScriptError as ScriptError,
+)
+from cardan.types import (
+    Axes as Axes,
+    ButtonEvent as ButtonEvent,
+    CommandKind as CommandKind,
+    DeviceCapabilities as DeviceCapabilities,
+    DeviceFeedback as DeviceFeedback,
+    DeviceLink as DeviceLink,
+    DeviceState as DeviceState,
+    Frame as Frame,
+    HoldCommand as HoldCommand,
+    JointCommand as JointCommand,
+    JointLimits as JointLimits,
+    JointVelocityCommand as JointVelocityCommand,
+    PathCorrectionCommand as PathCorrectionCommand,
+    Pose as Pose,
+    PoseCommand as PoseCommand,
+    Quaternion as Quaternion,
+    RobotCapabilities as RobotCapabilities,
+    RobotCommand as RobotCommand,
+    RobotLink as RobotLink,
+    RobotState as RobotState,
+    TorqueCommand as TorqueCommand,
+    Twist as Twist,
+    TwistCommand as TwistCommand,
+    Vector3 as Vector3,
+    Wrench as Wrench,
+)
+
+if TYPE_CHECKING:
+    from cardan.drivers.abb_egm import AbbEgm as AbbEgm
+    from cardan.drivers.gamepad import Gamepad as Gamepad
+    from cardan.drivers.jr3_can import Jr3 as Jr3
+    from cardan.drivers.keyboard import Keyboard as Keyboard
+    from cardan.drivers.leap import Leap as Leap
+    from cardan.drivers.motoros import Motoros as Motoros
+    from cardan.drivers.omni import Omni as Omni
+    from cardan.drivers.sim_arm import SimArm as SimArm
+    from cardan.drivers.spacemouse import SpaceMouse as SpaceMouse
+    from cardan.drivers.spnav import Spnav as Spnav
+    from cardan.drivers.wiimote import Wiimote as Wiimote
+    from cardan.gateway.arm import CartesianDevice as CartesianDevice
+
+
+def open_device(driver: str, /, options: Any = None, **keywords: Any) -> OperatorDevice:
+    """Open the operator device that `driver` names ("spacemouse") and its options choose.
+
+    The options are an `Options` object of the driver, or its fields as keywords. Close what is
+    returned, or use it in ``with``. Raises ConfigurationError for a name or an option that is
+    wrong, DeviceNotFoundError or DeviceAccessError when there is nothing to open.
+    """
+    kind = registry.load(driver)
+    if not issubclass(kind, OperatorDevice):
+        raise ConfigurationError("driver", f"{driver!r} is no operator device: use open_robot()")
+    device = kind(kind.make_options(options, keywords))
+    device.open()
+    return device
+
+
+def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDriver:
+    """Open the robot's controller that `driver` names ("abb_egm"), as :func:`open_device` does.
+
+    The robot may be silent yet: its cycles tell. Raises ConfigurationError, DriverError.
+    """
+    kind = registry.load(driver)
+    if not issubclass(kind, RobotDriver):
+        raise ConfigurationError("driver", f"{driver!r} is no robot: use open_device()")
+    robot = kind(kind.make_options(options, keywords))
+    robot.open()
+    return robot
+
+
+def devices() -> list[FoundDevice]:
+    """The operator devices that are plugged in, each with its driver and what stands in its way.
+
+    Serial, CAN and network devices do not show themselves. Opens nothing for longer than a look.
+    """
+    return [
+        found._replace(driver=name)
+        for name in registry.names()
+        if issubclass(driver := registry.load(name), OperatorDevice)
+        for found in driver.find()
+    ]
+
+
+_HOMES = {
+    "CartesianDevice": "cardan.gateway.arm",
+    **{name: module for module, _, name in (each.partition(":") for each in BUILT_IN.values())},
+}
+_INNER = {"Any", "BUILT_IN", "TYPE_CHECKING", "annotations", "import_module", "registry"}
+
+
+def _names() -> set[str]:
+    """The names of the public interface."""
+    return {name for name in globals() if name[0] != "_"} - _INNER | _HOMES.keys()
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)

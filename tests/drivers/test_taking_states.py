@@ -1,0 +1,344 @@
+"""The ways to take a device's states: read(), iteration, callbacks; woken by who reads it."""
+
+import socket
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import pytest
+
+import cardan
+from cardan.drivers import base, registry
+from cardan.drivers.base import OperatorDevice
+from cardan.errors import NotOpenError
+from cardan.sim_peers.omni import OmniSettings, SimulatedOmni, available, library_path
+from cardan.types import NEUTRAL, DeviceCapabilities, DeviceLink, DeviceState
+from tests.serving import served
+
+PATIENCE_S = 10.0
+
+
+@dataclass(frozen=True)
+class NoOptions:
+    pass
+
+
+class Hand(OperatorDevice):
+    """Its state is what a test moves it to."""
+
+    Options = NoOptions
+    capabilities = DeviceCapabilities(False, (), frozenset(), False)
+
+    def __init__(self, options=None):
+        super().__init__(options)
+        self.now = DeviceState(0.0, DeviceLink.CLOSED, NEUTRAL, frozenset())
+
+    def open(self):
+        self.now = self.now._replace(link=DeviceLink.LIVE)
+
+    def close(self):
+        self.now = self.now._replace(link=DeviceLink.CLOSED)
+        self._close_count += 1
+        self._notify()
+
+    def diagnosis(self):
+        return ()
+
+    def state(self):
+        return self.now
+
+    def button_events(self):
+        return ()
+
+    def move(self, x):
+        self.now = self.now._replace(stamp_s=self.now.stamp_s + 1.0, axes=NEUTRAL._replace(x=x))
+        self._notify()
+
+
+@pytest.fixture
+def hand(monkeypatch):
+    # So that only _notify() wakes anybody.
+    monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)
+    with Hand() as hand:
+        yield hand
+
+
+def meanwhile(function):
+    """The result of `function` in a thread of its own, as a function."""
+    found = []
+    thread = threading.Thread(target=lambda: found.append(function()))
+    thread.start()
+
+    def result():
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive(), "it never came back"
+        return found[0]
+
+    return result
+
+
+def free_tcp_port():
+    """A TCP port nobody has now."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return probe.getsockname()[1]
+
+
+def waits(device):
+    """Returns once somebody waits for the device."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not device._changed._waiters:
+        assert time.monotonic() < end_s
+        time.sleep(0)
+
+
+def test_read_gives_each_state_once(hand):
+    assert hand.read(0.0) == hand.state()
+    assert hand.read(0.0) is None
+    hand.move(0.1)
+    hand.move(0.2)
+    assert hand.read().axes.x == 0.2
+    assert hand.read(0.0) is None
+
+
+def test_read_is_woken_by_a_new_state(hand):
+    hand.read()
+    state = meanwhile(hand.read)
+    waits(hand)
+    hand.move(0.5)
+    assert state().axes.x == 0.5
+
+
+def test_read_waits_no_longer_than_it_is_told(hand):
+    hand.read()
+    begin_s = time.monotonic()
+    assert hand.read(0.02) is None
+    assert 0.02 <= time.monotonic() - begin_s < PATIENCE_S
+
+
+def test_being_told_of_nothing_new_is_no_state(hand):
+    hand.read()
+    state = meanwhile(hand.read)
+    waits(hand)
+    hand._notify()
+    hand.move(0.5)
+    assert state().axes.x == 0.5
+
+
+def test_a_state_that_nobody_tells_of_is_seen_all_the_same(hand, monkeypatch):
+    monkeypatch.setattr(base, "RECHECK_S", 0.005)
+    hand.read()
+    state = meanwhile(lambda: hand.read(PATIENCE_S))
+    waits(hand)
+    hand.now = hand.now._replace(link=DeviceLink.STALE, reason="silent")
+    assert state().link is DeviceLink.STALE
+
+
+def test_the_loss_of_a_device_is_a_state(hand):
+    hand.read()
+    hand.now = hand.now._replace(link=DeviceLink.LOST, reason="unplugged")
+    assert hand.read().reason == "unplugged"
+
+
+def test_closing_ends_a_read_that_waits(hand):
+    hand.read()
+    state = meanwhile(hand.read)
+    waits(hand)
+    hand.close()
+    assert state() is None
+    with pytest.raises(NotOpenError, match="Hand is not open: call open\\(\\)"):
+        hand.read()
+
+
+def test_it_can_be_read_again_after_it_was_opened_again(hand):
+    hand.read()
+    hand.close()
+    hand.open()
+    assert hand.read(0.0).link is DeviceLink.LIVE
+
+
+def test_a_device_that_was_never_opened_has_nothing_to_read():
+    hand = Hand()
+    for call in (hand.read, lambda: next(iter(hand)), lambda: hand.on_state(print)):
+        with pytest.raises(NotOpenError):
+            call()
+
+
+def test_iteration_gives_each_new_state_until_the_device_is_closed(hand):
+    seen = []
+    for state in hand:
+        seen.append(state.axes.x)
+        if len(seen) == 3:
+            hand.close()
+        else:
+            hand.move(float(len(seen)))
+    assert seen == [0.0, 1.0, 2.0]
+
+
+def test_an_iteration_does_not_go_on_in_the_next_opening(hand):
+    states = iter(hand)
+    next(states)
+    hand.close()
+    hand.open()
+    assert list(states) == []
+
+
+def test_every_consumer_gets_every_state(hand):
+    one, other = iter(hand), iter(hand)
+    next(one), next(other), hand.read()
+    hand.move(1.0)
+    assert next(one) == next(other) == hand.read(0.0)
+
+
+def test_a_callback_is_called_in_a_thread_of_its_own(hand):
+    calls = []
+    called = threading.Semaphore(0)
+
+    def callback(state):
+        calls.append((state.axes.x, threading.current_thread()))
+        called.release()
+
+    stop = hand.on_state(callback)
+    assert called.acquire(timeout=PATIENCE_S)
+    hand.move(1.0)
+    assert called.acquire(timeout=PATIENCE_S)
+    stop()
+    hand.move(2.0)
+    assert [x for x, _ in calls] == [0.0, 1.0]
+    (thread,) = {thread for _, thread in calls}
+    assert thread is not threading.current_thread()
+    assert not thread.is_alive()
+    stop()
+
+
+def test_a_slow_callback_holds_up_nobody_and_gets_the_newest_state(hand):
+    entered, go_on, last = threading.Event(), threading.Event(), threading.Event()
+    seen = []
+
+    def callback(state):
+        seen.append(state.axes.x)
+        entered.set()
+        assert go_on.wait(PATIENCE_S)
+        if state.axes.x == 9.0:
+            last.set()
+
+    stop = hand.on_state(callback)
+    assert entered.wait(PATIENCE_S)
+    for x in range(10):
+        hand.move(float(x))
+    assert hand.read(0.0).axes.x == 9.0
+    go_on.set()
+    assert last.wait(PATIENCE_S)
+    stop()
+    assert seen == [0.0, 9.0]
+
+
+def test_a_callback_may_end_its_own_calls(hand):
+    ended = threading.Event()
+    stops = []
+    made = threading.Event()
+
+    def callback(state):
+        assert made.wait(PATIENCE_S)
+        stops[0]()
+        ended.set()
+
+    stops.append(hand.on_state(callback))
+    made.set()
+    assert ended.wait(PATIENCE_S)
+    hand.move(1.0)
+    assert hand.read(0.0).axes.x == 1.0
+
+
+def test_an_exception_ends_the_calls_and_is_told_and_the_device_goes_on(hand, monkeypatch):
+    told = threading.Event()
+    errors = []
+
+    def hook(args):
+        errors.append((str(args.exc_value), args.thread.name))
+        told.set()
+
+    monkeypatch.setattr(threading, "excepthook", hook)
+    hand.on_state(lambda state: 1 / 0)
+    assert told.wait(PATIENCE_S)
+    assert errors == [("division by zero", "cardan-hand-callback")]
+    hand.move(1.0)
+    assert hand.read(0.0).axes.x == 1.0
+    assert len(errors) == 1
+
+
+def test_closing_ends_the_calls(hand):
+    before = threading.active_count()
+    stop = hand.on_state(lambda state: None)
+    waits(hand)
+    assert threading.active_count() == before + 1
+    hand.close()
+    stop()
+    assert threading.active_count() == before
+
+
+# -- the devices there are ---------------------------------------------------------------------
+
+HID = ("sim", "spacemouse", "--hid", "{path}", "--script", "wiggle")
+SERVED = {
+    "spacemouse": ([HID], {"transport": "socket", "path": "{path}"}),
+    "spnav": ([HID, ("spnav", "--socket", "{path}.spnav", "{file}")], {"socket": "{path}.spnav"}),
+    "wiimote": (
+        [("sim", "wiimote", "--l2cap", "{path}", "--script", "wiggle")],
+        {"transport": "socket", "path": "{path}"},
+    ),
+    "leap": ([("sim", "leap", "--port", "{port}", "--script", "rest")], {"port": "{port}"}),
+    "gamepad": (
+        [("sim", "gamepad", "--events", "{path}", "--script", "demo")],
+        {"transport": "socket", "path": "{path}"},
+    ),
+    "keyboard": (
+        [("sim", "keyboard", "--events", "{path}", "--script", "taps")],
+        {"transport": "socket", "path": "{path}"},
+    ),
+    "jr3_can": (
+        [("sim", "jr3", "--serve-socketcand", "--port", "{port}", "--script", "wiggle")],
+        {"interface": "socketcand", "host": "127.0.0.1", "port": "{port}"},
+    ),
+    "omni": ([], {"library": str(library_path())}),
+}
+"""How each device is simulated, and the options that lead there."""
+
+
+def test_every_device_is_tried():
+    devices = {n for n in registry.BUILT_IN if issubclass(registry.load(n), OperatorDevice)}
+    assert SERVED.keys() == devices
+
+
+@pytest.mark.once
+@pytest.mark.realtime
+@pytest.mark.parametrize("name", SERVED)
+def test_who_reads_a_device_is_woken_by_its_reader(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)
+    path, port = str(tmp_path / "device"), free_tcp_port()
+    file = tmp_path / "served.toml"
+    file.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{path}"\n')
+
+    def filled(text):
+        return text.format(path=path, port=port, file=file)
+
+    commands, options = SERVED[name]
+    options = {
+        key: int(port) if text == "{port}" else filled(text) for key, text in options.items()
+    }
+    with ExitStack() as stack:
+        if name == "omni":
+            if not available():
+                pytest.skip("the simulated libHD was not compiled")
+            SimulatedOmni(OmniSettings()).hand((0.0, 0.0, 0.0))
+        for command in commands:
+            stack.enter_context(served(*map(filled, command)))
+        device = stack.enter_context(cardan.open_device(name, **options))
+        states = [device.read(PATIENCE_S / 2) for _ in range(10)]
+        called = threading.Semaphore(0)
+        device.on_state(lambda state: called.release())
+        for _ in range(3):
+            assert called.acquire(timeout=PATIENCE_S)
+    assert None not in states
+    assert len(set(states)) == len(states)
+    assert states[-1].stamp_s > states[0].stamp_s

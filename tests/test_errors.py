@@ -1,0 +1,91 @@
+"""One tree of errors: the docstring of cardan.errors and docs/errors.md against what there is."""
+
+import importlib
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+
+import cardan
+from cardan import errors
+from cardan.errors import CardanError
+
+PAGE = (Path(__file__).parents[1] / "docs" / "errors.md").read_text(encoding="utf-8")
+LINE = re.compile(r"^(?P<indent>[| ]*)(?:\+-- )?(?P<name>\w+Error)\b(?P<words>.*)$", re.MULTILINE)
+
+
+def all_errors():
+    """Every subclass of CardanError that the package has, by name."""
+    for module in pkgutil.walk_packages(cardan.__path__, "cardan."):
+        if module.name.endswith("__main__") or ".lib" in module.name:  # programs, C libraries
+            continue
+        importlib.import_module(module.name)
+    found, left = {}, [CardanError]
+    while left:
+        kind = left.pop()
+        left += kind.__subclasses__()
+        if kind.__module__.startswith("cardan."):
+            assert kind.__name__ not in found, f"two errors are called {kind.__name__}"
+            found[kind.__name__] = kind
+    return found
+
+
+def block(text):
+    """The lines of the tree, without what they are indented by."""
+    lines = text[text.index("CardanError\n") :].splitlines()
+    tree = [lines[0]]
+    for line in lines[1:]:
+        if "+--" not in line:
+            break
+        tree.append(line.removeprefix("    ") if line.startswith("    ") else line)
+    return tree
+
+
+TREE = block(errors.__doc__)
+
+
+def parents(tree):
+    """The name of each error's parent, and what is said of it."""
+    found, path = {}, []
+    for line in tree:
+        match = LINE.match(line)
+        depth = 0 if "+--" not in line else 1 + len(match["indent"]) // 4
+        del path[depth:]
+        found[match["name"]] = (path[-1] if path else None, match["words"].strip())
+        path.append(match["name"])
+    return found
+
+
+@pytest.fixture(scope="module")
+def there():
+    return all_errors()
+
+
+def test_the_tree_has_every_error_below_its_parent(there):
+    parent_of = {
+        name: kind.__bases__[0].__name__ if kind is not CardanError else None
+        for name, kind in there.items()
+    }
+    assert {name: parent for name, (parent, _) in parents(TREE).items()} == parent_of
+
+
+def test_the_tree_names_the_module_of_those_that_live_elsewhere(there):
+    for name, (_, words) in parents(TREE).items():
+        module = re.match(r"(cardan\.[\w.]+):", words)
+        home = importlib.import_module(module[1] if module else "cardan.errors")
+        assert getattr(home, name) is there[name]
+
+
+def test_the_page_has_the_same_tree():
+    assert block(PAGE) == TREE
+
+
+def test_the_page_says_of_every_error_when_it_comes_and_what_to_do(there):
+    rows = re.findall(r"^\| `(\w+)` \| (.+) \| (.+) \|$", PAGE, re.MULTILINE)
+    assert [name for name, _, _ in rows] == list(parents(TREE))
+    assert {name for name, _, _ in rows} == set(there)
+
+
+def test_a_bad_setting_is_a_value_error_too():
+    assert issubclass(errors.ConfigurationError, ValueError)
