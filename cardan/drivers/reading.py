@@ -6,9 +6,10 @@ import threading
 import time
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from cardan.drivers.base import OperatorDevice
+from cardan.drivers.core import DeviceCore
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.types import ButtonEvent, DeviceState
 
@@ -17,32 +18,6 @@ RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
 
 JOIN_TIMEOUT_S = 2.0
 """A reader looks at `stop` at least every 50 ms; one that does not is left to die as a daemon."""
-
-
-class DeviceCore(Protocol):
-    """What a device's reports mean, without any I/O. Times are monotonic, s."""
-
-    @property
-    def heard(self) -> bool:
-        """Whether any usable report came since the device was opened."""
-
-    def on_lost(self, reason: str, now_s: float) -> None:
-        """It cannot be read, or is not there: link LOST, axes zero, buttons released."""
-
-    def on_closed(self, now_s: float) -> None:
-        """It was closed on request: link CLOSED, axes zero, buttons released."""
-
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
-
-    def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
-
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """Live figures by name."""
 
 
 C = TypeVar("C", bound=DeviceCore)

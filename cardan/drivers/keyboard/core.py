@@ -134,7 +134,8 @@ class KeyboardCore(EvdevCore):
         )
         return self._shaper((x, y, z, rx, ry, rz))
 
-    def _changes_by_itself(self, now_s: float) -> bool:
+    @property
+    def _changes_by_itself(self) -> bool:
         return any(self._goal)
 
     def _away_from_rest(self) -> str:
@@ -142,5 +143,5 @@ class KeyboardCore(EvdevCore):
             return "given back"
         return ", ".join(KEYS[code] for code in sorted(self._down & self._motion.keys()))
 
-    def _words(self) -> str:
-        return self._reason if self._given_back else super()._words()
+    def _why(self) -> str:
+        return self._reason if self._given_back else super()._why()
