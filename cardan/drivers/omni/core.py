@@ -58,20 +58,6 @@ BUTTONS_REASON = "let go of the buttons once"
 NO_POSITION_REASON = "the device gives no position"
 
 
-def _counters(stale_after_s: float) -> Mapping[str, str]:
-    """What is counted, and the words for it."""
-    return {
-        "calibrations_lost": "times the calibration was lost",
-        "silences": f"times no tick came for more than {stale_after_s * 1e3:g} ms",
-        "bad_readings": "times the device could not be read",
-        "library_errors": "errors of the library",
-        "late_ticks": "ticks came late: real-time priority and an idle machine help",
-        "stale_commands": "times the source of the force fell silent",
-        "dropped_commands": "commands came too late or out of order, and were dropped",
-        "faults": "faults that switched the force off",
-    }
-
-
 class Identity(NamedTuple):
     """What the device says of itself. SI units, hand frame."""
 
@@ -100,7 +86,6 @@ class OmniCore(DeviceCore):
     def __init__(self, options: OmniOptions) -> None:
         super().__init__()
         self._options = options
-        self._counters = _counters(options.stale_after_s)
         self.calibration = CalibrationWatch()
         self.identity = Identity()
         self.snapshot = HapticState()
@@ -258,6 +243,20 @@ class OmniCore(DeviceCore):
 
     def _pose(self) -> Pose | None:
         return self.snapshot.pose
+
+    @property
+    def _counters(self) -> Mapping[str, str]:
+        stale_ms = 1e3 * self._options.stale_after_s
+        return {
+            "calibrations_lost": "times the calibration was lost",
+            "silences": f"times no tick came for more than {stale_ms:g} ms",
+            "bad_readings": "times the device could not be read",
+            "library_errors": "errors of the library",
+            "late_ticks": "ticks came late: real-time priority and an idle machine help",
+            "stale_commands": "times the source of the force fell silent",
+            "dropped_commands": "commands came too late or out of order, and were dropped",
+            "faults": "faults that switched the force off",
+        }
 
     def _tally(self) -> Mapping[str, int]:
         snapshot = self.snapshot

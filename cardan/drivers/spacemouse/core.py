@@ -67,17 +67,6 @@ OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
 RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 
 
-def _counters(gap_after_s: float, stale_after_s: float) -> Mapping[str, str]:
-    """What is counted, and the words for it, for a device of these limits."""
-    return {
-        "silences": f"silences of more than {stale_after_s:g} s while deflected",
-        "doubts": "times the buttons were not told when asked for",
-        "gaps": f"gaps of more than {1000.0 * gap_after_s:.0f} ms while deflected",
-        "unpaired_halves": "translation or rotation reports without the other half",
-        "unusual_lengths": "motion reports of an unusual length",
-    }
-
-
 class _Half:
     """Translation or rotation: the newest counts, when they came, and whether they are rest."""
 
@@ -224,6 +213,16 @@ class SpaceMouseCore(DeviceCore):
         self._drift.reset()
         self._cached = None
 
+    @property
+    def _counters(self) -> Mapping[str, str]:
+        return {
+            "silences": f"silences of more than {self._stale_after_s:g} s while deflected",
+            "doubts": "times the buttons were not told when asked for",
+            "gaps": f"gaps of more than {1000.0 * self._gap_after_s:.0f} ms while deflected",
+            "unpaired_halves": "translation or rotation reports without the other half",
+            "unusual_lengths": "motion reports of an unusual length",
+        }
+
     def _figures(self, now_s: float) -> dict[str, float]:
         return {
             "translation_age_s": now_s - self._translation.stamp_s,
@@ -341,13 +340,12 @@ class SpaceMouseCore(DeviceCore):
 
     def _axes(self, now_s: float) -> Axes:
         raw = self._raw()
-        if self._serial_axes:
+        if self._model is not None and self._model.serial_axes:
             raw = from_serial_axes(raw)
         return self._shaper(to_robot_axes(raw, self._full_scale))
 
     def _set_model(self, model: Model | None, descriptor_full_scale: int | None) -> None:
         self._model = self._buttons.model = model
-        self._serial_axes = model is not None and model.serial_axes
         low, high = PLAUSIBLE_FULL_SCALE
         full_scale: float = DEFAULT_FULL_SCALE if model is None else model.full_scale
         if descriptor_full_scale is not None and low <= descriptor_full_scale <= high:
@@ -361,7 +359,6 @@ class SpaceMouseCore(DeviceCore):
         self._gap_after_s = max(GAP_AFTER_S, GAP_PERIODS * period_s)
         slow = period_s > REPORT_PERIOD_S
         self._stale_after_s = SLOW_STALE_AFTER_S if slow else STALE_AFTER_S
-        self._counters = _counters(self._gap_after_s, self._stale_after_s)
 
     def _drop_input(self, now_s: float) -> None:
         self._translation.forget()
