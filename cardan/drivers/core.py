@@ -21,8 +21,8 @@ class DeviceCore(ABC):
     core may override.
     """
 
-    # CPython keeps up to 29 attributes of an object in a fast place, and the SpaceMouse's core has as
-    # many: one more makes every access of each report slower by an eighth.
+    # CPython keeps up to 29 attributes of an object in a fast place, and the SpaceMouse's core has
+    # as many: one more makes each of its reports take an eighth longer.
 
     def __init__(self) -> None:
         self._buttons = ButtonEdges()

@@ -6,11 +6,11 @@ import threading
 import time
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.core import DeviceCore
-from cardan.errors import DeviceAccessError, DriverError
+from cardan.errors import DeviceAccessError, DriverError, NotOpenError
 from cardan.types import ButtonEvent, DeviceState
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
@@ -28,6 +28,9 @@ class ReadDevice(OperatorDevice, Generic[C]):
 
     Its options have `wait_for_device`: open() succeeds without a device.
     """
+
+    _kind: ClassVar[str]
+    """What people call it."""
 
     def __init__(self, options: Any, core: C) -> None:
         super().__init__(options)
@@ -140,6 +143,11 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def _opened(self) -> bool:
         """True between open() and close()."""
         return self._thread is not None
+
+    def _check_open(self, call: str) -> None:
+        """Raise NotOpenError unless it is between open() and close(), which `call` needs."""
+        if not self._opened:
+            raise NotOpenError(f"the {self._kind} is not open: call open() before {call}")
 
     def _run(self, stop: threading.Event, connected: bool) -> None:
         retry_s = RETRY_FIRST_S

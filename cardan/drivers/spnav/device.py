@@ -14,7 +14,7 @@ from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.spnav.core import SpnavCore
 from cardan.drivers.spnav.options import SpnavOptions
-from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.protocols.spnav import DEFAULT_SOCKET, LedMode
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
@@ -40,6 +40,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
     Options = SpnavOptions
     options: SpnavOptions
+    _kind = "spacenavd socket"
 
     def __init__(self, options: SpnavOptions | None = None) -> None:
         options = options or SpnavOptions()
@@ -72,8 +73,7 @@ class Spnav(ReadDevice[SpnavCore]):
         )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        if not self._opened:
-            raise NotOpenError("the spacenavd socket is not open: call open() before feedback()")
+        self._check_open("feedback()")
         if feedback.led is not None:
             self._led_wanted = feedback.led
 

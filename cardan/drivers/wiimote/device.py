@@ -7,6 +7,7 @@ import errno
 import threading
 import time
 
+from cardan.drivers.access import such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.wiimote.core import Identity, WiimoteCore
@@ -19,7 +20,7 @@ from cardan.drivers.wiimote.transports import (
     SocketTransport,
     Transport,
 )
-from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.protocols.wiimote import Rumble, encode_output
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
@@ -42,6 +43,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
     Options = WiimoteOptions
     options: WiimoteOptions
+    _kind = "Wii Remote"
 
     def __init__(
         self, options: WiimoteOptions | None = None, *, transport: Transport | None = None
@@ -80,8 +82,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
         )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        if not self._opened:
-            raise NotOpenError("the Wii Remote is not open: call open() before feedback()")
+        self._check_open("feedback()")
         with self._lock:
             if feedback.led is not None:
                 self._core.set_led(feedback.led)
@@ -187,13 +188,10 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 f"there is no simulated remote in {options.path!r} (psm11, psm13): start "
                 "`cardan sim wiimote --l2cap` first"
             )
-        wanted = [
-            f"{key} {value!r}" for key in ("path", "address") if (value := getattr(options, key))
-        ]
-        such = f" with {' and '.join(wanted)}" if wanted else ""
+        wanted = such(options, "path", "address")
         return (
-            f"no Wii Remote{such} is connected: pair it once (red sync button), then press one of "
-            "its buttons; `cardan devices` lists what there is"
+            f"no Wii Remote{wanted} is connected: pair it once (red sync button), then press one "
+            "of its buttons; `cardan devices` lists what there is"
         )
 
 
