@@ -14,6 +14,7 @@ before it counts again.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.drivers.core import DeviceCore
@@ -49,19 +50,16 @@ GARBLED_REASON = "it sent bytes that are no events"
 UNREAD_REASON = f"deflected, but not read for {UNREAD_AFTER_S:g} s: this computer is too busy"
 UNANSWERED_REASON = f"deflected, but the simulated device hangs for {UNREAD_AFTER_S:g} s"
 
-_COUNTERS = {
-    "dropped": "times the system dropped events, for want of a reader",
-    "garbled": "packets that are no events, ignored",
-    "overlong_frames": "frames without an end, ignored",
-    "silences": "silences while deflected",
-}
-"""What is counted, and the words for it."""
-
 
 class EvdevCore(DeviceCore):
     """The state of one device. Times are monotonic, s."""
 
-    _counters = _COUNTERS
+    _counters: ClassVar[Mapping[str, str]] = {
+        "dropped": "times the system dropped events, for want of a reader",
+        "garbled": "packets that are no events, ignored",
+        "overlong_frames": "frames without an end, ignored",
+        "silences": "silences while deflected",
+    }
 
     def __init__(self, touch_words: str, release_words: str, stale_after_s: float = 0.0) -> None:
         super().__init__()
@@ -102,9 +100,6 @@ class EvdevCore(DeviceCore):
 
     def _on_key(self, code: int, pressed: bool, now_s: float) -> None:
         """A key went down or up; `_down` says so already."""
-
-    def _on_input_invalidated(self) -> None:
-        """What is deflected does not count any more."""
 
     @property
     def _changes_by_itself(self) -> bool:
@@ -273,6 +268,5 @@ class EvdevCore(DeviceCore):
         super()._end(link, reason, now_s)
 
     def _drop_input(self, now_s: float) -> None:
-        self._on_input_invalidated()
         # What is down counts again once it has been up.
         self._buttons.mask(self._labels())

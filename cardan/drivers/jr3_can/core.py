@@ -20,8 +20,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.jr3_can.options import Jr3Options
@@ -106,29 +105,10 @@ sending shows that it has not booted. More than two of the longest periods."""
 _COUNTER_TURN_S = COUNTER_MODULUS * SAMPLE_PERIOD_S
 """The counter begins anew so often."""
 
-_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
-        "boots": "times the board came up anew",
-        "timeouts": "requests without an answer",
-        "refusals": "requests answered with an error",
-        "unexpected_acks": "acknowledgements that nobody waited for",
-        "lost_samples": "samples lost (by the counter)",
-        "unpaired_samples": "forces without their moments, or moments without their forces",
-        "repeated_samples": "samples that repeat the one before",
-        "late_samples": f"samples older than {STALE_AFTER_S:g} s when they came",
-        "overloads": "samples beyond full scale",
-        "silences": f"silences of more than {STALE_AFTER_S:g} s",
-        "foreign_frames": "frames that are no data frames with an eleven-bit identifier",
-        "garbled_frames": "frames that the CAN interface could not read",
-        "bus_errors": "error frames: check termination, bit rate and cable",
-    }
-)
-"""What is counted, and the words for it."""
-
 LOOK_AT = "check the power of the sensor's board, its node id, bit rate and cables"
 OPENED_REASON = "starting the sensor"
 REST_REASON = "not seen at rest yet: take the hand off the sensor"
-RESUMED_REASON = "it was silent: take the hand off the sensor"
+RESUMED_REASON = "it fell silent: take the hand off the sensor"
 BOOTED_REASON = "the sensor's board came up"
 ZERO_LOST_REASON = (
     "the sensor's board restarted, or may have, so zero is lost: take the hand off, then start "
@@ -205,7 +185,21 @@ class Jr3Core(DeviceCore):
     that is heard goes to `on_frame`.
     """
 
-    _counters = _COUNTERS
+    _counters: ClassVar[Mapping[str, str]] = {
+        "boots": "times the board came up anew",
+        "timeouts": "requests without an answer",
+        "refusals": "requests answered with an error",
+        "unexpected_acks": "acknowledgements that nobody waited for",
+        "lost_samples": "samples lost (by the counter)",
+        "unpaired_samples": "forces without their moments, or moments without their forces",
+        "repeated_samples": "samples that repeat the one before",
+        "late_samples": f"samples older than {STALE_AFTER_S:g} s when they came",
+        "overloads": "samples beyond full scale",
+        "silences": f"silences of more than {STALE_AFTER_S:g} s",
+        "foreign_frames": "frames that are no data frames with an eleven-bit identifier",
+        "garbled_frames": "frames that the CAN interface could not read",
+        "bus_errors": "error frames: check termination, bit rate and cable",
+    }
 
     def __init__(self, options: Jr3Options) -> None:
         super().__init__()

@@ -104,7 +104,8 @@ class KeyboardCore(EvdevCore):
             self._given_back = False
             self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, "the keyboard was taken again", now_s)
 
-    def _on_input_invalidated(self) -> None:
+    def _drop_input(self, now_s: float) -> None:
+        super()._drop_input(now_s)
         self._muted.clear()
         self._goal = [0.0] * 6
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import ClassVar
 
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.leap.lag import Lag
@@ -69,8 +70,11 @@ NEUTRAL_REASONS: Mapping[str, str] = MappingProxyType(
 )
 """What has to be seen before the clutch works, by the option `clutch`."""
 
-_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
+
+class LeapCore(DeviceCore):
+    """The state of one tracking service. Times are monotonic, s."""
+
+    _counters: ClassVar[Mapping[str, str]] = {
         "silences": f"silences of more than {STALE_AFTER_S:g} s",
         "late_frames": f"frames that came more than {STALE_AFTER_S:g} s late",
         "clock_changes": "times the service's clock was set back",
@@ -78,13 +82,6 @@ _COUNTERS: Mapping[str, str] = MappingProxyType(
         "old_frames": "frames that are not newer than the one before",
         **TRACKING_COUNTERS,
     }
-)
-
-
-class LeapCore(DeviceCore):
-    """The state of one tracking service. Times are monotonic, s."""
-
-    _counters = _COUNTERS
 
     def __init__(self, options: LeapOptions) -> None:
         super().__init__()

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import ClassVar
 
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
@@ -79,16 +80,6 @@ RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 NO_DEVICE_REASON = "the daemon has no device: plug it in, or see why the daemon does not open it"
 UNPLUGGED_REASON = "the daemon's device was unplugged"
 
-_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
-        "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
-        "malformed_records": "records from the daemon that mean nothing, ignored",
-        "unanswered_requests": "requests that the daemon did not answer",
-        "unasked_replies": "answers that nothing was asked for, ignored",
-    }
-)
-"""What is counted, and the words for it."""
-
 _FIRST_REQUESTS = (
     Code.SET_EVMASK,
     Code.DEV_NBUTTONS,
@@ -105,7 +96,12 @@ class SpnavCore(DeviceCore):
     What is to be sent waits in `outgoing()`.
     """
 
-    _counters = _COUNTERS
+    _counters: ClassVar[Mapping[str, str]] = {
+        "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
+        "malformed_records": "records from the daemon that mean nothing, ignored",
+        "unanswered_requests": "requests that the daemon did not answer",
+        "unasked_replies": "answers that nothing was asked for, ignored",
+    }
 
     def __init__(self, options: SpnavOptions) -> None:
         super().__init__()

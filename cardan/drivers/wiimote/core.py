@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
@@ -76,17 +75,13 @@ _STARTING = "starting up: reading calibration and extensions"
 _OPENED = "not seen at rest yet: let go of its buttons once"
 _SILENT = f"no report for {STALE_AFTER_S:g} s: mind range and batteries, then let go of buttons"
 _RESUMED = "it fell silent: let go of its buttons once"
-_CHANGED = "an extension was plugged in or out: let go of its buttons once"
-
-_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
-        "silences": f"silences of more than {STALE_AFTER_S:g} s",
-        "mode_restores": "times its data mode had been changed by somebody else",
-        "foreign_answers": "answers to what another program asked it",
-        "timeouts": "requests that it did not answer in time",
-    }
+KERNEL_DRIVER = (
+    "the kernel's driver hid-wiimote drives it too: it changes data mode, MotionPlus and rumble; "
+    "load the module hid with ignore_special_drivers=1, or blacklist hid-wiimote and use transport "
+    "l2cap"
 )
-"""What is counted, and the words for it."""
+
+_CHANGED = "an extension was plugged in or out: let go of its buttons once"
 
 
 class Identity(NamedTuple):
@@ -105,7 +100,12 @@ class Identity(NamedTuple):
 class WiimoteCore(DeviceCore):
     """The state of one remote. Times are monotonic, s; `now_s` may step back a little."""
 
-    _counters = _COUNTERS
+    _counters: ClassVar[Mapping[str, str]] = {
+        "silences": f"silences of more than {STALE_AFTER_S:g} s",
+        "mode_restores": "times its data mode had been changed by somebody else",
+        "foreign_answers": "answers to what another program asked it",
+        "timeouts": "requests that it did not answer in time",
+    }
 
     def __init__(self, options: WiimoteOptions) -> None:
         super().__init__()
@@ -294,11 +294,7 @@ class WiimoteCore(DeviceCore):
         if self._early_losses:
             words.append(self._why_lost_early())
         if identity.kernel_driver:
-            words.append(
-                "the kernel's driver hid-wiimote drives it too: it changes data mode, MotionPlus "
-                "and rumble; load the module hid with ignore_special_drivers=1, or blacklist "
-                "hid-wiimote and use transport l2cap"
-            )
+            words.append(KERNEL_DRIVER)
         if session.status is not None and session.status.battery_low:
             words.append("its batteries are nearly empty")
         if session.started:

@@ -10,7 +10,7 @@ import time
 from cardan.drivers.access import such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
-from cardan.drivers.wiimote.core import Identity, WiimoteCore
+from cardan.drivers.wiimote.core import KERNEL_DRIVER, Identity, WiimoteCore
 from cardan.drivers.wiimote.options import WiimoteOptions
 from cardan.drivers.wiimote.transports import (
     Found,
@@ -201,11 +201,7 @@ def _caution(remote: Found) -> str:
         return remote.obstacle
     words = []
     if remote.kernel_driver:
-        words.append(
-            "the kernel's driver hid-wiimote drives it too (data mode, MotionPlus, rumble): load "
-            "the module hid with ignore_special_drivers=1, or blacklist hid-wiimote and use "
-            "transport l2cap"
-        )
+        words.append(KERNEL_DRIVER)
     if remote.late_model:
         words.append(
             "pair it with the red sync button: a -TR remote that was woken with 1 and 2 drops the "
