@@ -205,19 +205,9 @@ class Jr3Core(DeviceCore):
         super().__init__()
         self._options = options
         self._answered = False
-        # The way up.
-        self._plan: tuple[_Step, ...] = ()
-        self._done = 0
-        self._tries = 0
-        self._asked: _Step | None = None
-        self._deadline_s = math.inf
         self._not_before_s = NEVER_S
         self._retry_s = RETRY_FIRST_S
         self._started_s = NEVER_S
-        self._sampling = False
-        """The board was told to send and has acknowledged it."""
-        self._running = False
-        """Brought up: zeroed where that is asked for."""
         self._has_run = False
         """It has been running since it was opened on request: zero is not taken by itself any
         more, since a hand may be on the sensor that just came back."""
@@ -225,28 +215,18 @@ class Jr3Core(DeviceCore):
         self._continuous = False
         """The board was seen to go on since it was last brought up."""
         self._zeros = 0
-        self._sync_s = math.inf
         self._forces_n: tuple[int, int, int] | None = None
         """Full scales."""
         self._torques_nm: tuple[float, float, float] | None = None
-        # Samples.
-        self._believed = False
-        """What was measured last still counts."""
-        self._forces: Forces | None = None
-        self._counter: int | None = None
         self._newest_counter: int | None = None
         self._newest_s = NEVER_S
         """Counter of the newest sample since it was opened on request, and when it was taken."""
         self._counter_time_s = 0.0
-        self._least_offset_s = math.inf
-        self._stands_since_s = math.inf
-        """Since when the counter has stood still."""
         self._rest_since_s = math.inf
         self._measured: Six = NEUTRAL
         """N and N·m at the sensor's origin, along its axes, right-handed and filtered."""
         self._acting: Wrench | None = None
         """What `_measured` is at the TCP; None: not computed yet."""
-        self._filter_stamp_s = NEVER_S
         self._per_count: Six | None = None
         """N and N·m of a count; None: the full scales are not known yet."""
         steady_n, steady_nm = options.steady_n_s, options.steady_nm_s
@@ -263,6 +243,30 @@ class Jr3Core(DeviceCore):
         self._host_tau_s = (
             1.0 / (math.tau * options.host_cutoff_hz) if options.host_cutoff_hz else 0.0
         )
+        self._halt()
+
+    def _halt(self) -> None:
+        """Forget what was asked, and everything measured."""
+        # The way up.
+        self._plan: tuple[_Step, ...] = ()
+        self._done = self._tries = 0
+        self._asked: _Step | None = None
+        self._deadline_s = self._sync_s = math.inf
+        self._sampling = False
+        """The board was told to send and has acknowledged it."""
+        self._running = False
+        """Brought up: zeroed where that is asked for."""
+        # Samples.
+        self._believed = False
+        """What was measured last still counts."""
+        self._forces: Forces | None = None
+        self._counter: int | None = None
+        self._least_offset_s = math.inf
+        self._stands_since_s = math.inf
+        """Since when the counter has stood still."""
+        self._filter_stamp_s = NEVER_S
+        self._steady.clear()
+        self._cached = None
 
     # -- what happens to the sensor ------------------------------------------------------------
 
@@ -418,20 +422,6 @@ class Jr3Core(DeviceCore):
         self._forces_n = options.force_full_scales_n
         self._torques_nm = options.torque_full_scales_nm
         self._set_per_count()
-
-    def _halt(self) -> None:
-        """Forget what was asked, and everything measured."""
-        self._sampling = self._running = False
-        self._plan, self._done, self._tries = (), 0, 0
-        self._asked, self._deadline_s = None, math.inf
-        self._sync_s = math.inf
-        self._believed = False
-        self._forces = None
-        self._counter = None
-        self._least_offset_s = self._stands_since_s = math.inf
-        self._filter_stamp_s = NEVER_S
-        self._steady.clear()
-        self._cached = None
 
     def _fail(self, why: str, now_s: float) -> None:
         """Go back to the ping, after a pause."""

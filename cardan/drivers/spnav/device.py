@@ -151,23 +151,22 @@ def _connected(path: str) -> socket.socket:
     sock.settimeout(_CONNECT_TIMEOUT_S)
     try:
         sock.connect(path)
-    except FileNotFoundError:
-        sock.close()
-        raise DeviceNotFoundError(
-            f"there is no socket at {path}: start spacenavd, or `cardan spnav --socket {path}`"
-        ) from None
-    except ConnectionRefusedError:
-        sock.close()
-        raise DeviceNotFoundError(
-            f"nobody serves the socket {path}: start spacenavd, or `cardan spnav --socket {path}`"
-        ) from None
-    except PermissionError:
-        sock.close()
-        raise DeviceAccessError(
-            f"no permission for the socket {path}: let its owner give access (`cardan spnav` has "
-            "an option for it)"
-        ) from None
     except OSError as error:
         sock.close()
-        raise DeviceAccessError(f"cannot connect to {path}: {error.strerror or error}") from None
+        raise _refusal(path, error) from None
     return sock
+
+
+def _refusal(path: str, error: OSError) -> DriverError:
+    """What `error` of connecting means, and what to do."""
+    start = f"start spacenavd, or `cardan spnav --socket {path}`"
+    if isinstance(error, FileNotFoundError):
+        return DeviceNotFoundError(f"there is no socket at {path}: {start}")
+    if isinstance(error, ConnectionRefusedError):
+        return DeviceNotFoundError(f"nobody serves the socket {path}: {start}")
+    if isinstance(error, PermissionError):
+        return DeviceAccessError(
+            f"no permission for the socket {path}: let its owner give access (`cardan spnav` has "
+            "an option for it)"
+        )
+    return DeviceAccessError(f"cannot connect to {path}: {error.strerror or error}")

@@ -75,13 +75,13 @@ _STARTING = "starting up: reading calibration and extensions"
 _OPENED = "not seen at rest yet: let go of its buttons once"
 _SILENT = f"no report for {STALE_AFTER_S:g} s: mind range and batteries, then let go of buttons"
 _RESUMED = "it fell silent: let go of its buttons once"
+_CHANGED = "an extension was plugged in or out: let go of its buttons once"
+
 KERNEL_DRIVER = (
     "the kernel's driver hid-wiimote drives it too: it changes data mode, MotionPlus and rumble; "
     "load the module hid with ignore_special_drivers=1, or blacklist hid-wiimote and use transport "
     "l2cap"
 )
-
-_CHANGED = "an extension was plugged in or out: let go of its buttons once"
 
 
 class Identity(NamedTuple):
@@ -130,26 +130,31 @@ class WiimoteCore(DeviceCore):
         self._opened_s = now_s
         self._battery_counts: int | None = None
         self._heard_s = now_s
-        self._data_s = self._stick_s = self._rate_s = NEVER_S
+        self._data_s = NEVER_S
         self._fresh_until_s = NEVER_S
         """Until then no part is stale."""
         self._complete_s = now_s
         """When all needed parts were last fresh."""
         self._force_g: Vector = (0.0, 0.0, 0.0)
-        self._rates_rad_s: Vector = (0.0, 0.0, 0.0)
-        self._stick = (0.0, 0.0)
-        self._centre_samples: list[tuple[int, int]] = []
-        self._centre: tuple[int, int] | None = None
         self._pointer: tuple[float, float] | None = None
         self._dots = 0
         self._core_buttons = 0
-        self._extension_buttons: tuple[str, ...] = ()
         self._deflected: Axes = NEUTRAL
         self._held = False
         self._changes = 0
-        self._skip_frame = True
         self._led_s = NEVER_S
         self._tilt.reset()
+        self._forget_port()
+
+    def _forget_port(self) -> None:
+        """What was known of Nunchuk and MotionPlus is void."""
+        self._stick_s = self._rate_s = NEVER_S
+        self._stick = (0.0, 0.0)
+        self._rates_rad_s: Vector = (0.0, 0.0, 0.0)
+        self._extension_buttons: tuple[str, ...] = ()
+        self._centre_samples: list[tuple[int, int]] = []
+        self._centre: tuple[int, int] | None = None
+        self._skip_frame = True
         self._gyro.reset()
 
     # -- what happens to the device ------------------------------------------------------------
@@ -420,16 +425,9 @@ class WiimoteCore(DeviceCore):
             self._pointer = (2.0 * x / (WIDTH - 1) - 1.0, 2.0 * y / (HEIGHT - 1) - 1.0)
 
     def _on_port_change(self, now_s: float) -> None:
-        """What was plugged in is void."""
+        """Something was plugged in or out."""
         self._changes = self._session.changes
-        self._stick_s = self._rate_s = NEVER_S
-        self._stick = (0.0, 0.0)
-        self._rates_rad_s = (0.0, 0.0, 0.0)
-        self._extension_buttons = ()
-        self._centre = None
-        self._centre_samples.clear()
-        self._skip_frame = True
-        self._gyro.reset()
+        self._forget_port()
         if self._link is DeviceLink.LIVE:
             self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _CHANGED, now_s)
 
