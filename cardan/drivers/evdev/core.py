@@ -101,11 +101,6 @@ class EvdevCore(DeviceCore):
     def _on_key(self, code: int, pressed: bool, now_s: float) -> None:
         """A key went down or up; `_down` says so already."""
 
-    @property
-    def _changes_by_itself(self) -> bool:
-        """Whether the deflections change without an event."""
-        return False
-
     # -- what happens to the device ------------------------------------------------------------
 
     def on_opened(self, description: Description, snapshot: Snapshot, now_s: float) -> None:
@@ -222,8 +217,6 @@ class EvdevCore(DeviceCore):
 
     def _watch(self, now_s: float) -> None:
         """Notice that nobody read the device while it was deflected, or that it fell silent."""
-        if self._changes_by_itself:
-            self._cached = None
         if self._link is not DeviceLink.LIVE:
             return
         if now_s - self._stamp_s > UNREAD_AFTER_S:

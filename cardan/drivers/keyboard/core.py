@@ -135,9 +135,10 @@ class KeyboardCore(EvdevCore):
         )
         return self._shaper((x, y, z, rx, ry, rz))
 
-    @property
-    def _changes_by_itself(self) -> bool:
-        return any(self._goal)
+    def _watch(self, now_s: float) -> None:
+        if any(self._goal):  # The ramp goes on without an event.
+            self._cached = None
+        super()._watch(now_s)
 
     def _away_from_rest(self) -> str:
         if self._given_back:
