@@ -17,8 +17,8 @@ from itertools import cycle
 from typing import NamedTuple
 
 from bench.figures import median_costs
+from cardan.drivers.core import DeviceCore
 from cardan.drivers.leap import LeapCore, LeapOptions
-from cardan.drivers.reading import DeviceCore
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spacemouse.serial_session import SerialSession, device_model
 from cardan.drivers.spnav import SpnavCore, SpnavOptions

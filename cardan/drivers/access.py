@@ -7,19 +7,23 @@ import errno
 import os
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 UDEV_HINT = "install the udev rules (`cardan udev` prints them) and plug it in again"
 
-_PERMISSION = (errno.EACCES, errno.EPERM)
+USB_DEVICES = Path("/sys/bus/usb/devices")
+
 _LIBUSB_PATH = re.compile(r"(?P<port>\d+-[\d.]+):\d+\.\d+")
 _OLD_LIBUSB_PATH = re.compile(r"(?P<bus>[0-9a-f]{4}):(?P<device>[0-9a-f]{4}):[0-9a-f]{2}")
 
 
-def obstacle(path: str, *, root: Path = Path("/")) -> str:
+def obstacle(path: str, *, hint: str = UDEV_HINT, root: Path = Path("/")) -> str:
     """Why the device at `path` (as the HID back end calls it) cannot be opened; empty if it can.
 
-    Tries its node, since the HID library gives no reasons. `root` is where /dev and /sys are.
+    Tries its node, since the HID library gives no reasons. `hint` is how to get the permission;
+    `root` is where /dev and /sys are.
     """
     if not sys.platform.startswith("linux"):
         return ""
@@ -29,14 +33,19 @@ def obstacle(path: str, *, root: Path = Path("/")) -> str:
     try:
         os.close(os.open(node, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC))
     except OSError as error:
-        if error.errno in _PERMISSION:
-            return f"no permission for {node}: {UDEV_HINT}"
-        if error.errno == errno.EBUSY:
-            return f"another program holds {node}: end it"
-        if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-            return f"{node} is gone: plug it in again"
-        return f"{node}: {error.strerror}"
+        return open_error(str(node), error, hint)
     return ""
+
+
+def open_error(node: str, error: OSError, hint: str = UDEV_HINT) -> str:
+    """What opening `node` failed with, in words; `hint` is how to get the permission."""
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return f"no permission for {node}: {hint}"
+    if error.errno == errno.EBUSY:
+        return f"another program holds {node}: end it"
+    if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return f"{node} is gone: plug it in again"
+    return f"{node}: {error.strerror or error}"
 
 
 def refusal(path: str, error: object) -> str:
@@ -49,6 +58,41 @@ def refusal(path: str, error: object) -> str:
     else:
         hint = "another program may hold it: spacenavd, 3DxWare or another session"
     return f"{path}: {error}; {hint}"
+
+
+def such(options: object, *names: str) -> str:
+    """What was asked for among the options `names`, as " with path 'x'"; empty: nothing was."""
+    wanted = [f"{name} {value!r}" for name in names if (value := getattr(options, name))]
+    return f" with {' and '.join(wanted)}" if wanted else ""
+
+
+class UsbDevice(NamedTuple):
+    """A device on this machine's USB."""
+
+    vendor_id: str
+    """Four hexadecimal digits, as the product's."""
+    product_id: str
+    name: str
+    """What it calls itself; may be empty."""
+    folder: Path
+    """In /sys."""
+
+
+def usb_devices() -> Iterator[UsbDevice]:
+    """What is plugged into this machine (Linux). Never raises."""
+    for vendor in sorted(USB_DEVICES.glob("*/idVendor")):
+        vendor_id, product_id, name = (
+            _text(vendor.with_name(part)) for part in ("idVendor", "idProduct", "product")
+        )
+        if vendor_id and product_id:
+            yield UsbDevice(vendor_id, product_id, name, vendor.parent)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace").strip()
+    except OSError:
+        return ""
 
 
 def _node(path: str, root: Path) -> Path | None:

@@ -6,10 +6,11 @@ import threading
 import time
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from cardan.drivers.base import OperatorDevice
-from cardan.errors import DeviceAccessError, DriverError
+from cardan.drivers.core import DeviceCore
+from cardan.errors import DeviceAccessError, DriverError, NotOpenError
 from cardan.types import ButtonEvent, DeviceState
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
@@ -17,32 +18,6 @@ RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
 
 JOIN_TIMEOUT_S = 2.0
 """A reader looks at `stop` at least every 50 ms; one that does not is left to die as a daemon."""
-
-
-class DeviceCore(Protocol):
-    """What a device's reports mean, without any I/O. Times are monotonic, s."""
-
-    @property
-    def heard(self) -> bool:
-        """Whether any usable report came since the device was opened."""
-
-    def on_lost(self, reason: str, now_s: float) -> None:
-        """It cannot be read, or is not there: link LOST, axes zero, buttons released."""
-
-    def on_closed(self, now_s: float) -> None:
-        """It was closed on request: link CLOSED, axes zero, buttons released."""
-
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
-
-    def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
-
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """Live figures by name."""
 
 
 C = TypeVar("C", bound=DeviceCore)
@@ -54,6 +29,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
     Its options have `wait_for_device`: open() succeeds without a device.
     """
 
+    _kind: ClassVar[str]
+    """What people call it."""
     _core: C
     """Set by the driver's __init__, from `self.options`."""
 
@@ -169,6 +146,11 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def _opened(self) -> bool:
         """True between open() and close()."""
         return self._thread is not None
+
+    def _check_open(self, call: str) -> None:
+        """Raise NotOpenError unless it is between open() and close(), which `call` needs."""
+        if not self._opened:
+            raise NotOpenError(f"the {self._kind} is not open: call open() before {call}")
 
     def _run(self, stop: threading.Event, connected: bool) -> None:
         retry_s = RETRY_FIRST_S

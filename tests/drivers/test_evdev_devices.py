@@ -9,6 +9,7 @@ import time
 import pytest
 
 from cardan.drivers import reading
+from cardan.drivers.access import open_error
 from cardan.drivers.evdev import device as shell, links, nodes
 from cardan.drivers.evdev.core import UNREAD_AFTER_S
 from cardan.drivers.gamepad import Gamepad, GamepadOptions
@@ -101,7 +102,7 @@ def test_garbled_capabilities_are_none(tmp_path):
 )
 def test_what_stands_in_the_way(number, words):
     error = OSError(number, os.strerror(number))
-    assert words in nodes.refusal("/dev/input/event3", error, "do this")
+    assert words in open_error("/dev/input/event3", error, "do this")
 
 
 def test_nothing_plugged_in(monkeypatch):

@@ -270,7 +270,7 @@ def test_find_lists_what_is_plugged_in_without_a_service(tmp_path, monkeypatch):
         monkeypatch.setattr(
             "cardan.drivers.leap.device.LeapOptions", lambda: LeapOptions(port=port)
         )
-        monkeypatch.setattr("cardan.drivers.leap.device._USB_DEVICES", tmp_path)
+        monkeypatch.setattr("cardan.drivers.access.USB_DEVICES", tmp_path)
         assert Leap.find() == []
         for name, vendor, product in (("1-1", "f182", "0003"), ("1-2", "046d", "c626")):
             (tmp_path / name).mkdir()

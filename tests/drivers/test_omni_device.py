@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from cardan import spatial
+from cardan.drivers import access
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.drivers.omni import BUTTONS, Omni, OmniOptions, device, library
 from cardan.drivers.omni.servo import Servo
@@ -805,7 +806,7 @@ def usb(folder, name, vendor, product):
 
 
 def test_find_tells_of_plugged_devices_and_of_the_library(tmp_path, monkeypatch):
-    monkeypatch.setattr(device, "_USB_DEVICES", tmp_path)
+    monkeypatch.setattr(access, "USB_DEVICES", tmp_path)
     monkeypatch.setattr(library, "NAMES", ("libHD-nowhere.so",))
     monkeypatch.delenv("CARDAN_LIBHD", raising=False)
     assert Omni.find() == []
@@ -822,7 +823,7 @@ def test_find_tells_of_plugged_devices_and_of_the_library(tmp_path, monkeypatch)
 
 
 def test_find_tells_of_a_library_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr(device, "_USB_DEVICES", tmp_path)
+    monkeypatch.setattr(access, "USB_DEVICES", tmp_path)
     monkeypatch.setenv("CARDAN_LIBHD", str(library_path()))
     (found,) = Omni.find()
     assert found.transport == "library"

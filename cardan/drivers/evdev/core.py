@@ -13,13 +13,12 @@ before it counts again.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections import Counter
+from abc import abstractmethod
+from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.core import DeviceCore
 from cardan.drivers.evdev.nodes import Description, Snapshot
-from cardan.drivers.shaping import NEUTRAL, Axes
 from cardan.protocols.evdev import (
     BUS_BLUETOOTH,
     EV_ABS,
@@ -34,7 +33,7 @@ from cardan.protocols.evdev import (
     Malformed,
     decode_events,
 )
-from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+from cardan.types import NEVER_S, DeviceLink
 
 UNREAD_AFTER_S = 0.09
 """A deflected device that nobody looked at for so long does not count any more. It must not count
@@ -51,19 +50,19 @@ GARBLED_REASON = "it sent bytes that are no events"
 UNREAD_REASON = f"deflected, but not read for {UNREAD_AFTER_S:g} s: this computer is too busy"
 UNANSWERED_REASON = f"deflected, but the simulated device hangs for {UNREAD_AFTER_S:g} s"
 
-_COUNTERS = {
-    "dropped": "times the system dropped events, for want of a reader",
-    "garbled": "packets that are no events, ignored",
-    "overlong_frames": "frames without an end, ignored",
-    "silences": "silences while deflected",
-}
-"""What is counted, and the words for it."""
 
-
-class EvdevCore(ABC):
+class EvdevCore(DeviceCore):
     """The state of one device. Times are monotonic, s."""
 
+    _counters: ClassVar[Mapping[str, str]] = {
+        "dropped": "times the system dropped events, for want of a reader",
+        "garbled": "packets that are no events, ignored",
+        "overlong_frames": "frames without an end, ignored",
+        "silences": "silences while deflected",
+    }
+
     def __init__(self, touch_words: str, release_words: str, stale_after_s: float = 0.0) -> None:
+        super().__init__()
         self._touch_words = touch_words
         """What the operator does to be heard ("press any button once")."""
         self._release_words = release_words
@@ -78,19 +77,9 @@ class EvdevCore(ABC):
         self._frame_s = NEVER_S
         self._skipping = False
         """After SYN_DROPPED, up to the end of the frame."""
-        self._buttons = ButtonEdges()
-        self._not_before_release: set[str] = set()
-        """Buttons that were down when trust ended: they count again once they have been up."""
-        self._link = DeviceLink.CLOSED
-        self._reason = "not opened"
-        self._open = False
-        self._heard = False
         self._unanswered = False
         """It was asked whether it is there, and has not answered yet."""
-        self._stamp_s = NEVER_S
         self._event_s = NEVER_S
-        self._counts = Counter(dict.fromkeys(_COUNTERS, 0))
-        self._cached: DeviceState | None = None
 
     # -- what a kind of device is --------------------------------------------------------------
 
@@ -102,10 +91,6 @@ class EvdevCore(ABC):
         """Labels of the buttons that are down."""
 
     @abstractmethod
-    def _axes(self, now_s: float) -> Axes:
-        """The shaped deflections at `now_s`."""
-
-    @abstractmethod
     def _away_from_rest(self) -> str:
         """What is deflected, in words; empty at rest."""
 
@@ -113,15 +98,8 @@ class EvdevCore(ABC):
     def _on_description(self) -> None:
         """`description` is new."""
 
-    def _on_key(self, code: int, pressed: bool, now_s: float) -> None:  # noqa: B027
+    def _on_key(self, code: int, pressed: bool, now_s: float) -> None:
         """A key went down or up; `_down` says so already."""
-
-    def _on_input_invalidated(self) -> None:  # noqa: B027
-        """What is deflected does not count any more."""
-
-    def _changes_by_itself(self, now_s: float) -> bool:
-        """Whether the deflections change without an event."""
-        return False
 
     # -- what happens to the device ------------------------------------------------------------
 
@@ -129,8 +107,8 @@ class EvdevCore(ABC):
         """The device was opened (again) and asked what it holds: what was known of it is void."""
         self.description = description
         self._on_description()
-        self._open = True
         self._event_s = now_s
+        self._open = True
         self._skipping = self._heard = self._unanswered = False
         self._renew(snapshot, "not heard of yet", now_s)
 
@@ -138,14 +116,6 @@ class EvdevCore(ABC):
         """It was asked what it holds, since events had been lost."""
         if self._open:
             self._renew(snapshot, self._reason, now_s)
-
-    def on_lost(self, reason: str, now_s: float) -> None:
-        """It was unplugged, cannot be read, or is not there: axes zero, buttons released."""
-        self._forget(DeviceLink.LOST, reason, now_s)
-
-    def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
-        self._forget(DeviceLink.CLOSED, "closed", now_s)
 
     def on_packet(self, data: bytes, now_s: float) -> None:
         """The events of one read. Never raises."""
@@ -201,48 +171,12 @@ class EvdevCore(ABC):
             return bool(self._buttons.held or self._away_from_rest())
         return self._link is DeviceLink.STALE
 
-    # -- what it says --------------------------------------------------------------------------
+    def _figures(self, now_s: float) -> dict[str, float]:
+        return {"event_age_s": now_s - self._event_s, "checked_age_s": now_s - self._stamp_s}
 
-    @property
-    def heard(self) -> bool:
-        """Whether an event came since the device was opened."""
-        return self._heard
-
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
-        self._watch(now_s)
-        if self._cached is None or self._changes_by_itself(now_s):
-            live = self._link is DeviceLink.LIVE
-            self._cached = DeviceState(
-                self._stamp_s,
-                self._link,
-                self._axes(now_s) if live else NEUTRAL,
-                self._buttons.held,
-                reason="" if live else self._words(),
-            )
-        return self._cached
-
-    def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-        return self._buttons.events()
-
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
-        words = [reason] if (reason := self.state(now_s).reason) else []
-        if self._buttons.lost_edges:
-            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
-        if self._open and self.description.bustype == BUS_BLUETOOTH and not self._stale_after_s:
-            words.append(self._radio_words)
-        return words + [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
-
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """Ages of the newest event and of the newest look at the device in s, and counts."""
-        return {
-            "event_age_s": now_s - self._event_s,
-            "checked_age_s": now_s - self._stamp_s,
-            **self._counts,
-            "lost_edges": self._buttons.lost_edges,
-        }
+    def _notes(self, now_s: float) -> list[str]:
+        by_radio = self._open and self.description.bustype == BUS_BLUETOOTH
+        return [self._radio_words] if by_radio and not self._stale_after_s else []
 
     # -- inside --------------------------------------------------------------------------------
 
@@ -259,7 +193,7 @@ class EvdevCore(ABC):
                 (self._down.add if pressed else self._down.discard)(event.code)
                 self._on_key(event.code, pressed, now_s)
                 if not first:
-                    self._tell_buttons(now_s)
+                    self._buttons.set(self._labels(), now_s)
             else:
                 continue
             self._event_s = now_s
@@ -267,16 +201,9 @@ class EvdevCore(ABC):
             if self._link is DeviceLink.STALE:
                 self._link = DeviceLink.NEEDS_NEUTRAL
         if first and self._heard:
-            self._not_before_release.update(self._labels())
-        self._tell_buttons(now_s)
+            self._buttons.mask(self._labels())
+        self._buttons.set(self._labels(), now_s)
         self._settle()
-
-    def _tell_buttons(self, now_s: float) -> None:
-        labels = self._labels()
-        if self._not_before_release:
-            self._not_before_release.intersection_update(labels)
-            labels = [label for label in labels if label not in self._not_before_release]
-        self._buttons.set(labels, now_s)
 
     def _settle(self) -> None:
         """Believe a device that is seen at rest."""
@@ -294,16 +221,13 @@ class EvdevCore(ABC):
             return
         if now_s - self._stamp_s > UNREAD_AFTER_S:
             if self._buttons.held or self._away_from_rest():
-                self._counts["silences"] += 1
-                reason = UNANSWERED_REASON if self._unanswered else UNREAD_REASON
-                self._invalidate_input(DeviceLink.STALE, reason, now_s)
+                self._fall_silent(UNANSWERED_REASON if self._unanswered else UNREAD_REASON, now_s)
         elif 0.0 < self._stale_after_s < now_s - self._event_s and self._away_from_rest():
-            self._counts["silences"] += 1
-            silent = f"deflected, but no event for {self._stale_after_s:g} s (stale_after_s)"
-            self._invalidate_input(DeviceLink.STALE, silent, now_s)
+            self._fall_silent(
+                f"deflected, but no event for {self._stale_after_s:g} s (stale_after_s)", now_s
+            )
 
-    def _words(self) -> str:
-        """Why the link is not LIVE, and what to do."""
+    def _why(self) -> str:
         if self._link is not DeviceLink.NEEDS_NEUTRAL:
             return self._reason
         away = self._away_from_rest()
@@ -325,20 +249,17 @@ class EvdevCore(ABC):
         self._values = dict(snapshot.values)
         self._stamp_s = now_s
         self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
-        self._tell_buttons(now_s)  # Those that were held, and are up by now, count again.
+        # Buttons that were held, and are up by now, count again.
+        self._buttons.set(self._labels(), now_s)
         self._settle()
 
-    def _forget(self, link: DeviceLink, reason: str, now_s: float) -> None:
+    def _end(self, link: DeviceLink, reason: str, now_s: float) -> None:
         self._down.clear()
         self._values.clear()
         self._frame.clear()
-        self._open = self._heard = self.needs_snapshot = False
-        self._invalidate_input(link, reason, now_s)
+        self._heard = self.needs_snapshot = False
+        super()._end(link, reason, now_s)
 
-    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
-        """Go to a state in which no deflection and no button that was known counts any more."""
-        self._link, self._reason = link, reason
-        self._on_input_invalidated()
-        self._buttons.release_all(now_s)
-        self._not_before_release = {*self._labels()}
-        self._cached = None
+    def _drop_input(self, now_s: float) -> None:
+        # What is down counts again once it has been up.
+        self._buttons.mask(self._labels())

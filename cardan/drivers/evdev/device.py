@@ -7,19 +7,19 @@ import time
 from abc import abstractmethod
 from typing import Any, ClassVar, Protocol, TypeVar
 
+from cardan.drivers.access import obstacle, open_error, such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.evdev.core import EvdevCore
-from cardan.drivers.evdev.links import Link, NodeLink, open_socket
+from cardan.drivers.evdev.links import Link, NodeLink, SocketLink
 from cardan.drivers.evdev.nodes import (
     Description,
     Node,
     describe,
     find_nodes,
     kernel_driver,
-    obstacle,
-    refusal,
     take_snapshot,
 )
+from cardan.drivers.packet_socket import open_simulated
 from cardan.drivers.reading import ReadDevice
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.options import require
@@ -63,8 +63,6 @@ K = TypeVar("K", bound=EvdevCore)
 class EvdevDevice(ReadDevice[K]):
     """An input device of one kind."""
 
-    _kind: ClassVar[str]
-    """What people call it."""
     _permission_hint: ClassVar[str]
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
@@ -78,11 +76,14 @@ class EvdevDevice(ReadDevice[K]):
         """The devices of this kind, each with what stands in its way. Never raises."""
         return [
             FoundDevice(
-                node.name, node.identity, "evdev", node.path,
-                obstacle(node.path, cls._permission_hint),
+                node.name,
+                node.identity,
+                "evdev",
+                node.path,
+                obstacle(node.path, hint=cls._permission_hint),
             )
             for node in cls._nodes()
-        ]  # fmt: skip
+        ]
 
     @staticmethod
     @abstractmethod
@@ -181,7 +182,7 @@ class EvdevDevice(ReadDevice[K]):
         """The device that the options mean, and the name of its kernel driver."""
         options = self.options
         if options.transport == "socket":
-            return open_socket(options.path, f"the simulated {self._kind}"), ""
+            return open_simulated(f"the simulated {self._kind}", options.path, SocketLink), ""
         if options.path:
             return self._open_node(options.path)
         refusals: list[str] = []
@@ -205,9 +206,8 @@ class EvdevDevice(ReadDevice[K]):
                 f"{chosen.name} is not plugged in"
                 + (f"; there is {there}: start again to use it" if there else "")
             )
-        wanted = f" with name {options.name!r}" if options.name else ""
         raise DeviceNotFoundError(
-            f"no {self._kind}{wanted} is plugged in"
+            f"no {self._kind}{such(options, 'name')} is plugged in"
             + (f"; there are: {there}" if there else ": see `cardan devices`")
         )
 
@@ -227,4 +227,4 @@ class EvdevDevice(ReadDevice[K]):
         try:
             return NodeLink(path), kernel_driver(path)
         except OSError as error:
-            raise DeviceAccessError(refusal(path, error, self._permission_hint)) from None
+            raise DeviceAccessError(open_error(path, error, self._permission_hint)) from None

@@ -6,13 +6,12 @@ import contextlib
 import errno
 import os
 import select
-import socket
 import sys
 import time
 from abc import ABC, abstractmethod
 from collections import deque
 
-from cardan.errors import DeviceAccessError
+from cardan.drivers.packet_socket import PacketSocket
 from cardan.protocols.evdev import (
     BY_VALUE,
     EVENT_BYTES,
@@ -36,8 +35,6 @@ CALL_TIMEOUT_S = 0.5
 
 FEEDBACK_TIMEOUT_S = 0.03
 """The same of what is done while the device is read: reading must not wait for it."""
-
-_CONNECT_TIMEOUT_S = 1.0
 
 
 class Link(ABC):
@@ -110,7 +107,7 @@ class NodeLink(Link):
             os.close(self._fd)
 
 
-class SocketLink(Link):
+class SocketLink(PacketSocket, Link):
     """A Unix socket that stands for a node: a packet is one read or write, or one ioctl."""
 
     def __init__(self, path: str) -> None:
@@ -120,35 +117,29 @@ class SocketLink(Link):
         """Requests whose answers may still come, although nobody waits for them."""
         self._answered = False
         """Such an answer came since `answers` was asked last."""
-        self._peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        try:
-            self._peer.settimeout(_CONNECT_TIMEOUT_S)
-            self._peer.connect(path)
-        except OSError:
-            self._peer.close()
-            raise
+        super().__init__(path)
 
     def read(self, timeout_s: float) -> bytes | None:
-        """One packet; an empty one is the end."""
+        """One packet."""
         if self._early:
             return self._early.popleft()
         end_s = time.monotonic() + timeout_s
         while True:
-            packet = self._receive(max(0.0, end_s - time.monotonic()))
+            packet = self.receive(max(0.0, end_s - time.monotonic()))
             if packet is None or not self._is_late(packet):
                 return packet
 
     def write(self, events: bytes) -> None:
         """One packet."""
-        self._send(events, FEEDBACK_TIMEOUT_S)
+        self.send(events, FEEDBACK_TIMEOUT_S)
 
     def call(self, request: int, argument: bytes = b"", timeout_s: float = CALL_TIMEOUT_S) -> bytes:
         """Send the request and wait for its answer; events that come meanwhile are kept."""
         end_s = time.monotonic() + timeout_s
         packet = encode_call(Call(request, 0, argument.ljust(argument_bytes(request), b"\0")))
-        self._send(packet, timeout_s)
+        self.send(packet, timeout_s)
         while (left_s := end_s - time.monotonic()) > 0.0:
-            answer = self._receive(left_s)
+            answer = self.receive(left_s)
             if answer is None or self._is_late(answer):
                 continue
             call = _call_in(answer)
@@ -167,25 +158,17 @@ class SocketLink(Link):
         if not self._answered and EVIOCGID not in self._owed:
             # One is enough: a program that hangs finds no pile of them when it goes on.
             try:
-                self._send(encode_call(Call(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
+                self.send(encode_call(Call(EVIOCGID, 0, bytes(argument_bytes(EVIOCGID)))), 0.0)
             except (TimeoutError, BlockingIOError):
                 return False
             self._owed.append(EVIOCGID)
         while not self._answered and (left_s := end_s - time.monotonic()) > 0.0:
-            packet = self._receive(left_s)
+            packet = self.receive(left_s)
             if packet is not None and not self._is_late(packet):
                 self._early.append(packet)
                 break
         answered, self._answered = self._answered, False
         return answered
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._peer.close()
-
-    def _send(self, packet: bytes, timeout_s: float) -> None:
-        self._peer.settimeout(timeout_s)
-        self._peer.send(packet)
 
     def _is_late(self, packet: bytes) -> bool:
         """Whether `packet` answers a request that nobody waits for any more."""
@@ -200,16 +183,6 @@ class SocketLink(Link):
         self._answered = True
         return True
 
-    def _receive(self, timeout_s: float) -> bytes | None:
-        self._peer.settimeout(timeout_s)
-        try:
-            packet = self._peer.recv(READ_BYTES)
-        except (TimeoutError, BlockingIOError):
-            return None
-        if not packet:
-            raise OSError(errno.ENODEV, "unplugged")
-        return packet
-
 
 def _call_in(packet: bytes) -> Call | None:
     """The answer to a request that `packet` is; None: it is something else."""
@@ -217,16 +190,3 @@ def _call_in(packet: bytes) -> Call | None:
         return None
     call = decode_call(packet)
     return None if isinstance(call, Malformed) else call
-
-
-def open_socket(path: str, name: str) -> Link:
-    """Connect to a simulated device called `name`. Raises DeviceAccessError."""
-    if not hasattr(socket, "AF_UNIX"):
-        raise DeviceAccessError("this system has no Unix sockets: use another transport")
-    try:
-        return SocketLink(path)
-    except OSError as error:
-        raise DeviceAccessError(
-            f"cannot open {name} at {path}: {error.strerror or error}; "
-            "is its simulated device running?"
-        ) from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import re
 import sys
@@ -147,24 +146,6 @@ def take_snapshot(link: Link, description: Description) -> Snapshot:
     keys = decode_bits(link.call(EVIOCGKEY)) if description.keys else frozenset[int]()
     values = {code: decode_absinfo(link.call(eviocgabs(code))).value for code in description.axes}
     return Snapshot(keys, values)
-
-
-def obstacle(path: str, hint: str) -> str:
-    """Why the node at `path` cannot be opened, with `hint` where it is for want of permission."""
-    try:
-        os.close(os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC))
-    except OSError as error:
-        return refusal(path, error, hint)
-    return ""
-
-
-def refusal(path: str, error: OSError, hint: str) -> str:
-    """What opening the node at `path` failed with, in words."""
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return f"no permission for {path}: {hint}"
-    if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return f"{path} is gone: plug it in again"
-    return f"{path}: {error.strerror or error}"
 
 
 def _number(path: str) -> str:

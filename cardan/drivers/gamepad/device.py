@@ -11,7 +11,6 @@ from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
 from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad
 from cardan.drivers.gamepad.core import GamepadCore
 from cardan.drivers.gamepad.options import GamepadOptions
-from cardan.errors import NotOpenError
 from cardan.protocols.evdev import (
     EV_FF,
     EVIOCRMFF,
@@ -83,8 +82,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
         return words
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        if not self._opened:
-            raise NotOpenError("the gamepad is not open: call open() before feedback()")
+        self._check_open("feedback()")
         if feedback.rumble is not None:
             self._level = min(1.0, max(0.0, feedback.rumble))
 

@@ -18,11 +18,11 @@ send before that, with a counter that has gone on with the time.
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Mapping
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
+from cardan.drivers.core import DeviceCore
 from cardan.drivers.jr3_can.options import Jr3Options
 from cardan.errors import CommandError
 from cardan.protocols.jr3_can import (
@@ -38,7 +38,6 @@ from cardan.protocols.jr3_can import (
     GetFsMoments,
     GetState,
     HostMessage,
-    Malformed,
     Moments,
     Opcode,
     Six,
@@ -58,9 +57,7 @@ from cardan.types import (
     NEUTRAL,
     NEVER_S,
     Axes,
-    ButtonEvent,
     DeviceLink,
-    DeviceState,
     Frame,
     Vector3,
     Wrench,
@@ -109,29 +106,10 @@ sending shows that it has not booted. More than two of the longest periods."""
 _COUNTER_TURN_S = COUNTER_MODULUS * SAMPLE_PERIOD_S
 """The counter begins anew so often."""
 
-_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
-        "boots": "times the board came up anew",
-        "timeouts": "requests without an answer",
-        "refusals": "requests answered with an error",
-        "unexpected_acks": "acknowledgements that nobody waited for",
-        "lost_samples": "samples lost (by the counter)",
-        "unpaired_samples": "forces without their moments, or moments without their forces",
-        "repeated_samples": "samples that repeat the one before",
-        "late_samples": f"samples older than {STALE_AFTER_S:g} s when they came",
-        "overloads": "samples beyond full scale",
-        "silences": f"silences of more than {STALE_AFTER_S:g} s",
-        "foreign_frames": "frames that are no data frames with an eleven-bit identifier",
-        "garbled_frames": "frames that the CAN interface could not read",
-        "bus_errors": "error frames: check termination, bit rate and cable",
-    }
-)
-"""What is counted, and the words for it."""
-
 LOOK_AT = "check the power of the sensor's board, its node id, bit rate and cables"
 OPENED_REASON = "starting the sensor"
 REST_REASON = "not seen at rest yet: take the hand off the sensor"
-RESUMED_REASON = "it was silent: take the hand off the sensor"
+RESUMED_REASON = "it fell silent: take the hand off the sensor"
 BOOTED_REASON = "the sensor's board came up"
 ZERO_LOST_REASON = (
     "the sensor's board restarted, or may have, so zero is lost: take the hand off, then start "
@@ -201,37 +179,36 @@ class _HeldSteady:
         return f"{COMPONENTS[index]} changes by {rate:.1f} {unit}, more than {allowed:g}"
 
 
-class Jr3Core:
+class Jr3Core(DeviceCore):
     """The state of one sensor. Times are monotonic, s.
 
     `poll` gives the frames to send now, and `next_due_s` says when to ask it again; every frame
     that is heard goes to `on_frame`.
     """
 
+    _counters: ClassVar[Mapping[str, str]] = {
+        "boots": "times the board came up anew",
+        "timeouts": "requests without an answer",
+        "refusals": "requests answered with an error",
+        "unexpected_acks": "acknowledgements that nobody waited for",
+        "lost_samples": "samples lost (by the counter)",
+        "unpaired_samples": "forces without their moments, or moments without their forces",
+        "repeated_samples": "samples that repeat the one before",
+        "late_samples": f"samples older than {STALE_AFTER_S:g} s when they came",
+        "overloads": "samples beyond full scale",
+        "silences": f"silences of more than {STALE_AFTER_S:g} s",
+        "foreign_frames": "frames that are no data frames with an eleven-bit identifier",
+        "garbled_frames": "frames that the CAN interface could not read",
+        "bus_errors": "error frames: check termination, bit rate and cable",
+    }
+
     def __init__(self, options: Jr3Options) -> None:
+        super().__init__()
         self._options = options
-        self._link = DeviceLink.CLOSED
-        self._reason = "not opened"
-        self._open = False
-        self._heard = False
         self._answered = False
-        self._counts = Counter(dict.fromkeys(_COUNTERS, 0))
-        self._malformed: Counter[tuple[str, int]] = Counter()
-        self._cached: DeviceState | None = None
-        self._stamp_s = NEVER_S
-        # The way up.
-        self._plan: tuple[_Step, ...] = ()
-        self._done = 0
-        self._tries = 0
-        self._asked: _Step | None = None
-        self._deadline_s = math.inf
         self._not_before_s = NEVER_S
         self._retry_s = RETRY_FIRST_S
         self._started_s = NEVER_S
-        self._sampling = False
-        """The board was told to send and has acknowledged it."""
-        self._running = False
-        """Brought up: zeroed where that is asked for."""
         self._has_run = False
         """It has been running since it was opened on request: zero is not taken by itself any
         more, since a hand may be on the sensor that just came back."""
@@ -239,26 +216,18 @@ class Jr3Core:
         self._continuous = False
         """The board was seen to go on since it was last brought up."""
         self._zeros = 0
-        self._sync_s = math.inf
         self._forces_n: tuple[int, int, int] | None = None
         """Full scales."""
         self._torques_nm: tuple[float, float, float] | None = None
-        # Samples.
-        self._believed = False
-        """What was measured last still counts."""
-        self._forces: Forces | None = None
-        self._counter: int | None = None
         self._newest_counter: int | None = None
         self._newest_s = NEVER_S
         """Counter of the newest sample since it was opened on request, and when it was taken."""
         self._counter_time_s = 0.0
-        self._least_offset_s = math.inf
-        self._stands_since_s = math.inf
-        """Since when the counter has stood still."""
         self._rest_since_s = math.inf
         self._measured: Six = NEUTRAL
         """N and N·m at the sensor's origin, along its axes, right-handed and filtered."""
-        self._filter_stamp_s = NEVER_S
+        self._acting: Wrench | None = None
+        """What `_measured` is at the TCP; None: not computed yet."""
         self._per_count: Six | None = None
         """N and N·m of a count; None: the full scales are not known yet."""
         steady_n, steady_nm = options.steady_n_s, options.steady_nm_s
@@ -275,29 +244,45 @@ class Jr3Core:
         self._host_tau_s = (
             1.0 / (math.tau * options.host_cutoff_hz) if options.host_cutoff_hz else 0.0
         )
+        self._halt()
+
+    def _halt(self) -> None:
+        """Forget what was asked, and everything measured."""
+        # The way up.
+        self._plan: tuple[_Step, ...] = ()
+        self._done = self._tries = 0
+        self._asked: _Step | None = None
+        self._deadline_s = self._sync_s = math.inf
+        self._sampling = False
+        """The board was told to send and has acknowledged it."""
+        self._running = False
+        """Brought up: zeroed where that is asked for."""
+        # Samples.
+        self._believed = False
+        """What was measured last still counts."""
+        self._forces: Forces | None = None
+        self._counter: int | None = None
+        self._least_offset_s = math.inf
+        self._stands_since_s = math.inf
+        """Since when the counter has stood still."""
+        self._filter_stamp_s = NEVER_S
+        self._steady.clear()
+        self._cached = None
 
     # -- what happens to the sensor ------------------------------------------------------------
 
     def on_opened(self, now_s: float) -> None:
         """The bus was opened (again): what was known of the sensor is void."""
-        self._open = True
-        self._heard = self._answered = False
+        self._answered = False
         self._retry_s = RETRY_FIRST_S
         self._bring_up(now_s)
-        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
-
-    def on_lost(self, reason: str, now_s: float) -> None:
-        """The bus cannot be read, or the sensor is not there."""
-        self._halt()
-        self._open = False
-        self._invalidate_input(DeviceLink.LOST, reason)
+        self._begin(OPENED_REASON, now_s)
 
     def on_closed(self, now_s: float) -> None:
         """It was closed on request."""
-        self._halt()
-        self._open = self._has_run = self._zero_lost = False
+        super().on_closed(now_s)
+        self._has_run = self._zero_lost = False
         self._newest_counter = None
-        self._invalidate_input(DeviceLink.CLOSED, "closed")
 
     def on_frame(self, arbitration_id: int, data: bytes, now_s: float) -> None:
         """A data frame with an eleven-bit identifier was received at `now_s`. Never raises."""
@@ -323,7 +308,7 @@ class Jr3Core:
         elif isinstance(value, Bootup):
             self._on_bootup(now_s)
         else:
-            self._on_malformed(value)
+            self._malformed[f"{Opcode(value.opcode).name} frames {value.reason}"] += 1
 
     def on_unusable(self, kind: str) -> None:
         """A frame came that is none of ours: "foreign_frames", "garbled_frames", "bus_errors"."""
@@ -352,7 +337,7 @@ class Jr3Core:
             if now_s >= self._deadline_s:
                 self._on_no_answer(self._asked, now_s)
         elif now_s - self._silent_s >= RESTART_AFTER_S:
-            self._invalidate_input(DeviceLink.STALE, self._silence())
+            self._invalidate_input(DeviceLink.STALE, self._silence(), now_s)
             self._bring_up(now_s)
         if self._asked is None and self._done < len(self._plan) and now_s >= self._not_before_s:
             step = self._plan[self._done]
@@ -387,15 +372,10 @@ class Jr3Core:
         self._running = False
         self._plan, self._done = (_ZERO,), 0
         self._asked, self._not_before_s = None, now_s
-        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, ZEROING_REASON)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, ZEROING_REASON, now_s)
         return self._zeros + 1
 
     # -- what it says --------------------------------------------------------------------------
-
-    @property
-    def heard(self) -> bool:
-        """Whether any usable sample came since the bus was opened."""
-        return self._heard
 
     @property
     def answered(self) -> bool:
@@ -412,42 +392,11 @@ class Jr3Core:
         """How often zero was taken."""
         return self._zeros
 
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
-        self._watch(now_s)
-        if self._cached is None:
-            live = self._link is DeviceLink.LIVE
-            known = self._running and self._believed and not self._zero_lost
-            wrench = self._wrench() if known else None
-            self._cached = DeviceState(
-                self._stamp_s,
-                self._link,
-                self._axes(wrench) if live and wrench is not None else NEUTRAL,
-                frozenset(),
-                reason="" if live else self._reason,
-                wrench=wrench,
-            )
-        return self._cached
-
-    def events(self) -> list[ButtonEvent]:
-        """None: a sensor has no buttons."""
-        return []
-
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """Age of the newest sample in s (inf: none yet), and counts."""
+    def _figures(self, now_s: float) -> dict[str, float]:
         return {
             "sample_age_s": now_s - self._stamp_s,
-            **self._counts,
             "malformed_frames": self._malformed.total(),
         }
-
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
-        words = [reason] if (reason := self.state(now_s).reason) else []
-        words += [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
-        for (reason, opcode), count in self._malformed.most_common():
-            words.append(f"{count} {Opcode(opcode).name} frames {reason}, ignored")
-        return words
 
     # -- the way up ----------------------------------------------------------------------------
 
@@ -475,26 +424,12 @@ class Jr3Core:
         self._torques_nm = options.torque_full_scales_nm
         self._set_per_count()
 
-    def _halt(self) -> None:
-        """Forget what was asked, and everything measured."""
-        self._sampling = self._running = False
-        self._plan, self._done, self._tries = (), 0, 0
-        self._asked, self._deadline_s = None, math.inf
-        self._sync_s = math.inf
-        self._believed = False
-        self._forces = None
-        self._counter = None
-        self._least_offset_s = self._stands_since_s = math.inf
-        self._filter_stamp_s = NEVER_S
-        self._steady.clear()
-        self._cached = None
-
     def _fail(self, why: str, now_s: float) -> None:
         """Go back to the ping, after a pause."""
         pause_s = self._retry_s
         self._retry_s = min(2.0 * self._retry_s, RETRY_LAST_S)
         self._bring_up(now_s + pause_s)
-        self._invalidate_input(DeviceLink.LOST, why)
+        self._invalidate_input(DeviceLink.LOST, why, now_s)
 
     def _on_no_answer(self, step: _Step, now_s: float) -> None:
         self._counts["timeouts"] += 1
@@ -531,7 +466,7 @@ class Jr3Core:
         if step is _PING:
             self._retry_s = RETRY_FIRST_S
             if self._link is DeviceLink.LOST:
-                self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON)
+                self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
             if self._has_run and not (self._zero_lost or self._continuous):
                 self._not_before_s = now_s + PROOF_S
                 if self._options.mode == "sync" and self._options.send_sync:
@@ -547,7 +482,7 @@ class Jr3Core:
             if self._plan[self._done] is _ZERO:
                 self._not_before_s = self._started_s + self._settle_s()
         else:
-            self._run()
+            self._run(now_s)
 
     def _take_scales(self, step: _Step, ack: Ack) -> bool:
         given = ack.full_scales
@@ -576,13 +511,12 @@ class Jr3Core:
         if self._options.mode == "sync" and self._options.send_sync:
             self._sync_s = now_s
 
-    def _run(self) -> None:
+    def _run(self, now_s: float) -> None:
         self._running = True
         if self._link is DeviceLink.NEEDS_NEUTRAL:
             zeroed = self._plan[-1] is _ZERO or not self._has_run
-            self._invalidate_input(
-                DeviceLink.NEEDS_NEUTRAL, REST_REASON if zeroed else RESUMED_REASON
-            )
+            reason = REST_REASON if zeroed else RESUMED_REASON
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
         self._has_run = True
 
     def _settle_s(self) -> float:
@@ -606,7 +540,7 @@ class Jr3Core:
         self._zero_lost = self._has_run
         self._retry_s = RETRY_FIRST_S
         self._bring_up(now_s)
-        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, BOOTED_REASON)
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, BOOTED_REASON, now_s)
 
     # -- samples -------------------------------------------------------------------------------
 
@@ -619,7 +553,7 @@ class Jr3Core:
         self._stamp_s = stamp_s
         self._cached = None
         if self._link is DeviceLink.STALE:
-            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON)
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON, now_s)
         per_count = self._per_count
         if per_count is None:
             return
@@ -628,12 +562,12 @@ class Jr3Core:
         if max(raw) > FULL_SCALE_COUNTS or min(raw) < -FULL_SCALE_COUNTS:
             self._counts["overloads"] += 1
             self._steady.clear(overloaded=True)
-            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _overload(raw))
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _overload(raw), now_s)
             return
         self._steady.add(stamp_s, self._measured)
         if not self._running or self._zero_lost or self._link is not DeviceLink.NEEDS_NEUTRAL:
             return
-        if any(self._axes(self._wrench())):
+        if any(self._deflections()):
             self._rest_since_s = math.inf
         elif self._rest_since_s > stamp_s:
             self._rest_since_s = stamp_s
@@ -661,10 +595,9 @@ class Jr3Core:
     def _watch(self, now_s: float) -> None:
         """Notice a silence."""
         if self._believed and now_s - self._stamp_s > STALE_AFTER_S:
-            self._counts["silences"] += 1
             self._believed = False
             self._steady.clear()
-            self._invalidate_input(DeviceLink.STALE, self._silence())
+            self._fall_silent(self._silence(), now_s)
 
     def _stamp_of(self, counter: int, now_s: float) -> float | None:
         """When a sample that came at `now_s` was taken at the latest; None: it is of no use."""
@@ -707,8 +640,15 @@ class Jr3Core:
                 old + share * (new - old) for old, new in zip(self._measured, values, strict=True)
             )
         self._measured = values
+        self._acting = None
 
-    def _wrench(self) -> Wrench:
+    def _wrench(self) -> Wrench | None:
+        known = self._running and self._believed and not self._zero_lost
+        return self._at_tcp() if known else None
+
+    def _at_tcp(self) -> Wrench:
+        if self._acting is not None:
+            return self._acting
         fx, fy, fz, mx, my, mz = self._measured
         force, torque = Vector3(fx, fy, fz), Vector3(mx, my, mz)
         if self._turned:
@@ -716,12 +656,15 @@ class Jr3Core:
         if self._levered:
             (x, y, z), (fx, fy, fz) = self._lever, force
             torque = add(torque, Vector3(y * fz - z * fy, z * fx - x * fz, x * fy - y * fx))
-        return Wrench(force, torque, Frame.TOOL)
+        self._acting = Wrench(force, torque, Frame.TOOL)
+        return self._acting
 
-    def _axes(self, wrench: Wrench) -> Axes:
+    def _axes(self, now_s: float) -> Axes:
+        return NEUTRAL if self._wrench() is None else self._deflections()
+
+    def _deflections(self) -> Axes:
         options = self._options
-        fx, fy, fz = wrench.force
-        mx, my, mz = wrench.torque
+        (fx, fy, fz), (mx, my, mz), _ = self._at_tcp()
         band, full = options.force_dead_band_n, options.force_full_n
         turn_band, turn_full = options.torque_dead_band_nm, options.torque_full_nm
         return Axes(
@@ -746,16 +689,17 @@ class Jr3Core:
             return "no samples: nobody on the bus sends SYNC; start its master, or set send_sync"
         return f"no new sample for {STALE_AFTER_S:g} s: {LOOK_AT}"
 
-    def _on_malformed(self, value: Malformed) -> None:
-        self._malformed[value.reason, value.opcode] += 1
+    def _end(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        self._halt()
+        super()._end(link, reason, now_s)
 
-    def _invalidate_input(self, link: DeviceLink, reason: str) -> None:
-        """Go to a state in which nothing that was measured moves anything."""
+    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
         if link is DeviceLink.NEEDS_NEUTRAL and self._zero_lost:
             reason = ZERO_LOST_REASON
-        self._link, self._reason = link, reason
+        super()._invalidate_input(link, reason, now_s)
+
+    def _drop_input(self, now_s: float) -> None:
         self._rest_since_s = math.inf
-        self._cached = None
 
 
 _SYNC = encode_from_host(Sync(), 0)

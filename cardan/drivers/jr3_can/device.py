@@ -11,7 +11,7 @@ from cardan.drivers.jr3_can.bus import CanBus, Unusable, can_interfaces, in_use,
 from cardan.drivers.jr3_can.core import Jr3Core
 from cardan.drivers.jr3_can.options import Jr3Options
 from cardan.drivers.reading import ReadDevice
-from cardan.errors import DeviceNotFoundError, DriverError, NotOpenError
+from cardan.errors import DeviceNotFoundError, DriverError
 from cardan.types import DeviceCapabilities
 
 READ_TIMEOUT_S = 0.05
@@ -46,6 +46,7 @@ class Jr3(ReadDevice[Jr3Core]):
     gives = "wrench"
     suits = "rate, tool frame (hand guiding)"
     options: Jr3Options
+    _kind = "JR3 sensor"
 
     def __init__(self, options: Jr3Options | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -68,8 +69,7 @@ class Jr3(ReadDevice[Jr3Core]):
         The axes are zero until the wrench was seen at rest after it. Raises CommandError while
         the force changes, NotOpenError, or DriverError when the board does not do it.
         """
-        if not self._opened:
-            raise NotOpenError("the sensor is not open")
+        self._check_open("zero()")
         deadline_s = time.monotonic() + ZERO_TIMEOUT_S
         due: int | None = None
         while (now_s := time.monotonic()) < deadline_s:

@@ -104,7 +104,8 @@ class KeyboardCore(EvdevCore):
             self._given_back = False
             self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, "the keyboard was taken again", now_s)
 
-    def _on_input_invalidated(self) -> None:
+    def _drop_input(self, now_s: float) -> None:
+        super()._drop_input(now_s)
         self._muted.clear()
         self._goal = [0.0] * 6
 
@@ -134,13 +135,15 @@ class KeyboardCore(EvdevCore):
         )
         return self._shaper((x, y, z, rx, ry, rz))
 
-    def _changes_by_itself(self, now_s: float) -> bool:
-        return any(self._goal)
+    def _watch(self, now_s: float) -> None:
+        if any(self._goal):  # The ramp goes on without an event.
+            self._cached = None
+        super()._watch(now_s)
 
     def _away_from_rest(self) -> str:
         if self._given_back:
             return "given back"
         return ", ".join(KEYS[code] for code in sorted(self._down & self._motion.keys()))
 
-    def _words(self) -> str:
-        return self._reason if self._given_back else super()._words()
+    def _why(self) -> str:
+        return self._reason if self._given_back else super()._why()

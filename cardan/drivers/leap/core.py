@@ -14,15 +14,14 @@ Frames go on when no hand is in view, so silence is always trouble:
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import ClassVar
 
-from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.core import DeviceCore
 from cardan.drivers.leap.lag import Lag
 from cardan.drivers.leap.options import LeapOptions
 from cardan.drivers.leap.tracking import COUNTERS as TRACKING_COUNTERS, HandTracker
-from cardan.drivers.shaping import NEUTRAL
 from cardan.protocols.leap import (
     SKELETON_SINCE,
     DeviceEvent,
@@ -31,7 +30,7 @@ from cardan.protocols.leap import (
     TrackingFrame,
     Version,
 )
-from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+from cardan.types import NEVER_S, DeviceLink, Pose
 
 BUTTONS = ("hand", "clutch", "grab", "pinch")
 """What the driver reports as buttons: a hand is followed, it holds the clutch, it is a fist, it
@@ -71,30 +70,23 @@ NEUTRAL_REASONS: Mapping[str, str] = MappingProxyType(
 )
 """What has to be seen before the clutch works, by the option `clutch`."""
 
-_OWN_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
+
+class LeapCore(DeviceCore):
+    """The state of one tracking service. Times are monotonic, s."""
+
+    _counters: ClassVar[Mapping[str, str]] = {
         "silences": f"silences of more than {STALE_AFTER_S:g} s",
         "late_frames": f"frames that came more than {STALE_AFTER_S:g} s late",
         "clock_changes": "times the service's clock was set back",
         "undated": "frames without a time stamp",
         "old_frames": "frames that are not newer than the one before",
+        **TRACKING_COUNTERS,
     }
-)
-_COUNTERS: Mapping[str, str] = MappingProxyType({**_OWN_COUNTERS, **TRACKING_COUNTERS})
-
-
-class LeapCore:
-    """The state of one tracking service. Times are monotonic, s."""
 
     def __init__(self, options: LeapOptions) -> None:
+        super().__init__()
         self._options = options
-        self._tracker = HandTracker(options)
-        self._buttons = ButtonEdges()
-        self._link = DeviceLink.CLOSED
-        self._reason = "not opened"
-        self._open = False
-        self._counts = Counter(dict.fromkeys(_OWN_COUNTERS, 0))
-        self._malformed: Counter[str] = Counter()
+        self._tracker = HandTracker(options, self._counts)
         self._frames = 0
         self._lag = Lag()
         self._was_late = False
@@ -103,13 +95,11 @@ class LeapCore:
         self._late_since_s: float | None = None
         """Since when every frame has come late; None: the newest did not."""
         self._forget_service()
-        self._cached: DeviceState | None = None
 
     def _forget_service(self) -> None:
         self.version: Version | None = None
         """What the service said it speaks."""
         self._devices: dict[str, DeviceEvent] = {}
-        self._heard = False
         self._stamp_s = NEVER_S
         self._silent_since_s = 0.0
         self._ignore_rest_until_s = NEVER_S
@@ -128,18 +118,7 @@ class LeapCore:
             self._lag.reset()
         self._late_since_s = None
         self._silent_since_s = now_s
-        self._open = True
-        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
-
-    def on_lost(self, reason: str, now_s: float) -> None:
-        """The connection is gone, or could not be made."""
-        self._open = False
-        self._invalidate_input(DeviceLink.LOST, reason, now_s)
-
-    def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
-        self._open = False
-        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
+        self._begin(OPENED_REASON, now_s)
 
     def on_message(self, message: ServiceMessage, now_s: float) -> None:
         """A message, as `decode_service` reads it, was received at `now_s`. Never raises."""
@@ -148,7 +127,7 @@ class LeapCore:
         if isinstance(message, TrackingFrame):
             self._on_frame(message, now_s)
         elif isinstance(message, Malformed):
-            self._malformed[message.reason] += 1
+            self._malformed[f"messages {message.reason}"] += 1
         elif isinstance(message, DeviceEvent):
             self._on_device(message, now_s)
         elif isinstance(message, Version):
@@ -163,61 +142,25 @@ class LeapCore:
             return ""
         return f"frames have come late for {CONNECT_ANEW_S:g} s, now by {self._lag_s:.1f} s"
 
-    @property
-    def heard(self) -> bool:
-        """Whether any frame came since the connection was made."""
-        return self._heard
+    def _pose(self) -> Pose | None:
+        return self._tracker.pose
 
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`; its stamp leaves out the delay of the frame."""
-        if self._open:
-            self._watch(now_s)
-        if self._cached is None:
-            live = self._link is DeviceLink.LIVE
-            self._cached = DeviceState(
-                self._stamp_s,
-                self._link,
-                NEUTRAL,
-                self._buttons.held,
-                self._tracker.pose if live else None,
-                None,
-                "" if live else self._reason,
-            )
-        return self._cached
-
-    def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-        return self._buttons.events()
-
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """Age of the newest frame in time and delay of the newest, s (inf: none yet), the
-        service's rate, and counts."""
+    def _figures(self, now_s: float) -> dict[str, float]:
         return {
             "frame_age_s": now_s - self._stamp_s,
             "frame_lag_s": self._lag_s,
             "service_rate_hz": self._rate_hz or 0.0,
             "frames": self._frames,
-            **self._counts,
-            **self._tracker.counts,
             "malformed_messages": self._malformed.total(),
-            "lost_edges": self._buttons.lost_edges,
         }
 
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
-        words = [reason] if (reason := self.state(now_s).reason) else []
-        if self._tracker.hint:
-            words.append(self._tracker.hint)
+    def _notes(self, now_s: float) -> list[str]:
+        words = [self._tracker.hint] if self._tracker.hint else []
         if self._heard and self.version is not None and self.version.version < SKELETON_SINCE:
             words.append(
                 f"the service speaks version {self.version.version}, without left and right, grab "
                 'and pinch: only hand = "first" with clutch = "still" works'
             )
-        if self._buttons.lost_edges:
-            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
-        counts = {**self._counts, **self._tracker.counts}
-        words += [f"{counts[key]} {text}" for key, text in _COUNTERS.items() if counts[key]]
-        words += [f"{n} messages {why}, ignored" for why, n in self._malformed.most_common()]
         return words
 
     # -- inside --------------------------------------------------------------------------------
@@ -276,8 +219,7 @@ class LeapCore:
         self._was_late = False
         self._stamp_s = self._silent_since_s = now_s - self._lag_s
         if self._link is DeviceLink.STALE:
-            self._ignore_rest_until_s = now_s + SETTLE_S
-            self._link = DeviceLink.NEEDS_NEUTRAL
+            self._resume(self._reason, SETTLE_S, now_s)
         live = self._link is DeviceLink.LIVE
         self._tracker.on_frame(frame, now_s, step_s, may_engage=live)
         if not live:
@@ -323,12 +265,10 @@ class LeapCore:
 
     def _watch(self, now_s: float) -> None:
         """Notice the silence of the service, or of what it says about the hand."""
-        if self._link is DeviceLink.STALE or self._link is DeviceLink.LOST:
+        if self._link not in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
             return
         if now_s - self._silent_since_s > STALE_AFTER_S:
-            self._counts["silences"] += self._heard
-            self._invalidate_input(
-                DeviceLink.STALE,
+            self._fall_silent(
                 f"no frame for {STALE_AFTER_S:g} s: is a tracker plugged in, tracking on, and "
                 "the service alive?",
                 now_s,
@@ -346,9 +286,5 @@ class LeapCore:
         flags = (tracker.id is not None, tracker.engaged, tracker.grabbing, tracker.pinching)
         return [label for label, held in zip(BUTTONS, flags, strict=True) if held]
 
-    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
-        """Go to a state in which nothing that was known of the hand counts any more."""
-        self._link, self._reason = link, reason
+    def _drop_input(self, now_s: float) -> None:
         self._tracker.drop()
-        self._buttons.release_all(now_s)
-        self._cached = None

@@ -6,10 +6,9 @@ import contextlib
 import errno
 import threading
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
+from cardan.drivers.access import usb_devices
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.leap.connection import Connection, connect
 from cardan.drivers.leap.core import BUTTONS, LeapCore
@@ -43,8 +42,6 @@ LOOK_S = 0.4
 USB_VENDORS = frozenset({"f182", "2936"})
 """Leap Motion and Ultraleap."""
 
-_USB_DEVICES = Path("/sys/bus/usb/devices")
-
 
 class Leap(ReadDevice[LeapCore]):
     """A hand above a Leap Motion Controller as an operator device that gives a pose.
@@ -60,6 +57,7 @@ class Leap(ReadDevice[LeapCore]):
     gives = "pose of the palm, grab, pinch"
     suits = "position, base frame"
     options: LeapOptions
+    _kind = "tracking service"
 
     def __init__(self, options: LeapOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -87,8 +85,15 @@ class Leap(ReadDevice[LeapCore]):
             service, trackers = _look(options)
         except (DriverError, OSError) as error:
             return [
-                FoundDevice(name, identity, "usb", "", str(error))
-                for name, identity in _usb_trackers()
+                FoundDevice(
+                    usb.name or "Leap Motion tracker",
+                    f"{usb.vendor_id}:{usb.product_id}",
+                    "usb",
+                    "",
+                    str(error),
+                )
+                for usb in usb_devices()
+                if usb.vendor_id in USB_VENDORS
             ]
         if not trackers:
             return [FoundDevice(service, "", "websocket", path, "it tells of no tracker")]
@@ -176,16 +181,3 @@ def _look(options: LeapOptions) -> tuple[str, list[DeviceEvent]]:
 
 def _obstacle(event: DeviceEvent) -> str:
     return "" if event.streaming else "it does not deliver: tracking is paused"
-
-
-def _usb_trackers() -> Iterator[tuple[str, str]]:
-    """Name and USB identity of the trackers that are plugged into this machine (Linux)."""
-    for vendor in sorted(_USB_DEVICES.glob("*/idVendor")):
-        with contextlib.suppress(OSError, UnicodeDecodeError):
-            vendor_id = vendor.read_text().strip()
-            if vendor_id not in USB_VENDORS:
-                continue
-            product_id = vendor.with_name("idProduct").read_text().strip()
-            name = vendor.with_name("product")
-            text = name.read_text().strip() if name.exists() else "Leap Motion tracker"
-            yield text, f"{vendor_id}:{product_id}"

@@ -52,13 +52,13 @@ class HandTracker:
     """Follows one hand by its id from when it is chosen until it is lost.
 
     Nothing carries over from one hand to the next: a new id has to engage the clutch anew. Times
-    are the local monotonic ones of reception, s.
+    are the local monotonic ones of reception, s. What is wrong is counted in `counts`.
     """
 
-    def __init__(self, options: LeapOptions) -> None:
+    def __init__(self, options: LeapOptions, counts: Counter[str]) -> None:
         self._options = options
         self._filter = PoseFilter(options.cutoff_hz, options.cutoff_rise_1_m, options.max_speed_m_s)
-        self.counts = Counter(dict.fromkeys(COUNTERS, 0))
+        self._counts = counts
         self.hint = ""
         """Why no hand in view counts, in words; empty when one does or none is there."""
         self.at_rest = False
@@ -93,13 +93,13 @@ class HandTracker:
         """Lose the hand when it was not measured for too long; True when that is so."""
         if self.id is None or now_s - self._measured_s <= LOST_AFTER_S:
             return False
-        self.counts["hands_lost"] += 1
+        self._counts["hands_lost"] += 1
         self._forget()
         return True
 
     def on_frame(self, frame: TrackingFrame, now_s: float, dt_s: float, may_engage: bool) -> None:
         """Take a frame that came `dt_s` after the one before."""
-        self.counts["unreadable"] += frame.unreadable_hands
+        self._counts["unreadable"] += frame.unreadable_hands
         self.watch(now_s)
         self.hint = ""
         followed: Hand | None = None
@@ -169,13 +169,13 @@ class HandTracker:
     def _measure(self, hand: Hand, now_s: float) -> Pose | None:
         """The hand's pose, unless it cannot be believed."""
         if hand.confidence is not None and hand.confidence < self._options.min_confidence:
-            self.counts["unsure"] += 1
+            self._counts["unsure"] += 1
             self.hint = f"the hand is seen with a confidence of only {hand.confidence:.2f}"
             return None
         position = position_from_leap(hand.palm_position_mm)
         orientation = hand_orientation(hand.direction, hand.palm_normal)
         if orientation is None or norm(position) > REACH_M:
-            self.counts["absurd"] += 1
+            self._counts["absurd"] += 1
             return None
         elapsed_s = max(0.0, now_s - self._measured_s)
         moved_m = norm(subtract(position, self._raw.position))
@@ -184,7 +184,7 @@ class HandTracker:
             moved_m > JUMP_M + JUMP_SPEED_M_S * elapsed_s
             or turned_rad > FLIP_RAD + FLIP_SPEED_RAD_S * elapsed_s
         ):
-            self.counts["jumps"] += 1
+            self._counts["jumps"] += 1
             return None
         return Pose(position, orientation)
 

@@ -12,16 +12,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from cardan import spatial
-from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.core import DeviceCore
 from cardan.drivers.omni.calibration import CalibrationWatch
 from cardan.drivers.omni.options import OmniOptions
 from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
 from cardan.haptics import Calibration, HapticState, OperatingState
-from cardan.types import NEVER_S, ZERO3, ButtonEvent, DeviceLink, DeviceState, Pose, Vector3
+from cardan.types import NEVER_S, ZERO3, DeviceLink, Pose, Vector3
 
 BUTTONS = ("button_1", "button_2")
 """button_1 is the front one (dark), button_2 the rear one (white)."""
@@ -58,15 +57,6 @@ INKWELL_REASON = "the stylus is in the inkwell: take it out"
 BUTTONS_REASON = "let go of the buttons once"
 NO_POSITION_REASON = "the device gives no position"
 
-_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
-        "late_ticks": "ticks came late: real-time priority and an idle machine help",
-        "stale_commands": "times the source of the force fell silent",
-        "dropped_commands": "commands came too late or out of order, and were dropped",
-        "faults": "faults that switched the force off",
-    }
-)
-
 
 class Identity(NamedTuple):
     """What the device says of itself. SI units, hand frame."""
@@ -90,10 +80,11 @@ class Identity(NamedTuple):
     calibration_styles: int = 0
 
 
-class OmniCore:
+class OmniCore(DeviceCore):
     """The state of one device. Times are monotonic, s."""
 
     def __init__(self, options: OmniOptions) -> None:
+        super().__init__()
         self._options = options
         self.calibration = CalibrationWatch()
         self.identity = Identity()
@@ -107,17 +98,10 @@ class OmniCore:
         self._centre = Vector3(*options.centre_m)
         angles = (math.radians(angle) for angle in options.centre_rpy_deg)
         self._upright = spatial.conjugate(spatial.from_euler_zyx(*angles))
-        self._buttons = ButtonEdges()
-        self._link = DeviceLink.CLOSED
-        self._reason = "not opened"
-        self._open = False
-        self._heard = False
-        self._stamp_s = NEVER_S
         self._presses = (0, 0)
         self._levels = 0
-        self._axes: Axes = NEUTRAL
+        self._deflected: Axes = NEUTRAL
         self._axes_count = False
-        self._silences = 0
         self._first_tick = 0
         self._fast = False
         """Whether the loop is fast enough for force."""
@@ -138,23 +122,12 @@ class OmniCore:
         """The device was opened (again): nothing that was known of the hand counts."""
         self.identity = identity
         self.calibration.on_opened(identity.calibration_styles)
-        self._heard = False
         self._fast, self._slow_since_s = False, None
         self._update_due = False
         self._gap_seen_s = NEVER_S
         self._stamp_s = NEVER_S
-        self._open, self._opened_s = True, now_s
-        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, UNSEEN_REASON, now_s)
-
-    def on_lost(self, reason: str, now_s: float) -> None:
-        """The device is gone, or could not be opened."""
-        self._open = False
-        self._invalidate_input(DeviceLink.LOST, reason, now_s)
-
-    def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
-        self._open = False
-        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
+        self._opened_s = now_s
+        self._begin(UNSEEN_REASON, now_s)
 
     def on_snapshot(self, snapshot: HapticState, now_s: float) -> None:
         """The newest snapshot of the tick, at `now_s`. Never raises."""
@@ -174,6 +147,7 @@ class OmniCore:
             # Nobody looked meanwhile, or could have: it was a loss all the same.
             self._gap_seen_s = now_s
         self._heard = True
+        self._cached = None
         self._stamp_s = snapshot.stamp_s
         self._judge_rate(snapshot, now_s)
         if self.calibration.on_answer(snapshot.calibration, now_s):
@@ -181,7 +155,7 @@ class OmniCore:
         before, self._levels = self._levels, snapshot.buttons
         counts, self._presses = self._presses, snapshot.presses
         was_live = self._link is DeviceLink.LIVE
-        self._judge(now_s)
+        self._watch(now_s)
         if self._link is DeviceLink.LIVE:
             if was_live and (before != self._levels or counts != self._presses):
                 self._show_buttons(before, counts, now_s)
@@ -224,11 +198,6 @@ class OmniCore:
 
     # -- what it says --------------------------------------------------------------------------
 
-    @property
-    def heard(self) -> bool:
-        """Whether any tick came since the device was opened."""
-        return self._heard
-
     def open_for_s(self, now_s: float) -> float:
         """How long the device has been open."""
         return now_s - self._opened_s
@@ -258,20 +227,6 @@ class OmniCore:
             return False
         return not self.calibration.usable(now_s) or now_s - self._opened_s < SETTLING_S
 
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
-        self._judge(now_s)
-        live = self._link is DeviceLink.LIVE
-        return DeviceState(
-            self._stamp_s,
-            self._link,
-            self._axes if live else NEUTRAL,
-            self._buttons.held,
-            self.snapshot.pose if live else None,
-            None,
-            "" if live else self._reason,
-        )
-
     def measured(self, now_s: float) -> tuple[Pose | None, str]:
         """The newest pose, or None and why there is none to believe; whatever the link says of
         buttons and inkwell."""
@@ -283,12 +238,41 @@ class OmniCore:
             return None, reason
         return self.snapshot.pose, NO_POSITION_REASON
 
-    def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-        return self._buttons.events()
+    def _axes(self, now_s: float) -> Axes:
+        return self._deflected
 
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """The force loop's rate, gaps and cost, the force, its age, the energy, and counts."""
+    def _pose(self) -> Pose | None:
+        return self.snapshot.pose
+
+    @property
+    def _counters(self) -> Mapping[str, str]:
+        stale_ms = 1e3 * self._options.stale_after_s
+        return {
+            "calibrations_lost": "times the calibration was lost",
+            "silences": f"times no tick came for more than {stale_ms:g} ms",
+            "bad_readings": "times the device could not be read",
+            "library_errors": "errors of the library",
+            "late_ticks": "ticks came late: real-time priority and an idle machine help",
+            "stale_commands": "times the source of the force fell silent",
+            "dropped_commands": "commands came too late or out of order, and were dropped",
+            "faults": "faults that switched the force off",
+        }
+
+    def _tally(self) -> Mapping[str, int]:
+        snapshot = self.snapshot
+        return {
+            "calibrations_lost": self.calibration.changes,
+            "silences": self._counts["silences"],
+            "bad_readings": self.bad_readings,
+            "library_errors": self.errors,
+            "late_ticks": snapshot.late_ticks,
+            "stale_commands": snapshot.stale_commands,
+            "dropped_commands": snapshot.dropped_commands,
+            "faults": snapshot.faults,
+        }
+
+    def _figures(self, now_s: float) -> dict[str, float]:
+        """The force loop's rate, gaps and cost, the force, its age, and the energy."""
         snapshot = self.told(now_s)
         return {
             "tick_age_s": now_s - self._stamp_s,
@@ -296,8 +280,6 @@ class OmniCore:
             "longest_gap_s": self._longest_gap_s,
             "longest_tick_s": self._longest_cost_s,
             "ticks": snapshot.ticks,
-            "late_ticks": snapshot.late_ticks,
-            "silences": self._silences,
             "force_n": spatial.norm(snapshot.force),
             "force_commanded_n": spatial.norm(snapshot.force_commanded),
             "command_age_s": snapshot.command_age_s,
@@ -307,26 +289,18 @@ class OmniCore:
             "energy_j": snapshot.energy_j,
             "delivered_j": snapshot.delivered_j,
             "passivity_damping_n_s_m": snapshot.passivity_damping_n_s_m,
-            "dropped_commands": snapshot.dropped_commands,
-            "stale_commands": snapshot.stale_commands,
-            "faults": snapshot.faults,
-            "library_errors": self.errors,
-            "bad_readings": self.bad_readings,
-            "calibrations_lost": self.calibration.changes,
-            "lost_edges": self._buttons.lost_edges,
         }
 
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
+    def _notes(self, now_s: float) -> list[str]:
         snapshot = self.snapshot
         reason = self.state(now_s).reason
-        words = [reason] if reason else []
+        words = []
         if self.numbers_hint and self.numbers_hint not in reason:
             words.append(self.numbers_hint)
         if not self._open:
             return words
         obstacle = self.force_obstacle(now_s)
-        if obstacle and obstacle not in words:
+        if obstacle and obstacle != reason:
             words.append(f"no force: {obstacle}")
         if snapshot.state is OperatingState.FAULT:
             words.append(f"no force until it is enabled again; {snapshot.reason or 'fault'}")
@@ -345,34 +319,16 @@ class OmniCore:
             )
         if self.hint:
             words.append(self.hint)
-        if self.calibration.changes:
-            words.append(f"{self.calibration.changes} times the calibration was lost")
-        if self._silences:
-            words.append(
-                f"{self._silences} times no tick came for more than "
-                f"{self._options.stale_after_s * 1e3:g} ms"
-            )
         if self._longest_cost_s > TICK_TOLD_FROM_S:
             words.append(
                 f"a tick of the force loop took {self._longest_cost_s * 1e3:.3g} ms, of 1 ms there "
                 "is: is the machine busy, or the library slow?"
             )
-        if self.bad_readings:
-            words.append(f"{self.bad_readings} times the device could not be read")
-        if self.errors:
-            words.append(f"{self.errors} errors of the library")
-        words += [
-            f"{count} {text}"
-            for key, text in _COUNTERS.items()
-            if (count := getattr(snapshot, key))
-        ]
-        if self._buttons.lost_edges:
-            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
         return words
 
     # -- inside --------------------------------------------------------------------------------
 
-    def _judge(self, now_s: float) -> None:
+    def _watch(self, now_s: float) -> None:
         """Bring the link to what is known at `now_s`."""
         if not self._open:
             return
@@ -380,12 +336,14 @@ class OmniCore:
         if link is DeviceLink.LIVE:
             if self._link is not DeviceLink.LIVE:
                 self._link, self._reason = link, ""
-                self._axes, self._axes_count = NEUTRAL, False
+                self._deflected, self._axes_count = NEUTRAL, False
                 self._buttons.set((), now_s)
+                self._cached = None
         elif self._link is not link or self._reason != reason:
             if link is DeviceLink.STALE and self._link is not DeviceLink.STALE:
-                self._silences += self._heard
-            self._invalidate_input(link, reason, now_s)
+                self._fall_silent(reason, now_s)
+            else:
+                self._invalidate_input(link, reason, now_s)
 
     def _judge_rate(self, snapshot: HapticState, now_s: float) -> None:
         if snapshot.rate_hz >= self._options.lowest_rate_hz:
@@ -453,13 +411,10 @@ class OmniCore:
         raw = tuple(max(-1.0, min(1.0, value)) for value in (x, y, z, rx, ry, rz))
         axes = self._shaper(raw)  # type: ignore[arg-type]
         self._axes_count = self._axes_count or not any(axes)
-        self._axes = axes if self._axes_count else NEUTRAL
+        self._deflected = axes if self._axes_count else NEUTRAL
 
-    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
-        """Go to a state in which nothing that was known of the hand counts any more."""
-        self._link, self._reason = link, reason
-        self._axes, self._axes_count = NEUTRAL, False
-        self._buttons.release_all(now_s)
+    def _drop_input(self, now_s: float) -> None:
+        self._deflected, self._axes_count = NEUTRAL, False
 
 
 MOST_CLICKS = 50

@@ -11,12 +11,11 @@ import os
 import threading
 import time
 import weakref
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from cardan import spatial
-from cardan.drivers.access import UDEV_HINT
+from cardan.drivers.access import UDEV_HINT, usb_devices
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.omni import library
@@ -70,8 +69,6 @@ NO_PRIORITY = (
 LIGHT_ON, LIGHT_OFF = 6, 2
 """Of the status light: steadily green, slowly blinking green."""
 
-_USB_DEVICES = Path("/sys/bus/usb/devices")
-
 
 class Omni(ReadDevice[OmniCore], HapticDevice):
     """A Phantom Omni, Geomagic Touch or 3D Systems Touch, by the vendor's library libHD.
@@ -95,6 +92,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         'SUBSYSTEM=="hidraw", ATTRS{idVendor}=="2988", ATTRS{idProduct}=="0304"',
     )
     options: OmniOptions
+    _kind = "haptic device"
 
     def __init__(self, options: OmniOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -120,8 +118,11 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         """Devices that say by USB what they are, and the library; nothing is opened or loaded."""
         path, missing = library.presence()
         found = [
-            FoundDevice(name, identity, "usb", "", missing or obstacle)
-            for name, identity, obstacle in _usb_devices()
+            FoundDevice(
+                USB_IDS[ids], ":".join(ids), "usb", "", missing or _usb_obstacle(usb.folder)
+            )
+            for usb in usb_devices()
+            if (ids := (usb.vendor_id, usb.product_id)) in USB_IDS
         ]
         if found or not path:
             return found
@@ -523,15 +524,6 @@ def _light_works(hd: LibHD, handle: int) -> bool:
     hd.enable(handle, State.USER_STATUS_LIGHT, True)
     hd.set_integer(handle, State.USER_STATUS_LIGHT, LIGHT_OFF)
     return not hd.errors()
-
-
-def _usb_devices() -> Iterator[tuple[str, str, str]]:
-    """Name, USB identity and obstacle of the haptic devices that are plugged in (Linux)."""
-    for vendor in sorted(_USB_DEVICES.glob("*/idVendor")):
-        with contextlib.suppress(OSError, UnicodeDecodeError):
-            ids = (vendor.read_text().strip(), vendor.with_name("idProduct").read_text().strip())
-            if ids in USB_IDS:
-                yield USB_IDS[ids], ":".join(ids), _usb_obstacle(vendor.parent)
 
 
 def _usb_obstacle(device: Path) -> str:

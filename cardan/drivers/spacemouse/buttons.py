@@ -17,7 +17,6 @@ from cardan.protocols.connexion import (
     LongPressBits,
     Model,
 )
-from cardan.types import ButtonEvent
 
 ButtonReport = ButtonBits | KeysDown | LongPress | LongPressBits
 
@@ -25,33 +24,24 @@ _V3DK_BITS: Mapping[int, str] = MappingProxyType({code - 1: V3DK[code] for code 
 _TWO_BUTTON_REPORT_BYTES = 3
 
 
-class Buttons:
+class Buttons(ButtonEdges):
     """The buttons of one device of `model`.
 
     Of an unknown model (None) and of a receiver, what is paired shows in the length of report 3:
     three bytes are a two-button device's "left" and "right", more are the vendor's key numbers.
-    A long press that has a meaning of its own is one more button, held until its key goes.
+    A long press that has a meaning of its own is one more button, held until its key goes. What
+    each report named last stays after `release_all`: another does not show those buttons up.
     """
 
     def __init__(self, model: Model | None) -> None:
+        super().__init__()
         self.model = model
-        self._edges = ButtonEdges()
         self._unheard = True
         """No report of buttons came since the device was opened."""
         self._bits: list[str] = []
         self._keys: list[str] = []
         self._long_bits: list[str] = []
         self._long_keys: list[str] = []
-
-    @property
-    def held(self) -> frozenset[str]:
-        """Labels of the buttons that are down."""
-        return self._edges.held
-
-    @property
-    def lost_edges(self) -> int:
-        """Edges that nobody took in time."""
-        return self._edges.lost_edges
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -86,19 +76,8 @@ class Buttons:
         if self._unheard:
             self._unheard = False
             if len(told) > 1:  # nobody knows which of them was pressed now
-                self._edges.mask(told)
-        self._edges.set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
-
-    def release_all(self, now_s: float) -> None:
-        """Count every button as released: nobody can tell any more.
-
-        What each report named last stays: another one does not show those buttons up.
-        """
-        self._edges.release_all(now_s)
-
-    def events(self) -> list[ButtonEvent]:
-        """Edges since the last call, oldest first."""
-        return self._edges.events()
+                self.mask(told)
+        self.set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
 
     def _labels_of(self, size: int) -> Mapping[int, str]:
         """Labels by bit of a report 3 of `size` bytes."""

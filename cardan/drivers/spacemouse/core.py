@@ -13,11 +13,10 @@ only after a report of rest:
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
-from types import MappingProxyType
 
-from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
+from cardan.drivers.core import DeviceCore
+from cardan.drivers.shaping import Axes, Shaper
 from cardan.drivers.spacemouse.buttons import Buttons
 from cardan.drivers.spacemouse.drift import DRIFT_AFTER_S, DriftDetector
 from cardan.drivers.spacemouse.notices import Doubt, Lapse, Notice
@@ -39,7 +38,7 @@ from cardan.protocols.connexion import (
     from_serial_axes,
     to_robot_axes,
 )
-from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+from cardan.types import NEVER_S, DeviceLink
 
 REPORT_PERIOD_S = 0.016
 """A deflected HID device repeats each half, or its whole report, this often."""
@@ -67,17 +66,6 @@ PLAUSIBLE_FULL_SCALE = (100, 2048)
 OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
 RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 
-_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
-        "silences": "silences of more than {stale_s:g} s while deflected",
-        "doubts": "times the buttons were not told when asked for",
-        "gaps": "gaps of more than {gap_ms:.0f} ms while deflected",
-        "unpaired_halves": "translation or rotation reports without the other half",
-        "unusual_lengths": "motion reports of an unusual length",
-    }
-)
-"""What is counted, and the words for it."""
-
 
 class _Half:
     """Translation or rotation: the newest counts, when they came, and whether they are rest."""
@@ -100,40 +88,31 @@ class _Half:
         self.active = self.at_rest = False
 
 
-class SpaceMouseCore:
+class SpaceMouseCore(DeviceCore):
     """The state of one device. Times are monotonic, s; `now_s` may step back a little.
 
     `model` may be unknown (None): the family is found from the reports in any case.
     """
 
     def __init__(self, options: SpaceMouseOptions, model: Model | None = None) -> None:
+        super().__init__()
         self._options = options
         self._shaper = Shaper(options)
         self._radial = options.dead_zone_shape == "radial"
         self._translation = _Half("translation")
         self._rotation = _Half("rotation")
         self._drift = DriftDetector()
-        self._buttons = Buttons(model)
-        self._link = DeviceLink.CLOSED
-        self._reason = "not opened"
+        self._buttons: Buttons = Buttons(model)
         self._resumed_reason = RESUMED_REASON
         """What it says once a STALE device is heard of again."""
-        self._open = False
-        self._heard = False
-        self._stamp_s = NEVER_S
-        self._battery: Battery | None = None
-        self._counts = Counter(dict.fromkeys(_COUNTERS, 0))
-        self._malformed: Counter[tuple[str, int]] = Counter()
-        self._cached: DeviceState | None = None
+        self._low_battery = False
         self._split: bool | None = None
         """Whether the device reports in halves; None: not known yet."""
         self._last_half: _Half | None = None
         self._active = False
         self._active_since_s = NEVER_S
         self._motion_s = NEVER_S
-        self._ignore_rest_until_s = NEVER_S
-        self._gap_after_s = GAP_AFTER_S
-        self._stale_after_s = STALE_AFTER_S
+        self._set_period(REPORT_PERIOD_S)
         self._set_model(model, None)
 
     # -- what happens to the device ------------------------------------------------------------
@@ -151,28 +130,14 @@ class SpaceMouseCore:
         often it reports while deflected.
         """
         self._set_model(model, descriptor_full_scale)
-        self._gap_after_s = max(GAP_AFTER_S, GAP_PERIODS * period_s)
-        slow = period_s > REPORT_PERIOD_S
-        self._stale_after_s = SLOW_STALE_AFTER_S if slow else STALE_AFTER_S
+        self._set_period(period_s)
         for half in (self._translation, self._rotation):
             half.stamp_s = NEVER_S
             half.zero = None
         self._split = None
-        self._battery = None
-        self._heard = False
-        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        self._low_battery = False
+        self._begin(OPENED_REASON, now_s)
         self._buttons.on_opened()
-        self._open = True
-
-    def on_lost(self, reason: str, now_s: float) -> None:
-        """It was unplugged, cannot be read, or is not there: buttons are released, axes zero."""
-        self._invalidate_input(DeviceLink.LOST, reason, now_s)
-        self._open = False
-
-    def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
-        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
-        self._open = False
 
     def on_notice(self, notice: Notice, now_s: float) -> None:
         """What became of the device, at `now_s`, beside its reports."""
@@ -197,7 +162,7 @@ class SpaceMouseCore:
         if not self._open:
             return
         if isinstance(value, MalformedReport):
-            self._malformed[value.reason, value.report_id] += 1
+            self._on_malformed(value.reason, value.report_id)
             return
         self._cached = None
         self._heard = True
@@ -209,32 +174,12 @@ class SpaceMouseCore:
         elif isinstance(value, Motion):
             self._on_motion(value, size, now_s)
         elif isinstance(value, Battery):
-            self._battery = value
+            self._battery = value.percent / 100.0
+            self._low_battery = value.percent <= LOW_BATTERY_PERCENT and not value.external_power
         else:
             self._buttons.on_report(value, size, now_s)
 
     # -- what it says --------------------------------------------------------------------------
-
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
-        if self._active:
-            self._watch(now_s)
-        if self._cached is None:
-            live = self._link is DeviceLink.LIVE
-            self._cached = DeviceState(
-                self._stamp_s,
-                self._link,
-                self._axes() if live else NEUTRAL,
-                self._buttons.held,
-                None,
-                None if self._battery is None else self._battery.percent / 100.0,
-                "" if live else self._reason,
-            )
-        return self._cached
-
-    def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-        return self._buttons.events()
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -245,11 +190,6 @@ class SpaceMouseCore:
     def full_scale(self) -> float:
         """Counts that are taken for a full deflection."""
         return self._full_scale
-
-    @property
-    def heard(self) -> bool:
-        """Whether any usable report came since the device was opened."""
-        return self._heard
 
     def rezero(self, now_s: float) -> None:
         """Take the resting position of the cap for zero, until the device is opened again.
@@ -273,40 +213,34 @@ class SpaceMouseCore:
         self._drift.reset()
         self._cached = None
 
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """Ages of the halves in s (inf: never heard), and counts."""
+    @property
+    def _counters(self) -> Mapping[str, str]:
+        return {
+            "silences": f"silences of more than {self._stale_after_s:g} s while deflected",
+            "doubts": "times the buttons were not told when asked for",
+            "gaps": f"gaps of more than {1000.0 * self._gap_after_s:.0f} ms while deflected",
+            "unpaired_halves": "translation or rotation reports without the other half",
+            "unusual_lengths": "motion reports of an unusual length",
+        }
+
+    def _figures(self, now_s: float) -> dict[str, float]:
         return {
             "translation_age_s": now_s - self._translation.stamp_s,
             "rotation_age_s": now_s - self._rotation.stamp_s,
-            **self._counts,
             "malformed_reports": self._malformed.total(),
-            "lost_edges": self._buttons.lost_edges,
         }
 
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
-        words = [reason] if (reason := self.state(now_s).reason) else []
+    def _notes(self, now_s: float) -> list[str]:
+        words = []
         if self._drift.drifting:
             words.append(
                 f"the cap rests off zero, at {self._raw()} counts: let go of it and re-zero"
             )
-        battery = self._battery
-        if battery and battery.percent <= LOW_BATTERY_PERCENT and not battery.external_power:
-            words.append(f"battery at {battery.percent} %: charge it")
-        if self._buttons.lost_edges:
-            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+        if self._low_battery and self._battery is not None:
+            words.append(f"battery at {100.0 * self._battery:.0f} %: charge it")
         if self._model is not None and self._split is (self._model.family is Family.ONE):
             form = "two halves" if self._split else "one piece"
             words.append(f"reports motion in {form}, unlike the {self._model.name} known here")
-        limits = {"gap_ms": 1000.0 * self._gap_after_s, "stale_s": self._stale_after_s}
-        words += [
-            f"{count} {_COUNTERS[key].format(**limits)}"
-            for key, count in self._counts.items()
-            if count
-        ]
-        for (reason, report_id), count in self._malformed.most_common():
-            of_id = f" (id {report_id:#04x})" if report_id >= 0 else ""
-            words.append(f"{count} reports {reason}{of_id}, ignored")
         return words
 
     # -- motion --------------------------------------------------------------------------------
@@ -353,8 +287,7 @@ class SpaceMouseCore:
             ):
                 self._watch(now_s)
         if self._link is DeviceLink.STALE:
-            self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, self._resumed_reason
-            self._ignore_rest_until_s = now_s + SETTLE_S
+            self._resume(self._resumed_reason, SETTLE_S, now_s)
         self._motion_s = now_s
 
     def _take(self, half: _Half, a: int, b: int, c: int, now_s: float) -> None:
@@ -386,15 +319,15 @@ class SpaceMouseCore:
 
     def _watch(self, now_s: float) -> None:
         """Notice the silence of a deflected device, or of one half of it."""
+        if not self._active:
+            return
         translation, rotation = self._translation, self._rotation
         older = translation if translation.stamp_s < rotation.stamp_s else rotation
         if now_s - max(older.stamp_s, self._active_since_s) <= self._stale_after_s:
             return
-        self._counts["silences"] += 1
         self._resumed_reason = RESUMED_REASON
         what = older.name if now_s - self._motion_s <= self._gap_after_s else "motion"
-        self._invalidate_input(
-            DeviceLink.STALE,
+        self._fall_silent(
             f"deflected, but no {what} report for {self._stale_after_s:g} s: check radio, cable "
             "and other programs, then let go of the cap",
             now_s,
@@ -405,7 +338,7 @@ class SpaceMouseCore:
     def _raw(self) -> tuple[int, int, int, int, int, int]:
         return (*self._translation.counts, *self._rotation.counts)
 
-    def _axes(self) -> Axes:
+    def _axes(self, now_s: float) -> Axes:
         raw = self._raw()
         if self._model is not None and self._model.serial_axes:
             raw = from_serial_axes(raw)
@@ -422,14 +355,15 @@ class SpaceMouseCore:
         self._full_scale = full_scale
         self._dead_counts = self._options.dead_zone * full_scale
 
-    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
-        """Go to a state in which no deflection and no button that was known counts any more."""
-        self._link, self._reason = link, reason
+    def _set_period(self, period_s: float) -> None:
+        self._gap_after_s = max(GAP_AFTER_S, GAP_PERIODS * period_s)
+        slow = period_s > REPORT_PERIOD_S
+        self._stale_after_s = SLOW_STALE_AFTER_S if slow else STALE_AFTER_S
+
+    def _drop_input(self, now_s: float) -> None:
         self._translation.forget()
         self._rotation.forget()
         self._active = False
         self._ignore_rest_until_s = NEVER_S
         self._last_half = None
         self._drift.reset()
-        self._buttons.release_all(now_s)
-        self._cached = None

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from cardan.drivers import base
-from cardan.drivers.access import obstacle
+from cardan.drivers.access import obstacle, such
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.drivers.spacemouse.notices import Doubt, Lapse, Restart
@@ -25,7 +25,7 @@ from cardan.drivers.spacemouse.transports import (
     hid_transports,
 )
 from cardan.drivers.spacemouse.usb import UsbTransport
-from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.protocols.connexion import (
     BUTTONS_ID,
     KEYS_DOWN_ID,
@@ -83,6 +83,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         'SUBSYSTEM=="hidraw", KERNELS=="0005:256F:*"',
     )
     options: SpaceMouseOptions
+    _kind = "SpaceMouse"
 
     def __init__(
         self,
@@ -191,8 +192,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         return tuple(words)
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        if not self._opened:
-            raise NotOpenError("the SpaceMouse is not open: call open() before feedback()")
+        self._check_open("feedback()")
         if feedback.led is not None:
             self._led_wanted = feedback.led
 
@@ -275,17 +275,12 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     def _not_found(self) -> str:
         options = self.options
-        wanted = [
-            f"{key} {value!r}"
-            for key in ("path", "model", "serial", "port", "slot")
-            if (value := getattr(options, key))
-        ]
         if options.transport == "socket":
             return f"there is no socket at {options.path!r}: start the simulated device first"
         if options.transport == "serial":
             return f"there is no serial port at {options.path!r}: check the adapter and its name"
-        such = f" with {' and '.join(wanted)}" if wanted else ""
-        return f"no 3Dconnexion device{such} is plugged in; `cardan devices` lists what there is"
+        wanted = such(options, "path", "model", "serial", "port", "slot")
+        return f"no 3Dconnexion device{wanted} is plugged in; `cardan devices` lists what there is"
 
     # -- the reader ----------------------------------------------------------------------------
 

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
 
 from cardan.drivers.spacemouse.notices import Doubt, Lapse, Notice, Restart
 from cardan.drivers.spacemouse.serial_jumps import JUMP, JumpGuard
@@ -97,29 +99,43 @@ _PROBES = (
     (2.0, "spaceball", _PROBE_SPACEBALL),
 )
 """When each kind is asked who it is. A SpaceOrb needs no question."""
-_START = {
-    "magellan": (
-        magellan.MODE_3D,
-        magellan.EXTENDED_COMPRESSED,
-        magellan.DEFAULT_SENSITIVITY,
-        magellan.PERIODS_60_MS,
+
+
+class _Kind(NamedTuple):
+    """How devices of one protocol are talked to."""
+
+    reader: type[MagellanReader | SpaceballReader | OrbReader]
+    start: tuple[bytes, ...] = ()
+    """What starts it, one command after the other's answer."""
+    query: bytes = b""
+    """Asks for the keys; empty: there is no such question."""
+    gone_after_s: float = GONE_AFTER_S
+
+
+_KINDS = {
+    "magellan": _Kind(
+        MagellanReader,
+        (
+            magellan.MODE_3D,
+            magellan.EXTENDED_COMPRESSED,
+            magellan.DEFAULT_SENSITIVITY,
+            magellan.PERIODS_60_MS,
+            magellan.QUERY_KEYS,
+        ),
         magellan.QUERY_KEYS,
     ),
-    "spaceball": (
-        spaceball.BINARY,
-        spaceball.RATE_20_HZ,
-        spaceball.SEND_VECTORS,
+    "spaceball": _Kind(
+        SpaceballReader,
+        (
+            spaceball.BINARY,
+            spaceball.RATE_20_HZ,
+            spaceball.SEND_VECTORS,
+            spaceball.QUERY_KEYS,
+        ),
         spaceball.QUERY_KEYS,
     ),
-    "spaceorb": (),
+    "spaceorb": _Kind(OrbReader, gone_after_s=ORB_GONE_AFTER_S),
 }
-"""What starts each kind, one command after the other's answer."""
-_QUERY = {
-    "magellan": magellan.QUERY_KEYS,
-    "spaceball": spaceball.QUERY_KEYS,
-    "spaceorb": b"",
-}
-
 
 _GREETING = "Version"
 """In what a Magellan says about itself."""
@@ -153,9 +169,11 @@ class SerialSession:
         self._began_s = now_s
         self._heard_s = now_s
         self._asked_s = now_s
-        self._magellan = MagellanReader()
-        self._spaceball = SpaceballReader()
-        self._orb = OrbReader()
+        self._readers = {
+            protocol: kind.reader()
+            for protocol, kind in _KINDS.items()
+            if model is None or model.protocol == protocol
+        }
         self._probes = deque(
             (now_s + after_s, words)
             for after_s, protocol, words in _PROBES
@@ -187,6 +205,11 @@ class SerialSession:
         self._rests_owed = 0
         self._jumps = JumpGuard(math.inf)
         """Of a Spaceball, once it is known."""
+        self._take: dict[str, Callable[[object, SerialModel, float], None]] = {
+            "magellan": self._on_magellan,
+            "spaceball": self._on_spaceball,
+            "spaceorb": self._on_orb,
+        }
 
     # -- what happens --------------------------------------------------------------------------
 
@@ -197,15 +220,10 @@ class SerialSession:
         model = self.model
         if model is None:
             self._detect(data, now_s)
-        elif model.protocol == "magellan":
-            for mag in self._magellan.feed(data):
-                self._on_magellan(mag, model, now_s)
-        elif model.protocol == "spaceball":
-            for ball in self._spaceball.feed(data):
-                self._on_spaceball(ball, model, now_s)
         else:
-            for orb in self._orb.feed(data):
-                self._on_orb(orb, model, now_s)
+            take = self._take[model.protocol]
+            for value in self._readers[model.protocol].feed(data):
+                take(value, model, now_s)
         return reports
 
     def notices(self, now_s: float) -> list[Notice]:
@@ -258,37 +276,35 @@ class SerialSession:
                 return ""
             what = "no serial device" if self._wanted is None else f"no {self._wanted.name}"
             return f"{what} answers: check that it is plugged in, and into this port"
-        after_s = ORB_GONE_AFTER_S if self.model.protocol == "spaceorb" else GONE_AFTER_S
-        if self.running and now_s - self._heard_s > after_s:
+        gone_after_s = _KINDS[self.model.protocol].gone_after_s
+        if self.running and now_s - self._heard_s > gone_after_s:
             return f"the {self.model.name} does not answer any more: check its cable"
         return ""
 
     # -- finding out what is there -------------------------------------------------------------
 
     def _detect(self, data: bytes, now_s: float) -> None:
-        wanted = self._wanted
-        protocol = None if wanted is None else wanted.protocol
-        if protocol in (None, "magellan"):
-            for mag in self._magellan.feed(data):
-                if isinstance(mag, MagellanVersion):
-                    self._versions_asked -= 1
-                    self._found(model_of_version(mag.text), now_s)
+        for reader in self._readers.values():
+            for value in reader.feed(data):
+                if model := self._recognized(value, now_s):
+                    self._found(model, now_s)
                     return
-        if protocol in (None, "spaceball"):
-            for ball in self._spaceball.feed(data):
-                if not isinstance(ball, SpaceballReset):
-                    continue
-                found = model_of_firmware(ball.text)
-                if found is not None or (self._banner_s is not None and ball.text[:1] == "2"):
-                    self._found(found or serial_model_by_key("spaceball-2003"), now_s)
-                    return
-                if ball.text[:1] == "1":
-                    self._banner_s = now_s
-        if protocol in (None, "spaceorb"):
-            for orb in self._orb.feed(data):
-                if isinstance(orb, (OrbReset, OrbKeys, OrbMotion)):
-                    self._found(serial_model_by_key("spaceorb"), now_s)
-                    return
+
+    def _recognized(self, value: object, now_s: float) -> SerialModel | None:
+        """The model that says `value`; None: more is needed."""
+        if isinstance(value, MagellanVersion):
+            self._versions_asked -= 1
+            return model_of_version(value.text)
+        if isinstance(value, SpaceballReset):
+            found = model_of_firmware(value.text)
+            if found is None and self._banner_s is not None and value.text[:1] == "2":
+                return serial_model_by_key("spaceball-2003")
+            if found is None and value.text[:1] == "1":
+                self._banner_s = now_s
+            return found
+        if isinstance(value, (OrbReset, OrbKeys, OrbMotion)):
+            return serial_model_by_key("spaceorb")
+        return None
 
     def _found(self, model: SerialModel, now_s: float) -> None:
         self.model = self._wanted or model
@@ -299,7 +315,7 @@ class SerialSession:
         self.running = False
         self._compressed = False
         self._jumps = JumpGuard(JUMP * self.model.full_scale)
-        self._commands = deque(_START[self.model.protocol])
+        self._commands = deque(_KINDS[self.model.protocol].start)
         self._next_command(now_s)
 
     def _next_command(self, now_s: float) -> None:
@@ -339,7 +355,7 @@ class SerialSession:
     def _ask(self, model: SerialModel, now_s: float) -> None:
         """Ask for the keys, or whether it still has its settings, when that is due."""
         since_s = now_s - self._asked_s
-        keys = _QUERY[model.protocol]
+        keys = _KINDS[model.protocol].query
         if not keys or since_s < PAUSE_S:
             return
         quiet = now_s - max(self._heard_s, self._asked_s) >= QUIET_S

@@ -5,16 +5,15 @@ Raw USB is in :mod:`.usb`, serial ports are in :mod:`.serial_port`.
 
 from __future__ import annotations
 
-import errno
 import os
 import re
-import socket
 import sys
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 from cardan.drivers.access import refusal
 from cardan.drivers.hid import HidDevice, load_hid
+from cardan.drivers.packet_socket import PacketSocket, open_simulated
 from cardan.drivers.spacemouse.core import REPORT_PERIOD_S
 from cardan.drivers.spacemouse.notices import Notice
 from cardan.errors import DeviceAccessError
@@ -26,9 +25,6 @@ from cardan.protocols.connexion import (
     find_model,
     is_candidate,
 )
-
-REPORT_ROOM = 64
-"""Asked of every read: a read that is too small loses the rest of the report."""
 
 
 class HidCandidate(NamedTuple):
@@ -191,51 +187,19 @@ class SocketTransport(Transport):
 
     def open(self, device: HidCandidate) -> Link:
         """Connect to the socket."""
-        if not hasattr(socket, "AF_UNIX"):
-            raise DeviceAccessError("this system has no Unix sockets: use another transport")
-        peer = None
-        try:
-            peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            peer.settimeout(_CONNECT_TIMEOUT_S)
-            peer.connect(device.path)
-        except OSError as error:
-            if peer is not None:
-                peer.close()
-            raise DeviceAccessError(
-                f"cannot open {device.name} at {device.path}: {error.strerror or error}; "
-                "is its simulated device running?"
-            ) from None
-        return SocketLink(peer)
+        return open_simulated(device.name, device.path, SocketLink)
 
 
-_CONNECT_TIMEOUT_S = 1.0
-
-
-class SocketLink(Link):
+class SocketLink(PacketSocket, Link):
     """A connected packet socket as a device."""
 
-    def __init__(self, peer: socket.socket) -> None:
-        self._peer = peer
-
     def read(self, timeout_s: float) -> bytes | None:
-        """One packet; an empty one is the end."""
-        self._peer.settimeout(timeout_s)
-        try:
-            report = self._peer.recv(REPORT_ROOM)
-        except (TimeoutError, BlockingIOError):
-            return None
-        if not report:
-            raise OSError(errno.ENODEV, "unplugged")
-        return report
+        """One packet."""
+        return self.receive(timeout_s)
 
     def write(self, report: bytes) -> None:
         """Send one packet."""
-        self._peer.settimeout(_CONNECT_TIMEOUT_S)
-        self._peer.send(report)
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._peer.close()
+        self.send(report)
 
 
 _HID_MODULES = {"hidraw": "hidraw", "libusb": "hid"}

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from cardan.drivers.access import refusal
-from cardan.drivers.spacemouse.transports import REPORT_ROOM, HidCandidate, Link, Transport
+from cardan.drivers.hid import REPORT_ROOM
+from cardan.drivers.spacemouse.transports import HidCandidate, Link, Transport
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.connexion import CONNEXION, LOGITECH, Model, find_model, is_candidate
 

@@ -14,11 +14,12 @@ release, then nothing. So silence is believed only after a motion of zero:
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import ClassVar
 
-from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.protocols.connexion import Family, find_model
@@ -43,7 +44,7 @@ from cardan.protocols.spnav import (
     encode_string,
     to_robot_axes,
 )
-from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+from cardan.types import NEVER_S, DeviceLink
 
 STALE_AFTER_S = 0.1
 """Silence of a deflected device beyond this; the slowest devices report each 60 ms."""
@@ -79,16 +80,6 @@ RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 NO_DEVICE_REASON = "the daemon has no device: plug it in, or see why the daemon does not open it"
 UNPLUGGED_REASON = "the daemon's device was unplugged"
 
-_COUNTERS: Mapping[str, str] = MappingProxyType(
-    {
-        "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
-        "malformed_records": "records from the daemon that mean nothing, ignored",
-        "unanswered_requests": "requests that the daemon did not answer",
-        "unasked_replies": "answers that nothing was asked for, ignored",
-    }
-)
-"""What is counted, and the words for it."""
-
 _FIRST_REQUESTS = (
     Code.SET_EVMASK,
     Code.DEV_NBUTTONS,
@@ -99,25 +90,25 @@ _FIRST_REQUESTS = (
 """What is asked of a daemon of version 1, one after the other; again when a device came or went."""
 
 
-class SpnavCore:
+class SpnavCore(DeviceCore):
     """The state of the device behind one socket. Times are monotonic, s.
 
     What is to be sent waits in `outgoing()`.
     """
 
+    _counters: ClassVar[Mapping[str, str]] = {
+        "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
+        "malformed_records": "records from the daemon that mean nothing, ignored",
+        "unanswered_requests": "requests that the daemon did not answer",
+        "unasked_replies": "answers that nothing was asked for, ignored",
+    }
+
     def __init__(self, options: SpnavOptions) -> None:
+        super().__init__()
         self._options = options
         self._shaper = Shaper(options)
         self._radial = options.dead_zone_shape == "radial"
-        self._buttons = ButtonEdges()
         self._down: list[int] = []
-        self._counts: Counter[str] = Counter(dict.fromkeys(_COUNTERS, 0))
-        self._link = DeviceLink.CLOSED
-        self._reason = "not opened"
-        self._open = False
-        self._heard = False
-        self._stamp_s = NEVER_S
-        self._cached: DeviceState | None = None
         self._forget_connection()
         self._set_full_scale()
 
@@ -143,29 +134,16 @@ class SpnavCore:
         self._motion: Motion | None = None
         self._active = False
         self._motion_s = NEVER_S
-        self._ignore_rest_until_s = NEVER_S
 
     # -- what happens to the connection --------------------------------------------------------
 
     def on_opened(self, now_s: float) -> None:
         """The socket was connected (again): what was known is void."""
-        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
+        self._begin(OPENED_REASON, now_s)
         self._forget_connection()
         self._set_full_scale()
-        self._open = True
-        self._heard = False
         self._handshake_until_s = now_s + HANDSHAKE_TIMEOUT_S
         self._output.append(encode_handshake(NEWEST_VERSION))
-
-    def on_lost(self, reason: str, now_s: float) -> None:
-        """The daemon is gone, or cannot be reached."""
-        self._invalidate_input(DeviceLink.LOST, reason, now_s)
-        self._open = False
-
-    def on_closed(self, now_s: float) -> None:
-        """It was closed on request."""
-        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
-        self._open = False
 
     def on_bytes(self, data: bytes, now_s: float) -> None:
         """The daemon sent `data`. Never raises."""
@@ -223,11 +201,6 @@ class SpnavCore:
     # -- what it says --------------------------------------------------------------------------
 
     @property
-    def heard(self) -> bool:
-        """Whether anything usable came since the socket was connected."""
-        return self._heard
-
-    @property
     def out_of_step(self) -> bool:
         """Whether only connecting anew can help: nothing that comes means anything."""
         return self._malformed_in_a_row >= OUT_OF_STEP
@@ -257,49 +230,20 @@ class SpnavCore:
         """Counts of translation that are taken for a full deflection."""
         return self._full_scale
 
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
-        if self._link is not DeviceLink.LIVE:
-            self._arm(now_s)
-        if self._active:
-            self._watch(now_s)
-        if self._cached is None:
-            live = self._link is DeviceLink.LIVE
-            self._cached = DeviceState(
-                self._stamp_s,
-                self._link,
-                self._axes() if live else NEUTRAL,
-                self._buttons.held,
-                reason="" if live else self._reason,
-            )
-        return self._cached
-
-    def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-        return self._buttons.events()
-
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """Age of the newest motion in s (inf: none yet), the protocol's version, and counts."""
+    def _figures(self, now_s: float) -> dict[str, float]:
         return {
             "motion_age_s": now_s - self._motion_s,
             "version": -1 if self._version is None else self._version,
             "full_scale": self._full_scale,
-            **self._counts,
-            "lost_edges": self._buttons.lost_edges,
         }
 
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
-        words = [reason] if (reason := self.state(now_s).reason) else []
-        if self._buttons.lost_edges:
-            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
-        if self._open and self._version == 0:
-            words.append(
-                "an old daemon (protocol version 0): it tells neither of unplugging nor of "
-                "full scale and buttons"
-            )
-        words += [f"{count} {_COUNTERS[key]}" for key, count in self._counts.items() if count]
-        return words
+    def _notes(self, now_s: float) -> list[str]:
+        if not (self._open and self._version == 0):
+            return []
+        return [
+            "an old daemon (protocol version 0): it tells neither of unplugging nor of full scale "
+            "and buttons"
+        ]
 
     # -- events --------------------------------------------------------------------------------
 
@@ -308,8 +252,7 @@ class SpnavCore:
         if self._active:
             self._watch(now_s)
         if self._link is DeviceLink.STALE:
-            self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, RESUMED_REASON
-            self._ignore_rest_until_s = now_s + SETTLE_S
+            self._resume(RESUMED_REASON, SETTLE_S, now_s)
         elif self._link is DeviceLink.LOST:
             self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, OPENED_REASON
             self._has_device = True
@@ -376,16 +319,15 @@ class SpnavCore:
         )
 
     def _watch(self, now_s: float) -> None:
-        """Notice the silence of a deflected device."""
-        if now_s - self._motion_s <= STALE_AFTER_S:
-            return
-        self._counts["silences"] += 1
-        self._invalidate_input(
-            DeviceLink.STALE,
-            f"deflected, but no motion for {STALE_AFTER_S:.1f} s: the device may be unplugged, or "
-            "the daemon stuck; let go of the cap",
-            now_s,
-        )
+        """Notice the silence of a deflected device, and the rest of another."""
+        if not self._active:
+            self._arm(now_s)
+        elif now_s - self._motion_s > STALE_AFTER_S:
+            self._fall_silent(
+                f"deflected, but no motion for {STALE_AFTER_S:.1f} s: the device may be unplugged, "
+                "or the daemon stuck; let go of the cap",
+                now_s,
+            )
 
     # -- requests ------------------------------------------------------------------------------
 
@@ -461,7 +403,7 @@ class SpnavCore:
         self._malformed_in_a_row = 0
         self._stamp_s = now_s
 
-    def _axes(self) -> Axes:
+    def _axes(self, now_s: float) -> Axes:
         motion = self._motion
         if motion is None:
             return NEUTRAL
@@ -477,15 +419,11 @@ class SpnavCore:
         self._dead_counts = self._options.dead_zone * self._full_scale
         self._rotation_dead_counts = self._options.dead_zone * self._rotation_full_scale
 
-    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
-        """Go to a state in which no deflection and no button that was known counts any more."""
-        self._link, self._reason = link, reason
+    def _drop_input(self, now_s: float) -> None:
         self._motion = None
         self._active = False
         self._ignore_rest_until_s = NEVER_S
         self._down.clear()
-        self._buttons.release_all(now_s)
-        self._cached = None
 
 
 _MOST_LABELS = 256

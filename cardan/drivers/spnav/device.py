@@ -15,7 +15,7 @@ from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.spnav.core import SpnavCore
 from cardan.drivers.spnav.options import SpnavOptions
-from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.protocols.spnav import DEFAULT_SOCKET, LedMode
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
@@ -47,6 +47,7 @@ class Spnav(ReadDevice[SpnavCore]):
     takes_back = "light"
     suits = "rate, base frame"
     options: SpnavOptions
+    _kind = "spacenavd socket"
 
     def __init__(self, options: SpnavOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -79,8 +80,7 @@ class Spnav(ReadDevice[SpnavCore]):
         )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        if not self._opened:
-            raise NotOpenError("the spacenavd socket is not open: call open() before feedback()")
+        self._check_open("feedback()")
         if feedback.led is not None:
             self._led_wanted = feedback.led
 
@@ -159,23 +159,22 @@ def _connected(path: str) -> socket.socket:
     sock.settimeout(_CONNECT_TIMEOUT_S)
     try:
         sock.connect(path)
-    except FileNotFoundError:
-        sock.close()
-        raise DeviceNotFoundError(
-            f"there is no socket at {path}: start spacenavd, or `cardan spnav --socket {path}`"
-        ) from None
-    except ConnectionRefusedError:
-        sock.close()
-        raise DeviceNotFoundError(
-            f"nobody serves the socket {path}: start spacenavd, or `cardan spnav --socket {path}`"
-        ) from None
-    except PermissionError:
-        sock.close()
-        raise DeviceAccessError(
-            f"no permission for the socket {path}: let its owner give access (`cardan spnav` has "
-            "an option for it)"
-        ) from None
     except OSError as error:
         sock.close()
-        raise DeviceAccessError(f"cannot connect to {path}: {error.strerror or error}") from None
+        raise _refusal(path, error) from None
     return sock
+
+
+def _refusal(path: str, error: OSError) -> DriverError:
+    """What `error` of connecting means, and what to do."""
+    start = f"start spacenavd, or `cardan spnav --socket {path}`"
+    if isinstance(error, FileNotFoundError):
+        return DeviceNotFoundError(f"there is no socket at {path}: {start}")
+    if isinstance(error, ConnectionRefusedError):
+        return DeviceNotFoundError(f"nobody serves the socket {path}: {start}")
+    if isinstance(error, PermissionError):
+        return DeviceAccessError(
+            f"no permission for the socket {path}: let its owner give access (`cardan spnav` has "
+            "an option for it)"
+        )
+    return DeviceAccessError(f"cannot connect to {path}: {error.strerror or error}")

@@ -6,10 +6,11 @@ A remote streams a hundred reports per second, moved or not, so silence is alway
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
 from cardan.drivers.wiimote.gyro import Gyro
 from cardan.drivers.wiimote.options import WiimoteOptions
@@ -44,7 +45,7 @@ from cardan.protocols.wiimote import (
     to_rad_s,
     with_rumble,
 )
-from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+from cardan.types import NEVER_S, DeviceLink
 
 STALE_AFTER_S = 0.09
 """Silence beyond this, nine reports, is a link in trouble. The state must be neutral within 0.1 s;
@@ -76,6 +77,12 @@ _SILENT = f"no report for {STALE_AFTER_S:g} s: mind range and batteries, then le
 _RESUMED = "it fell silent: let go of its buttons once"
 _CHANGED = "an extension was plugged in or out: let go of its buttons once"
 
+KERNEL_DRIVER = (
+    "the kernel's driver hid-wiimote drives it too: it changes data mode, MotionPlus and rumble; "
+    "load the module hid with ignore_special_drivers=1, or blacklist hid-wiimote and use transport "
+    "l2cap"
+)
+
 
 class Identity(NamedTuple):
     """Which remote was opened, and how."""
@@ -90,10 +97,18 @@ class Identity(NamedTuple):
     """One of the -TR remotes."""
 
 
-class WiimoteCore:
+class WiimoteCore(DeviceCore):
     """The state of one remote. Times are monotonic, s; `now_s` may step back a little."""
 
+    _counters: ClassVar[Mapping[str, str]] = {
+        "silences": f"silences of more than {STALE_AFTER_S:g} s",
+        "mode_restores": "times its data mode had been changed by somebody else",
+        "foreign_answers": "answers to what another program asked it",
+        "timeouts": "requests that it did not answer in time",
+    }
+
     def __init__(self, options: WiimoteOptions) -> None:
+        super().__init__()
         self._options = options
         self._session = Session(options)
         self._rumble = Rumble()
@@ -102,47 +117,44 @@ class WiimoteCore:
         self._clutch = self._roles.clutch | {STICK_BUTTON}
         self._tilt = Tilt(options.low_pass_hz, options.full_tilt_used_deg)
         self._gyro = Gyro(options.dead_zone * options.gyro_full_scale_rad_s)
-        self._buttons = ButtonEdges()
         self._identity = Identity()
-        self._link = DeviceLink.CLOSED
-        self._reason = self._why = "not opened"
-        """`_why` is what `_reason` goes back to when nothing more urgent is in the way."""
-        self._open = False
+        self._usual_reason = self._reason
+        """What `_reason` goes back to when nothing more urgent is in the way."""
         self._early_losses = 0
-        self._malformed: dict[tuple[str, int], int] = {}
-        self._silences = 0
         self._reports = 0
-        self._cached: DeviceState | None = None
         self._led: int | None = None
         self._forget(NEVER_S)
 
     def _forget(self, now_s: float) -> None:
         """What was known of the remote is void."""
         self._opened_s = now_s
-        self._battery: int | None = None
-        self._heard = False
+        self._battery_counts: int | None = None
         self._heard_s = now_s
-        self._data_s = self._stick_s = self._rate_s = NEVER_S
+        self._data_s = NEVER_S
         self._fresh_until_s = NEVER_S
         """Until then no part is stale."""
         self._complete_s = now_s
         """When all needed parts were last fresh."""
         self._force_g: Vector = (0.0, 0.0, 0.0)
-        self._rates_rad_s: Vector = (0.0, 0.0, 0.0)
-        self._stick = (0.0, 0.0)
-        self._centre_samples: list[tuple[int, int]] = []
-        self._centre: tuple[int, int] | None = None
         self._pointer: tuple[float, float] | None = None
         self._dots = 0
         self._core_buttons = 0
-        self._extension_buttons: tuple[str, ...] = ()
-        self._axes: Axes = NEUTRAL
+        self._deflected: Axes = NEUTRAL
         self._held = False
-        self._ignore_rest_until_s = NEVER_S
         self._changes = 0
-        self._skip_frame = True
         self._led_s = NEVER_S
         self._tilt.reset()
+        self._forget_port()
+
+    def _forget_port(self) -> None:
+        """What was known of Nunchuk and MotionPlus is void."""
+        self._stick_s = self._rate_s = NEVER_S
+        self._stick = (0.0, 0.0)
+        self._rates_rad_s: Vector = (0.0, 0.0, 0.0)
+        self._extension_buttons: tuple[str, ...] = ()
+        self._centre_samples: list[tuple[int, int]] = []
+        self._centre: tuple[int, int] | None = None
+        self._skip_frame = True
         self._gyro.reset()
 
     # -- what happens to the device ------------------------------------------------------------
@@ -156,22 +168,19 @@ class WiimoteCore:
         self._rumble.reset()
         self._roles.reset()
         self._forget(now_s)
-        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _OPENED, now_s)
+        self._begin(_OPENED, now_s)
         self._reason = _STARTING
-        self._open = True
 
     def on_lost(self, reason: str, now_s: float) -> None:
         """It was unplugged, cannot be read, or is not there."""
         if self._open and not self.failure(now_s):
             early = now_s - self._opened_s < EARLY_LOSS_S
             self._early_losses = self._early_losses + 1 if early else 0
-        self._invalidate_input(DeviceLink.LOST, reason, now_s)
-        self._open = False
+        super().on_lost(reason, now_s)
 
     def on_closed(self, now_s: float) -> None:
         """It was closed on request."""
-        self._invalidate_input(DeviceLink.CLOSED, "closed", now_s)
-        self._open = False
+        super().on_closed(now_s)
         self._led = None
 
     def on_report(self, report: bytes, now_s: float) -> None:
@@ -180,8 +189,7 @@ class WiimoteCore:
             return
         value = decode_input(report)
         if isinstance(value, MalformedReport):
-            key = (value.reason, value.report_id)
-            self._malformed[key] = self._malformed.get(key, 0) + 1
+            self._on_malformed(value.reason, value.report_id)
             return
         self._watch(now_s)
         self._heard = True
@@ -195,7 +203,8 @@ class WiimoteCore:
         else:
             self._core_buttons = value.buttons
             if isinstance(value, Status):
-                self._battery = value.battery
+                self._battery_counts = value.battery
+                self._battery = min(1.0, value.battery / BATTERY_FULL)
             self._session.on_input(value, now_s)
         self._update(now_s)
 
@@ -241,49 +250,27 @@ class WiimoteCore:
 
     # -- what it says --------------------------------------------------------------------------
 
-    def state(self, now_s: float) -> DeviceState:
-        """The newest state as of `now_s`."""
-        self._watch(now_s)
-        if self._cached is None:
-            live = self._link is DeviceLink.LIVE
-            battery = self._battery
-            self._cached = DeviceState(
-                self._data_s,
-                self._link,
-                self._axes if live else NEUTRAL,
-                self._buttons.held,
-                None,
-                None if battery is None else min(1.0, battery / BATTERY_FULL),
-                "" if live else self._reason,
-            )
-        return self._cached
-
-    def events(self) -> list[ButtonEvent]:
-        """Button edges since the last call, oldest first."""
-        return self._buttons.events()
-
-    @property
-    def heard(self) -> bool:
-        """Whether any usable report came since the remote was opened."""
-        return self._heard
-
     @property
     def labels(self) -> tuple[str, ...]:
         """Names of the buttons; those of the Nunchuk always, as it may come."""
         return (*BUTTON_NAMES, *NUNCHUK_BUTTONS)
 
-    def metrics(self, now_s: float) -> dict[str, float]:
-        """Live figures: ages in s, forces in g, rates in rad/s, charge 0..1, counts."""
+    def _tally(self) -> Mapping[str, int]:
         session = self._session
-        figures = {
-            "data_age_s": now_s - self._data_s,
-            "reports": self._reports,
-            "malformed_reports": sum(self._malformed.values()),
-            "silences": self._silences,
+        return {
+            "silences": self._counts["silences"],
             "mode_restores": session.mode_restores,
             "timeouts": session.requests.timeouts,
             "foreign_answers": session.requests.foreign,
-            "lost_edges": self._buttons.lost_edges,
+        }
+
+    def _figures(self, now_s: float) -> dict[str, float]:
+        """Ages in s, forces in g, rates in rad/s, counts."""
+        session = self._session
+        figures: dict[str, float] = {
+            "data_age_s": now_s - self._data_s,
+            "reports": self._reports,
+            "malformed_reports": self._malformed.total(),
             "force_x_g": self._force_g[0],
             "force_y_g": self._force_g[1],
             "force_z_g": self._force_g[2],
@@ -291,8 +278,8 @@ class WiimoteCore:
             "yaw_mode": float(self._roles.yaw),
             "rumble": self._rumble.level,
         }
-        if self._battery is not None:
-            figures["battery_raw"] = self._battery
+        if self._battery_counts is not None:
+            figures["battery_raw"] = self._battery_counts
         if session.nunchuk is not None:
             figures["stick_x"], figures["stick_y"] = self._stick
         if session.motion_plus is not None:
@@ -306,18 +293,13 @@ class WiimoteCore:
                 figures["pointer_x"], figures["pointer_y"] = self._pointer
         return figures
 
-    def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
+    def _notes(self, now_s: float) -> list[str]:
         session, identity = self._session, self._identity
-        words = [reason] if (reason := self.state(now_s).reason) else []
+        words = []
         if self._early_losses:
             words.append(self._why_lost_early())
         if identity.kernel_driver:
-            words.append(
-                "the kernel's driver hid-wiimote drives it too: it changes data mode, MotionPlus "
-                "and rumble; load the module hid with ignore_special_drivers=1, or blacklist "
-                "hid-wiimote and use transport l2cap"
-            )
+            words.append(KERNEL_DRIVER)
         if session.status is not None and session.status.battery_low:
             words.append("its batteries are nearly empty")
         if session.started:
@@ -326,19 +308,6 @@ class WiimoteCore:
             if self._roles.yaw:
                 words.append("tilt to the side turns about z (button 2): press 1 for about x")
             words += self._about_parts()
-        if self._buttons.lost_edges:
-            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
-        for count, what in (
-            (self._silences, f"silences of more than {STALE_AFTER_S:g} s"),
-            (session.mode_restores, "times its data mode had been changed by somebody else"),
-            (session.requests.foreign, "answers to what another program asked it"),
-            (session.requests.timeouts, "requests that it did not answer in time"),
-        ):
-            if count:
-                words.append(f"{count} {what}")
-        for (reason, report_id), count in sorted(self._malformed.items()):
-            of_id = f" (id {report_id:#04x})" if report_id >= 0 else ""
-            words.append(f"{count} reports {reason}{of_id}, ignored")
         return words
 
     def _about_parts(self) -> list[str]:
@@ -456,16 +425,9 @@ class WiimoteCore:
             self._pointer = (2.0 * x / (WIDTH - 1) - 1.0, 2.0 * y / (HEIGHT - 1) - 1.0)
 
     def _on_port_change(self, now_s: float) -> None:
-        """What was plugged in is void."""
+        """Something was plugged in or out."""
         self._changes = self._session.changes
-        self._stick_s = self._rate_s = NEVER_S
-        self._stick = (0.0, 0.0)
-        self._rates_rad_s = (0.0, 0.0, 0.0)
-        self._extension_buttons = ()
-        self._centre = None
-        self._centre_samples.clear()
-        self._skip_frame = True
-        self._gyro.reset()
+        self._forget_port()
         if self._link is DeviceLink.LIVE:
             self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _CHANGED, now_s)
 
@@ -481,8 +443,7 @@ class WiimoteCore:
             return
         missing = self._missing(now_s)
         if missing and self._link is DeviceLink.LIVE:
-            self._silences += 1
-            self._invalidate_input(DeviceLink.STALE, missing, now_s)
+            self._fall_silent(missing, now_s)
         elif now_s - self._data_s > STALE_AFTER_S:
             self._invalidate_input(DeviceLink.STALE, _SILENT, now_s)
 
@@ -522,7 +483,7 @@ class WiimoteCore:
         if self._link is DeviceLink.NEEDS_NEUTRAL:
             self._seek_neutral(missing, not self._clutch.isdisjoint(labels), now_s)
         live = self._link is DeviceLink.LIVE
-        self._axes = self._deflections(now_s) if live and self._held else NEUTRAL
+        self._deflected = self._deflections(now_s) if live and self._held else NEUTRAL
         self._fresh_until_s = STALE_AFTER_S + self._oldest_s()
         self._cached = None
 
@@ -543,7 +504,10 @@ class WiimoteCore:
             self._link = DeviceLink.LIVE
         else:
             stick = "" if held or let_go else "let go of the Nunchuk's stick once"
-            self._reason = missing or stick or self._why
+            self._reason = missing or stick or self._usual_reason
+
+    def _axes(self, now_s: float) -> Axes:
+        return self._deflected
 
     def _deflections(self, now_s: float) -> Axes:
         rolled, dipped = self._tilt.rolled_and_dipped(now_s)
@@ -565,19 +529,21 @@ class WiimoteCore:
 
     def _release(self, now_s: float) -> None:
         """Nobody can tell any more which buttons are held."""
-        self._core_buttons = 0
-        self._extension_buttons = ()
-        self._held = False
+        self._forget_buttons()
         self._buttons.release_all(now_s)
         self._cached = None
 
-    def _invalidate_input(self, link: DeviceLink, why: str, now_s: float) -> None:
-        """Go to a state in which no tilt and no button that was known counts any more."""
-        self._link, self._reason, self._why = link, why, why
-        self._axes = NEUTRAL
+    def _forget_buttons(self) -> None:
+        self._core_buttons = 0
+        self._extension_buttons = ()
+        self._held = False
+
+    def _drop_input(self, now_s: float) -> None:
+        self._usual_reason = self._reason
+        self._deflected = NEUTRAL
         self._fresh_until_s = NEVER_S
         self._ignore_rest_until_s = NEVER_S
-        self._release(now_s)
+        self._forget_buttons()
 
 
 _TALKING = (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL)

@@ -8,9 +8,10 @@ import threading
 import time
 from typing import Any
 
+from cardan.drivers.access import such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
-from cardan.drivers.wiimote.core import Identity, WiimoteCore
+from cardan.drivers.wiimote.core import KERNEL_DRIVER, Identity, WiimoteCore
 from cardan.drivers.wiimote.options import WiimoteOptions
 from cardan.drivers.wiimote.transports import (
     Found,
@@ -20,7 +21,7 @@ from cardan.drivers.wiimote.transports import (
     SocketTransport,
     Transport,
 )
-from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, NotOpenError
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.protocols.wiimote import Rumble, encode_output
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
@@ -54,6 +55,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
         'SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0330.*"',
     )
     options: WiimoteOptions
+    _kind = "Wii Remote"
 
     def __init__(
         self,
@@ -96,8 +98,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
         )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        if not self._opened:
-            raise NotOpenError("the Wii Remote is not open: call open() before feedback()")
+        self._check_open("feedback()")
         with self._lock:
             if feedback.led is not None:
                 self._core.set_led(feedback.led)
@@ -204,13 +205,10 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 f"there is no simulated remote in {options.path!r} (psm11, psm13): start "
                 "`cardan sim wiimote --l2cap` first"
             )
-        wanted = [
-            f"{key} {value!r}" for key in ("path", "address") if (value := getattr(options, key))
-        ]
-        such = f" with {' and '.join(wanted)}" if wanted else ""
+        wanted = such(options, "path", "address")
         return (
-            f"no Wii Remote{such} is connected: pair it once (red sync button), then press one of "
-            "its buttons; `cardan devices` lists what there is"
+            f"no Wii Remote{wanted} is connected: pair it once (red sync button), then press one "
+            "of its buttons; `cardan devices` lists what there is"
         )
 
 
@@ -220,11 +218,7 @@ def _caution(remote: Found) -> str:
         return remote.obstacle
     words = []
     if remote.kernel_driver:
-        words.append(
-            "the kernel's driver hid-wiimote drives it too (data mode, MotionPlus, rumble): load "
-            "the module hid with ignore_special_drivers=1, or blacklist hid-wiimote and use "
-            "transport l2cap"
-        )
+        words.append(KERNEL_DRIVER)
     if remote.late_model:
         words.append(
             "pair it with the red sync button: a -TR remote that was woken with 1 and 2 drops the "

@@ -17,7 +17,8 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from cardan.drivers.access import obstacle
-from cardan.drivers.hid import HidDevice, load_hid
+from cardan.drivers.hid import REPORT_ROOM, HidDevice, load_hid
+from cardan.drivers.packet_socket import connect, require_unix_sockets
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.wiimote import (
     CONTROL_PSM,
@@ -34,16 +35,11 @@ from cardan.protocols.wiimote import (
 if sys.platform == "linux":
     import fcntl
 
-REPORT_ROOM = 64
-"""Asked of every read: a read that is too small loses the rest of the report."""
-
 WRITE_TIMEOUT_S = 0.2
 """A remote that takes no report for so long is gone."""
 
 CONNECT_TIMEOUT_S = 10.0
 """Longer than a Bluetooth adapter pages a remote."""
-
-LOCAL_CONNECT_TIMEOUT_S = 1.0
 
 _SLICE_S = 0.05
 
@@ -269,21 +265,10 @@ class SocketTransport(Transport):
 
     def open(self, remote: Found, given_up: Callable[[], bool]) -> Link:
         """Connect to both sockets."""
-        if not hasattr(socket, "AF_UNIX"):
-            raise DeviceAccessError("this system has no Unix sockets: use another transport")
-
-        def connect(psm: int) -> socket.socket:
-            channel = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            try:
-                channel.settimeout(LOCAL_CONNECT_TIMEOUT_S)
-                channel.connect(self._socket(psm))
-            except OSError:
-                channel.close()
-                raise
-            return channel
-
+        require_unix_sockets()
         hint = "is it running, and does nobody else hold it?"
-        return _connect_both(f"the simulated remote in {self._folder!r}", connect, hint)
+        name = f"the simulated remote in {self._folder!r}"
+        return _connect_both(name, lambda psm: connect(self._socket(psm)), hint)
 
     def _socket(self, psm: int) -> str:
         return os.path.join(self._folder, f"psm{psm:02x}")

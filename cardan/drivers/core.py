@@ -1,0 +1,183 @@
+"""What the cores of all operator devices share: link, buttons, counts, and the words about them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Mapping
+
+from cardan.drivers.buttons import ButtonEdges
+from cardan.drivers.shaping import NEUTRAL, Axes
+from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState, Pose, Wrench
+
+
+class DeviceCore(ABC):
+    """What a device's reports mean, without any I/O. Times are monotonic, s.
+
+    A device's own core takes its reports, and has its own rules of rest and of silence. It calls
+    `_begin` when the device was opened, `_invalidate_input` or `_fall_silent` when nothing that is
+    known counts any more, and sets `_link` to LIVE when the device was seen at rest. After every
+    change it sets `_cached` to None. What it gives beside buttons is in the methods below that a
+    core may override.
+    """
+
+    # CPython keeps up to 29 attributes of an object in a fast place, and the SpaceMouse's core has
+    # as many: one more makes each of its reports take an eighth longer.
+
+    def __init__(self) -> None:
+        self._buttons = ButtonEdges()
+        self._link = DeviceLink.CLOSED
+        self._reason = "not opened"
+        """Why the link is not LIVE, in words."""
+        self._open = False
+        self._heard = False
+        self._stamp_s = NEVER_S
+        """When what is known now was received."""
+        self._ignore_rest_until_s = NEVER_S
+        """Reports of rest before this do not count."""
+        self._battery: float | None = None
+        """Charge, 0..1."""
+        self._counts: Counter[str] = Counter()
+        self._malformed: Counter[str] = Counter()
+        """Reports that mean nothing, by what is wrong with them."""
+        self._cached: DeviceState | None = None
+
+    # -- what a core has to say, and may say ---------------------------------------------------
+
+    @property
+    @abstractmethod
+    def _counters(self) -> Mapping[str, str]:
+        """What is counted, and the words for it behind the number; a class attribute will do."""
+
+    @abstractmethod
+    def _watch(self, now_s: float) -> None:
+        """Notice silence: called whenever somebody asks for the state."""
+
+    @abstractmethod
+    def _drop_input(self, now_s: float) -> None:
+        """Forget what is deflected and which buttons are down: it counts no more."""
+
+    def _axes(self, now_s: float) -> Axes:
+        """The deflections while the link is LIVE."""
+        return NEUTRAL
+
+    def _pose(self) -> Pose | None:
+        """The hand's pose while the link is LIVE."""
+        return None
+
+    def _wrench(self) -> Wrench | None:
+        """What is measured of force and torque, whatever the link."""
+        return None
+
+    def _why(self) -> str:
+        """Why the link is not LIVE, and what to do."""
+        return self._reason
+
+    def _notes(self, now_s: float) -> list[str]:
+        """What else stands in the way or deserves attention, worst first."""
+        return []
+
+    def _figures(self, now_s: float) -> dict[str, float]:
+        """Live figures by name, beside the counts."""
+        return {}
+
+    def _tally(self) -> Mapping[str, int]:
+        """The counts by the names in `_counters`."""
+        return {key: self._counts[key] for key in self._counters}
+
+    # -- what happens to the device ------------------------------------------------------------
+
+    def on_lost(self, reason: str, now_s: float) -> None:
+        """It cannot be read, or is not there: link LOST, axes zero, buttons released."""
+        self._end(DeviceLink.LOST, reason, now_s)
+
+    def on_closed(self, now_s: float) -> None:
+        """It was closed on request: link CLOSED, axes zero, buttons released."""
+        self._end(DeviceLink.CLOSED, "closed", now_s)
+
+    # -- what it says --------------------------------------------------------------------------
+
+    @property
+    def heard(self) -> bool:
+        """Whether any usable report came since the device was opened."""
+        return self._heard
+
+    def state(self, now_s: float) -> DeviceState:
+        """The newest state as of `now_s`."""
+        self._watch(now_s)
+        if self._cached is None:
+            live = self._link is DeviceLink.LIVE
+            self._cached = DeviceState(
+                self._stamp_s,
+                self._link,
+                self._axes(now_s) if live else NEUTRAL,
+                self._buttons.held,
+                self._pose() if live else None,
+                self._battery,
+                "" if live else self._why(),
+                self._wrench(),
+            )
+        return self._cached
+
+    def events(self) -> list[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        return self._buttons.events()
+
+    def metrics(self, now_s: float) -> dict[str, float]:
+        """Live figures by name: ages in s (inf: never), and counts."""
+        return {
+            **self._figures(now_s),
+            **self._tally(),
+            "lost_edges": self._buttons.lost_edges,
+        }
+
+    def diagnosis(self, now_s: float) -> list[str]:
+        """What stands in the way or deserves attention, worst first."""
+        words = [reason] if (reason := self.state(now_s).reason) else []
+        words += self._notes(now_s)
+        if self._buttons.lost_edges:
+            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+        counts = self._tally()
+        words += [f"{counts[key]} {text}" for key, text in self._counters.items() if counts[key]]
+        words += [f"{count} {what}, ignored" for what, count in self._malformed.most_common()]
+        return words
+
+    # -- for a device's own core ---------------------------------------------------------------
+
+    def _begin(self, reason: str, now_s: float) -> None:
+        """The device was opened (again): what was known of it is void."""
+        self._open = True
+        self._heard = False
+        self._battery = None
+        self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, reason, now_s)
+
+    def _end(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        """There is no open device any more."""
+        self._open = False
+        self._invalidate_input(link, reason, now_s)
+
+    def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
+        """Go to a state in which no deflection and no button that was known counts any more."""
+        self._link, self._reason = link, reason
+        self._drop_input(now_s)
+        self._buttons.release_all(now_s)
+        self._cached = None
+
+    def _fall_silent(self, reason: str, now_s: float) -> None:
+        """Nothing came for too long: link STALE; a device that was heard before is counted."""
+        self._counts["silences"] += self._heard
+        self._invalidate_input(DeviceLink.STALE, reason, now_s)
+
+    def _resume(self, reason: str, settle_s: float, now_s: float) -> None:
+        """It is heard of again after a silence, and counts once it is seen at rest.
+
+        Reports in the next `settle_s` do not show that: they may be old ones that had queued up.
+        """
+        self._link, self._reason = DeviceLink.NEEDS_NEUTRAL, reason
+        self._ignore_rest_until_s = now_s + settle_s
+        self._cached = None
+
+    def _on_malformed(self, reason: str, report_id: int) -> None:
+        """A report means nothing; `report_id` is -1 where it has none."""
+        of_id = f" (id {report_id:#04x})" if report_id >= 0 else ""
+        self._malformed[f"reports {reason}{of_id}"] += 1

@@ -1,0 +1,75 @@
+"""Unix packet sockets that stand for devices: what simulated devices serve."""
+
+from __future__ import annotations
+
+import errno
+import socket
+from collections.abc import Callable
+from typing import TypeVar
+
+from cardan.errors import DeviceAccessError
+
+TIMEOUT_S = 1.0
+"""A program that is alive takes a connection, and a packet, at once."""
+
+_ROOM = 4096
+"""Asked of every read: a read that is too small loses the rest of the packet."""
+
+L = TypeVar("L")
+
+
+def connect(path: str) -> socket.socket:
+    """A socket connected to the one at `path`. Raises OSError."""
+    peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        peer.settimeout(TIMEOUT_S)
+        peer.connect(path)
+    except OSError:
+        peer.close()
+        raise
+    return peer
+
+
+def require_unix_sockets() -> None:
+    """Raise DeviceAccessError where the system has none."""
+    if not hasattr(socket, "AF_UNIX"):
+        raise DeviceAccessError("this system has no Unix sockets: use another transport")
+
+
+def open_simulated(name: str, path: str, link: Callable[[str], L]) -> L:
+    """`link` of `path`, where the simulated device `name` is served. Raises DeviceAccessError."""
+    require_unix_sockets()
+    try:
+        return link(path)
+    except OSError as error:
+        raise DeviceAccessError(
+            f"cannot open {name} at {path}: {error.strerror or error}; "
+            "is its simulated device running?"
+        ) from None
+
+
+class PacketSocket:
+    """A connection to the socket at `path`; OSError once the other end is gone."""
+
+    def __init__(self, path: str) -> None:
+        self._peer = connect(path)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """One packet; None when none comes in time."""
+        self._peer.settimeout(timeout_s)
+        try:
+            packet = self._peer.recv(_ROOM)
+        except (TimeoutError, BlockingIOError):
+            return None
+        if not packet:
+            raise OSError(errno.ENODEV, "unplugged")
+        return packet
+
+    def send(self, packet: bytes, timeout_s: float = TIMEOUT_S) -> None:
+        """Send one packet. Raises TimeoutError when it is not taken in time."""
+        self._peer.settimeout(timeout_s)
+        self._peer.send(packet)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._peer.close()
