@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 
 from cardan.drivers.buttons import ButtonEdges
-from cardan.drivers.shaping import NEUTRAL, Axes
-from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState, Pose, Wrench
+from cardan.types import NEUTRAL, NEVER_S, Axes, ButtonEvent, DeviceLink, DeviceState, Pose, Wrench
 
 
 class DeviceCore(ABC):

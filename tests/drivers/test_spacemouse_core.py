@@ -11,7 +11,6 @@ from pyspacemouse.device import SpaceMouseDevice
 from pyspacemouse.types import AxisConvention
 
 from cardan.drivers.buttons import MAX_EVENTS
-from cardan.drivers.shaping import NEUTRAL
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spacemouse.core import GAP_AFTER_S, SETTLE_S, STALE_AFTER_S
 from cardan.errors import CommandError
@@ -29,7 +28,7 @@ from cardan.protocols.connexion import (
     model_by_key,
     to_robot_axes,
 )
-from cardan.types import NEVER_S, DeviceLink
+from cardan.types import NEUTRAL, NEVER_S, DeviceLink
 
 PLAIN = SpaceMouseOptions(dead_zone=0.05)
 UP = (0, 0, -175, 0, 0, 0)

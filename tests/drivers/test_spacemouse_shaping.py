@@ -6,8 +6,9 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.shaping import NEUTRAL, Shaper
+from cardan.drivers.shaping import Shaper
 from cardan.drivers.spacemouse import SpaceMouseOptions
+from cardan.types import NEUTRAL
 
 unit = st.floats(-1.0, 1.0)
 six = st.tuples(*[unit] * 6)

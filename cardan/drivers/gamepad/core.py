@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.gamepad.options import GamepadOptions
-from cardan.drivers.shaping import Axes, Deflections, Shaper
+from cardan.drivers.shaping import Deflections, Shaper
 from cardan.protocols.evdev import (
     ABS_BRAKE,
     ABS_GAS,
@@ -30,6 +30,7 @@ from cardan.protocols.evdev import (
     AbsInfo,
     north_and_west_exchanged,
 )
+from cardan.types import Axes
 
 LEAST_REST = 0.02
 """Deflection that counts as rest whatever the dead zone: the centre of 0..255 is between two."""

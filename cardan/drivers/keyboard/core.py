@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.keyboard.options import KeyboardOptions
-from cardan.drivers.shaping import Axes, Shaper
+from cardan.drivers.shaping import Shaper
 from cardan.protocols.evdev import KEY_CODES, KEYS
-from cardan.types import DeviceLink
+from cardan.types import Axes, DeviceLink
 
 _LETTERS = ("a z", "s x", "d c", "f v", "g b", "h n")
 _ARROWS = ("up down", "left right", "page-up page-down", "kp-9 kp-7", "kp-8 kp-2", "kp-4 kp-6")

@@ -18,9 +18,9 @@ from cardan import spatial
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.omni.calibration import CalibrationWatch
 from cardan.drivers.omni.options import OmniOptions
-from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
+from cardan.drivers.shaping import Shaper
 from cardan.haptics import Calibration, HapticState, OperatingState
-from cardan.types import NEVER_S, ZERO3, DeviceLink, Pose, Vector3
+from cardan.types import NEUTRAL, NEVER_S, ZERO3, Axes, DeviceLink, Pose, Vector3
 
 BUTTONS = ("button_1", "button_2")
 """button_1 is the front one (dark), button_2 the rear one (white)."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.shaping import Axes, Shaper
+from cardan.drivers.shaping import Shaper
 from cardan.drivers.spacemouse.buttons import Buttons
 from cardan.drivers.spacemouse.drift import DRIFT_AFTER_S, DriftDetector
 from cardan.drivers.spacemouse.notices import Doubt, Lapse, Notice
@@ -38,7 +38,7 @@ from cardan.protocols.connexion import (
     from_serial_axes,
     to_robot_axes,
 )
-from cardan.types import NEVER_S, DeviceLink
+from cardan.types import NEVER_S, Axes, DeviceLink
 
 REPORT_PERIOD_S = 0.016
 """A deflected HID device repeats each half, or its whole report, this often."""

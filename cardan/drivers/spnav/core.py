@@ -20,7 +20,7 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
+from cardan.drivers.shaping import Shaper
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.protocols.connexion import Family, find_model
 from cardan.protocols.spnav import (
@@ -44,7 +44,7 @@ from cardan.protocols.spnav import (
     encode_string,
     to_robot_axes,
 )
-from cardan.types import NEVER_S, DeviceLink
+from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 
 STALE_AFTER_S = 0.1
 """Silence of a deflected device beyond this; the slowest devices report each 60 ms."""

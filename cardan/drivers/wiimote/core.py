@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import ClassVar, NamedTuple
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.shaping import NEUTRAL, Axes, Shaper
+from cardan.drivers.shaping import Shaper
 from cardan.drivers.wiimote.gyro import Gyro
 from cardan.drivers.wiimote.options import WiimoteOptions
 from cardan.drivers.wiimote.roles import ROLES, STICK_BUTTON, Hand
@@ -45,7 +45,7 @@ from cardan.protocols.wiimote import (
     to_rad_s,
     with_rumble,
 )
-from cardan.types import NEVER_S, DeviceLink
+from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 
 STALE_AFTER_S = 0.09
 """Silence beyond this, nine reports, is a link in trouble. The state must be neutral within 0.1 s;
