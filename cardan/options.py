@@ -72,9 +72,14 @@ def choices(hint: Any) -> tuple[Any, ...]:
     """The values that a ``Literal`` or an enum has; of any other annotation none."""
     if get_origin(hint) is Literal:
         return get_args(hint)
-    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+    if _is_class(hint) and issubclass(hint, enum.Enum):
         return tuple(hint)
     return ()
+
+
+def _is_class(hint: Any) -> bool:
+    # Python 3.10 takes list[int] for a class, and later ones Any.
+    return isinstance(hint, type) and get_origin(hint) is None and hint is not Any
 
 
 @cache
@@ -107,12 +112,11 @@ def refusal(hint: Any, value: object) -> str:
         return "" if good else _one_of([str(_shown(each)) for each in allowed], value)
     if origin is tuple:
         return _refused_elements(inner, value)
+    if _is_class(hint) and hasattr(hint, "_fields"):  # a NamedTuple
+        return _refused_elements(tuple(hints(hint).values()), value)
     if origin in (Mapping, dict):
         return _refused_items(inner, value)
-    if isinstance(hint, type) and issubclass(hint, tuple):
-        return _refused_elements(tuple(hints(hint).values()), value)
-    plain = origin is None and hint is not Any and isinstance(hint, type)
-    if plain and not isinstance(value, hint):
+    if _is_class(hint) and not isinstance(value, hint):
         return f"of type {hint.__name__}"
     return ""
 

@@ -101,6 +101,8 @@ class Point(NamedTuple):
         (Annotated[int, "a note"], [1], ["x"], "a whole number"),
         (Annotated[str, bounds.IPV4], ["127.0.0.1"], ["", "x", "1.2.3", 5], str(bounds.IPV4)),
         (Any, [None, 1, "x"], [], ""),
+        (list[int], [None, [], ["x"]], [], ""),
+        (tuple, [(), (1,)], [[], None], "of type tuple"),
     ],
 )
 def test_what_an_annotation_allows(hint, good, bad, allowed):

@@ -145,7 +145,7 @@ def test_bad_commands_are_refused_and_change_nothing(change: dict[str, Any], wor
         ({"engage_ticks": 2.5}, "1 to 10000, whole"),
         ({"engage_ticks": True}, "1 to 10000, whole"),
         ({"workspace_upper_m": ("a", 0, 0)}, "-1 to 1 m"),
-        ({"workspace_upper_m": None}, "several values"),
+        ({"workspace_upper_m": None}, "3 values"),
         ({"workspace_upper_m": (50.0, 50.0, 50.0)}, "-1 to 1 m"),
         ({"hold_s": 0.5, "pause_s": 0.9}, "dead program"),
         ({"velocity_gate_m_s": 1e9}, "0.2 to 2"),
