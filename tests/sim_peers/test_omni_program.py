@@ -46,7 +46,7 @@ def test_what_it_can_be_asked_without_the_library():
     ("arguments", "words"),
     [
         ((), "cardan sim omni -- ./program"),
-        (("--model", "falcon", "true"), "there are: omni, touch"),
+        (("--model", "falcon", "true"), "it must be one of omni, touch"),
         (("--fault", "fire", "true"), "there is no fault 'fire'"),
         (("--script", "nope", "true"), "drawing"),
     ],
