@@ -82,7 +82,7 @@ class FixtureTable(ABC):
         return ""
 
     @abstractmethod
-    def made(self, tcp: Vector3 | None = None) -> Fixture:
+    def made(self, tcp: Vector3 = ZERO3) -> Fixture:
         """The fixture; one without a place of its own stands where `tcp` is."""
 
 

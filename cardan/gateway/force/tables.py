@@ -26,7 +26,7 @@ from cardan.haptics import (
 )
 from cardan.options import require
 from cardan.spatial import dot, from_euler_zyx, norm, subtract
-from cardan.types import Vector3
+from cardan.types import ZERO3, Vector3
 
 Near = Annotated[float, bounds.NEAR_M]
 Place = tuple[Near, Near, Near]
@@ -78,10 +78,8 @@ class _PlacedFixtureTable(StiffFixtureTable):
     def moment(self) -> str:
         return self.at or ""
 
-    def _place(self, tcp: Vector3 | None) -> Vector3:
-        place = getattr(self, self._PLACE) or tcp
-        assert place is not None
-        return Vector3(*place)
+    def _place(self, tcp: Vector3) -> Vector3:
+        return Vector3(*(getattr(self, self._PLACE) or tcp))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +91,7 @@ class SphereTable(StiffFixtureTable):
     radius_m: Length
     inside: bool = False
 
-    def made(self, tcp: Vector3 | None = None) -> Sphere:
+    def made(self, tcp: Vector3 = ZERO3) -> Sphere:
         return Sphere(Vector3(*self.centre_m), self.radius_m, *self._material, self.inside)
 
 
@@ -110,7 +108,7 @@ class PlaneTable(_PlacedFixtureTable):
         super().__post_init__()
         require_direction("normal", self.normal)
 
-    def made(self, tcp: Vector3 | None = None) -> Plane:
+    def made(self, tcp: Vector3 = ZERO3) -> Plane:
         return Plane(self._place(tcp), unit(self.normal), *self._material)
 
 
@@ -124,7 +122,7 @@ class BoxTable(StiffFixtureTable):
     rpy_deg: Angles = (0.0, 0.0, 0.0)
     inside: bool = False
 
-    def made(self, tcp: Vector3 | None = None) -> Box:
+    def made(self, tcp: Vector3 = ZERO3) -> Box:
         rotation = matrix_of(from_euler_zyx(*map(math.radians, self.rpy_deg)))
         centre, sides = Vector3(*self.centre_m), Vector3(*self.half_sides_m)
         return Box(centre, sides, *self._material, self.inside, rotation)
@@ -144,7 +142,7 @@ class CylinderTable(StiffFixtureTable):
         super().__post_init__()
         require_direction("axis", self.axis)
 
-    def made(self, tcp: Vector3 | None = None) -> Cylinder:
+    def made(self, tcp: Vector3 = ZERO3) -> Cylinder:
         point, axis = Vector3(*self.point_m), unit(self.axis)
         return Cylinder(point, axis, self.radius_m, *self._material, self.inside)
 
@@ -157,7 +155,7 @@ class SpringTable(_PlacedFixtureTable):
     shape: Literal["spring"] = "spring"
     target_m: Place | None = None
 
-    def made(self, tcp: Vector3 | None = None) -> Spring:
+    def made(self, tcp: Vector3 = ZERO3) -> Spring:
         return Spring(self._place(tcp), *self._material)
 
 
@@ -172,7 +170,7 @@ class ViscousTable(FixtureTable):
         super().__post_init__()
         require(self.damping_n_s_m, "damping_n_s_m", self.damping_n_s_m, "above 0: it is all drag")
 
-    def made(self, tcp: Vector3 | None = None) -> Viscous:
+    def made(self, tcp: Vector3 = ZERO3) -> Viscous:
         return Viscous(self.damping_n_s_m, self.cap_n)
 
 
