@@ -155,7 +155,6 @@ def test_every_configuration_key_is_there_with_its_default(name):
         {"mapping": {"frame": "tol"}},
         {"fixtures": [{"shape": "viscous", "damping_n_s_m": 2.0, "at": "start"}]},
         {"force": {"source": "remote"}},
-        {"device": {"driver": "spacemous"}},
         {"device": {"driver": "spacemouse", "dead_zone": 1.5}},
         {"filters": [{"filter": "camera"}, {"filter": "proximity", "alert_low": 900}]},
     ],
@@ -250,6 +249,14 @@ def test_every_key_of_a_demo_is_there_with_its_default():
     }
     defaults["name"] = "the file's, without `-simulated`"
     assert {name: cells[0] for name, cells in table.items()} == defaults
+
+
+def test_the_first_of_the_allowed_drivers_are_named():
+    told = re.search(r"there is no driver 'spacemous'; allowed: (.*)", text("configuration.md"))
+    assert told
+    *first, more = told[1].split(", ")
+    assert more == "..."
+    assert first == sorted(registry.BUILT_IN)[: len(first)]
 
 
 def test_every_model_is_there_as_it_is():
