@@ -11,12 +11,13 @@ from collections import Counter, deque
 
 from cardan.drivers.motoros.connections import CHANNELS, Channel, Connection
 from cardan.drivers.motoros.feedback import StateFeed
+from cardan.drivers.motoros.guide import KINDS
 from cardan.drivers.motoros.motion import MotionCounters, MotionRecord
 from cardan.drivers.motoros.motion_control import MotionControl, Phase, Task
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.session_words import findings, no_motion_connection, silence
-from cardan.errors import CommandError
+from cardan.drivers.robot_core import check_numbers, counts, joint_values
 from cardan.histogram import LatencyHistogram
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
@@ -28,10 +29,6 @@ from cardan.protocols.simple_message import (
 )
 from cardan.types import (
     NEVER_S,
-    CommandKind,
-    HoldCommand,
-    JointCommand,
-    JointVelocityCommand,
     RobotCapabilities,
     RobotCommand,
     RobotLink,
@@ -89,7 +86,7 @@ class MotorosSession:
         else:
             period_s = 1e-3 * options.spacing_increments * options.ipc_ms
         return RobotCapabilities(
-            commands=frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY}),
+            commands=KINDS,
             period_s=period_s,
             joints=options.joints,
             limits=self.limits,
@@ -399,27 +396,8 @@ class MotorosSession:
 
         Limits are met by what is sent, not by refusal.
         """
-        if isinstance(command, HoldCommand):
-            return
-        if isinstance(command, JointCommand):
-            if command.external_axes:
-                raise CommandError("external_axes: the driver moves one control group only")
-            self._numbers("positions", command.positions)
-            if command.velocities is not None:
-                self._numbers("velocities", command.velocities)
-        elif isinstance(command, JointVelocityCommand):
-            self._numbers("velocities", command.velocities)
-        else:
-            raise CommandError(
-                f"MotoROS takes no {command.kind.value}; it takes hold, joint, joint velocity"
-            )
-
-    def _numbers(self, name: str, values: tuple[float, ...]) -> None:
-        joints = self.feed.joints
-        if len(values) != joints:
-            raise CommandError(f"{name}: {len(values)} values for {joints} joints")
-        if not all(map(math.isfinite, values)):
-            raise CommandError(f"{name}: {values!r} are not all finite")
+        for name, values in joint_values("MotoROS", command, KINDS):
+            check_numbers(name, values, self.feed.joints)
 
     # -- diagnosis --------------------------------------------------------------------------------
 
@@ -453,19 +431,7 @@ class MotorosSession:
             "request_p50_s": latency.percentile(50.0),
             "request_p99_s": latency.percentile(99.0),
             "request_max_s": latency.max,
-            "queue_count": float(counters.queue_count),
-            "commands": float(counters.commands),
-            "underruns": float(counters.underruns),
-            "busy_replies": float(counters.busy_replies),
-            "resent_points": float(counters.resent_points),
-            "restarts": float(counters.restarts),
-            "replaced": float(counters.replaced),
-            "skipped_instants": float(counters.skipped_instants),
-            "speed_limited": float(counters.speed_limited),
-            "acceleration_limited": float(counters.acceleration_limited),
-            "range_limited": float(counters.range_limited),
-            "overwritten": float(counters.overwritten),
-            "command_age_s": counters.command_age_s,
+            **counts(counters),
             "reconnects": float(sum(max(0, link.count - 1) for link in self._links.values())),
             "ignored": float(sum(self.feed.ignored.values())),
             "ends": float(sum(self.ends.values())),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 
 from cardan.drivers.lost_time import LostTime
+from cardan.drivers.robot_core import check_count, joint_values
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.errors import CommandError
 from cardan.protocols.joint_stream import (
@@ -21,7 +23,6 @@ from cardan.robots import load_arm
 from cardan.types import (
     NEVER_S,
     CommandKind,
-    HoldCommand,
     JointCommand,
     JointVelocityCommand,
     Pose,
@@ -57,7 +58,16 @@ class SimArmSession:
         arm = load_arm(options.robot)
         self._joints = n = len(arm.joints)
         self._limits = options.joint_limits
-        self._efforts = tuple(joint.effort for joint in arm.joints)
+        lower, upper, speed, _ = self._limits
+        efforts = tuple(joint.effort for joint in arm.joints)
+        self._ranges: dict[str, tuple[Sequence[float], Sequence[float]]] = {
+            "positions": (
+                tuple(value - _BESIDE_ITS_STOP for value in lower),
+                tuple(value + _BESIDE_ITS_STOP for value in upper),
+            ),
+            "velocities": (tuple(-v for v in speed), speed),
+            "torques": (tuple(-t for t in efforts), efforts),
+        }
         kinds = {CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY}
         if options.drive != "ideal":
             kinds.add(CommandKind.TORQUE)
@@ -240,41 +250,13 @@ class SimArmSession:
 
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError for a command of a wrong kind or length, or beyond the limits."""
-        limits = self._limits
-        speed = limits.velocity
-        if isinstance(command, HoldCommand):
-            return
-        if command.kind not in self.capabilities.commands:
-            allowed = ", ".join(sorted(kind.value for kind in self.capabilities.commands))
-            raise CommandError(
-                f"the simulated arm takes no {command.kind.value}; it takes {allowed}"
-            )
-        if isinstance(command, JointCommand):
-            if command.external_axes:
-                raise CommandError("external_axes: the simulated arm has none")
-            self._within(
-                "positions",
-                command.positions,
-                tuple(value - _BESIDE_ITS_STOP for value in limits.lower),
-                tuple(value + _BESIDE_ITS_STOP for value in limits.upper),
-            )
-            if command.velocities is not None:
-                self._within("velocities", command.velocities, tuple(-v for v in speed), speed)
-        elif isinstance(command, JointVelocityCommand):
-            self._within("velocities", command.velocities, tuple(-v for v in speed), speed)
-        elif isinstance(command, TorqueCommand):
-            most = self._efforts
-            self._within("torques", command.torques, tuple(-t for t in most), most)
+        for name, values in joint_values("the simulated arm", command, self.capabilities.commands):
+            check_count(name, values, self._joints)
+            self._within(name, values, *self._ranges[name])
 
     def _within(
-        self,
-        name: str,
-        values: tuple[float, ...],
-        lower: tuple[float, ...],
-        upper: tuple[float, ...],
+        self, name: str, values: Sequence[float], lower: Sequence[float], upper: Sequence[float]
     ) -> None:
-        if len(values) != self._joints:
-            raise CommandError(f"{name}: {len(values)} values for {self._joints} joints")
         for joint, (value, low, high) in enumerate(zip(values, lower, upper, strict=True), 1):
             if not (math.isfinite(value) and low - _TOLERANCE <= value <= high + _TOLERANCE):
                 raise CommandError(
