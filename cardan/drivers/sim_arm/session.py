@@ -196,30 +196,27 @@ class SimArmSession:
         self, command: JointCommand, state: ArmState
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Positions and speeds of `command`, of which time that was lost is not made up for."""
-        positions, velocities = command.positions, command.velocities
         asked, self._asked = self._asked, (command, state.stamp_s)
-        lost = self._lost
-        before = None if asked is None else asked[0].velocities
-        if velocities is None or asked is None or before is None:
-            lost.reset()
-            return positions, velocities or ()
-        gap_s = state.stamp_s - asked[1] - state.period_s
-        if gap_s > 0.5 * state.period_s:
-            self._pass(gap_s, before, state)
+        lost, speeds = self._lost, command.velocities
+        if asked is not None and asked[0].velocities is not None and speeds is not None:
+            gap_s = state.stamp_s - asked[1] - state.period_s
+            if gap_s > 0.5 * state.period_s:
+                self._pass(gap_s, asked[0].velocities, state)
         if not lost.working:
-            return positions, velocities
-        moved = [b - a for a, b in zip(asked[0].positions, positions, strict=True)]
-        lost.step(moved, before, velocities, state.period_s)
-        lower, upper, speed, _ = self._limits
+            return command.positions, speeds or ()
+        before = None if asked is None else asked[0][:2]
+        positions, sent = lost.follow(before, command.positions, speeds, state.period_s)
+        if not lost.working or sent is None:
+            return positions, speeds or ()
+        lower, upper, most, _ = self._limits
         return (
             tuple(
-                min(max(q + ahead, min(q, low)), max(q, high))
-                for q, ahead, low, high in zip(positions, lost.offset, lower, upper, strict=True)
+                min(max(q, min(told, low)), max(told, high))
+                for q, told, low, high in zip(
+                    positions, command.positions, lower, upper, strict=True
+                )
             ),
-            tuple(
-                min(max(v + more, -most), most)
-                for v, more, most in zip(velocities, lost.rate, speed, strict=True)
-            ),
+            tuple(min(max(v, -top), top) for v, top in zip(sent, most, strict=True)),
         )
 
     def _pass(self, gap_s: float, before: tuple[float, ...], state: ArmState) -> None:
