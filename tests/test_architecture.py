@@ -18,6 +18,7 @@ LEAVES = {
     "robots",
     "haptics",
     "plugins",
+    "sockets",
     "__init__",
 }
 

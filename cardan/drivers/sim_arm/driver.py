@@ -18,12 +18,10 @@ from typing import Protocol
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
-from cardan.errors import AddressError
 from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
 from cardan.sim_peers.arm import SimulatedArm
+from cardan.sockets import opened, waiting
 from cardan.types import HoldCommand, RobotCommand, RobotLink, RobotState
-
-_DRAIN_AT_MOST = 256
 
 _monotonic = time.monotonic
 
@@ -100,20 +98,9 @@ class _Udp:
     """A served arm."""
 
     def __init__(self, options: SimArmOptions) -> None:
-        host, port = options.address
-        link = None
-        try:
-            family, kind, protocol, _, address = socket.getaddrinfo(
-                host, port, family=socket.AF_INET, type=socket.SOCK_DGRAM
-            )[0]
-            link = socket.socket(family, kind, protocol)
-            link.connect(address)
-        except (OSError, UnicodeError) as error:
-            if link is not None:
-                link.close()
-            raise AddressError(f"endpoint {options.endpoint}: {error}") from None
-        link.setblocking(False)
-        self._socket = link
+        problem = f"endpoint {options.endpoint}"
+        join = socket.socket.connect
+        self._socket = opened(*options.address, socket.SOCK_DGRAM, join, problem)
 
     def now(self) -> float:
         return _monotonic()
@@ -137,15 +124,7 @@ class _Udp:
         return found
 
     def waiting(self) -> list[bytes]:
-        found: list[bytes] = []
-        for _ in range(_DRAIN_AT_MOST):
-            try:
-                found.append(self._socket.recv(MAX_DATAGRAM_BYTES + 1))
-            except BlockingIOError:
-                break
-            except OSError:
-                continue
-        return found
+        return [data for data, _ in waiting(self._socket, MAX_DATAGRAM_BYTES + 1)]
 
     def close(self) -> None:
         self._socket.close()

@@ -29,7 +29,7 @@ from cardan.protocols.egm.messages import (
     MotorState,
     RapidState,
 )
-from cardan.sim_peers.base import load_script
+from cardan.sim_peers.base import TimedActs, load_script
 from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run, Setup, StopMode
 from cardan.sim_peers.egm_controller.contact import Surface, tcp_velocity, touch
 from cardan.sim_peers.egm_controller.events import Event, EventLog
@@ -148,7 +148,14 @@ class EgmController:
         self._session_cycle = 0
         self._pc_seqno: int | None = None
         self._send_failing = False
-        self._timed = self._timed_faults()
+        self._timed: TimedActs[Callable[[], None]] = TimedActs(
+            options.faults,
+            {
+                "restart": self._restart,
+                "estop": self._panel.emergency_stop,
+                "motors-off": lambda: self._panel.set_motors(False),
+            },
+        )
         self._verbs = self._verb_table()
 
     # ------------------------------------------------------------------------------------
@@ -273,25 +280,11 @@ class EgmController:
             self._port_periods = int(now_s / every_s)
             self.port_changes += 1
             self._queue.clear()
-        while self._timed and self._timed[0][0] <= now_s:
-            self._timed.popleft()[1]()
+        for _, act in self._timed.due(now_s):
+            act()
         while self._actions and self._actions[0].time_s <= now_s:
             action = self._actions.popleft()
             self._verbs[action.verb](**action.arguments)
-
-    def _timed_faults(self) -> deque[tuple[float, Callable[[], None]]]:
-        actions: Mapping[str, Callable[[], None]] = {
-            "restart": self._restart,
-            "estop": self._panel.emergency_stop,
-            "motors-off": lambda: self._panel.set_motors(False),
-        }
-        faults = self.options.faults
-        return deque(
-            sorted(
-                ((faults[name], action) for name, action in actions.items() if name in faults),
-                key=lambda item: item[0],
-            )
-        )
 
     def _paused(self) -> bool:
         pause_s = self.options.faults.get("pause", 0.0)
