@@ -98,7 +98,7 @@ class Motoros(LoopingRobot[MotorosSession]):
             with contextlib.suppress(Exception):
                 io.close()
         try:
-            self._session.record.write()
+            self._session.control.record.write()
         except CardanError as error:
             self._record_failure = str(error)
 
@@ -106,7 +106,7 @@ class Motoros(LoopingRobot[MotorosSession]):
         return _monotonic()
 
     def _leave_within_s(self) -> float:
-        return _LONGEST_WAIT_S + _LEAVE_S + self._session.braking_s
+        return _LONGEST_WAIT_S + _LEAVE_S + self._session.control.braking_s
 
     # -- the control loop -------------------------------------------------------------------------
 
@@ -119,7 +119,7 @@ class Motoros(LoopingRobot[MotorosSession]):
                 self._wait(session, _LONGEST_WAIT_S)
                 continue
             yield state
-            if session.owes_answer and self._loop == loop:
+            if session.control.owes_answer and self._loop == loop:
                 self.send(HoldCommand())
 
     def _turn(self, session: MotorosSession, now_s: float) -> None:
@@ -160,14 +160,14 @@ class Motoros(LoopingRobot[MotorosSession]):
     def _leave(self) -> None:
         """Brake, leave the controller's mode, and hear it say so; never for long."""
         session = self._session
-        deadline_s = _monotonic() + _LEAVE_S + session.braking_s
+        deadline_s = _monotonic() + _LEAVE_S + session.control.braking_s
         session.leave(_monotonic())
         self._flush(session)
-        while not session.left and (left_s := deadline_s - _monotonic()) > 0.0:
+        while not session.control.left and (left_s := deadline_s - _monotonic()) > 0.0:
             session.advance(_monotonic())
             session.due_state(_monotonic())
             self._flush(session)
-            if not session.left:
+            if not session.control.left:
                 self._wait(session, min(left_s, _LONGEST_WAIT_S))
 
     # -- sockets ----------------------------------------------------------------------------------
@@ -306,7 +306,7 @@ class Motoros(LoopingRobot[MotorosSession]):
         session = self._require_open()
         with self._io_lock:
             if self._io is None:
-                order = session.byte_order
+                order = session.feed.byte_order
                 if order is None:
                     raise NotOpenError(
                         "the controller's byte order is not known yet: wait for its first state, "
