@@ -37,19 +37,6 @@ class JointLimiter:
     most `acceleration` times the period. An axis found outside its range may only move inwards.
     """
 
-    __slots__ = (
-        "_acceleration",
-        "_axes",
-        "_inner_lower",
-        "_inner_upper",
-        "_lower",
-        "_speed",
-        "_target",
-        "_upper",
-        "reference",
-        "velocity",
-    )
-
     def __init__(
         self,
         lower: Sequence[float],

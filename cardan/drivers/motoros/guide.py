@@ -49,35 +49,6 @@ class JointGuide:
     stay there or move inwards.
     """
 
-    __slots__ = (
-        "_acceleration",
-        "_axes",
-        "_bits",
-        "_error",
-        "_following",
-        "_forward",
-        "_free_high",
-        "_free_low",
-        "_high",
-        "_jerky",
-        "_low",
-        "_lower",
-        "_moved",
-        "_range_high",
-        "_range_low",
-        "_ranged",
-        "_speed",
-        "_speedy",
-        "_stop",
-        "_target",
-        "_upper",
-        "_wanted",
-        "_zeros",
-        "closing_rad_s",
-        "positions",
-        "velocities",
-    )
-
     def __init__(
         self,
         lower: Sequence[float],

@@ -12,7 +12,6 @@ import socket
 import threading
 import time
 from contextlib import suppress
-from types import TracebackType
 from typing import Literal, NamedTuple
 
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words
@@ -299,12 +298,7 @@ class IoClient:
     def __enter__(self) -> IoClient:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _call(self, asked: IoRequest) -> int:

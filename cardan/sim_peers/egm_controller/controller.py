@@ -473,11 +473,11 @@ class EgmController:
         return {
             "movej": self._movej,
             "getid": lambda: rapid.execute(does.get_id),
-            "setup": self._setup,
-            "act": self._act,
+            "setup": self._executing(Setup, does.setup),
+            "act": self._executing(Act, does.act),
             "stream-start": lambda: rapid.execute(does.stream_start),
             "stream-stop": lambda: rapid.execute(does.stream_stop),
-            "run": self._run,
+            "run": self._executing(Run, does.run),
             "egmmovel": self._egmmovel,
             "stop": self._stop,
             "reset": lambda: rapid.execute(does.reset),
@@ -517,17 +517,16 @@ class EgmController:
     def _jog(self, joints_deg: Sequence[float]) -> None:
         self.jog_to(joints_deg)
 
-    def _setup(self, **arguments: Any) -> None:
-        setup: Setup = self._with_defaults(Setup, arguments)
-        self.rapid.execute(lambda: self._instructions.setup(setup))
+    def _executing(
+        self, kind: type[Any], instruction: Callable[[Any], None]
+    ) -> Callable[..., None]:
+        """What executes `instruction` with `kind` of a script line's arguments."""
 
-    def _act(self, **arguments: Any) -> None:
-        act: Act = self._with_defaults(Act, arguments)
-        self.rapid.execute(lambda: self._instructions.act(act))
+        def execute(**arguments: Any) -> None:
+            made = self._with_defaults(kind, arguments)
+            self.rapid.execute(lambda: instruction(made))
 
-    def _run(self, **arguments: Any) -> None:
-        run: Run = self._with_defaults(Run, arguments)
-        self.rapid.execute(lambda: self._instructions.run(run))
+        return execute
 
     def _egmmovel(self, **arguments: Any) -> None:
         move = PathMove(**arguments)
