@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from abc import abstractmethod
-from collections.abc import Collection, Generator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
@@ -76,7 +76,7 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
 
     @abstractmethod
     def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        """What `cycles` yields, while `_loop` is `loop`."""
+        """What `cycles` yields while `_loop` is `loop`, inside of `_looping(loop)`."""
 
     @abstractmethod
     def _leave(self) -> None:
@@ -128,15 +128,15 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
     def cycles(self) -> Generator[RobotState, None, None]:
         self._require_open()
         self._loop += 1
-        return self._run(self._loop)
+        return self._states(self._loop)
 
-    def _run(self, loop: int) -> Generator[RobotState, None, None]:
-        if self._loop != loop:
-            return
+    @contextlib.contextmanager
+    def _looping(self, loop: int) -> Iterator[None]:
+        """Around the loop: notes that it runs, and leaves the robot when it ends."""
         self._loop_thread = threading.get_ident()
         self._loop_ended.clear()
         try:
-            yield from self._states(loop)
+            yield
         finally:
             try:
                 if self._loop == loop:

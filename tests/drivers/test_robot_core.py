@@ -73,8 +73,11 @@ class Robot(LoopingRobot[Session]):
         return 3.0
 
     def _states(self, loop):
-        while self._loop == loop:
-            yield RobotState(0.0, RobotLink.LIVE, 1, 1, 0.01, (), (), None, "")
+        if self._loop != loop:
+            return
+        with self._looping(loop):
+            while self._loop == loop:
+                yield RobotState(0.0, RobotLink.LIVE, 1, 1, 0.01, (), (), None, "")
 
     def send(self, command) -> None:
         self._require_open()

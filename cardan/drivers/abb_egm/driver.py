@@ -123,46 +123,49 @@ class AbbEgm(LoopingRobot[EgmSession]):
     # -- the control loop -----------------------------------------------------------------------
 
     def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        sock = self._open_socket()
+        sock = self._socket
+        if sock is None or self._loop != loop:
+            return
         session = self._session
         receive = session.receive
         recvfrom = sock.recvfrom
         poll = self._poll.poll
         yielded_s = _monotonic()
-        try:
-            while self._loop == loop:
-                try:
-                    data, source = recvfrom(_RECEIVE_BYTES)
-                except BlockingIOError:  # the socket's timeout
-                    silence = session.tick(_monotonic())
-                    if silence is not None:
-                        yielded_s = silence.stamp_s
-                        yield silence
-                    continue
-                now_s = _monotonic()
-                # Where this one cannot have waited for a period, asking for a newer one only costs.
-                more = now_s - self._drained_s > self._period_s and poll(0)
-                state = receive(data, source, now_s)
-                if more:
-                    taken = session.counters.accepted
-                    state = self._drain(sock) or state
-                    if session.counters.accepted - taken >= _BACKLOG_STALE:
-                        session.skip()
-                        continue
-                if state is None:
-                    if now_s - yielded_s >= WAKE_S:
-                        silence = session.tick(now_s)
+        with self._looping(loop):
+            try:
+                while self._loop == loop:
+                    try:
+                        data, source = recvfrom(_RECEIVE_BYTES)
+                    except BlockingIOError:  # the socket's timeout
+                        silence = session.tick(_monotonic())
                         if silence is not None:
-                            yielded_s = now_s
+                            yielded_s = silence.stamp_s
                             yield silence
-                    continue
-                yielded_s = now_s
-                yield state
-                if session.owes_answer:
-                    self._hold(sock)
-        except OSError as error:
-            if self._loop == loop:
-                raise DriverError(f"the EGM socket failed: {error}") from error
+                        continue
+                    now_s = _monotonic()
+                    # Where this one cannot have waited for a period, asking for more only costs.
+                    more = now_s - self._drained_s > self._period_s and poll(0)
+                    state = receive(data, source, now_s)
+                    if more:
+                        taken = session.counters.accepted
+                        state = self._drain(sock) or state
+                        if session.counters.accepted - taken >= _BACKLOG_STALE:
+                            session.skip()
+                            continue
+                    if state is None:
+                        if now_s - yielded_s >= WAKE_S:
+                            silence = session.tick(now_s)
+                            if silence is not None:
+                                yielded_s = now_s
+                                yield silence
+                        continue
+                    yielded_s = now_s
+                    yield state
+                    if session.owes_answer:
+                        self._hold(sock)
+            except OSError as error:
+                if self._loop == loop:
+                    raise DriverError(f"the EGM socket failed: {error}") from error
 
     def send(self, command: RobotCommand) -> None:
         """Answer the datagram last yielded; a second call for it has no effect.

@@ -112,15 +112,18 @@ class Motoros(LoopingRobot[MotorosSession]):
 
     def _states(self, loop: int) -> Generator[RobotState, None, None]:
         session = self._session
-        while self._loop == loop:
-            self._turn(session, _monotonic())
-            state = session.due_state(_monotonic())
-            if state is None:
-                self._wait(session, _LONGEST_WAIT_S)
-                continue
-            yield state
-            if session.control.owes_answer and self._loop == loop:
-                self.send(HoldCommand())
+        if self._loop != loop:
+            return
+        with self._looping(loop):
+            while self._loop == loop:
+                self._turn(session, _monotonic())
+                state = session.due_state(_monotonic())
+                if state is None:
+                    self._wait(session, _LONGEST_WAIT_S)
+                    continue
+                yield state
+                if session.control.owes_answer and self._loop == loop:
+                    self.send(HoldCommand())
 
     def _turn(self, session: MotorosSession, now_s: float) -> None:
         """Do what is due."""

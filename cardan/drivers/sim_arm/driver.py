@@ -179,26 +179,29 @@ class SimArm(LoopingRobot[SimArmSession]):
         return WAKE_S
 
     def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        session, transport = self._session, self._joined()
+        session, transport = self._session, self._transport
+        if transport is None or self._loop != loop:
+            return
         said_s = transport.now()
         transport.send(session.greeting(said_s))
-        while self._loop == loop:
-            state = None
-            for data in transport.wait():
-                state = session.receive(data, transport.now()) or state
-            if self._loop != loop:
-                return
-            now_s = transport.now()
-            if state is not None:
-                said_s = now_s
-                self._owes_answer = True
-                yield state
-                if self._loop == loop and self._owes_answer:
-                    self.send(HoldCommand())
-            elif now_s - said_s >= WAKE_S and session.lost(now_s):
-                said_s = now_s
-                transport.send(session.greeting(now_s))
-                yield session.silence(now_s)
+        with self._looping(loop):
+            while self._loop == loop:
+                state = None
+                for data in transport.wait():
+                    state = session.receive(data, transport.now()) or state
+                if self._loop != loop:
+                    return
+                now_s = transport.now()
+                if state is not None:
+                    said_s = now_s
+                    self._owes_answer = True
+                    yield state
+                    if self._loop == loop and self._owes_answer:
+                        self.send(HoldCommand())
+                elif now_s - said_s >= WAKE_S and session.lost(now_s):
+                    said_s = now_s
+                    transport.send(session.greeting(now_s))
+                    yield session.silence(now_s)
 
     def _leave(self) -> None:
         transport = self._joined()
