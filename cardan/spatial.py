@@ -42,6 +42,11 @@ def scale(v: Vector3, factor: float) -> Vector3:
     return Vector3(v[0] * factor, v[1] * factor, v[2] * factor)
 
 
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """Vector product."""
+    return Vector3(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
 def limit_norm(v: Vector3, longest: float) -> Vector3:
     """`v`, shortened to `longest` if it is longer; the direction stays."""
     length = norm(v)

@@ -20,6 +20,7 @@ LEAVES = {
     "robots",
     "haptics",
     "plugins",
+    "sockets",
     "__init__",
 }
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 WORK_OFF_S: Final = 0.5
 """Time constant with which a difference in place dies away: 6 mm, what 60 ms at 100 mm/s leave, at
@@ -36,8 +36,8 @@ _NOTHING = 1e-7
 class LostTime:
     """The difference in place and speed between a robot and its commands, along some axes.
 
-    Units are those of the axes, rad or m. The driver adds `offset` and `rate` to what it is
-    commanded to send.
+    Units are those of the axes, rad or m. `offset` and `rate` are added to what is commanded; how,
+    where places are not plain numbers (an orientation), a subclass says in `_way` and `_ahead`.
     """
 
     __slots__ = ("_gap_s", "_interrupted", "_slip", "_went", "offset", "rate", "working")
@@ -79,6 +79,43 @@ class LostTime:
             went[i] += each
         for i, each in enumerate(slip):
             slipped[i] += each
+
+    def follow(
+        self,
+        asked: tuple[Any, Sequence[float] | None] | None,
+        target: Any,
+        speeds: Sequence[float] | None,
+        dt_s: float,
+        seen_s: float = 0.0,
+    ) -> tuple[Any, Any]:
+        """What to send for one period, while `working`, with a `target` that moves at `speeds`.
+
+        `asked` is the target before with its speeds, None after anything else than a target.
+        Where the speeds of either are not known, the difference is forgotten; `seen_s`, if it is
+        above 0, is then how long `target` took to come from the one before, and tells its speeds.
+        """
+        if asked is None:
+            self.reset()
+            return target, speeds
+        moved = self._way(asked[0], target)
+        if speeds is None or asked[1] is None:
+            self.reset()
+            if speeds is None and seen_s > 0.0:
+                speeds = [way / seen_s for way in moved]
+            return target, speeds
+        self.step(moved, asked[1], speeds, dt_s)
+        return (
+            self._ahead(target, self.offset),
+            tuple([v + more for v, more in zip(speeds, self.rate, strict=True)]),
+        )
+
+    def _way(self, start: Any, end: Any) -> list[float]:
+        """From one place to another, along the axes."""
+        return [b - a for a, b in zip(start, end, strict=True)]
+
+    def _ahead(self, place: Any, by: Sequence[float]) -> Any:
+        """The place that is `by` so much ahead."""
+        return tuple([q + way for q, way in zip(place, by, strict=True)])
 
     def step(
         self,

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import contextlib
 import math
+import operator
 import shlex
 import signal
 import sys
 import threading
 import time
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import FrameType
-from typing import NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from cardan.errors import ScriptError
 from cardan.openable import Openable
@@ -34,6 +36,21 @@ class FaultSwitch(NamedTuple):
     """The value of a bare ``--fault NAME``."""
     lowest: float = 0.0
     highest: float = 1e9
+
+    @classmethod
+    def at(cls, name: str, what: str, default_s: float = 5.0) -> FaultSwitch:
+        """What happens at a time, s."""
+        return cls(name, f"{what} at this time, s", default_s)
+
+    @classmethod
+    def share(cls, name: str, what: str, default: float = 0.05) -> FaultSwitch:
+        """What happens to a share of something."""
+        return cls(name, f"{what} (0..1)", default, 0.0, 1.0)
+
+    @classmethod
+    def flag(cls, name: str, what: str) -> FaultSwitch:
+        """What is so or not."""
+        return cls(name, f"{what} (1: yes)", 1.0, 0.0, 1.0)
 
 
 def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -> None:
@@ -60,6 +77,35 @@ def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[
             raise ScriptError(f"fault {name}: {text!r} is not a number") from None
     check_faults(faults, switches)
     return faults
+
+
+ActT = TypeVar("ActT", bound=Callable[..., None])
+
+
+class TimedActs(Generic[ActT]):
+    """What is done at a time, once: the faults whose values are times, and what else there is."""
+
+    def __init__(
+        self,
+        faults: Mapping[str, float],
+        acts: Mapping[str, ActT],
+        *others: tuple[float, ActT],
+        start_s: float = 0.0,
+    ) -> None:
+        """`acts` by the names of faults; `others` with their times. Times count from `start_s`."""
+        timed = [*((faults[name], act) for name, act in acts.items() if name in faults), *others]
+        timed.sort(key=operator.itemgetter(0))
+        self._left = deque((start_s + time_s, act) for time_s, act in timed)
+
+    @property
+    def next_s(self) -> float:
+        """When `due` has something next; infinite when nothing is left."""
+        return self._left[0][0] if self._left else math.inf
+
+    def due(self, until_s: float) -> Iterator[tuple[float, ActT]]:
+        """What is due by `until_s`, with its time, in order; each comes once."""
+        while self._left and self._left[0][0] <= until_s:
+            yield self._left.popleft()
 
 
 class ScriptStep(NamedTuple):

@@ -9,13 +9,9 @@ from collections.abc import Mapping
 from cardan.sim_peers.base import FaultSwitch
 
 LINK_FAULTS: tuple[FaultSwitch, ...] = (
-    FaultSwitch("drop", "share of datagrams lost, each way (0..1)", 0.05, 0.0, 1.0),
-    FaultSwitch(
-        "duplicate", "share of datagrams that arrive twice, each way (0..1)", 0.05, 0.0, 1.0
-    ),
-    FaultSwitch(
-        "reorder", "share of datagrams overtaken by the next, each way (0..1)", 0.05, 0.0, 1.0
-    ),
+    FaultSwitch.share("drop", "share of datagrams lost, each way"),
+    FaultSwitch.share("duplicate", "share of datagrams that arrive twice, each way"),
+    FaultSwitch.share("reorder", "share of datagrams overtaken by the next, each way"),
     FaultSwitch("delay", "added to every datagram, each way, ms", 20.0),
     FaultSwitch("jitter", "at most this much added to a datagram, order kept, each way, ms", 8.0),
 )

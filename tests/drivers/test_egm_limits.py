@@ -59,7 +59,7 @@ class TestJoints:
         limiter = self.limiter(*start)
         for (verb, values, speeds), times, dt_s in script:
             for _ in range(times):
-                positions, velocities = list(limiter.positions), list(limiter.velocities)
+                positions, velocities = list(limiter.reference), list(limiter.velocity)
                 if verb == "track":
                     limiter.track(values, speeds, dt_s)
                 elif verb == "drive":
@@ -67,7 +67,7 @@ class TestJoints:
                 else:
                     limiter.brake(dt_s)
                 for i in (0, 1):
-                    position, velocity = limiter.positions[i], limiter.velocities[i]
+                    position, velocity = limiter.reference[i], limiter.velocity[i]
                     assert position == pytest.approx(positions[i] + velocity * dt_s, abs=EPSILON)
                     assert abs(velocity) <= self.SPEED[i] + EPSILON
                     change = abs(velocity - velocities[i])
@@ -80,9 +80,9 @@ class TestJoints:
         way = math.copysign(1.0, target - start)
         for _ in range(500):
             limiter.track((target, 0.0), None, PERIOD_S)
-            assert way * (target - limiter.positions[0]) >= -EPSILON
-        assert limiter.positions[0] == pytest.approx(target, abs=EPSILON)
-        assert limiter.velocities[0] == pytest.approx(0.0, abs=1e-6)
+            assert way * (target - limiter.reference[0]) >= -EPSILON
+        assert limiter.reference[0] == pytest.approx(target, abs=EPSILON)
+        assert limiter.velocity[0] == pytest.approx(0.0, abs=1e-6)
 
     def test_a_target_within_the_limits_is_followed_without_lag(self) -> None:
         limiter = self.limiter(0.0, 0.0)
@@ -90,36 +90,36 @@ class TestJoints:
             target = 0.3 * (1.0 - math.cos(3.0 * k * PERIOD_S))
             limiter.track((target - 0.5, 0.0), None, PERIOD_S)
             if k > 200:
-                assert limiter.positions[0] == pytest.approx(target - 0.5, abs=1e-5)
+                assert limiter.reference[0] == pytest.approx(target - 0.5, abs=1e-5)
                 rate = 0.9 * math.sin(3.0 * (k - 0.5) * PERIOD_S)
-                assert limiter.velocities[0] == pytest.approx(rate, abs=2e-3)
+                assert limiter.velocity[0] == pytest.approx(rate, abs=2e-3)
 
     def test_outside_its_range_a_joint_moves_only_inwards(self) -> None:
         limiter = self.limiter(0.9, 0.0)
         limiter.track((2.0, 0.0), None, PERIOD_S)
-        assert limiter.positions[0] == 0.9
+        assert limiter.reference[0] == 0.9
         for _ in range(400):
-            before = limiter.positions[0]
+            before = limiter.reference[0]
             limiter.track((0.2, 0.0), None, PERIOD_S)
-            assert limiter.positions[0] <= before
-        assert limiter.positions[0] == pytest.approx(0.2)
+            assert limiter.reference[0] <= before
+        assert limiter.reference[0] == pytest.approx(0.2)
 
     @given(st.floats(-1.0, 0.5), st.floats(-9.0, 9.0))
     def test_a_start_at_speed_keeps_the_bounds_too(self, position, velocity) -> None:
         limiter = self.limiter(position, 0.0)
         limiter.reset((position, 0.0), (velocity, 0.0))
         while limiter.moving:
-            before = limiter.velocities[0]
+            before = limiter.velocity[0]
             limiter.brake(PERIOD_S)
-            assert abs(limiter.velocities[0]) <= abs(before)
-            assert -1.0 - EPSILON <= limiter.positions[0] <= 0.5 + EPSILON
+            assert abs(limiter.velocity[0]) <= abs(before)
+            assert -1.0 - EPSILON <= limiter.reference[0] <= 0.5 + EPSILON
 
     def test_speeds_given_for_the_first_target_are_used(self) -> None:
         limiter = self.limiter(0.0, 0.0)
         limiter.reset((0.0, 0.0), (1.0, 0.0))
         limiter.track((PERIOD_S, 0.0), (1.0, 0.0), PERIOD_S)
-        assert limiter.positions[0] == pytest.approx(PERIOD_S)
-        assert limiter.velocities[0] == pytest.approx(1.0)
+        assert limiter.reference[0] == pytest.approx(PERIOD_S)
+        assert limiter.velocity[0] == pytest.approx(1.0)
 
 
 BOX = ((-0.2, -0.2, 0.0), (0.2, 0.3, 0.4))
@@ -145,7 +145,7 @@ class TestPoint:
         limiter.reset(Vector3(*start))
         for (verb, values, speeds), times, dt_s in script:
             for _ in range(times):
-                position, velocity = limiter.position, limiter.velocity
+                position, velocity = limiter.reference, limiter.velocity
                 if verb == "track":
                     limiter.track(values, speeds, dt_s)
                 elif verb == "drive":
@@ -157,10 +157,10 @@ class TestPoint:
                 assert length(change) <= self.ACCELERATION * dt_s + EPSILON
                 for i in (0, 1, 2):
                     moved = position[i] + limiter.velocity[i] * dt_s
-                    assert limiter.position[i] == pytest.approx(moved, abs=EPSILON)
+                    assert limiter.reference[i] == pytest.approx(moved, abs=EPSILON)
                     if box:
                         lowest, highest = box[0][i], box[1][i]
-                        assert lowest - EPSILON <= limiter.position[i] <= highest + EPSILON
+                        assert lowest - EPSILON <= limiter.reference[i] <= highest + EPSILON
 
     @given(
         st.tuples(st.floats(-0.19, 0.19), st.floats(-0.19, 0.29), st.floats(0.01, 0.39)),
@@ -171,14 +171,14 @@ class TestPoint:
         limiter.reset(Vector3(0.0, 0.0, 0.2))
         for _ in range(900):
             limiter.track(target, None, PERIOD_S)
-        assert limiter.position == pytest.approx(target, abs=1e-6)
+        assert limiter.reference == pytest.approx(target, abs=1e-6)
 
     def test_sliding_along_a_wall_is_not_slowed(self) -> None:
         limiter = PointLimiter(self.SPEED, self.ACCELERATION, BOX)
         limiter.reset(Vector3(0.2, -0.1, 0.2))
         for k in range(300):
             limiter.track((0.5, -0.1 + 0.1 * k * PERIOD_S, 0.2), None, PERIOD_S)
-        assert limiter.position[0] == pytest.approx(0.2, abs=EPSILON)
+        assert limiter.reference[0] == pytest.approx(0.2, abs=EPSILON)
         assert limiter.velocity[1] == pytest.approx(0.1, abs=1e-4)
 
     def test_a_start_at_speed_keeps_the_box(self) -> None:
@@ -186,7 +186,7 @@ class TestPoint:
         limiter.reset(Vector3(0.199, 0.0, 0.2), (5.0, 0.0, 0.0))
         while limiter.moving:
             limiter.brake(PERIOD_S)
-            assert limiter.position[0] <= 0.2 + EPSILON
+            assert limiter.reference[0] <= 0.2 + EPSILON
 
 
 quaternions = (
@@ -212,22 +212,22 @@ class TestOrientation:
         limiter.reset(start)
         for (verb, values, speeds), times, dt_s in script[:8]:
             for _ in range(times):
-                orientation, velocity = limiter.orientation, limiter.velocity
+                orientation, velocity = limiter.reference, limiter.velocity
                 if verb == "track":
                     limiter.track(values, speeds, dt_s)
                 elif verb == "drive":
                     limiter.drive(values, dt_s)
                 else:
                     limiter.brake(dt_s)
-                assert length(limiter.orientation) == pytest.approx(1.0, abs=EPSILON)
+                assert length(limiter.reference) == pytest.approx(1.0, abs=EPSILON)
                 assert length(limiter.velocity) <= self.SPEED + EPSILON
                 change = [a - b for a, b in zip(limiter.velocity, velocity, strict=True)]
                 assert length(change) <= self.ACCELERATION * dt_s + EPSILON
-                turned = rotation_between(orientation, limiter.orientation)
+                turned = rotation_between(orientation, limiter.reference)
                 moved = [w * dt_s for w in limiter.velocity]
                 assert turned == pytest.approx(moved, abs=1e-8)
                 # Never the other of the two quaternions of a rotation.
-                products = zip(orientation, limiter.orientation, strict=True)
+                products = zip(orientation, limiter.reference, strict=True)
                 assert sum(a * b for a, b in products) > 0.9
 
     @given(quaternions, quaternions, st.booleans())
@@ -239,7 +239,7 @@ class TestOrientation:
         for _ in range(900):
             limiter.track(given_as, None, PERIOD_S)
             travelled += length(limiter.velocity) * PERIOD_S
-        assert length(rotation_between(limiter.orientation, target)) == pytest.approx(0, abs=1e-6)
+        assert length(rotation_between(limiter.reference, target)) == pytest.approx(0, abs=1e-6)
         assert travelled <= length(rotation_between(start, target)) + 1e-3
 
     def test_a_turning_target_is_followed_without_lag(self) -> None:
@@ -250,7 +250,7 @@ class TestOrientation:
             if k % 2:
                 target = Quaternion(*(-c for c in target))
             limiter.track(target, None, PERIOD_S)
-        assert length(rotation_between(limiter.orientation, target)) < 1e-6
+        assert length(rotation_between(limiter.reference, target)) < 1e-6
         assert limiter.velocity == pytest.approx((0.0, 0.0, 1.0), abs=1e-4)
 
     def test_the_axis_of_a_twist_is_that_of_the_base(self) -> None:
@@ -259,4 +259,4 @@ class TestOrientation:
         limiter.reset(start)
         limiter.drive((0.0, 0.04, 0.0), PERIOD_S)
         turn = from_rotation_vector(Vector3(0.0, 0.04 * PERIOD_S, 0.0))
-        assert limiter.orientation == pytest.approx(multiply(turn, start))
+        assert limiter.reference == pytest.approx(multiply(turn, start))

@@ -210,7 +210,7 @@ def motoros_messages(run: Rig) -> list[Message]:
         found = outgoing()
         for channel, data in found:
             if channel == "motion":
-                sent.append(wire(run.session.byte_order).decode(data))
+                sent.append(wire(run.session.feed.byte_order).decode(data))
         return found
 
     run.session.outgoing = recorded

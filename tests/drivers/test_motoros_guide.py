@@ -380,7 +380,7 @@ class TestRefused:
 
     def test_other_commands(self) -> None:
         guide = guide_at(0.0, 0.0, 0.0)
-        with pytest.raises(CommandError, match="pose cannot be sent; it takes: joint"):
+        with pytest.raises(CommandError, match="takes no pose; it takes hold, joint"):
             guide.step(PoseCommand(IDENTITY_POSE), PERIOD_S)
         with pytest.raises(CommandError, match="external_axes"):
             guide.step(JointCommand((0.0,) * 3, None, (0.1,)), PERIOD_S)

@@ -107,7 +107,9 @@ class TestRequests:
     @pytest.mark.parametrize("address", [10, 20010, 30010, 37010, 50010, 80010])
     def test_what_can_only_be_read(self, address: int) -> None:
         read_bit(address)
-        with pytest.raises(CommandError, match=r"cannot be written; allowed .* \(panel\)$"):
+        with pytest.raises(
+            CommandError, match=r"cannot be written; allowed .* \(interface panel\)$"
+        ):
             write_bit(address, 1)
         with pytest.raises(CommandError, match="cannot be written"):
             write_group(address // 10, 1)

@@ -63,7 +63,7 @@ def test_after_connecting_it_asks_and_starts_nothing():
     run = rig("auto").run(1.0)
     session = run.session
     assert session.phase is Phase.IDLE
-    assert session.velocity_info.axes == 6
+    assert session.control.velocity_info.axes == 6
     assert not session.enabled
     texts = " ".join(text for _, text in run.controller.events)
     assert "START" not in texts
@@ -102,7 +102,7 @@ def test_a_refused_connection_is_tried_again_later_and_later():
 @pytest.mark.parametrize("big_endian", [False, True])
 def test_the_byte_order_is_the_state_ports(big_endian):
     run = rig("stream", big_endian=big_endian).ready()
-    assert run.session.byte_order is (ByteOrder.BIG if big_endian else ByteOrder.LITTLE)
+    assert run.session.feed.byte_order is (ByteOrder.BIG if big_endian else ByteOrder.LITTLE)
 
 
 def test_a_byte_order_that_is_told_wrongly_is_named():
@@ -121,7 +121,7 @@ def test_reals_of_eight_bytes_are_not_motoros():
 
 def test_a_stock_controller_is_streamed_to():
     run = rig("auto", velocity_mode=False).ready()
-    assert run.session.velocity_info is None
+    assert run.session.control.velocity_info is None
     assert run.states[-1].period_s == pytest.approx(0.020)
     assert run.session.capabilities.period_s == pytest.approx(0.020)
 
@@ -349,7 +349,9 @@ def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, 
     run.run(0.6)
     run.session.enable(run.now_s)
     run.run(5.5 if fault in ("state-pause", "drop-reply") else 2.5)
-    found = " ".join((*run.session.ends, run.session.end_reason, *run.session.diagnosis(run.now_s)))
+    found = " ".join(
+        (*run.session.control.ends, run.session.end_reason, *run.session.diagnosis(run.now_s))
+    )
     assert words in found
     if not run.session.enabled:
         run.run(0.5)
@@ -547,7 +549,7 @@ def test_leaving_ends_at_rest_and_in_time(mode):
     run = turning(rig(mode).ready()).run(0.5)
     run.session.leave(run.now_s)
     began_s = run.now_s
-    run.run(2.0, until=lambda: run.session.left)
+    run.run(2.0, until=lambda: run.session.control.left)
     assert run.now_s - began_s < 1.5
     run.run(0.02)
     where = run.controller.command_rad(0)

@@ -9,6 +9,7 @@ from cardan.errors import ScriptError
 from cardan.sim_peers.base import (
     FaultSwitch,
     ScriptStep,
+    TimedActs,
     check_faults,
     load_script,
     parse_faults,
@@ -80,3 +81,30 @@ def test_wrong_faults(word, words):
 def test_values_that_did_not_come_from_words_are_checked_too():
     with pytest.raises(ScriptError, match="late"):
         check_faults({"late": -1.0}, SWITCHES)
+
+
+def test_what_is_done_at_a_time_is_done_once_and_in_order():
+    done = []
+    acts = {name: lambda name=name: done.append(name) for name in ("estop", "restart", "cut")}
+    timed = TimedActs({"estop": 3.0, "restart": 1.0, "drop": 0.5}, acts, (2.0, done.clear))
+    assert timed.next_s == 1.0
+    assert list(timed.due(0.9)) == []
+    times = []
+    for time_s, act in timed.due(5.0):
+        times.append(time_s)
+        act()
+    assert times == [1.0, 2.0, 3.0]
+    assert done == ["estop"]
+    assert timed.next_s == float("inf")
+    assert list(timed.due(9.0)) == []
+
+
+def test_times_count_from_the_start():
+    assert TimedActs({"cut": 0.5}, {"cut": print}, start_s=100.0).next_s == 100.5
+
+
+def test_switches_of_a_kind_have_its_words_and_range():
+    assert FaultSwitch.at("estop", "emergency stop").help == "emergency stop at this time, s"
+    share = FaultSwitch.share("drop", "share of datagrams lost", 0.1)
+    assert share == FaultSwitch("drop", "share of datagrams lost (0..1)", 0.1, 0.0, 1.0)
+    assert FaultSwitch.flag("split", "in pieces").help == "in pieces (1: yes)"

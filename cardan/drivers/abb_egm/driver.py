@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import select
 import socket
 import struct
-import threading
 import time
 from collections.abc import Generator, Sequence
 from typing import Any
@@ -15,13 +13,10 @@ from cardan.drivers.abb_egm.address import bind_udp, resolve
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
 from cardan.drivers.abb_egm.stream import EgmStream
-from cardan.drivers.base import RobotDriver
-from cardan.errors import DriverError, NotOpenError
+from cardan.drivers.robot_core import WAKE_S, LoopingRobot
+from cardan.errors import DriverError
 from cardan.protocols.egm import MAX_DATAGRAM_BYTES, EgmRapidData, EgmRobot
-from cardan.types import NEVER_S, RobotCapabilities, RobotCommand, RobotState
-
-_WAKE_S = 0.1
-"""A silent robot is reported at least this often (contract of `cycles`)."""
+from cardan.types import NEVER_S, RobotCommand, RobotState
 
 _RECEIVE_BYTES = MAX_DATAGRAM_BYTES + 1
 """One more than a datagram may have, so that a longer one is seen to be longer."""
@@ -38,7 +33,7 @@ _BRAKE_S = 1.0
 _monotonic = time.monotonic
 
 
-class AbbEgm(RobotDriver):
+class AbbEgm(LoopingRobot[EgmSession]):
     """An ABB controller in Externally Guided Motion, over UDP.
 
     One instance serves one motion task on one port; several may live in one process. Each datagram
@@ -56,6 +51,7 @@ class AbbEgm(RobotDriver):
     page = "abb-egm.md"
     peer = "abb-gofa"
     options: AbbEgmOptions
+    title = "the EGM driver"
 
     def __init__(self, options: AbbEgmOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -66,26 +62,12 @@ class AbbEgm(RobotDriver):
         """When nothing was waiting; what comes out of the socket now came in after that."""
         self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s
-        self._loop = 0
-        """Counts calls of cycles(); only the newest loop goes on."""
-        self._loop_thread = 0
-        self._loop_ended = threading.Event()
-        self._loop_ended.set()
-
-    @property
-    def capabilities(self) -> RobotCapabilities:
-        return self._session.capabilities
 
     @property
     def endpoint(self) -> tuple[str, int]:
         """The address and port listened on; NotOpenError while closed."""
         address: tuple[str, int] = self._open_socket().getsockname()
         return address
-
-    @property
-    def session(self) -> EgmSession:
-        """The state of the protocol, with its counters; a new one with every open()."""
-        return self._session
 
     @property
     def message(self) -> EgmRobot | None:
@@ -111,14 +93,12 @@ class AbbEgm(RobotDriver):
 
     # -- opening and closing --------------------------------------------------------------------
 
-    def open(self) -> None:
-        if self._socket is not None:
-            return
+    def _acquire(self) -> None:
         options = self.options
         controller = None if options.controller_host is None else resolve(options.controller_host)
         sock = bind_udp(options.listen_host, options.listen_port)
         # A timeout of the socket itself costs one system call less than settimeout().
-        wake_s = min(_WAKE_S, options.lost_after_s)
+        wake_s = min(WAKE_S, options.lost_after_s)
         sock.setsockopt(
             socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, int(wake_s * 1e6))
         )
@@ -128,80 +108,68 @@ class AbbEgm(RobotDriver):
         self._poll.register(sock, select.POLLIN)
         self._socket = sock
 
-    def close(self) -> None:
-        sock = self._socket
-        if sock is None:
-            return
-        self._loop += 1
-        if self._loop_thread != threading.get_ident():
-            # The loop in another thread sees that when it wakes up, and leaves the robot safe.
-            self._loop_ended.wait(_WAKE_S + _BRAKE_S)
-        if self._socket is not None:
-            with contextlib.suppress(Exception):
-                self._leave(sock)
-            self._socket = None
+    def _release(self) -> None:
+        sock, self._socket = self._socket, None
+        if sock is not None:
             sock.close()
 
     def _open_socket(self) -> socket.socket:
         if self._socket is None:
-            raise NotOpenError("the EGM driver is not open; call open(), or use it in `with`")
+            raise self._not_open()
         return self._socket
+
+    def _now_s(self) -> float:
+        return _monotonic()
+
+    def _leave_within_s(self) -> float:
+        return WAKE_S + _BRAKE_S
 
     # -- the control loop -----------------------------------------------------------------------
 
-    def cycles(self) -> Generator[RobotState, None, None]:
-        sock = self._open_socket()
-        self._loop += 1
-        return self._run(sock, self._loop)
-
-    def _run(self, sock: socket.socket, loop: int) -> Generator[RobotState, None, None]:
-        self._loop_thread = threading.get_ident()
-        self._loop_ended.clear()
+    def _states(self, loop: int) -> Generator[RobotState, None, None]:
+        sock = self._socket
+        if sock is None or self._loop != loop:
+            return
         session = self._session
         receive = session.receive
         recvfrom = sock.recvfrom
         poll = self._poll.poll
         yielded_s = _monotonic()
-        try:
-            while self._loop == loop:
-                try:
-                    data, source = recvfrom(_RECEIVE_BYTES)
-                except BlockingIOError:  # the socket's timeout
-                    silence = session.tick(_monotonic())
-                    if silence is not None:
-                        yielded_s = silence.stamp_s
-                        yield silence
-                    continue
-                now_s = _monotonic()
-                # Where this one cannot have waited for a period, asking for a newer one only costs.
-                more = now_s - self._drained_s > self._period_s and poll(0)
-                state = receive(data, source, now_s)
-                if more:
-                    taken = session.counters.accepted
-                    state = self._drain(sock) or state
-                    if session.counters.accepted - taken >= _BACKLOG_STALE:
-                        session.skip()
-                        continue
-                if state is None:
-                    if now_s - yielded_s >= _WAKE_S:
-                        silence = session.tick(now_s)
-                        if silence is not None:
-                            yielded_s = now_s
-                            yield silence
-                    continue
-                yielded_s = now_s
-                yield state
-                if session.owes_answer:
-                    self._hold(sock)
-        except OSError as error:
-            if self._socket is sock:
-                raise DriverError(f"the EGM socket failed: {error}") from error
-        finally:
+        with self._looping(loop):
             try:
-                if self._loop == loop and self._socket is sock:
-                    self._leave(sock)
-            finally:
-                self._loop_ended.set()
+                while self._loop == loop:
+                    try:
+                        data, source = recvfrom(_RECEIVE_BYTES)
+                    except BlockingIOError:  # the socket's timeout
+                        silence = session.tick(_monotonic())
+                        if silence is not None:
+                            yielded_s = silence.stamp_s
+                            yield silence
+                        continue
+                    now_s = _monotonic()
+                    # Where this one cannot have waited for a period, asking for more only costs.
+                    more = now_s - self._drained_s > self._period_s and poll(0)
+                    state = receive(data, source, now_s)
+                    if more:
+                        taken = session.counters.accepted
+                        state = self._drain(sock) or state
+                        if session.counters.accepted - taken >= _BACKLOG_STALE:
+                            session.skip()
+                            continue
+                    if state is None:
+                        if now_s - yielded_s >= WAKE_S:
+                            silence = session.tick(now_s)
+                            if silence is not None:
+                                yielded_s = now_s
+                                yield silence
+                        continue
+                    yielded_s = now_s
+                    yield state
+                    if session.owes_answer:
+                        self._hold(sock)
+            except OSError as error:
+                if self._loop == loop:
+                    raise DriverError(f"the EGM socket failed: {error}") from error
 
     def send(self, command: RobotCommand) -> None:
         """Answer the datagram last yielded; a second call for it has no effect.
@@ -210,9 +178,7 @@ class AbbEgm(RobotDriver):
         the call returns when it rests.
         """
         session = self._session
-        sock = self._socket
-        if sock is None:
-            raise NotOpenError("the EGM driver is not open; nothing can be sent")
+        sock = self._open_socket()
         state = session.state
         if state is None or not session.owes_answer:
             session.check(command)
@@ -277,8 +243,9 @@ class AbbEgm(RobotDriver):
                 return
             self._drain(sock)
 
-    def _leave(self, sock: socket.socket) -> None:
+    def _leave(self) -> None:
         """Leave the robot at rest, and the last message without a speed."""
+        sock = self._open_socket()
         try:
             self._brake(sock)
         finally:
@@ -304,8 +271,3 @@ class AbbEgm(RobotDriver):
 
     def metrics(self) -> dict[str, float]:
         return self._session.metrics()
-
-    def diagnosis(self) -> tuple[str, ...]:
-        if self._socket is None:
-            return ("the EGM driver is not open",)
-        return self._session.diagnosis(_monotonic())

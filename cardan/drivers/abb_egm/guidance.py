@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from copy import copy
+from typing import Any, Generic, TypeVar
 
 from cardan.drivers.abb_egm.limits import JointLimiter, OrientationLimiter, PointLimiter
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.lost_time import LostTime
+from cardan.drivers.robot_core import ABSURD, SENSIBLE, check_numbers, wrong_kind
 from cardan.errors import CommandError
 from cardan.protocols.egm import (
     EgmHeader,
@@ -61,9 +64,6 @@ _DELAY_S = 0.02
 
 _new = tuple.__new__
 """A named tuple in half the time of its own constructor, for what is made in every cycle."""
-
-_ABSURD = 1e6
-_SENSIBLE = "every value must be finite and below a million"
 
 
 class Guidance(ABC):
@@ -133,20 +133,6 @@ def guidance_for(options: AbbEgmOptions) -> Guidance:
     return PathGuidance(options)
 
 
-def _refusal(command: object, kinds: Iterable[CommandKind], mode: str) -> CommandError:
-    kind = getattr(command, "kind", None)
-    name = f"a {kind.value} command" if isinstance(kind, CommandKind) else repr(command)
-    allowed = ", ".join(sorted(kind.value for kind in kinds))
-    return CommandError(f"{name} cannot be sent in {mode} mode; it takes: {allowed}")
-
-
-def _check_numbers(what: str, values: Sequence[float], count: int) -> None:
-    if len(values) != count:
-        raise CommandError(f"{what} has {len(values)} values; this robot needs {count}")
-    if not sum(map(abs, values)) < _ABSURD:  # NaN is not below anything
-        raise CommandError(f"{what} is {tuple(values)}; {_SENSIBLE}")
-
-
 def _header(seqno: int, tm_ms: int) -> EgmHeader:
     return EgmHeader(seqno, tm_ms, MessageType.CORRECTION)
 
@@ -171,7 +157,7 @@ class _Externals:
                 raise CommandError(
                     "external_axes are given but option external_axes is 0; set it to their number"
                 )
-            _check_numbers("external_axes", values, self.count)
+            check_numbers("external_axes", values, self.count, "axes")
 
     def step(self, values: Sequence[float], dt_s: float) -> None:
         if values:
@@ -200,34 +186,6 @@ def _speeds(now: Sequence[float], before: Sequence[float], dt_s: float) -> tuple
     return tuple((a - b) / dt_s for a, b in zip(now, before, strict=True))
 
 
-def _between(before: Sequence[float], now: Sequence[float]) -> list[float]:
-    return [b - a for a, b in zip(before, now, strict=True)]
-
-
-def _beyond(
-    heading: Sequence[float],
-    answered: Sequence[float],
-    speeds: Sequence[float],
-    period_s: float,
-) -> list[float]:
-    """How far the controller went between its last answer and the period before this one.
-
-    The reference is as far ahead of it as before: controllers act on what they are sent some
-    periods later.
-    """
-    return [b - a - v * period_s for a, b, v in zip(answered, heading, speeds, strict=True)]
-
-
-def _departed(
-    went: Sequence[float], told: Sequence[float], speeds: Sequence[float], gap_s: float
-) -> tuple[list[float], list[float]]:
-    """How far from where the speeds it was told would have brought it, and how much faster."""
-    return (
-        [way - v * gap_s for way, v in zip(went, told, strict=True)],
-        [now - v for now, v in zip(speeds, told, strict=True)],
-    )
-
-
 _FOLLOWS_S, _FOLLOWS = 0.1, 0.01
 """So far behind its reference in time, and in rad or m besides, an arm is that follows it."""
 
@@ -241,63 +199,143 @@ def _follows(
     )
 
 
-class JointGuidance(Guidance):
-    """Joint mode: EGMRunJoint."""
+class _Followed(LostTime):
+    """One part of the reference: its limiter, and the time that was lost to it."""
 
-    def __init__(self, options: AbbEgmOptions) -> None:
-        self._count = count = options.joints
+    __slots__ = ("limiter",)
+
+    def __init__(self, axes: int, limiter: Any) -> None:
+        super().__init__(axes)
+        self.limiter = limiter
+
+    def coast(self, gap_s: float) -> None:
+        """As in `Guidance`."""
+        self.limiter.coast(gap_s)
+        self.passed(gap_s)
+
+    def resync(
+        self, heading: Any, before: Any, answered: Any, dt_s: float, gap_s: float, period_s: float
+    ) -> None:
+        """As in `Guidance`, for places instead of states.
+
+        The reference is as far ahead of the controller as it was at its last answer, a period
+        before this one: controllers act on what they are sent some periods later.
+        """
+        told = speeds = tuple(self.limiter.velocity)
+        if dt_s > 0.0:
+            speeds = tuple([way / dt_s for way in self._way(before, heading)])
+        went = [
+            way - v * period_s for way, v in zip(self._way(answered, heading), speeds, strict=True)
+        ]
+        self.limiter.reset(self._ahead(self.limiter.reference, went), speeds)
+        # From where the speeds it was told would have brought it, and how much faster.
+        self.passed(
+            gap_s,
+            [way - v * gap_s for way, v in zip(went, told, strict=True)],
+            [now - v for now, v in zip(speeds, told, strict=True)],
+        )
+
+    def brake(self, dt_s: float) -> None:
+        """One period of slowing down between two targets."""
+        limiter = self.limiter
+        place, speeds = copy(limiter.reference), tuple(limiter.velocity)
+        limiter.brake(dt_s)
+        self.passed(
+            0.0,
+            self._way(place, limiter.reference),
+            [now - v for now, v in zip(limiter.velocity, speeds, strict=True)],
+        )
+
+
+class _FollowedPoint(_Followed):
+    def _ahead(self, place: Vector3, by: Sequence[float]) -> Vector3:
+        return add(place, Vector3(*by))
+
+
+class _FollowedTurn(_Followed):
+    def _way(self, start: Quaternion, end: Quaternion) -> list[float]:
+        return list(rotation_between(start, end))
+
+    def _ahead(self, place: Quaternion, by: Sequence[float]) -> Quaternion:
+        if not any(by):
+            return place
+        return normalized(multiply(from_rotation_vector(Vector3(*by)), place))
+
+
+_TargetT = TypeVar("_TargetT", JointCommand, PoseCommand)
+_SpeedT = TypeVar("_SpeedT", JointVelocityCommand, TwistCommand)
+
+
+class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
+    """Joint and pose mode: a reference of one or two parts, and external axes beside it."""
+
+    target_type: type[_TargetT]
+    speed_type: type[_SpeedT]
+
+    def __init__(self, options: AbbEgmOptions, *parts: _Followed) -> None:
+        self._mode = options.mode
         self._speed_only = options.speed_reference == "only"
         self._with_speed = options.speed_reference != "none"
-        self.kinds = frozenset(
-            (CommandKind.HOLD, CommandKind.JOINT_VELOCITY)
-            if self._speed_only
-            else (CommandKind.HOLD, CommandKind.JOINT)
-        )
+        taken = self.speed_type if self._speed_only else self.target_type
+        self.kinds = frozenset((CommandKind.HOLD, taken._field_defaults["kind"]))
         self._period_s = options.period_s
-        limits = options.joint_limits
-        acceleration = math.radians(options.joint_acceleration_deg_s2)
-        self._limiter = JointLimiter(
-            limits.lower if limits else (-math.inf,) * count,
-            limits.upper if limits else (math.inf,) * count,
-            options.joint_speeds_rad_s,
-            (acceleration,) * count,
-            LONGEST_STEP_PERIODS * options.period_s,
-        )
+        self._parts = parts
         self._externals = _Externals(options)
-        self._plain = count == 6 and not self._externals.count and not self._speed_only
-        self._lost = LostTime(count)
         self._gap_s = 0.0
-        self._asked: JointCommand | None = None
-        """The command before, if it was one of positions."""
+        self._asked: _TargetT | None = None
+        """The command before, if it was a target."""
+
+    @abstractmethod
+    def _places(self, state: RobotState) -> Sequence[Any]:
+        """Where `state` has each part."""
+
+    @abstractmethod
+    def _check_target(self, command: _TargetT) -> None: ...
+
+    @abstractmethod
+    def _check_speed(self, command: _SpeedT) -> None: ...
+
+    @abstractmethod
+    def _relocate(self, state: RobotState) -> None:
+        """Take the reference to where it has an effect at once (speed control)."""
+
+    @abstractmethod
+    def _track(self, command: _TargetT, asked: _TargetT | None, dt_s: float, seen_s: float) -> None:
+        """One period towards `command`, which comes `seen_s` after `asked`."""
+
+    @abstractmethod
+    def _drive(self, command: _SpeedT, dt_s: float) -> None: ...
 
     def check(self, command: RobotCommand) -> None:
         if isinstance(command, HoldCommand):
             return
-        if not self._speed_only and isinstance(command, JointCommand):
-            _check_numbers("positions", command.positions, self._count)
-            if command.velocities is not None:
-                _check_numbers("velocities", command.velocities, self._count)
-            self._externals.check(command.external_axes)
-        elif self._speed_only and isinstance(command, JointVelocityCommand):
-            _check_numbers("velocities", command.velocities, self._count)
+        if not self._speed_only and isinstance(command, self.target_type):
+            self._check_target(command)
+            if command.external_axes:
+                self._externals.check(command.external_axes)
+        elif self._speed_only and isinstance(command, self.speed_type):
+            self._check_speed(command)
         else:
-            raise _refusal(command, self.kinds, "joint" + " speed" * self._speed_only)
+            speed = " speed" * self._speed_only
+            raise wrong_kind(f"EGM in {self._mode}{speed} mode", command, self.kinds)
 
     def reset(self, state: RobotState) -> None:
-        self._limiter.reset(state.joints)
+        for part, place in zip(self._parts, self._places(state), strict=True):
+            part.limiter.reset(place)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
         self._forget()
 
     def _forget(self) -> None:
         self._asked = None
         self._gap_s = 0.0
-        self._lost.reset()
+        for part in self._parts:
+            part.reset()
 
     def coast(self, gap_s: float) -> None:
-        self._limiter.coast(gap_s)
+        for part in self._parts:
+            part.coast(gap_s)
         self._externals.limiter.coast(gap_s)
         self._gap_s = gap_s
-        self._lost.passed(gap_s)
 
     def resync(
         self,
@@ -307,72 +345,91 @@ class JointGuidance(Guidance):
         dt_s: float,
         gap_s: float,
     ) -> None:
-        limiter = self._limiter
-        told = tuple(limiter.velocities)
-        speeds = _speeds(heading.joints, before.joints, dt_s) or told
-        went = _beyond(heading.joints, answered.joints, speeds, self._period_s)
-        limiter.reset([q + way for q, way in zip(limiter.positions, went, strict=True)], speeds)
+        places = map(self._places, (heading, before, answered))
+        for part, *each in zip(self._parts, *places, strict=True):
+            part.resync(*each, dt_s, gap_s, self._period_s)
         self._externals.resync(heading, before, dt_s)
         self._gap_s = gap_s
-        self._lost.passed(gap_s, *_departed(went, told, speeds, gap_s))
-
-    def near(self, state: RobotState) -> bool:
-        limiter = self._limiter
-        return _follows(state.joints, limiter.positions, limiter.velocities)
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         if self._speed_only:
-            velocities = self._limiter.velocities
-            heading = zip(state.joints, velocities, strict=True)
-            self._limiter.relocate([q + v * _DELAY_S for q, v in heading])
-        if isinstance(command, JointCommand):
-            self._track(command, dt_s)
+            self._relocate(state)
+        if isinstance(command, self.target_type):
+            asked, self._asked = self._asked, command
+            gap_s, self._gap_s = self._gap_s, 0.0
+            self._track(command, asked, dt_s, gap_s + dt_s)
             if self._externals.count:
                 self._externals.step(command.external_axes, dt_s)
             return
-        if command is None:
-            self._brake(dt_s)
-            return
-        self._forget()
-        if isinstance(command, JointVelocityCommand):
-            self._limiter.drive(command.velocities, dt_s)
+        if command is not None:
+            self._forget()
+        if isinstance(command, self.speed_type):
+            self._drive(command, dt_s)
         else:
-            self._limiter.brake(dt_s)
+            for part in self._parts:
+                if self._asked is None:
+                    part.limiter.brake(dt_s)
+                else:
+                    part.brake(dt_s)
         self._externals.limiter.brake(dt_s)
 
-    def _brake(self, dt_s: float) -> None:
-        limiter = self._limiter
-        place, speeds = list(limiter.positions), list(limiter.velocities)
-        limiter.brake(dt_s)
-        self._externals.limiter.brake(dt_s)
-        if self._asked is not None:
-            went, slower = limiter.positions, limiter.velocities
-            self._lost.passed(0.0, _between(place, went), _between(speeds, slower))
 
-    def _track(self, command: JointCommand, dt_s: float) -> None:
-        """One period towards `command`, of which time that was lost is not made up for."""
+class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
+    """Joint mode: EGMRunJoint."""
+
+    target_type = JointCommand
+    speed_type = JointVelocityCommand
+
+    def __init__(self, options: AbbEgmOptions) -> None:
+        self._count = count = options.joints
+        limits = options.joint_limits
+        acceleration = math.radians(options.joint_acceleration_deg_s2)
+        self._limiter = JointLimiter(
+            limits.lower if limits else (-math.inf,) * count,
+            limits.upper if limits else (math.inf,) * count,
+            options.joint_speeds_rad_s,
+            (acceleration,) * count,
+            LONGEST_STEP_PERIODS * options.period_s,
+        )
+        self._joints = _Followed(count, self._limiter)
+        super().__init__(options, self._joints)
+        self._plain = count == 6 and not self._externals.count and not self._speed_only
+
+    def _places(self, state: RobotState) -> Sequence[Any]:
+        return (state.joints,)
+
+    def _check_target(self, command: JointCommand) -> None:
+        check_numbers("positions", command.positions, self._count)
+        if command.velocities is not None:
+            check_numbers("velocities", command.velocities, self._count)
+
+    def _check_speed(self, command: JointVelocityCommand) -> None:
+        check_numbers("velocities", command.velocities, self._count)
+
+    def near(self, state: RobotState) -> bool:
+        return _follows(state.joints, self._limiter.reference, self._limiter.velocity)
+
+    def _relocate(self, state: RobotState) -> None:
+        heading = zip(state.joints, self._limiter.velocity, strict=True)
+        self._limiter.relocate([q + v * _DELAY_S for q, v in heading])
+
+    def _track(
+        self, command: JointCommand, asked: JointCommand | None, dt_s: float, seen_s: float
+    ) -> None:
         target: Sequence[float] = command.positions
-        velocities: Sequence[float] | None = command.velocities
-        asked, self._asked = self._asked, command
-        gap_s, self._gap_s = self._gap_s, 0.0
-        lost = self._lost
-        if lost.working:
-            moved = None if asked is None else _between(asked.positions, target)
-            if velocities is None or asked is None or asked.velocities is None or moved is None:
-                lost.reset()
-                if velocities is None and moved is not None:
-                    # As it was seen to move, over all the time that has passed.
-                    velocities = [way / (gap_s + dt_s) for way in moved]
-            else:
-                lost.step(moved, asked.velocities, velocities, dt_s)
-                target = [q + ahead for q, ahead in zip(target, lost.offset, strict=True)]
-                velocities = [v + more for v, more in zip(velocities, lost.rate, strict=True)]
-        self._limiter.track(target, velocities, dt_s)
+        speeds: Sequence[float] | None = command.velocities
+        if self._joints.working:
+            before = None if asked is None else asked[:2]
+            target, speeds = self._joints.follow(before, target, speeds, dt_s, seen_s)
+        self._limiter.track(target, speeds, dt_s)
+
+    def _drive(self, command: JointVelocityCommand, dt_s: float) -> None:
+        self._limiter.drive(command.velocities, dt_s)
 
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
         limiter = self._limiter
-        positions: Sequence[float] = limiter.positions
-        velocities: Sequence[float] | None = limiter.velocities if self._with_speed else None
+        positions: Sequence[float] = limiter.reference
+        velocities: Sequence[float] | None = limiter.velocity if self._with_speed else None
         if still and velocities is not None:
             velocities = (0.0,) * self._count
         if self._plain:
@@ -380,10 +437,10 @@ class JointGuidance(Guidance):
         external = self._externals.limiter
         planned = speed_ref = None
         if not self._speed_only:
-            joints, outside = self._split(positions, external.positions)
+            joints, outside = self._split(positions, external.reference)
             planned = EgmMotion(joints=joints, external_joints=outside)
         if velocities is not None:
-            rates = (0.0,) * self._externals.count if still else external.velocities
+            rates = (0.0,) * self._externals.count if still else external.velocity
             joints, outside = self._split(velocities, rates)
             speed_ref = EgmSpeedRef(joints=joints, external_joints=outside)
         return encode_sensor(EgmSensor(_header(seqno, tm_ms), planned, speed_ref)) + suffix
@@ -403,24 +460,20 @@ class JointGuidance(Guidance):
         return self._limiter.moving or self._externals.limiter.moving
 
     def progress(self, heading: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
-        return None if self._speed_only else (self._limiter.positions, heading.joints)
+        return None if self._speed_only else (self._limiter.reference, heading.joints)
 
 
 _NORM_TOLERANCE = 0.02
 """Of a quaternion's squared length: rounding does no harm, anything else is a mistake."""
 
 
-class PoseGuidance(Guidance):
+class PoseGuidance(_ReferenceGuidance[PoseCommand, TwistCommand]):
     """Pose mode: EGMRunPose."""
 
+    target_type = PoseCommand
+    speed_type = TwistCommand
+
     def __init__(self, options: AbbEgmOptions) -> None:
-        self._speed_only = options.speed_reference == "only"
-        self._with_speed = options.speed_reference != "none"
-        self.kinds = frozenset(
-            (CommandKind.HOLD, CommandKind.TWIST)
-            if self._speed_only
-            else (CommandKind.HOLD, CommandKind.POSE)
-        )
         box = (options.workspace_lower_m, options.workspace_upper_m)
         self._point = PointLimiter(
             options.linear_speed_m_s,
@@ -431,166 +484,68 @@ class PoseGuidance(Guidance):
             math.radians(options.angular_speed_deg_s),
             math.radians(options.angular_acceleration_deg_s2),
         )
-        self._externals = _Externals(options)
+        self._positions = _FollowedPoint(3, self._point)
+        self._orientations = _FollowedTurn(3, self._turn)
+        super().__init__(options, self._positions, self._orientations)
         self._plain = not self._externals.count and not self._speed_only
-        self._period_s = options.period_s
-        self._lost = LostTime(3)
-        self._lost_turn = LostTime(3)
-        self._gap_s = 0.0
-        self._asked: PoseCommand | None = None
-        """The command before, if it was one of poses."""
 
-    def check(self, command: RobotCommand) -> None:
-        if isinstance(command, HoldCommand):
-            return
-        if not self._speed_only and isinstance(command, PoseCommand):
-            (x, y, z), (qw, qx, qy, qz), frame = command.pose
-            if frame is not Frame.BASE:
-                raise CommandError(f"the pose is in the {frame.value} frame; it must be in base")
-            if not abs(x) + abs(y) + abs(z) < _ABSURD:
-                raise CommandError(f"the position is {(x, y, z)}; {_SENSIBLE}")
-            squared = qw * qw + qx * qx + qy * qy + qz * qz
-            if not abs(squared - 1.0) <= _NORM_TOLERANCE:
-                raise CommandError(
-                    f"the orientation {(qw, qx, qy, qz)} has the length {math.sqrt(squared):g}; "
-                    "a rotation has length 1"
-                )
-            if command.twist is not None:
-                _check_twist(command.twist)
-            if command.external_axes:
-                self._externals.check(command.external_axes)
-        elif self._speed_only and isinstance(command, TwistCommand):
-            _check_twist(command.twist)
-        else:
-            raise _refusal(command, self.kinds, "pose" + " speed" * self._speed_only)
-
-    def reset(self, state: RobotState) -> None:
+    def _places(self, state: RobotState) -> Sequence[Any]:
         assert state.pose is not None
-        self._point.reset(state.pose.position)
-        self._turn.reset(state.pose.orientation)
-        self._externals.limiter.reset(state.external_axes[: self._externals.count])
-        self._forget()
+        return state.pose[:2]
 
-    def _forget(self) -> None:
-        self._asked = None
-        self._gap_s = 0.0
-        self._lost.reset()
-        self._lost_turn.reset()
+    def _check_target(self, command: PoseCommand) -> None:
+        (x, y, z), (qw, qx, qy, qz), frame = command.pose
+        if frame is not Frame.BASE:
+            raise CommandError(f"the pose is in the {frame.value} frame; it must be in base")
+        if not abs(x) + abs(y) + abs(z) < ABSURD:
+            raise CommandError(f"the position is {(x, y, z)}; {SENSIBLE}")
+        squared = qw * qw + qx * qx + qy * qy + qz * qz
+        if not abs(squared - 1.0) <= _NORM_TOLERANCE:
+            raise CommandError(
+                f"the orientation {(qw, qx, qy, qz)} has the length {math.sqrt(squared):g}; "
+                "a rotation has length 1"
+            )
+        if command.twist is not None:
+            _check_twist(command.twist)
 
-    def coast(self, gap_s: float) -> None:
-        self._point.coast(gap_s)
-        self._turn.coast(gap_s)
-        self._externals.limiter.coast(gap_s)
-        self._gap_s = gap_s
-        self._lost.passed(gap_s)
-        self._lost_turn.passed(gap_s)
-
-    def resync(
-        self,
-        heading: RobotState,
-        before: RobotState,
-        answered: RobotState,
-        dt_s: float,
-        gap_s: float,
-    ) -> None:
-        now, then, old = heading.pose, before.pose, answered.pose
-        assert now is not None
-        then, old = then or now, old or now
-        point, turn = self._point, self._turn
-        linear, angular = point.velocity, turn.velocity
-        speeds = _speeds(now.position, then.position, dt_s) or linear
-        turned = rotation_between(then.orientation, now.orientation)
-        rates = [angle / dt_s for angle in turned] if dt_s > 0.0 else list(angular)
-        went = _beyond(now.position, old.position, speeds, self._period_s)
-        about = _beyond(
-            rotation_between(old.orientation, now.orientation), ZERO3, rates, self._period_s
-        )
-        self._lost.passed(gap_s, *_departed(went, linear, speeds, gap_s))
-        self._lost_turn.passed(gap_s, *_departed(about, angular, rates, gap_s))
-        point.reset(add(point.position, Vector3(*went)), speeds)
-        turn.reset(_turned(turn.orientation, about), rates)
-        self._externals.resync(heading, before, dt_s)
-        self._gap_s = gap_s
+    def _check_speed(self, command: TwistCommand) -> None:
+        _check_twist(command.twist)
 
     def near(self, state: RobotState) -> bool:
         return state.pose is not None and _follows(
-            state.pose.position, self._point.position, self._point.velocity
+            state.pose.position, self._point.reference, self._point.velocity
         )
 
-    def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
-        point = self._point
-        turn = self._turn
-        if self._speed_only and state.pose is not None:
+    def _relocate(self, state: RobotState) -> None:
+        if state.pose is not None:
             x, y, z = state.pose.position
-            vx, vy, vz = point.velocity
-            point.relocate(Vector3(x + vx * _DELAY_S, y + vy * _DELAY_S, z + vz * _DELAY_S))
-            turn.relocate(state.pose.orientation)
-        if isinstance(command, PoseCommand):
-            self._track(command, dt_s)
-            if self._externals.count:
-                self._externals.step(command.external_axes, dt_s)
-            return
-        if command is None:
-            self._brake(dt_s)
-            return
-        self._forget()
-        if isinstance(command, TwistCommand):
-            point.drive(command.twist.linear, dt_s)
-            turn.drive(command.twist.angular, dt_s)
-        else:
-            point.brake(dt_s)
-            turn.brake(dt_s)
-        self._externals.limiter.brake(dt_s)
+            vx, vy, vz = self._point.velocity
+            self._point.relocate(Vector3(x + vx * _DELAY_S, y + vy * _DELAY_S, z + vz * _DELAY_S))
+            self._turn.relocate(state.pose.orientation)
 
-    def _brake(self, dt_s: float) -> None:
-        point, turn = self._point, self._turn
-        (place, speed), (orientation, rate) = (
-            (point.position, point.velocity),
-            (turn.orientation, turn.velocity),
-        )
-        point.brake(dt_s)
-        turn.brake(dt_s)
-        self._externals.limiter.brake(dt_s)
-        if self._asked is not None:
-            self._lost.passed(0.0, _between(place, point.position), _between(speed, point.velocity))
-            self._lost_turn.passed(
-                0.0,
-                rotation_between(orientation, turn.orientation),
-                _between(rate, turn.velocity),
-            )
-
-    def _track(self, command: PoseCommand, dt_s: float) -> None:
-        """One period towards `command`, of which time that was lost is not made up for."""
+    def _track(
+        self, command: PoseCommand, asked: PoseCommand | None, dt_s: float, seen_s: float
+    ) -> None:
         (position, orientation, _), twist, _, _ = command
         linear: Sequence[float] | None
         angular: Sequence[float] | None
         linear, angular = (None, None) if twist is None else twist[:2]
-        asked, self._asked = self._asked, command
-        gap_s, self._gap_s = self._gap_s, 0.0
-        lost, lost_turn = self._lost, self._lost_turn
-        if lost.working or lost_turn.working:
-            if asked is None:
-                lost.reset()
-                lost_turn.reset()
-            else:
-                moved = _between(asked.pose.position, position)
-                turned = rotation_between(asked.pose.orientation, orientation)
-                if twist is None or asked.twist is None:
-                    lost.reset()
-                    lost_turn.reset()
-                    if twist is None:
-                        # As it was seen to move, over all the time that has passed.
-                        linear = [way / (gap_s + dt_s) for way in moved]
-                        angular = [angle / (gap_s + dt_s) for angle in turned]
-                else:
-                    lost.step(moved, asked.twist.linear, twist.linear, dt_s)
-                    lost_turn.step(turned, asked.twist.angular, twist.angular, dt_s)
-                    position = add(position, Vector3(*lost.offset))
-                    orientation = _turned(orientation, lost_turn.offset)
-                    linear = add(twist.linear, Vector3(*lost.rate))
-                    angular = add(twist.angular, Vector3(*lost_turn.rate))
+        if self._positions.working or self._orientations.working:
+            before = before_turn = None
+            if asked is not None:
+                told = asked.twist
+                before = (asked.pose.position, None if told is None else told.linear)
+                before_turn = (asked.pose.orientation, None if told is None else told.angular)
+            position, linear = self._positions.follow(before, position, linear, dt_s, seen_s)
+            orientation, angular = self._orientations.follow(
+                before_turn, orientation, angular, dt_s, seen_s
+            )
         self._point.track(position, linear, dt_s)
         self._turn.track(orientation, angular, dt_s)
+
+    def _drive(self, command: TwistCommand, dt_s: float) -> None:
+        self._point.drive(command.twist.linear, dt_s)
+        self._turn.drive(command.twist.angular, dt_s)
 
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
         point = self._point
@@ -602,16 +557,16 @@ class PoseGuidance(Guidance):
             else:
                 twist = _new(Twist, (point.velocity, turn.velocity, Frame.BASE))
         if self._plain:
-            pose = _new(Pose, (point.position, turn.orientation, Frame.BASE))
+            pose = _new(Pose, (point.reference, turn.reference, Frame.BASE))
             return encode_pose_reply(seqno, tm_ms, pose, twist, suffix)
         external = self._externals.limiter
-        outside = self._externals.on_wire(external.positions)
+        outside = self._externals.on_wire(external.reference)
         planned = speed_ref = None
         if not self._speed_only:
-            cartesian = EgmPose(point.position, turn.orientation)
+            cartesian = EgmPose(point.reference, turn.reference)
             planned = EgmMotion(cartesian=cartesian, external_joints=outside or None)
         if twist is not None:
-            rates = (0.0,) * self._externals.count if still else external.velocities
+            rates = (0.0,) * self._externals.count if still else external.velocity
             speed_ref = EgmSpeedRef(
                 cartesians=(*twist.linear, *twist.angular),
                 external_joints=self._externals.on_wire(rates) or None,
@@ -625,21 +580,15 @@ class PoseGuidance(Guidance):
     def progress(self, heading: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
         if self._speed_only or heading.pose is None:
             return None
-        return self._point.position, heading.pose.position
-
-
-def _turned(orientation: Quaternion, by: Sequence[float]) -> Quaternion:
-    if not any(by):
-        return orientation
-    return normalized(multiply(from_rotation_vector(Vector3(*by)), orientation))
+        return self._point.reference, heading.pose.position
 
 
 def _check_twist(twist: Twist) -> None:
     (vx, vy, vz), (wx, wy, wz), frame = twist
     if frame is not Frame.BASE:
         raise CommandError(f"the twist is in the {frame.value} frame; it must be in base")
-    if not abs(vx) + abs(vy) + abs(vz) + abs(wx) + abs(wy) + abs(wz) < _ABSURD:
-        raise CommandError(f"the twist is {(vx, vy, vz, wx, wy, wz)}; {_SENSIBLE}")
+    if not abs(vx) + abs(vy) + abs(vz) + abs(wx) + abs(wy) + abs(wz) < ABSURD:
+        raise CommandError(f"the twist is {(vx, vy, vz, wx, wy, wz)}; {SENSIBLE}")
 
 
 _AGE_MS_MAX = 2**32 - 1
@@ -663,8 +612,8 @@ class PathGuidance(Guidance):
         if isinstance(command, HoldCommand):
             return
         if not isinstance(command, PathCorrectionCommand):
-            raise _refusal(command, self.kinds, "path-correction")
-        _check_numbers("offset", command.offset, 3)
+            raise wrong_kind("EGM in path-correction mode", command, self.kinds)
+        check_numbers("offset", command.offset, 3, "axes")
         if not 0.0 <= command.age_s * 1000.0 <= _AGE_MS_MAX:
             raise CommandError(f"age_s is {command.age_s}; it must be 0 or more")
 
@@ -683,7 +632,7 @@ class PathGuidance(Guidance):
         dt_s: float,
         gap_s: float,
     ) -> None:
-        self._offset.reset(self._offset.position)
+        self._offset.reset(self._offset.reference)
 
     def near(self, state: RobotState) -> bool:
         return False
@@ -698,7 +647,7 @@ class PathGuidance(Guidance):
 
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
         header = EgmHeader(seqno, tm_ms, MessageType.PATH_CORRECTION)
-        return encode_path_corr(EgmSensorPathCorr(header, self._offset.position, self._age_ms))
+        return encode_path_corr(EgmSensorPathCorr(header, self._offset.reference, self._age_ms))
 
     @property
     def moving(self) -> bool:

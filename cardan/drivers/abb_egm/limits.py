@@ -1,6 +1,6 @@
 """Limiters for what is sent: whatever is asked for, the next reference is one the limits allow.
 
-Each limiter owns a reference (a position and its velocity) and moves it by one control period at
+Each limiter owns a `reference` and its `velocity` and moves it by one control period at
 a time: towards a moving target (`track`), at a velocity (`drive`), or to a stop (`brake`). Limits
 are bounds on the next velocity, chosen so that the bound after it can be met as well; nothing is
 ever refused or frozen, and no period contains a step.
@@ -15,7 +15,9 @@ Plain floats on purpose: six numbers are too few for numpy to pay.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 from cardan.braking import stopping_speed
 from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
@@ -34,19 +36,6 @@ class JointLimiter:
     Positions stay in `lower`..`upper`, velocities within ±`speed`, and velocities change by at
     most `acceleration` times the period. An axis found outside its range may only move inwards.
     """
-
-    __slots__ = (
-        "_acceleration",
-        "_axes",
-        "_inner_lower",
-        "_inner_upper",
-        "_lower",
-        "_speed",
-        "_target",
-        "_upper",
-        "positions",
-        "velocities",
-    )
 
     def __init__(
         self,
@@ -70,27 +59,27 @@ class JointLimiter:
         self._inner_lower = tuple(b + d for b, d in zip(lower, braking, strict=True))
         self._inner_upper = tuple(b - d for b, d in zip(upper, braking, strict=True))
         self._target: Sequence[float] | None = None
-        self.positions: list[float] = [0.0] * len(speed)
-        self.velocities: list[float] = [0.0] * len(speed)
+        self.reference: list[float] = [0.0] * len(speed)
+        self.velocity: list[float] = [0.0] * len(speed)
 
     @property
     def moving(self) -> bool:
         """True while the reference has a speed."""
-        return any(self.velocities)
+        return any(self.velocity)
 
     def reset(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
         """Start from `positions` (rest, or `velocities` as far as they can be stopped)."""
-        self.positions = list(positions)
+        self.reference = list(positions)
         self._target = None
         if velocities is None:
-            self.velocities = [0.0] * len(self._axes)
+            self.velocity = [0.0] * len(self._axes)
             return
         for i in self._axes:
             a = self._acceleration[i]
             highest = _sqrt(2.0 * a * max(0.0, self._upper[i] - positions[i]))
             lowest = -_sqrt(2.0 * a * max(0.0, positions[i] - self._lower[i]))
             speed = self._speed[i]
-            self.velocities[i] = min(max(velocities[i], lowest, -speed), highest, speed)
+            self.velocity[i] = min(max(velocities[i], lowest, -speed), highest, speed)
 
     def coast(self, gap_s: float) -> None:
         """`gap_s` have passed at the speeds there were, but for the ends of the range."""
@@ -98,15 +87,15 @@ class JointLimiter:
             [
                 min(max(q + v * gap_s, min(low, q)), max(high, q))
                 for q, v, low, high in zip(
-                    self.positions, self.velocities, self._lower, self._upper, strict=True
+                    self.reference, self.velocity, self._lower, self._upper, strict=True
                 )
             ],
-            tuple(self.velocities),
+            tuple(self.velocity),
         )
 
     def relocate(self, positions: Sequence[float]) -> None:
         """Take over where the axes are, keeping the velocities (speed control)."""
-        self.positions = list(positions)
+        self.reference = list(positions)
 
     def track(
         self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float
@@ -117,7 +106,7 @@ class JointLimiter:
         """
         previous = self._target
         self._target = target
-        positions = self.positions
+        positions = self.reference
         desired = []
         for i in self._axes:
             goal = target[i]
@@ -151,12 +140,12 @@ class JointLimiter:
     def brake(self, dt_s: float) -> None:
         """One period of slowing down, or of standing still."""
         self._target = None
-        if any(self.velocities):
+        if any(self.velocity):
             self._advance([0.0] * len(self._axes), dt_s)
 
     def _advance(self, desired: Sequence[float], dt_s: float) -> None:
-        positions = self.positions
-        velocities = self.velocities
+        positions = self.reference
+        velocities = self.velocity
         for i in self._axes:
             position = positions[i]
             before = velocities[i]
@@ -230,74 +219,29 @@ def _shortened(v: Sequence[float], longest: float) -> Vector3:
     return Vector3(v[0] * shrink, v[1] * shrink, v[2] * shrink)
 
 
-class PointLimiter:
-    """A limiter for a point in space: its speed, acceleration and, if wanted, a box around it.
+def _clip(v: Sequence[float], lowest: Sequence[float], highest: Sequence[float]) -> Vector3:
+    return Vector3(
+        min(max(v[0], lowest[0]), highest[0]),
+        min(max(v[1], lowest[1]), highest[1]),
+        min(max(v[2], lowest[2]), highest[2]),
+    )
 
-    A point found outside the box may only move inwards.
-    """
 
-    __slots__ = ("_acceleration", "_box", "_speed", "_target", "position", "velocity")
+class _SpatialLimiter(ABC):
+    """A limiter for three axes whose speed and acceleration count as a whole."""
 
-    def __init__(
-        self,
-        speed: float,
-        acceleration: float,
-        box: tuple[Sequence[float], Sequence[float]] | None = None,
-    ) -> None:
-        """m/s, m/s²; `box` is its lower and its upper corner, m."""
+    __slots__ = ("_acceleration", "_speed", "_target", "velocity")
+
+    def __init__(self, speed: float, acceleration: float) -> None:
         self._speed = speed
         self._acceleration = acceleration
-        self._box = box
-        self._target: Sequence[float] | None = None
-        self.position = ZERO3
+        self._target: Any = None
         self.velocity = ZERO3
 
     @property
     def moving(self) -> bool:
         """True while the reference has a speed."""
         return self.velocity != ZERO3
-
-    def reset(self, position: Vector3, velocity: Sequence[float] = ZERO3) -> None:
-        """Start from `position` (rest, or `velocity` as far as it can be stopped)."""
-        self.position = position
-        self._target = None
-        self.velocity = _shortened(velocity, self._speed)
-        if self._box is not None:
-            lowest, highest = self._bounds(self._box, 0.0)
-            self.velocity = _clip(self.velocity, lowest, highest)
-
-    def coast(self, gap_s: float) -> None:
-        """`gap_s` have passed at the speed there was, but for the walls of the box."""
-        x, y, z = self.position
-        vx, vy, vz = self.velocity
-        place = Vector3(x + vx * gap_s, y + vy * gap_s, z + vz * gap_s)
-        if self._box is not None and _clip(self.position, *self._box) == self.position:
-            place = _clip(place, *self._box)
-        self.reset(place, self.velocity)
-
-    def relocate(self, position: Vector3) -> None:
-        """Take over where the point is, keeping the velocity (speed control)."""
-        self.position = position
-
-    def track(self, target: Sequence[float], velocity: Sequence[float] | None, dt_s: float) -> None:
-        """One period towards `target`, which moves at the speed it was seen to move at.
-
-        `velocity` stands in for that speed on the first call after a reset or a brake. Of a
-        target outside the box its nearest point inside counts.
-        """
-        x, y, z = self.position
-        if self._box is not None:
-            target = _clip(target, *self._box)  # what is left of it lies along the wall
-        tx, ty, tz = target
-        previous = self._target
-        self._target = target
-        forward: Sequence[float] = ZERO3
-        if previous is not None:
-            px, py, pz = previous
-            forward = ((tx - px) / dt_s, (ty - py) / dt_s, (tz - pz) / dt_s)
-        elif velocity is not None:
-            forward = velocity
-        self._advance((tx - x, ty - y, tz - z), forward, dt_s)
 
     def drive(self, velocity: Sequence[float], dt_s: float) -> None:
         """One period at `velocity`."""
@@ -311,14 +255,80 @@ class PointLimiter:
         if self.velocity != ZERO3:
             self._advance(ZERO3, ZERO3, dt_s)
 
+    @abstractmethod
+    def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
+        """One period of a reference that is `error` away from a target moving at `forward`."""
+
+
+class PointLimiter(_SpatialLimiter):
+    """A limiter for a point in space: its speed, acceleration and, if wanted, a box around it.
+
+    A point found outside the box may only move inwards.
+    """
+
+    __slots__ = ("_box", "reference")
+
+    def __init__(
+        self,
+        speed: float,
+        acceleration: float,
+        box: tuple[Sequence[float], Sequence[float]] | None = None,
+    ) -> None:
+        """m/s, m/s²; `box` is its lower and its upper corner, m."""
+        super().__init__(speed, acceleration)
+        self._box = box
+        self.reference = ZERO3
+
+    def reset(self, position: Vector3, velocity: Sequence[float] = ZERO3) -> None:
+        """Start from `position` (rest, or `velocity` as far as it can be stopped)."""
+        self.reference = position
+        self._target = None
+        self.velocity = _shortened(velocity, self._speed)
+        if self._box is not None:
+            lowest, highest = self._bounds(self._box, 0.0)
+            self.velocity = _clip(self.velocity, lowest, highest)
+
+    def coast(self, gap_s: float) -> None:
+        """`gap_s` have passed at the speed there was, but for the walls of the box."""
+        x, y, z = self.reference
+        vx, vy, vz = self.velocity
+        place = Vector3(x + vx * gap_s, y + vy * gap_s, z + vz * gap_s)
+        if self._box is not None and _clip(self.reference, *self._box) == self.reference:
+            place = _clip(place, *self._box)
+        self.reset(place, self.velocity)
+
+    def relocate(self, position: Vector3) -> None:
+        """Take over where the point is, keeping the velocity (speed control)."""
+        self.reference = position
+
+    def track(self, target: Sequence[float], velocity: Sequence[float] | None, dt_s: float) -> None:
+        """One period towards `target`, which moves at the speed it was seen to move at.
+
+        `velocity` stands in for that speed on the first call after a reset or a brake. Of a
+        target outside the box its nearest point inside counts.
+        """
+        x, y, z = self.reference
+        if self._box is not None:
+            target = _clip(target, *self._box)  # what is left of it lies along the wall
+        tx, ty, tz = target
+        previous = self._target
+        self._target = target
+        forward: Sequence[float] = ZERO3
+        if previous is not None:
+            px, py, pz = previous
+            forward = ((tx - px) / dt_s, (ty - py) / dt_s, (tz - pz) / dt_s)
+        elif velocity is not None:
+            forward = velocity
+        self._advance((tx - x, ty - y, tz - z), forward, dt_s)
+
     def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
         velocity = _steer(self.velocity, error, forward, self._speed, self._acceleration, dt_s)
         if self._box is not None:
             velocity = self._confined(self._box, velocity, dt_s)
         self.velocity = velocity
-        x, y, z = self.position
+        x, y, z = self.reference
         vx, vy, vz = velocity
-        self.position = _new(Vector3, (x + vx * dt_s, y + vy * dt_s, z + vz * dt_s))
+        self.reference = _new(Vector3, (x + vx * dt_s, y + vy * dt_s, z + vz * dt_s))
 
     def _bounds(
         self, box: tuple[Sequence[float], Sequence[float]], dt_s: float
@@ -326,7 +336,7 @@ class PointLimiter:
         # Three walls may have to be braked for at once: each gets its share of the acceleration.
         share = self._acceleration / _SQRT_3
         lower, upper = box
-        p = self.position
+        p = self.reference
         return (
             [-stopping_speed(p[i] - lower[i], share, dt_s) for i in (0, 1, 2)],
             [stopping_speed(upper[i] - p[i], share, dt_s) for i in (0, 1, 2)],
@@ -357,38 +367,22 @@ class PointLimiter:
         return Vector3(due[0] + fx * share, due[1] + fy * share, due[2] + fz * share)
 
 
-def _clip(v: Sequence[float], lowest: Sequence[float], highest: Sequence[float]) -> Vector3:
-    return Vector3(
-        min(max(v[0], lowest[0]), highest[0]),
-        min(max(v[1], lowest[1]), highest[1]),
-        min(max(v[2], lowest[2]), highest[2]),
-    )
-
-
-class OrientationLimiter:
+class OrientationLimiter(_SpatialLimiter):
     """A limiter for an orientation: angular speed and acceleration; quaternions stay continuous.
 
     The short way round is taken, whichever of q and -q a target is given as.
     """
 
-    __slots__ = ("_acceleration", "_speed", "_target", "orientation", "velocity")
+    __slots__ = ("reference",)
 
     def __init__(self, speed: float, acceleration: float) -> None:
         """rad/s, rad/s²."""
-        self._speed = speed
-        self._acceleration = acceleration
-        self._target: Quaternion | None = None
-        self.orientation = IDENTITY
-        self.velocity = ZERO3
-
-    @property
-    def moving(self) -> bool:
-        """True while the reference turns."""
-        return self.velocity != ZERO3
+        super().__init__(speed, acceleration)
+        self.reference = IDENTITY
 
     def reset(self, orientation: Quaternion, velocity: Sequence[float] = ZERO3) -> None:
         """Start from `orientation` (a unit quaternion), turning at `velocity` within limits."""
-        self.orientation = orientation
+        self.reference = orientation
         self._target = None
         self.velocity = _shortened(velocity, self._speed)
 
@@ -399,7 +393,7 @@ class OrientationLimiter:
 
     def relocate(self, orientation: Quaternion) -> None:
         """Take over how it is turned, keeping the velocity (speed control)."""
-        self.orientation = orientation
+        self.reference = orientation
 
     def track(self, target: Quaternion, velocity: Sequence[float] | None, dt_s: float) -> None:
         """One period towards `target`, which turns as it was seen to turn.
@@ -423,7 +417,7 @@ class OrientationLimiter:
                 double * (pw * y - py * w - z * px + x * pz),
                 double * (pw * z - pz * w - x * py + y * px),
             )
-        qw, qx, qy, qz = self.orientation
+        qw, qx, qy, qz = self.reference
         dw = w * qw + x * qx + y * qy + z * qz
         dx = qw * x - qx * w - y * qz + z * qy
         dy = qw * y - qy * w - z * qx + x * qz
@@ -435,18 +429,6 @@ class OrientationLimiter:
         if dw < 0.0:
             factor = -factor
         self._advance((dx * factor, dy * factor, dz * factor), forward, dt_s)
-
-    def drive(self, velocity: Sequence[float], dt_s: float) -> None:
-        """One period at `velocity`."""
-        self._target = None
-        wx, wy, wz = _shortened(velocity, self._speed)
-        self._advance((wx * dt_s, wy * dt_s, wz * dt_s), (wx, wy, wz), dt_s)
-
-    def brake(self, dt_s: float) -> None:
-        """One period of slowing down, or of standing still."""
-        self._target = None
-        if self.velocity != ZERO3:
-            self._advance(ZERO3, ZERO3, dt_s)
 
     def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
         velocity = _steer(self.velocity, error, forward, self._speed, self._acceleration, dt_s)
@@ -464,11 +446,11 @@ class OrientationLimiter:
         ay = wy * factor
         az = wz * factor
         aw = math.cos(half)
-        w, x, y, z = self.orientation
+        w, x, y, z = self.reference
         nw = aw * w - ax * x - ay * y - az * z
         nx = aw * x + ax * w + ay * z - az * y
         ny = aw * y - ax * z + ay * w + az * x
         nz = aw * z + ax * y - ay * x + az * w
         # One Newton step keeps the length at 1 without a root.
         unit = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
-        self.orientation = _new(Quaternion, (nw * unit, nx * unit, ny * unit, nz * unit))
+        self.reference = _new(Quaternion, (nw * unit, nx * unit, ny * unit, nz * unit))

@@ -4,31 +4,15 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Generator
 from contextlib import closing
-from types import TracebackType
-from typing import Protocol
 
-from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
+from cardan.drivers.robot_core import LoopingRobot
 from cardan.errors import DriverError
 from cardan.types import HoldCommand, RobotCommand, RobotState
 
 _JOIN_S = 2.0
 """Longer than a wake-up and a braking ramp take."""
-
-
-class StreamedRobot(Protocol):
-    """What a stream needs of an open driver."""
-
-    options: AbbEgmOptions
-
-    @property
-    def session(self) -> EgmSession: ...
-
-    def cycles(self) -> Generator[RobotState, None, None]: ...
-
-    def send(self, command: RobotCommand) -> None: ...
 
 
 class EgmStream:
@@ -38,7 +22,7 @@ class EgmStream:
     until the controller begins a new session; then the robot is braked within its limits.
     """
 
-    def __init__(self, driver: StreamedRobot) -> None:
+    def __init__(self, driver: LoopingRobot[EgmSession]) -> None:
         self._driver = driver
         self._timeout_s = driver.options.late_after_s
         self._thread: threading.Thread | None = None
@@ -54,12 +38,7 @@ class EgmStream:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._stopping = True
         if self._thread is not None:
             self._thread.join(_JOIN_S)

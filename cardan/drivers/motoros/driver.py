@@ -13,15 +13,15 @@ from collections import deque
 from collections.abc import Generator
 from typing import Any
 
-from cardan.drivers.base import RobotDriver
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.io_client import IoClient
 from cardan.drivers.motoros.motion_control import Task
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
+from cardan.drivers.robot_core import LoopingRobot
 from cardan.errors import AddressError, CardanError, NotOpenError
 from cardan.protocols.simple_message import ByteOrder
-from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState
+from cardan.types import HoldCommand, RobotCommand, RobotState
 
 _RECEIVE_BYTES = 65536
 _LONGEST_WAIT_S = 0.05
@@ -48,7 +48,7 @@ class _Link:
         self.backlog = bytearray()
 
 
-class Motoros(RobotDriver):
+class Motoros(LoopingRobot[MotorosSession]):
     """A Yaskawa Motoman controller that runs MotoROS (1.9), over its TCP ports.
 
     One thread does it all: `cycles` waits on the sockets, `send` answers. Motion starts only on
@@ -65,36 +65,21 @@ class Motoros(RobotDriver):
     page = "motoman.md"
     peer = "motoman-gp8"
     options: MotorosOptions
+    title = "the MotoROS driver"
 
     def __init__(self, options: MotorosOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._session = MotorosSession(self.options)
         self._links: dict[Channel, _Link] = {}
-        self._open = False
         self._address = ""
         self._tasks: deque[Task] = deque()
         self._io: IoClient | None = None
         self._io_lock = threading.Lock()
         self._record_failure = ""
-        self._loop = 0
-        self._loop_thread = 0
-        self._loop_ended = threading.Event()
-        self._loop_ended.set()
-
-    @property
-    def capabilities(self) -> RobotCapabilities:
-        return self._session.capabilities
-
-    @property
-    def session(self) -> MotorosSession:
-        """The state of the protocol, with its counters; a new one with every open()."""
-        return self._session
 
     # -- opening and closing ----------------------------------------------------------------------
 
-    def open(self) -> None:
-        if self._open:
-            return
+    def _acquire(self) -> None:
         options = self.options
         try:
             found = socket.getaddrinfo(
@@ -107,18 +92,8 @@ class Motoros(RobotDriver):
         self._links = {}
         self._tasks.clear()
         self._record_failure = ""
-        self._open = True
 
-    def close(self) -> None:
-        if not self._open:
-            return
-        self._loop += 1
-        if self._loop_thread != threading.get_ident():
-            # The loop in another thread sees that when it wakes up, and leaves the robot safe.
-            self._loop_ended.wait(_LONGEST_WAIT_S + _LEAVE_S + self._session.braking_s)
-        with contextlib.suppress(Exception):
-            self._leave()
-        self._open = False
+    def _release(self) -> None:
         for channel in tuple(self._links):
             self._cut(channel)
         with self._io_lock:
@@ -127,26 +102,23 @@ class Motoros(RobotDriver):
             with contextlib.suppress(Exception):
                 io.close()
         try:
-            self._session.record.write()
+            self._session.control.record.write()
         except CardanError as error:
             self._record_failure = str(error)
 
-    def _session_open(self) -> MotorosSession:
-        if not self._open:
-            raise NotOpenError("the MotoROS driver is not open; call open(), or use it in `with`")
-        return self._session
+    def _now_s(self) -> float:
+        return _monotonic()
+
+    def _leave_within_s(self) -> float:
+        return _LONGEST_WAIT_S + _LEAVE_S + self._session.control.braking_s
 
     # -- the control loop -------------------------------------------------------------------------
 
-    def cycles(self) -> Generator[RobotState, None, None]:
-        session = self._session_open()
-        self._loop += 1
-        return self._run(session, self._loop)
-
-    def _run(self, session: MotorosSession, loop: int) -> Generator[RobotState, None, None]:
-        self._loop_thread = threading.get_ident()
-        self._loop_ended.clear()
-        try:
+    def _states(self, loop: int) -> Generator[RobotState, None, None]:
+        session = self._session
+        if self._loop != loop:
+            return
+        with self._looping(loop):
             while self._loop == loop:
                 self._turn(session, _monotonic())
                 state = session.due_state(_monotonic())
@@ -154,14 +126,8 @@ class Motoros(RobotDriver):
                     self._wait(session, _LONGEST_WAIT_S)
                     continue
                 yield state
-                if session.owes_answer and self._loop == loop:
+                if session.control.owes_answer and self._loop == loop:
                     self.send(HoldCommand())
-        finally:
-            try:
-                if self._loop == loop and self._session is session and self._open:
-                    self._leave()
-            finally:
-                self._loop_ended.set()
 
     def _turn(self, session: MotorosSession, now_s: float) -> None:
         """Do what is due."""
@@ -194,21 +160,21 @@ class Motoros(RobotDriver):
 
     def send(self, command: RobotCommand) -> None:
         """Answer the state last yielded; without effect where that takes no command."""
-        session = self._session_open()
+        session = self._require_open()
         session.command(command, _monotonic())
         self._flush(session)
 
     def _leave(self) -> None:
         """Brake, leave the controller's mode, and hear it say so; never for long."""
         session = self._session
-        deadline_s = _monotonic() + _LEAVE_S + session.braking_s
+        deadline_s = _monotonic() + _LEAVE_S + session.control.braking_s
         session.leave(_monotonic())
         self._flush(session)
-        while not session.left and (left_s := deadline_s - _monotonic()) > 0.0:
+        while not session.control.left and (left_s := deadline_s - _monotonic()) > 0.0:
             session.advance(_monotonic())
             session.due_state(_monotonic())
             self._flush(session)
-            if not session.left:
+            if not session.control.left:
                 self._wait(session, min(left_s, _LONGEST_WAIT_S))
 
     # -- sockets ----------------------------------------------------------------------------------
@@ -344,10 +310,10 @@ class Motoros(RobotDriver):
         Raises NotOpenError while the byte order of the controller is not known: before its first
         state, unless the option `byte_order` tells.
         """
-        session = self._session_open()
+        session = self._require_open()
         with self._io_lock:
             if self._io is None:
-                order = session.byte_order
+                order = session.feed.byte_order
                 if order is None:
                     raise NotOpenError(
                         "the controller's byte order is not known yet: wait for its first state, "
@@ -368,7 +334,4 @@ class Motoros(RobotDriver):
         return self._session.metrics(_monotonic())
 
     def diagnosis(self) -> tuple[str, ...]:
-        record = (self._record_failure,) if self._record_failure else ()
-        if not self._open:
-            return ("the MotoROS driver is not open", *record)
-        return self._session.diagnosis(_monotonic())
+        return (*super().diagnosis(), *((self._record_failure,) if self._record_failure else ()))

@@ -22,18 +22,21 @@ from collections.abc import Sequence
 from typing import Annotated, Final
 
 from cardan.bounds import POSITIVE
+from cardan.drivers.robot_core import check_numbers, wrong_kind
 from cardan.errors import CommandError, ConfigurationError
 from cardan.options import check_value
-from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotCommand
+from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCommand, RobotCommand
 
 LONGEST_STEP_S: Final = 0.1
 """A longer period counts as this long."""
 SHORTEST_STEP_S: Final = 1e-6
 """Nothing happens in a shorter one."""
 
+KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
+"""Commands that it takes."""
+
 _PERIODS_AHEAD = 5.0
 """A period may be followed by one so many times as long without a joint having to stop short."""
-_ABSURD = 1e6
 _ROUNDING = 1e-9
 """Share of a limit."""
 _INF = math.inf
@@ -47,35 +50,6 @@ class JointGuide:
     `upper`, whatever sequence of periods is given. A joint that is placed outside its range may
     stay there or move inwards.
     """
-
-    __slots__ = (
-        "_acceleration",
-        "_axes",
-        "_bits",
-        "_error",
-        "_following",
-        "_forward",
-        "_free_high",
-        "_free_low",
-        "_high",
-        "_jerky",
-        "_low",
-        "_lower",
-        "_moved",
-        "_range_high",
-        "_range_low",
-        "_ranged",
-        "_speed",
-        "_speedy",
-        "_stop",
-        "_target",
-        "_upper",
-        "_wanted",
-        "_zeros",
-        "closing_rad_s",
-        "positions",
-        "velocities",
-    )
 
     def __init__(
         self,
@@ -167,9 +141,9 @@ class JointGuide:
         Raises CommandError, and changes nothing, for a wrong length or what is not a sensible
         number.
         """
-        self._check("positions", positions)
+        check_numbers("positions", positions, len(self._axes))
         if velocities is not None:
-            self._check("velocities", velocities)
+            check_numbers("velocities", velocities, len(self._axes))
         self._following = False
         self._speedy = self._jerky = self._ranged = 0
         for i in self._axes:
@@ -209,15 +183,15 @@ class JointGuide:
         """
         if isinstance(command, JointCommand):
             forward = command.velocities
-            self._check("positions", command.positions)
+            check_numbers("positions", command.positions, len(self._axes))
             if forward is not None:
-                self._check("velocities", forward)
+                check_numbers("velocities", forward, len(self._axes))
             if command.external_axes:
-                raise CommandError("external_axes: this robot has none")
+                raise CommandError("external_axes: the guide has none")
             if dt_s >= SHORTEST_STEP_S:
                 self._follow(command.positions, forward, min(dt_s, LONGEST_STEP_S))
         elif isinstance(command, JointVelocityCommand):
-            self._check("velocities", command.velocities)
+            check_numbers("velocities", command.velocities, len(self._axes))
             if dt_s >= SHORTEST_STEP_S:
                 self._following = False
                 self._wanted[:] = command.velocities
@@ -225,9 +199,7 @@ class JointGuide:
         elif isinstance(command, HoldCommand):
             self.brake(dt_s)
         else:
-            raise CommandError(
-                f"{command.kind.value} cannot be sent; it takes: joint, joint velocity, hold"
-            )
+            raise wrong_kind("the guide", command, KINDS)
 
     def brake(self, dt_s: float) -> None:
         """Slow down for `dt_s` along the direction of motion, or stay at rest.
@@ -243,18 +215,6 @@ class JointGuide:
         else:
             self._ranged = 0
         self._speedy = self._jerky = 0
-
-    def _check(self, what: str, values: Sequence[float]) -> None:
-        if len(values) != len(self._axes):
-            raise CommandError(f"{what}: {len(values)} values for {len(self._axes)} joints")
-        try:
-            sensible = sum(map(abs, values)) < _ABSURD  # NaN is not below anything
-        except TypeError:
-            sensible = False
-        if not sensible:
-            raise CommandError(
-                f"{what} is {tuple(values)}; every value must be finite and below a million"
-            )
 
     def _follow(
         self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float

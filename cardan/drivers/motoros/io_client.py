@@ -12,8 +12,7 @@ import socket
 import threading
 import time
 from contextlib import suppress
-from types import TracebackType
-from typing import Annotated, Final, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from cardan import bounds
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words
@@ -47,9 +46,11 @@ from cardan.protocols.simple_message import (
     request,
     wire,
 )
-
-READABLE_REGISTERS: Final = 1000
-WRITABLE_REGISTERS: Final = 560
+from cardan.protocols.simple_message.io_addresses import (
+    ADDRESS_RANGES,
+    READABLE_REGISTERS,
+    WRITABLE_REGISTERS,
+)
 
 TIMEOUT_S = bounds.Range(
     0.0, 3600.0, "s", "nobody waits longer for a reply", above=True, below=True
@@ -58,38 +59,30 @@ _ORDERS = {"little": ByteOrder.LITTLE, "big": ByteOrder.BIG}
 _RECEIVE_BYTES = 4096
 
 
-class _Range(NamedTuple):
-    name: str
-    first: int
-    last: int
-    writable: bool = False
-
-
-_RANGES = (
-    _Range("general inputs", 10, 5127),
-    _Range("general outputs", 10010, 15127, True),
-    _Range("external inputs", 20010, 25127),
-    _Range("network inputs", 27010, 29567, True),
-    _Range("external outputs", 30010, 35127),
-    _Range("network outputs", 37010, 39567),
-    _Range("specific inputs", 40010, 42567),
-    _Range("specific outputs", 50010, 55127),
-    _Range("panel", 60010, 60647, True),
-    _Range("auxiliary relays", 70010, 79997),
-    _Range("control status", 80010, 85127),
-    _Range("pseudo inputs", 87010, 87207),
-)
-"""Bit addresses of a YRC1000, which has the most."""
+_T = MessageType
+_REPLIES: dict[int, tuple[int, type[Body]]] = {
+    _T.MOTO_READ_IO_BIT: (_T.MOTO_READ_IO_BIT_REPLY, ReadIoReply),
+    _T.MOTO_READ_IO_GROUP: (_T.MOTO_READ_IO_GROUP_REPLY, ReadIoReply),
+    _T.MOTO_READ_MREGISTER: (_T.MOTO_READ_MREGISTER, ReadRegisterReply),
+    _T.MOTO_WRITE_IO_BIT: (_T.MOTO_WRITE_IO_BIT_REPLY, WriteIoReply),
+    _T.MOTO_WRITE_IO_GROUP: (_T.MOTO_WRITE_IO_GROUP_REPLY, WriteIoReply),
+    _T.MOTO_WRITE_MREGISTER: (_T.MOTO_WRITE_MREGISTER, WriteRegisterReply),
+}
+"""By the type of the request; replies about registers have the type of their request."""
 
 
 class IoRequest(NamedTuple):
     """One request, checked. The functions below make them."""
 
     msg_type: int
-    reply_type: int
     body: ReadIo | WriteIo | ReadRegister | WriteRegister
-    largest: int
+    largest: int = 0
     """Value of a reply."""
+
+    @property
+    def reply_type(self) -> int:
+        """Type of the reply."""
+        return _REPLIES[self.msg_type][0]
 
     def __str__(self) -> str:
         return f"{name_of(MessageType, self.msg_type)} {self.body[0]}"
@@ -97,120 +90,77 @@ class IoRequest(NamedTuple):
 
 def read_bit(address: int) -> IoRequest:
     """Ask for one bit. CommandError when there is no such address."""
-    return IoRequest(
-        MessageType.MOTO_READ_IO_BIT,
-        MessageType.MOTO_READ_IO_BIT_REPLY,
-        ReadIo(_bit_address(address, writing=False)),
-        1,
-    )
+    return IoRequest(_T.MOTO_READ_IO_BIT, ReadIo(_bit(address, writing=False)), 1)
 
 
 def write_bit(address: int, value: int) -> IoRequest:
     """Set one bit, 0 or 1. CommandError for an address that cannot be written."""
-    return IoRequest(
-        MessageType.MOTO_WRITE_IO_BIT,
-        MessageType.MOTO_WRITE_IO_BIT_REPLY,
-        WriteIo(_bit_address(address, writing=True), _number("value", value, 1)),
-        0,
-    )
+    body = WriteIo(_bit(address, writing=True), _number("value", value, 1))
+    return IoRequest(_T.MOTO_WRITE_IO_BIT, body)
 
 
 def read_group(address: int) -> IoRequest:
     """Ask for eight bits; `address` is that of the first without its last digit (1001: 10010)."""
-    return IoRequest(
-        MessageType.MOTO_READ_IO_GROUP,
-        MessageType.MOTO_READ_IO_GROUP_REPLY,
-        ReadIo(_group_address(address, writing=False)),
-        0xFF,
-    )
+    return IoRequest(_T.MOTO_READ_IO_GROUP, ReadIo(_group(address, writing=False)), 0xFF)
 
 
 def write_group(address: int, value: int) -> IoRequest:
     """Set eight bits, 0 to 255."""
-    return IoRequest(
-        MessageType.MOTO_WRITE_IO_GROUP,
-        MessageType.MOTO_WRITE_IO_GROUP_REPLY,
-        WriteIo(_group_address(address, writing=True), _number("value", value, 0xFF)),
-        0,
-    )
+    body = WriteIo(_group(address, writing=True), _number("value", value, 0xFF))
+    return IoRequest(_T.MOTO_WRITE_IO_GROUP, body)
 
 
 def read_register(register: int) -> IoRequest:
     """Ask for an M register, 0 to 999."""
-    return IoRequest(
-        MessageType.MOTO_READ_MREGISTER,
-        MessageType.MOTO_READ_MREGISTER,
-        ReadRegister(_number("register", register, READABLE_REGISTERS - 1)),
-        0xFFFF,
-    )
+    number = _number("register", register, READABLE_REGISTERS - 1)
+    return IoRequest(_T.MOTO_READ_MREGISTER, ReadRegister(number), 0xFFFF)
 
 
 def write_register(register: int, value: int) -> IoRequest:
     """Set an M register, 0 to 559, to 0 to 65535."""
-    return IoRequest(
-        MessageType.MOTO_WRITE_MREGISTER,
-        MessageType.MOTO_WRITE_MREGISTER,
-        WriteRegister(
-            _number("register", register, WRITABLE_REGISTERS - 1),
-            _number("value", value, 0xFFFF),
-        ),
-        0,
-    )
+    number = _number("register", register, WRITABLE_REGISTERS - 1)
+    body = WriteRegister(number, _number("value", value, 0xFFFF))
+    return IoRequest(_T.MOTO_WRITE_MREGISTER, body)
+
+
+def _index(value: int) -> int:
+    """`value` as a whole number; -1 when it is none."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        return -1
 
 
 def _number(what: str, value: int, largest: int) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = -1
+    number = _index(value)
     if not 0 <= number <= largest:
         raise CommandError(f"{what}: {value!r} is not allowed; it must be 0 to {largest}")
     return number
 
 
-def _bit_address(address: int, writing: bool) -> int:
-    try:
-        number = operator.index(address)
-    except TypeError:
-        number = -1
+def _bit(address: int, writing: bool) -> int:
+    number = _index(address)
     if number >= 0 and number % 10 > 7:
         raise CommandError(f"address: {address!r} is not a bit; the last digit must be 0 to 7")
-    if not any(r.first <= number <= r.last and (r.writable or not writing) for r in _RANGES):
-        raise CommandError(_nowhere("address", address, writing, 1))
+    return _within("address", address, number, 1, writing)
+
+
+def _group(address: int, writing: bool) -> int:
+    return _within("group", address, _index(address), 10, writing)
+
+
+def _within(what: str, address: int, number: int, divisor: int, writing: bool) -> int:
+    """`number`, if it is that of a bit, or of ten bits' group, that can be read or written."""
+    allowed = [
+        (each.first // divisor, each.last // divisor, each.name)
+        for each in ADDRESS_RANGES
+        if each.writable or not writing
+    ]
+    if not any(first <= number <= last for first, last, _ in allowed):
+        words = ", ".join(f"{first} to {last} ({name})" for first, last, name in allowed)
+        doing = "written" if writing else "read"
+        raise CommandError(f"{what}: {address!r} cannot be {doing}; allowed are {words}")
     return number
-
-
-def _group_address(address: int, writing: bool) -> int:
-    try:
-        number = operator.index(address)
-    except TypeError:
-        number = -1
-    if not any(
-        r.first // 10 <= number <= r.last // 10 and (r.writable or not writing) for r in _RANGES
-    ):
-        raise CommandError(_nowhere("group", address, writing, 10))
-    return number
-
-
-def _nowhere(what: str, address: int, writing: bool, divisor: int) -> str:
-    allowed = ", ".join(
-        f"{r.first // divisor} to {r.last // divisor} ({r.name})"
-        for r in _RANGES
-        if r.writable or not writing
-    )
-    doing = "written" if writing else "read"
-    return f"{what}: {address!r} cannot be {doing}; allowed are {allowed}"
-
-
-_REPLY_BODIES: dict[int, type[Body]] = {
-    MessageType.MOTO_READ_IO_BIT: ReadIoReply,
-    MessageType.MOTO_READ_IO_GROUP: ReadIoReply,
-    MessageType.MOTO_READ_MREGISTER: ReadRegisterReply,
-    MessageType.MOTO_WRITE_IO_BIT: WriteIoReply,
-    MessageType.MOTO_WRITE_IO_GROUP: WriteIoReply,
-    MessageType.MOTO_WRITE_MREGISTER: WriteRegisterReply,
-}
-"""By the type of the request; replies about registers have the type of their request."""
 
 
 class IoExchange:
@@ -267,7 +217,7 @@ def _result(asked: IoRequest, message: Message) -> int:
     if (
         message.msg_type != asked.reply_type
         or message.comm_type != CommType.SERVICE_REPLY
-        or not isinstance(body, _REPLY_BODIES[asked.msg_type])
+        or not isinstance(body, _REPLIES[asked.msg_type][1])
     ):
         kind, comm = name_of(MessageType, message.msg_type), name_of(CommType, message.comm_type)
         raise IoConnectionError(f"{asked} was answered by a {kind} ({comm})")
@@ -348,12 +298,7 @@ class IoClient:
     def __enter__(self) -> IoClient:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _call(self, asked: IoRequest) -> int:

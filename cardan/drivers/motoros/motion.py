@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -227,17 +228,22 @@ class Motion(ABC):
                 self._counters.queue_count,
             )
 
-    def _point(self, sequence: int, time_ms: int) -> JointTrajPtFull:
-        """Where the guide is now, as a point of a trajectory."""
-        guide = self._guide
+    def _point(
+        self,
+        sequence: int,
+        time_ms: int,
+        positions: Iterable[float],
+        velocities: Iterable[float] = (),
+    ) -> JointTrajPtFull:
+        """A point of a trajectory; at rest without velocities."""
         return JointTrajPtFull(
             self.options.group,
             sequence,
             POINT_FIELDS,
             # The controller cuts float32 seconds to whole ms; from the middle none is lost.
             (time_ms + 0.5) * 1e-3,
-            joints10(guide.positions),
-            joints10(guide.velocities),
+            joints10(positions),
+            joints10(velocities),
             joints10(()),
         )
 
@@ -254,6 +260,9 @@ class Motion(ABC):
 
 class Trajectory(Motion):
     """Motion by points: begins one where the robot stands, and sends point after point."""
+
+    busy_retry_s: float
+    """A point that the controller was too busy for is sent again after this."""
 
     def __init__(self, parts: MotionParts, now_s: float) -> None:
         super().__init__(parts)
@@ -297,7 +306,8 @@ class Trajectory(Motion):
             self._guide.place(self._feed.positions)
             self._placed = True
         self._sequence = self._time_ms = 0
-        self._send(self._point(0, 0), now_s, "start")
+        guide = self._guide
+        self._send(self._point(0, 0, guide.positions, guide.velocities), now_s, "start")
 
     def _send(self, point: JointTrajPtFull, now_s: float, kind: str) -> None:
         self._resend = point
@@ -333,7 +343,7 @@ class Trajectory(Motion):
             return
         if reply.result == MotionResult.BUSY:
             self._counters.busy_replies += 1
-            self._busy(now_s)
+            self.next_s = now_s + self.busy_retry_s
             return
         self._resend = None
         if point.sequence == 0:
@@ -344,10 +354,6 @@ class Trajectory(Motion):
     @abstractmethod
     def _refused(self, now_s: float) -> None:
         """Point 0 was not where the controller stands."""
-
-    @abstractmethod
-    def _busy(self, now_s: float) -> None:
-        """The controller still works on the point before."""
 
     @abstractmethod
     def _accepted(self, point: JointTrajPtFull, now_s: float) -> None:

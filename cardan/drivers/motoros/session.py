@@ -7,31 +7,27 @@ requested on the motion port.
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import deque
 
 from cardan.drivers.motoros.connections import CHANNELS, Channel, Connection
 from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.motion import MotionCounters, MotionRecord
+from cardan.drivers.motoros.guide import KINDS
+from cardan.drivers.motoros.motion import MotionCounters
 from cardan.drivers.motoros.motion_control import MotionControl, Phase, Task
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.session_words import findings, no_motion_connection, silence
-from cardan.errors import CommandError
+from cardan.drivers.robot_core import check_numbers, counts, joint_values
 from cardan.histogram import LatencyHistogram
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
     ByteOrder,
     FrameReader,
-    VelocityInfo,
     Wire,
     wire,
 )
 from cardan.types import (
     NEVER_S,
-    CommandKind,
-    HoldCommand,
-    JointCommand,
-    JointVelocityCommand,
     RobotCapabilities,
     RobotCommand,
     RobotLink,
@@ -58,7 +54,8 @@ class MotorosSession:
         self.requests = MotionRequests(
             options.group, options.request_timeout_s, options.start_timeout_s
         )
-        self._control = MotionControl(options, self.requests, self.feed)
+        self.control = MotionControl(options, self.requests, self.feed)
+        """When motion may be, and what became of it."""
         self.jitter = LatencyHistogram()
         """How far the time between two control instants is off their period."""
         self.losses = 0
@@ -82,14 +79,14 @@ class MotorosSession:
     def capabilities(self) -> RobotCapabilities:
         """What can be commanded. Until a controller was asked "auto" counts as a stream."""
         options = self.options
-        if self._control.uses_velocity:
+        if self.control.uses_velocity:
             period_s = options.command_period_s
         elif options.mode == "standard":
             period_s = STATE_PERIOD_S
         else:
             period_s = 1e-3 * options.spacing_increments * options.ipc_ms
         return RobotCapabilities(
-            commands=frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY}),
+            commands=KINDS,
             period_s=period_s,
             joints=options.joints,
             limits=self.limits,
@@ -101,62 +98,27 @@ class MotorosSession:
     @property
     def phase(self) -> Phase:
         """What the motion connection is doing."""
-        return self._control.phase
+        return self.control.phase
 
     @property
     def sessions(self) -> int:
         """Motion connections and starts of motion; earlier targets are void when it changes."""
-        return self._control.sessions
-
-    @property
-    def owes_answer(self) -> bool:
-        """True between a state that takes a command and that command."""
-        return self._control.owes_answer
+        return self.control.sessions
 
     @property
     def enabled(self) -> bool:
         """True while commands move the robot, or would if they came."""
-        return self._control.enabled
+        return self.control.enabled
 
     @property
     def end_reason(self) -> str:
         """What ended or prevented motion last, in words; empty after a start that worked."""
-        return self._control.end_reason
-
-    @property
-    def ends(self) -> Counter[str]:
-        """How often motion was ended, by reason."""
-        return self._control.ends
+        return self.control.end_reason
 
     @property
     def counters(self) -> MotionCounters:
         """What happened in motion since the driver was opened."""
-        return self._control.counters
-
-    @property
-    def record(self) -> MotionRecord:
-        """Commands and feedback, where the options ask for them."""
-        return self._control.record
-
-    @property
-    def velocity_info(self) -> VelocityInfo | None:
-        """What the controller says about its velocity mode; None where it has none."""
-        return self._control.velocity_info
-
-    @property
-    def braking_s(self) -> float:
-        """How long it takes to come to rest from now, at most; 0 while nothing moves."""
-        return self._control.braking_s
-
-    @property
-    def left(self) -> bool:
-        """True when nothing is left to be sent to the controller."""
-        return self._control.left
-
-    @property
-    def byte_order(self) -> ByteOrder | None:
-        """The controller's; None until it was learnt."""
-        return self.feed.byte_order
+        return self.control.counters
 
     # -- connections ------------------------------------------------------------------------------
 
@@ -166,7 +128,7 @@ class MotorosSession:
         if link.up or now_s < link.retry_s:
             return False
         # Which byte order requests must have, only the state port says.
-        return channel == "state" or (self.feed.live(now_s) and self.byte_order is not None)
+        return channel == "state" or (self.feed.live(now_s) and self.feed.byte_order is not None)
 
     def connected(self, channel: Channel, now_s: float) -> None:
         """A connection stands."""
@@ -174,10 +136,10 @@ class MotorosSession:
         if channel == "state":
             self.feed.connected()
             return
-        order = self.byte_order or ByteOrder.LITTLE
+        order = self.feed.byte_order or ByteOrder.LITTLE
         self._wire = wire(order)
         self._reader = FrameReader(order, LONGEST_PREFIX_OF_MOTOROS)
-        self._control.connected()
+        self.control.connected()
         self._flush(now_s)
 
     def connect_failed(self, channel: Channel, reason: str, now_s: float) -> None:
@@ -192,11 +154,11 @@ class MotorosSession:
         link.lost(reason, now_s)
         if channel == "state":
             self.feed.disconnected()
-            self._control.brake(f"the state connection was lost: {reason}", now_s)
+            self.control.brake(f"the state connection was lost: {reason}", now_s)
             self._send_topics()
             return
         self._out = deque(item for item in self._out if item[0] != "motion")
-        self._control.disconnected(reason, now_s)
+        self.control.disconnected(reason, now_s)
 
     def _drop(self, channel: Channel, reason: str, now_s: float) -> None:
         """Close a connection that cannot be trusted."""
@@ -220,7 +182,7 @@ class MotorosSession:
         if not self._links[channel].up:
             return
         if channel == "state":
-            order = self.byte_order
+            order = self.feed.byte_order
             feed = self.feed
             feed.received(data, now_s)
             if feed.failure:
@@ -237,11 +199,11 @@ class MotorosSession:
             reader.feed(data)
             while self._links["motion"].up and (frame := reader.take()) is not None:
                 wrong = self.requests.received(self._wire.decode(frame), now_s)
-                wrong = wrong or self._control.failure
+                wrong = wrong or self.control.failure
                 if wrong:
                     self._drop("motion", wrong, now_s)
                 else:
-                    self._control.proceed(now_s)
+                    self.control.proceed(now_s)
             if reader.failure:
                 self._drop("motion", reader.failure, now_s)
         self._flush(now_s)
@@ -251,20 +213,20 @@ class MotorosSession:
         feed = self.feed
         if feed.feedbacks != self._recorded:
             self._recorded = feed.feedbacks
-            if self.record.path:
+            if self.control.record.path:
                 count = self.counters.queue_count
-                self.record.add(now_s, "feedback", (), feed.positions, count)
+                self.control.record.add(now_s, "feedback", (), feed.positions, count)
         if feed.statuses == self._checked_statuses:
             return
         self._checked_statuses = feed.statuses
-        self._control.status_received(now_s)
+        self.control.status_received(now_s)
 
     # -- time -------------------------------------------------------------------------------------
 
     @property
     def next_s(self) -> float:
         """When `advance` and `due_state` are to be called at the latest."""
-        found = min(self._control.next_s, self._said_s + WAKE_S)
+        found = min(self.control.next_s, self._said_s + WAKE_S)
         if self._said_link is RobotLink.LIVE:
             found = min(found, self.feed.stale_s)
         for link in self._links.values():
@@ -275,9 +237,9 @@ class MotorosSession:
     def advance(self, now_s: float) -> None:
         """Do what time demands: time-outs, polls, points that are due, ramps."""
         self._advanced_s = now_s
-        self._control.advance(now_s)
-        if self._control.failure:
-            self._drop("motion", self._control.failure, now_s)
+        self.control.advance(now_s)
+        if self.control.failure:
+            self._drop("motion", self.control.failure, now_s)
         self._flush(now_s)
 
     def _flush(self, now_s: float) -> None:
@@ -292,35 +254,35 @@ class MotorosSession:
     def _send_topics(self) -> None:
         if not self._links["motion"].up or self._wire is None:
             return
-        for message in self._control.topics():
+        for message in self.control.topics():
             self._out.append(("motion", self._wire.encode(message)))
 
     # -- requests of the application --------------------------------------------------------------
 
     def ask(self, task: Task, now_s: float) -> None:
         """Do one of the tasks that only the application may request."""
-        self._control.ask(task, now_s)
+        self.control.ask(task, now_s)
         self._flush(now_s)
 
     def enable(self, now_s: float) -> None:
         """Start motion. A controller that is not connected is not asked later instead."""
-        self._control.enable(now_s)
+        self.control.enable(now_s)
         self._flush(now_s)
 
     def disable(self, now_s: float) -> None:
         """Brake along a ramp, then leave the controller's mode."""
-        self._control.disable(now_s)
+        self.control.disable(now_s)
         self._flush(now_s)
 
     def stop(self, now_s: float) -> None:
         """STOP_MOTION at once: a trajectory's command stops dead, velocity mode ramps down at the
         controller's own acceleration. A reply that is awaited comes first."""
-        self._control.stop(now_s)
+        self.control.stop(now_s)
         self._flush(now_s)
 
     def leave(self, now_s: float) -> None:
         """Brake and leave the controller's mode, because the application ends its loop."""
-        self._control.leave(now_s)
+        self.control.leave(now_s)
         self._flush(now_s)
 
     # -- the control loop -------------------------------------------------------------------------
@@ -328,22 +290,22 @@ class MotorosSession:
     def due_state(self, now_s: float) -> RobotState | None:
         """The state to report now; None while no control instant has come and nothing is new."""
         feed = self.feed
-        if not self._control.live(now_s):
+        if not self.control.live(now_s):
             if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
                 return None
-            self._control.owes_answer = False
+            self.control.owes_answer = False
             self._instant_s = NEVER_S
             self.losses += self._said_link is RobotLink.LIVE
             link = RobotLink.LOST if feed.heard else RobotLink.WAITING
             return self._state(
                 now_s, link, 0.0, silence(self.options, feed, self._links["state"], now_s)
             )
-        motion = self._control.motion
+        motion = self.control.motion
         if motion is not None and self.phase is Phase.MOVING and not motion.waiting:
             period_s = motion.due(now_s)
             if period_s:
                 self._period_s = period_s
-                self._control.owes_answer = True
+                self.control.owes_answer = True
                 if self._instant_session != self.sessions:
                     self._instant_session = self.sessions
                     self._instant_s = NEVER_S
@@ -386,12 +348,12 @@ class MotorosSession:
         Raises CommandError for a kind or shape that the robot cannot take; nothing is sent then.
         """
         self.check(command)
-        motion = self._control.motion
-        if not self.owes_answer or motion is None:
+        motion = self.control.motion
+        if not self.control.owes_answer or motion is None:
             return
         motion.command(command, self._period_s, now_s)
-        self._control.owes_answer = False
-        self._control.proceed(now_s)
+        self.control.owes_answer = False
+        self.control.proceed(now_s)
         self._flush(now_s)
 
     def check(self, command: RobotCommand) -> None:
@@ -399,34 +361,15 @@ class MotorosSession:
 
         Limits are met by what is sent, not by refusal.
         """
-        if isinstance(command, HoldCommand):
-            return
-        if isinstance(command, JointCommand):
-            if command.external_axes:
-                raise CommandError("external_axes: the driver moves one control group only")
-            self._numbers("positions", command.positions)
-            if command.velocities is not None:
-                self._numbers("velocities", command.velocities)
-        elif isinstance(command, JointVelocityCommand):
-            self._numbers("velocities", command.velocities)
-        else:
-            raise CommandError(
-                f"MotoROS takes no {command.kind.value}; it takes hold, joint, joint velocity"
-            )
-
-    def _numbers(self, name: str, values: tuple[float, ...]) -> None:
-        joints = self.feed.joints
-        if len(values) != joints:
-            raise CommandError(f"{name}: {len(values)} values for {joints} joints")
-        if not all(map(math.isfinite, values)):
-            raise CommandError(f"{name}: {values!r} are not all finite")
+        for name, values in joint_values("MotoROS", command, KINDS):
+            check_numbers(name, values, self.feed.joints)
 
     # -- diagnosis --------------------------------------------------------------------------------
 
     @property
     def hold_reason(self) -> str:
         """Why commands would not act now, in words; empty when they do."""
-        control = self._control
+        control = self.control
         if control.phase is Phase.DOWN:
             return no_motion_connection(self.options, self._links["motion"], control.end_reason)
         return control.hold_reason
@@ -437,7 +380,7 @@ class MotorosSession:
         quiet = ""
         if not feed.live(now_s):
             quiet = silence(self.options, feed, self._links["state"], now_s)
-        return findings(self._control, quiet, self.hold_reason)
+        return findings(self.control, quiet, self.hold_reason)
 
     def metrics(self, now_s: float) -> dict[str, float]:
         """Live figures."""
@@ -453,22 +396,10 @@ class MotorosSession:
             "request_p50_s": latency.percentile(50.0),
             "request_p99_s": latency.percentile(99.0),
             "request_max_s": latency.max,
-            "queue_count": float(counters.queue_count),
-            "commands": float(counters.commands),
-            "underruns": float(counters.underruns),
-            "busy_replies": float(counters.busy_replies),
-            "resent_points": float(counters.resent_points),
-            "restarts": float(counters.restarts),
-            "replaced": float(counters.replaced),
-            "skipped_instants": float(counters.skipped_instants),
-            "speed_limited": float(counters.speed_limited),
-            "acceleration_limited": float(counters.acceleration_limited),
-            "range_limited": float(counters.range_limited),
-            "overwritten": float(counters.overwritten),
-            "command_age_s": counters.command_age_s,
+            **counts(counters),
             "reconnects": float(sum(max(0, link.count - 1) for link in self._links.values())),
             "ignored": float(sum(self.feed.ignored.values())),
-            "ends": float(sum(self.ends.values())),
-            "velocity_mode": float(self._control.uses_velocity),
+            "ends": float(sum(self.control.ends.values())),
+            "velocity_mode": float(self.control.uses_velocity),
             "enabled": float(self.enabled),
         }

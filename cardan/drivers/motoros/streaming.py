@@ -20,8 +20,6 @@ from cardan.drivers.motoros.requests import Answer
 from cardan.protocols.simple_message import JointTrajPtFull, MotionCommand, MotionResult
 from cardan.types import HoldCommand, RobotCommand
 
-BUSY_RETRY_S = 0.002
-
 STANDS_STILL_S = 0.5
 """A queue that does not get shorter for so long is not being played."""
 SLOW_REPLY_S = 0.02
@@ -55,6 +53,8 @@ class _Phase(enum.Enum):
 
 class PointStream(Trajectory):
     """An endless trajectory. Control instants come when `queue_low` increments are left."""
+
+    busy_retry_s = 0.002
 
     def __init__(self, parts: MotionParts, now_s: float) -> None:
         super().__init__(parts, now_s)
@@ -117,7 +117,8 @@ class PointStream(Trajectory):
         self._was_moving = self._moving_at_send
         self._moving_at_send = not self._resting()
         self._phase = _Phase.SENDING
-        self._send(self._point(self._sequence, self._time_ms), now_s, "point")
+        point = self._point(self._sequence, self._time_ms, guide.positions, guide.velocities)
+        self._send(point, now_s, "point")
 
     def _renew_now(self, now_s: float) -> bool:
         """Leave a trajectory whose times have become large, at standstill."""
@@ -227,9 +228,6 @@ class PointStream(Trajectory):
             self._ran_empty(now_s)
             return
         self._phase = _Phase.INSTANT
-
-    def _busy(self, now_s: float) -> None:
-        self.next_s = now_s + BUSY_RETRY_S
 
     def _refused(self, now_s: float) -> None:
         self._phase = _Phase.RESTING

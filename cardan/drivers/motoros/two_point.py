@@ -10,7 +10,7 @@ import math
 
 from cardan.drivers.motoros.diagnosis import reply_in_words
 from cardan.drivers.motoros.guide import JointGuide
-from cardan.drivers.motoros.motion import POINT_FIELDS, MotionParts, Trajectory
+from cardan.drivers.motoros.motion import MotionParts, Trajectory
 from cardan.drivers.motoros.options import STATE_PERIOD_S
 from cardan.drivers.motoros.requests import Answer
 from cardan.protocols.simple_message import (
@@ -18,12 +18,9 @@ from cardan.protocols.simple_message import (
     MotionCommand,
     MotionReply,
     MotionResult,
-    joints10,
 )
 from cardan.types import RobotCommand
 
-BUSY_RETRY_S = 0.005
-"""As motoman_driver does."""
 ARRIVED_RAD = 0.01
 """How far from its end a trajectory counts as done (motoman_driver's goal tolerance)."""
 SAME_GOAL_RAD = 1e-5
@@ -65,6 +62,7 @@ class TwoPointMoves(Trajectory):
     """
 
     nominal_s = STATE_PERIOD_S
+    busy_retry_s = 0.005  # as motoman_driver does
 
     def __init__(self, parts: MotionParts, now_s: float) -> None:
         super().__init__(parts, now_s)
@@ -139,18 +137,7 @@ class TwoPointMoves(Trajectory):
             return
         self._phase = _Phase.STARTING
         self._sequence = self._time_ms = 0
-        self._send(self._standing(self._end, 0, 0), now_s, "start")
-
-    def _standing(self, positions: list[float], sequence: int, time_ms: int) -> JointTrajPtFull:
-        return JointTrajPtFull(
-            self.options.group,
-            sequence,
-            POINT_FIELDS,
-            (time_ms + 0.5) * 1e-3,
-            joints10(positions),
-            joints10(()),
-            joints10(()),
-        )
+        self._send(self._point(0, 0, self._end), now_s, "start")
 
     def _accepted(self, point: JointTrajPtFull, now_s: float) -> None:
         if point.sequence == 0:
@@ -159,15 +146,12 @@ class TwoPointMoves(Trajectory):
             time_ms = math.ceil(1e3 * two_point_time_s(self._end, self._goal, self._guide))
             self._time_ms = max(2 * ipc_ms, time_ms)
             self._phase = _Phase.SENDING
-            self._send(self._standing(self._goal, 1, self._time_ms), now_s, "point")
+            self._send(self._point(1, self._time_ms, self._goal), now_s, "point")
             return
         self._end = self._goal
         # Before that the queue may look empty because the point is still being converted.
         self._rest_since_s = now_s + 1e-3 * self._time_ms
         self._phase = _Phase.MOVING
-
-    def _busy(self, now_s: float) -> None:
-        self.next_s = now_s + BUSY_RETRY_S
 
     def _refused(self, now_s: float) -> None:
         self._phase = _Phase.RESTING

@@ -194,20 +194,14 @@ class VelocityStream(Motion):
         """`command`, of which time that was lost is not made up for."""
         asked, self._asked = self._asked, None
         lost = self._lost
-        if not isinstance(command, JointCommand) or command.velocities is None:
+        if not isinstance(command, JointCommand):
             lost.reset()
             return command
         self._asked = command
-        if asked is None or asked.velocities is None:
-            lost.reset()
-        if not lost.working or asked is None or asked.velocities is None:
+        if not lost.working:
             return command
-        moved = [b - a for a, b in zip(asked.positions, command.positions, strict=True)]
-        lost.step(moved, asked.velocities, command.velocities, self.nominal_s)
-        return JointCommand(
-            tuple(q + ahead for q, ahead in zip(command.positions, lost.offset, strict=True)),
-            tuple(v + more for v, more in zip(command.velocities, lost.rate, strict=True)),
-        )
+        before = None if asked is None else asked[:2]
+        return JointCommand(*lost.follow(before, *command[:2], self.nominal_s))
 
     def settled(self, now_s: float) -> bool:
         return self._zeros >= ZEROS_BEFORE_END

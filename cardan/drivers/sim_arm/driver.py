@@ -12,20 +12,16 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from typing import Any, Protocol
 
-from cardan.drivers.base import RobotDriver
+from cardan.drivers.robot_core import WAKE_S, LoopingRobot
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
-from cardan.errors import AddressError, NotOpenError
 from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
 from cardan.sim_peers.arm import SimulatedArm
-from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotLink, RobotState
-
-_WAKE_S = 0.1
-"""A silent robot is reported at least this often (contract of `cycles`)."""
-_DRAIN_AT_MOST = 256
+from cardan.sockets import opened, waiting
+from cardan.types import HoldCommand, RobotCommand, RobotLink, RobotState
 
 _monotonic = time.monotonic
 
@@ -39,7 +35,7 @@ class _Transport(Protocol):
     def send(self, data: bytes) -> None: ...
 
     def wait(self) -> list[bytes]:
-        """What came in by the next control instant, oldest first; empty at least every _WAKE_S."""
+        """What came in by the next control instant, oldest first; empty at least every WAKE_S."""
 
     def waiting(self) -> list[bytes]:
         """What is there already, oldest first."""
@@ -78,7 +74,7 @@ class _InProcess:
             else:
                 self._next_deadline()
             data = list(self.arm.cycle(self._cycle_s))
-            if data or self._cycle_s - self._heard_s >= _WAKE_S:
+            if data or self._cycle_s - self._heard_s >= WAKE_S:
                 self._heard_s = self._cycle_s
                 return data
 
@@ -102,20 +98,9 @@ class _Udp:
     """A served arm."""
 
     def __init__(self, options: SimArmOptions) -> None:
-        host, port = options.address
-        link = None
-        try:
-            family, kind, protocol, _, address = socket.getaddrinfo(
-                host, port, family=socket.AF_INET, type=socket.SOCK_DGRAM
-            )[0]
-            link = socket.socket(family, kind, protocol)
-            link.connect(address)
-        except (OSError, UnicodeError) as error:
-            if link is not None:
-                link.close()
-            raise AddressError(f"endpoint {options.endpoint}: {error}") from None
-        link.setblocking(False)
-        self._socket = link
+        problem = f"endpoint {options.endpoint}"
+        join = socket.socket.connect
+        self._socket = opened(*options.address, socket.SOCK_DGRAM, join, problem)
 
     def now(self) -> float:
         return _monotonic()
@@ -127,7 +112,7 @@ class _Udp:
 
     def wait(self) -> list[bytes]:
         found: list[bytes] = []
-        deadline_s = _monotonic() + _WAKE_S
+        deadline_s = _monotonic() + WAKE_S
         while not found and (left_s := deadline_s - _monotonic()) > 0.0:
             try:
                 ready = select.select([self._socket], [], [], left_s)[0]
@@ -139,21 +124,13 @@ class _Udp:
         return found
 
     def waiting(self) -> list[bytes]:
-        found: list[bytes] = []
-        for _ in range(_DRAIN_AT_MOST):
-            try:
-                found.append(self._socket.recv(MAX_DATAGRAM_BYTES + 1))
-            except BlockingIOError:
-                break
-            except OSError:
-                continue
-        return found
+        return [data for data, _ in waiting(self._socket, MAX_DATAGRAM_BYTES + 1)]
 
     def close(self) -> None:
         self._socket.close()
 
 
-class SimArm(RobotDriver):
+class SimArm(LoopingRobot[SimArmSession]):
     """A simulated joint-controlled arm, for everything that can be done without hardware.
 
     It takes joint positions, joint speeds and (with dynamic drives) torques. A state that the
@@ -167,17 +144,13 @@ class SimArm(RobotDriver):
     page = "simulated-arm.md"
     peer = "arm"
     options: SimArmOptions
+    title = "the simulated arm's driver"
 
     def __init__(self, options: SimArmOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._session = SimArmSession(self.options)
         self._transport: _Transport | None = None
         self._owes_answer = False
-        self._loop = 0
-
-    @property
-    def capabilities(self) -> RobotCapabilities:
-        return self._session.capabilities
 
     @property
     def arm(self) -> SimulatedArm | None:
@@ -185,34 +158,36 @@ class SimArm(RobotDriver):
         transport = self._transport
         return transport.arm if isinstance(transport, _InProcess) else None
 
-    def open(self) -> None:
-        if self._transport is None:
-            self._session = SimArmSession(self.options)
-            options = self.options
-            udp = options.transport == "udp"
-            self._transport = _Udp(options) if udp else _InProcess(options)
-            self._owes_answer = False
+    def _acquire(self) -> None:
+        options = self.options
+        self._session = SimArmSession(options)
+        udp = options.transport == "udp"
+        self._transport = _Udp(options) if udp else _InProcess(options)
+        self._owes_answer = False
 
-    def close(self) -> None:
+    def _release(self) -> None:
         transport, self._transport = self._transport, None
-        self._loop += 1
         if transport is not None:
-            with contextlib.suppress(Exception):
-                data = self._session.command(HoldCommand(), transport.now())
-                if data is not None:
-                    transport.send(data)
             transport.close()
 
-    def cycles(self) -> Iterator[RobotState]:
-        transport = self._opened()
-        self._loop += 1
-        return self._run(transport, self._loop)
+    def _joined(self) -> _Transport:
+        if self._transport is None:
+            raise self._not_open()
+        return self._transport
 
-    def _run(self, transport: _Transport, loop: int) -> Iterator[RobotState]:
-        session = self._session
+    def _now_s(self) -> float:
+        return self._joined().now()
+
+    def _leave_within_s(self) -> float:
+        return WAKE_S
+
+    def _states(self, loop: int) -> Generator[RobotState, None, None]:
+        session, transport = self._session, self._transport
+        if transport is None or self._loop != loop:
+            return
         said_s = transport.now()
         transport.send(session.greeting(said_s))
-        try:
+        with self._looping(loop):
             while self._loop == loop:
                 state = None
                 for data in transport.wait():
@@ -226,21 +201,24 @@ class SimArm(RobotDriver):
                     yield state
                     if self._loop == loop and self._owes_answer:
                         self.send(HoldCommand())
-                elif now_s - said_s >= _WAKE_S and session.lost(now_s):
+                elif now_s - said_s >= WAKE_S and session.lost(now_s):
                     said_s = now_s
                     transport.send(session.greeting(now_s))
                     yield session.silence(now_s)
-        finally:
-            if self._loop == loop and self._transport is transport:
-                self.send(HoldCommand())
+
+    def _leave(self) -> None:
+        transport = self._joined()
+        data = self._session.command(HoldCommand(), transport.now())
+        self._owes_answer = False
+        if data is not None:
+            transport.send(data)
 
     def send(self, command: RobotCommand) -> None:
         """Command the arm; the last of several calls for one state counts."""
-        transport = self._opened()
-        if not self._owes_answer and self._session.lost(transport.now()):
-            self._session.check(command)
+        transport, session = self._joined(), self._session
+        if not self._owes_answer and session.lost(transport.now()):
+            session.check(command)
             return
-        session = self._session
         if session.late(transport.now()):
             # The arm is not where it was when this command was thought of.
             for data in transport.waiting():
@@ -249,11 +227,6 @@ class SimArm(RobotDriver):
         self._owes_answer = False
         if answer is not None:
             transport.send(answer)
-
-    def _opened(self) -> _Transport:
-        if self._transport is None:
-            raise NotOpenError("the simulated arm's driver is not open; call open(), or use `with`")
-        return self._transport
 
     @property
     def link(self) -> RobotLink:
@@ -265,8 +238,3 @@ class SimArm(RobotDriver):
 
     def metrics(self) -> dict[str, float]:
         return self._session.metrics()
-
-    def diagnosis(self) -> tuple[str, ...]:
-        if self._transport is None:
-            return ("the simulated arm's driver is not open",)
-        return self._session.diagnosis(self._transport.now())

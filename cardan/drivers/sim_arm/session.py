@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 
 from cardan.drivers.lost_time import LostTime
+from cardan.drivers.robot_core import check_count, joint_values
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.errors import CommandError
 from cardan.protocols.joint_stream import (
@@ -21,7 +23,6 @@ from cardan.robots import load_arm
 from cardan.types import (
     NEVER_S,
     CommandKind,
-    HoldCommand,
     JointCommand,
     JointVelocityCommand,
     Pose,
@@ -57,7 +58,16 @@ class SimArmSession:
         arm = load_arm(options.robot)
         self._joints = n = len(arm.joints)
         self._limits = options.joint_limits
-        self._efforts = tuple(joint.effort for joint in arm.joints)
+        lower, upper, speed, _ = self._limits
+        efforts = tuple(joint.effort for joint in arm.joints)
+        self._ranges: dict[str, tuple[Sequence[float], Sequence[float]]] = {
+            "positions": (
+                tuple(value - _BESIDE_ITS_STOP for value in lower),
+                tuple(value + _BESIDE_ITS_STOP for value in upper),
+            ),
+            "velocities": (tuple(-v for v in speed), speed),
+            "torques": (tuple(-t for t in efforts), efforts),
+        }
         kinds = {CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY}
         if options.drive != "ideal":
             kinds.add(CommandKind.TORQUE)
@@ -186,30 +196,27 @@ class SimArmSession:
         self, command: JointCommand, state: ArmState
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Positions and speeds of `command`, of which time that was lost is not made up for."""
-        positions, velocities = command.positions, command.velocities
         asked, self._asked = self._asked, (command, state.stamp_s)
-        lost = self._lost
-        before = None if asked is None else asked[0].velocities
-        if velocities is None or asked is None or before is None:
-            lost.reset()
-            return positions, velocities or ()
-        gap_s = state.stamp_s - asked[1] - state.period_s
-        if gap_s > 0.5 * state.period_s:
-            self._pass(gap_s, before, state)
+        lost, speeds = self._lost, command.velocities
+        if asked is not None and asked[0].velocities is not None and speeds is not None:
+            gap_s = state.stamp_s - asked[1] - state.period_s
+            if gap_s > 0.5 * state.period_s:
+                self._pass(gap_s, asked[0].velocities, state)
         if not lost.working:
-            return positions, velocities
-        moved = [b - a for a, b in zip(asked[0].positions, positions, strict=True)]
-        lost.step(moved, before, velocities, state.period_s)
-        lower, upper, speed, _ = self._limits
+            return command.positions, speeds or ()
+        before = None if asked is None else asked[0][:2]
+        positions, sent = lost.follow(before, command.positions, speeds, state.period_s)
+        if not lost.working or sent is None:
+            return positions, speeds or ()
+        lower, upper, most, _ = self._limits
         return (
             tuple(
-                min(max(q + ahead, min(q, low)), max(q, high))
-                for q, ahead, low, high in zip(positions, lost.offset, lower, upper, strict=True)
+                min(max(q, min(told, low)), max(told, high))
+                for q, told, low, high in zip(
+                    positions, command.positions, lower, upper, strict=True
+                )
             ),
-            tuple(
-                min(max(v + more, -most), most)
-                for v, more, most in zip(velocities, lost.rate, speed, strict=True)
-            ),
+            tuple(min(max(v, -top), top) for v, top in zip(sent, most, strict=True)),
         )
 
     def _pass(self, gap_s: float, before: tuple[float, ...], state: ArmState) -> None:
@@ -240,41 +247,13 @@ class SimArmSession:
 
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError for a command of a wrong kind or length, or beyond the limits."""
-        limits = self._limits
-        speed = limits.velocity
-        if isinstance(command, HoldCommand):
-            return
-        if command.kind not in self.capabilities.commands:
-            allowed = ", ".join(sorted(kind.value for kind in self.capabilities.commands))
-            raise CommandError(
-                f"the simulated arm takes no {command.kind.value}; it takes {allowed}"
-            )
-        if isinstance(command, JointCommand):
-            if command.external_axes:
-                raise CommandError("external_axes: the simulated arm has none")
-            self._within(
-                "positions",
-                command.positions,
-                tuple(value - _BESIDE_ITS_STOP for value in limits.lower),
-                tuple(value + _BESIDE_ITS_STOP for value in limits.upper),
-            )
-            if command.velocities is not None:
-                self._within("velocities", command.velocities, tuple(-v for v in speed), speed)
-        elif isinstance(command, JointVelocityCommand):
-            self._within("velocities", command.velocities, tuple(-v for v in speed), speed)
-        elif isinstance(command, TorqueCommand):
-            most = self._efforts
-            self._within("torques", command.torques, tuple(-t for t in most), most)
+        for name, values in joint_values("the simulated arm", command, self.capabilities.commands):
+            check_count(name, values, self._joints)
+            self._within(name, values, *self._ranges[name])
 
     def _within(
-        self,
-        name: str,
-        values: tuple[float, ...],
-        lower: tuple[float, ...],
-        upper: tuple[float, ...],
+        self, name: str, values: Sequence[float], lower: Sequence[float], upper: Sequence[float]
     ) -> None:
-        if len(values) != self._joints:
-            raise CommandError(f"{name}: {len(values)} values for {self._joints} joints")
         for joint, (value, low, high) in enumerate(zip(values, lower, upper, strict=True), 1):
             if not (math.isfinite(value) and low - _TOLERANCE <= value <= high + _TOLERANCE):
                 raise CommandError(

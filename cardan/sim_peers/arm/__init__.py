@@ -5,9 +5,7 @@ from cardan.sim_peers.arm.controller import (
     Counters as Counters,
     SimulatedArm as SimulatedArm,
 )
-from cardan.sim_peers.arm.faults import (
-    FAULTS as FAULTS,
-)
+from cardan.sim_peers.arm.faults import FAULTS as FAULTS
 from cardan.sim_peers.arm.options import (
     PERIOD_S as PERIOD_S,
     Ball as Ball,
@@ -20,6 +18,4 @@ from cardan.sim_peers.arm.plant import (
     DriveMode as DriveMode,
     build_model as build_model,
 )
-from cardan.sim_peers.arm.udp import (
-    SimulatedArmPeer as SimulatedArmPeer,
-)
+from cardan.sim_peers.arm.udp import SimulatedArmPeer as SimulatedArmPeer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import JAM_AT_S, RESTART_SILENCE_S, SILENCE_EVERY_S
 from cardan.sim_peers.arm.options import SimulatedArmOptions
 from cardan.sim_peers.arm.plant import ArmPlant, DriveMode
+from cardan.sim_peers.base import TimedActs
 from cardan.sim_peers.link import FaultyLink
 
 CLIENT_SILENT_S = 1.0
@@ -97,14 +98,9 @@ class SimulatedArm:
         self._bridged = (0, False)
         """How many commands had been taken a cycle ago, and whether one was missing by then."""
         self._ignored: Counter[str] = Counter()
-        acts: dict[str, Callable[[], None]] = {
-            "estop": self.emergency_stop,
-            "restart": self.restart,
-        }
-        self._timed = [(faults[name], act) for name, act in acts.items() if name in faults]
-        if "jam" in faults:
-            self._timed.append((JAM_AT_S, self._seize))
-        self._timed.sort(key=lambda timed: timed[0])
+        jam = ((JAM_AT_S, self._seize),) if "jam" in faults else ()
+        acts = {"estop": self.emergency_stop, "restart": self.restart}
+        self._timed = TimedActs(faults, acts, *jam)
         self._silence_s = faults.get("silence", 0.0)
         lower, upper = np.array(self.arm.lower), np.array(self.arm.upper)
         speed = np.array(self.arm.velocity)
@@ -233,8 +229,7 @@ class SimulatedArm:
         if lost_s > 0.0:
             self._behind_s += lost_s
         plant = self.plant
-        while self._timed and self._timed[0][0] <= until_s:
-            due_s, act = self._timed.pop(0)
+        for due_s, act in self._timed.due(until_s):
             plant.advance(due_s - self._behind_s)
             act()
         plant.advance(until_s - self._behind_s)

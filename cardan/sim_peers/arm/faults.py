@@ -7,15 +7,15 @@ from cardan.sim_peers.link import LINK_FAULTS
 
 FAULTS: tuple[FaultSwitch, ...] = (
     *LINK_FAULTS,
-    FaultSwitch("garbage", "share of states with a datagram of junk before it (0..1)", 0.1, 0, 1),
+    FaultSwitch.share("garbage", "share of states with a datagram of junk before it", 0.1),
     FaultSwitch("silence", "silent for this long every 5 s, s", 0.3),
     FaultSwitch("restart", "the controller restarts at this time, once: a new session, s", 5.0),
-    FaultSwitch("estop", "emergency stop at this time, s", 5.0),
+    FaultSwitch.at("estop", "emergency stop"),
     FaultSwitch(
         "offset-deg", "every joint rests this far from where it is commanded, deg", 1.0, -30.0, 30.0
     ),
     FaultSwitch("jam", "this joint (1: the first) does not move any more from 2 s on", 2.0, 1, 16),
-    FaultSwitch("slow", "the drives reach only this share of the speed (0..1)", 0.2, 0.0, 1.0),
+    FaultSwitch.share("slow", "the drives reach only this share of the speed", 0.2),
     FaultSwitch("noise-deg", "standard deviation of the measured joints, deg", 0.01, 0.0, 10.0),
 )
 

@@ -29,7 +29,7 @@ from cardan.protocols.egm.messages import (
     MotorState,
     RapidState,
 )
-from cardan.sim_peers.base import load_script
+from cardan.sim_peers.base import TimedActs, load_script
 from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run, Setup, StopMode
 from cardan.sim_peers.egm_controller.contact import Surface, tcp_velocity, touch
 from cardan.sim_peers.egm_controller.events import Event, EventLog
@@ -148,7 +148,14 @@ class EgmController:
         self._session_cycle = 0
         self._pc_seqno: int | None = None
         self._send_failing = False
-        self._timed = self._timed_faults()
+        self._timed: TimedActs[Callable[[], None]] = TimedActs(
+            options.faults,
+            {
+                "restart": self._restart,
+                "estop": self._panel.emergency_stop,
+                "motors-off": lambda: self._panel.set_motors(False),
+            },
+        )
         self._verbs = self._verb_table()
 
     # ------------------------------------------------------------------------------------
@@ -273,25 +280,11 @@ class EgmController:
             self._port_periods = int(now_s / every_s)
             self.port_changes += 1
             self._queue.clear()
-        while self._timed and self._timed[0][0] <= now_s:
-            self._timed.popleft()[1]()
+        for _, act in self._timed.due(now_s):
+            act()
         while self._actions and self._actions[0].time_s <= now_s:
             action = self._actions.popleft()
             self._verbs[action.verb](**action.arguments)
-
-    def _timed_faults(self) -> deque[tuple[float, Callable[[], None]]]:
-        actions: Mapping[str, Callable[[], None]] = {
-            "restart": self._restart,
-            "estop": self._panel.emergency_stop,
-            "motors-off": lambda: self._panel.set_motors(False),
-        }
-        faults = self.options.faults
-        return deque(
-            sorted(
-                ((faults[name], action) for name, action in actions.items() if name in faults),
-                key=lambda item: item[0],
-            )
-        )
 
     def _paused(self) -> bool:
         pause_s = self.options.faults.get("pause", 0.0)
@@ -480,11 +473,11 @@ class EgmController:
         return {
             "movej": self._movej,
             "getid": lambda: rapid.execute(does.get_id),
-            "setup": self._setup,
-            "act": self._act,
+            "setup": self._executing(Setup, does.setup),
+            "act": self._executing(Act, does.act),
             "stream-start": lambda: rapid.execute(does.stream_start),
             "stream-stop": lambda: rapid.execute(does.stream_stop),
-            "run": self._run,
+            "run": self._executing(Run, does.run),
             "egmmovel": self._egmmovel,
             "stop": self._stop,
             "reset": lambda: rapid.execute(does.reset),
@@ -524,17 +517,16 @@ class EgmController:
     def _jog(self, joints_deg: Sequence[float]) -> None:
         self.jog_to(joints_deg)
 
-    def _setup(self, **arguments: Any) -> None:
-        setup: Setup = self._with_defaults(Setup, arguments)
-        self.rapid.execute(lambda: self._instructions.setup(setup))
+    def _executing(
+        self, kind: type[Any], instruction: Callable[[Any], None]
+    ) -> Callable[..., None]:
+        """What executes `instruction` with `kind` of a script line's arguments."""
 
-    def _act(self, **arguments: Any) -> None:
-        act: Act = self._with_defaults(Act, arguments)
-        self.rapid.execute(lambda: self._instructions.act(act))
+        def execute(**arguments: Any) -> None:
+            made = self._with_defaults(kind, arguments)
+            self.rapid.execute(lambda: instruction(made))
 
-    def _run(self, **arguments: Any) -> None:
-        run: Run = self._with_defaults(Run, arguments)
-        self.rapid.execute(lambda: self._instructions.run(run))
+        return execute
 
     def _egmmovel(self, **arguments: Any) -> None:
         move = PathMove(**arguments)

@@ -24,6 +24,7 @@ from cardan.sim_peers.egm_controller.kinematics import (
 )
 from cardan.sim_peers.egm_controller.motion import ControlLaw, Servo
 from cardan.spatial import (
+    cross,
     from_euler_zyx,
     from_rotation_vector,
     multiply,
@@ -312,11 +313,11 @@ class PathGuidance(Guidance):
         if self._length == 0.0:
             raise MotionError(UNNUMBERED, "the programmed path has no length")
         self._x = scale(way, 1.0 / self._length)
-        self._y = _cross(self._x, frames.approach)
+        self._y = cross(self._x, frames.approach)
         if norm(self._y) < 1e-6:
             raise MotionError(UNNUMBERED, "the path runs along the tool's z axis")
         self._y = scale(self._y, 1.0 / norm(self._y))
-        self._z = _cross(self._x, self._y)
+        self._z = cross(self._x, self._y)
         self._top_speed = move.speed_mm_s * 1e-3
         self._left = move.repeats
         self._travelled = 0.0
@@ -386,7 +387,3 @@ class PathGuidance(Guidance):
 
     def converged(self) -> bool:
         return False
-
-
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    return Vector3(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -17,76 +17,37 @@ from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.kinematics import AXES
 from cardan.sim_peers.egm_controller.panel import OnError
 
-SCRIPT_VERBS: dict[str, str] = {
-    "movej": "movej [J1 ... J6 deg] (a programmed movement; without values: stay)",
-    "getid": "getid",
-    "setup": "setup [joint|pose|path] [timeout=S]",
-    "act": "act [joint|pose|path] [window=DEG,MM] [filter=HZ] [sample-rate=MS] [max-speed=DEG/S] "
-    "[max-pos=DEG] [stream]",
-    "stream-start": "stream-start",
-    "stream-stop": "stream-stop",
-    "run": "run [joint|pose] [hold|ramp-down] [axes=all|none|1,2,..|x,y,rz,..] [cond-time=S] "
-    "[ramp-in=S] [ramp-out=S] [pos-gain=0..1] [nowait]",
-    "egmmovel": "egmmovel DX DY DZ SPEED [REPEATS] (mm, mm/s)",
-    "stop": "stop [hold|ramp-down] [ramp-out=S]",
-    "reset": "reset",
-    "loop": "loop on|off (run EGM again when a run ends)",
-    "on-error": "on-error stop|retry|restart [SECONDS]",
-    "restart": "restart (program pointer to main, start)",
-    "pp-to-main": "pp-to-main",
-    "program-stop": "program-stop",
-    "program-start": "program-start",
-    "motors-off": "motors-off",
-    "motors-on": "motors-on",
-    "estop": "estop",
-    "controller-restart": "controller-restart",
-    "jog": "jog J1 ... J6 (deg)",
-    "collision": "collision",
-    "contact": "contact FX FY FZ TX TY TZ (N, N·m)",
-    "wall": "wall Z_MM N_PER_MM [N_S_PER_M [FRICTION]] (a horizontal surface below the TCP; "
-    "0 N_PER_MM: none)",
-    "force-control": "force-control on|off",
-    "do": "do 0|1 (RAPIDfromRobot.digVal)",
-    "dnum": "dnum VALUE ... (RAPIDfromRobot.dnum)",
-    "echo": "echo on|off (RAPIDfromRobot repeats RAPIDtoRobot)",
-}
+_Parser = Callable[[Sequence[str]], dict[str, Any]]
+
+
+def _guided(
+    about: str,
+    *before: str,
+    act: str = " window=1e-9 max-speed=180",
+    run: str = " cond-time=1e6",
+    then: str = "",
+) -> str:
+    """A program that sets EGM up and runs it once; `then` has its later lines."""
+    begin = ("movej", *before, "getid", "setup", f"act{act}")
+    lines = [f"# {about}", *(f"0 {line}" for line in begin), f"0 run{run}"]
+    return "\n".join(lines) + f"\n{then}"
+
 
 SCRIPTS: dict[str, str] = {
-    "teleop": """\
-# run EGM endlessly; after an error an operator starts it again within 2 s
-0 movej
-0 on-error restart 2
-0 getid
-0 setup
-0 act window=1e-9 max-speed=180
-0 run cond-time=1e6
-""",
-    "teleop-retry": """\
-# as teleop, with an error handler in the program that runs EGM again at once
-0 movej
-0 on-error retry 0.2
-0 getid
-0 setup
-0 act window=1e-9 max-speed=180
-0 run cond-time=1e6
-""",
-    "teleop-once": """\
-# run EGM endlessly; an error ends it
-0 movej
-0 getid
-0 setup
-0 act window=1e-9 max-speed=180
-0 run cond-time=1e6
-""",
-    "teleop-stream": """\
-# as teleop, in a program that also streams: datagrams go on while the program is stopped
-0 movej
-0 on-error restart 2
-0 getid
-0 setup
-0 act window=1e-9 max-speed=180 stream
-0 run cond-time=1e6
-""",
+    "teleop": _guided(
+        "run EGM endlessly; after an error an operator starts it again within 2 s",
+        "on-error restart 2",
+    ),
+    "teleop-retry": _guided(
+        "as teleop, with an error handler in the program that runs EGM again at once",
+        "on-error retry 0.2",
+    ),
+    "teleop-once": _guided("run EGM endlessly; an error ends it"),
+    "teleop-stream": _guided(
+        "as teleop, in a program that also streams: datagrams go on while the program is stopped",
+        "on-error restart 2",
+        act=" window=1e-9 max-speed=180 stream",
+    ),
     "stream": """\
 # stream positions only
 0 movej
@@ -104,40 +65,25 @@ SCRIPTS: dict[str, str] = {
 0 stream-start
 2 run cond-time=1e6
 """,
-    "manual-defaults": """\
-# one run with every argument left out: 1 deg/s, ends when still within the window for 1 s
-0 movej
-0 getid
-0 setup
-0 act
-0 run
-""",
-    "while-true": """\
-# EGM in WHILE TRUE with CondTime 5 s, as in many public programs: sessions end and begin again
-0 movej
-0 loop on
-0 on-error retry 1
-0 getid
-0 setup
-0 act max-speed=20
-0 run cond-time=5
-""",
-    "speed": """\
-# pure speed control: PosCorrGain 0
-0 movej
-0 on-error restart 2
-0 getid
-0 setup
-0 act window=1e-9 max-speed=180
-0 run pos-gain=0 cond-time=1e6
-""",
-    "interrupted": """\
-# EGM with everything that interrupts it: program stop, motors off, emergency stop
-0 movej
-0 getid
-0 setup
-0 act window=1e-9 max-speed=180
-0 run cond-time=1e6
+    "manual-defaults": _guided(
+        "one run with every argument left out: 1 deg/s, ends when still within the window for 1 s",
+        act="",
+        run="",
+    ),
+    "while-true": _guided(
+        "EGM in WHILE TRUE with CondTime 5 s, as in many public programs: sessions end and begin "
+        "again",
+        "loop on",
+        "on-error retry 1",
+        act=" max-speed=20",
+        run=" cond-time=5",
+    ),
+    "speed": _guided(
+        "pure speed control: PosCorrGain 0", "on-error restart 2", run=" pos-gain=0 cond-time=1e6"
+    ),
+    "interrupted": _guided(
+        "EGM with everything that interrupts it: program stop, motors off, emergency stop",
+        then="""\
 4 program-stop
 6 program-start
 10 motors-off
@@ -147,6 +93,7 @@ SCRIPTS: dict[str, str] = {
 19 motors-on
 20 program-start
 """,
+    ),
     "path": """\
 # path correction on a straight path of 200 mm, there and back, again and again
 0 movej
@@ -173,7 +120,7 @@ def compile_script(steps: Sequence[ScriptStep]) -> tuple[Action, ...]:
     actions = []
     for step in steps:
         try:
-            arguments = _PARSERS[step.verb](step.args)
+            arguments = _VERBS[step.verb].parse(step.args)
         except (ValueError, KeyError, IndexError) as error:
             raise ScriptError(
                 f"{step.time_s:g} {step.verb} {' '.join(step.args)}: {error}; "
@@ -185,7 +132,7 @@ def compile_script(steps: Sequence[ScriptStep]) -> tuple[Action, ...]:
 
 def _words(
     flags: Mapping[str, dict[str, Any]], options: Mapping[str, Callable[[str], dict[str, Any]]]
-) -> Callable[[Sequence[str]], dict[str, Any]]:
+) -> _Parser:
     """A parser of flags and KEY=VALUE words in any order."""
 
     def parse(words: Sequence[str]) -> dict[str, Any]:
@@ -252,7 +199,7 @@ def _nothing(words: Sequence[str]) -> dict[str, Any]:
     return {}
 
 
-def _numbers(name: str, least: int, most: int) -> Callable[[Sequence[str]], dict[str, Any]]:
+def _numbers(name: str, least: int, most: int) -> _Parser:
     def parse(words: Sequence[str]) -> dict[str, Any]:
         if not least <= len(words) <= most:
             raise ValueError(f"{len(words)} values")
@@ -303,56 +250,81 @@ _MODES = {mode.value: {"mode": mode} for mode in Mode}
 _RUN_MODES = {name: flag for name, flag in _MODES.items() if name != Mode.PATH.value}
 _STOP_MODES = {mode.value: {"stop_mode": mode} for mode in StopMode}
 
-_PARSERS: Mapping[str, Callable[[Sequence[str]], dict[str, Any]]] = {
-    "movej": _optional_joints,
-    "setup": _words(_MODES, {"timeout": _number("comm_timeout_s")}),
-    "act": _words(
-        {**_MODES, "stream": {"stream_start": True}},
-        {
-            "window": _window,
-            "filter": _number("lp_filter_hz"),
-            "sample-rate": _sample_rate,
-            "max-speed": _number("max_speed_deviation_deg_s"),
-            "max-pos": _number("max_pos_deviation_deg"),
-        },
+
+class _Verb(NamedTuple):
+    usage: str = ""
+    """What comes after the verb, in words."""
+    parse: _Parser = _nothing
+
+
+_VERBS: Mapping[str, _Verb] = {
+    "movej": _Verb(
+        "[J1 ... J6 deg] (a programmed movement; without values: stay)", _optional_joints
     ),
-    "run": _words(
-        {**_RUN_MODES, **_STOP_MODES, "nowait": {"no_wait": True}},
-        {
-            "axes": _axes,
-            "cond-time": _number("cond_time_s"),
-            "ramp-in": _number("ramp_in_s"),
-            "ramp-out": _number("ramp_out_s"),
-            "pos-gain": _gain,
-        },
+    "getid": _Verb(),
+    "setup": _Verb(
+        "[joint|pose|path] [timeout=S]", _words(_MODES, {"timeout": _number("comm_timeout_s")})
     ),
-    "egmmovel": _egmmovel,
-    "stop": _words(_STOP_MODES, {"ramp-out": _number("ramp_out_s")}),
-    "loop": _switch,
-    "on-error": _on_error,
-    "jog": _numbers("joints_deg", AXES, AXES),
-    "contact": _numbers("wrench", AXES, AXES),
-    "wall": _wall,
-    "force-control": _switch,
-    "do": _switch,
-    "dnum": _numbers("values", 0, 40),
-    "echo": _switch,
-    **dict.fromkeys(
-        (
-            "getid",
-            "stream-start",
-            "stream-stop",
-            "reset",
-            "restart",
-            "pp-to-main",
-            "program-stop",
-            "program-start",
-            "motors-off",
-            "motors-on",
-            "estop",
-            "controller-restart",
-            "collision",
+    "act": _Verb(
+        "[joint|pose|path] [window=DEG,MM] [filter=HZ] [sample-rate=MS] [max-speed=DEG/S] "
+        "[max-pos=DEG] [stream]",
+        _words(
+            {**_MODES, "stream": {"stream_start": True}},
+            {
+                "window": _window,
+                "filter": _number("lp_filter_hz"),
+                "sample-rate": _sample_rate,
+                "max-speed": _number("max_speed_deviation_deg_s"),
+                "max-pos": _number("max_pos_deviation_deg"),
+            },
         ),
-        _nothing,
     ),
+    "stream-start": _Verb(),
+    "stream-stop": _Verb(),
+    "run": _Verb(
+        "[joint|pose] [hold|ramp-down] [axes=all|none|1,2,..|x,y,rz,..] [cond-time=S] "
+        "[ramp-in=S] [ramp-out=S] [pos-gain=0..1] [nowait]",
+        _words(
+            {**_RUN_MODES, **_STOP_MODES, "nowait": {"no_wait": True}},
+            {
+                "axes": _axes,
+                "cond-time": _number("cond_time_s"),
+                "ramp-in": _number("ramp_in_s"),
+                "ramp-out": _number("ramp_out_s"),
+                "pos-gain": _gain,
+            },
+        ),
+    ),
+    "egmmovel": _Verb("DX DY DZ SPEED [REPEATS] (mm, mm/s)", _egmmovel),
+    "stop": _Verb(
+        "[hold|ramp-down] [ramp-out=S]", _words(_STOP_MODES, {"ramp-out": _number("ramp_out_s")})
+    ),
+    "reset": _Verb(),
+    "loop": _Verb("on|off (run EGM again when a run ends)", _switch),
+    "on-error": _Verb("stop|retry|restart [SECONDS]", _on_error),
+    "restart": _Verb("(program pointer to main, start)"),
+    "pp-to-main": _Verb(),
+    "program-stop": _Verb(),
+    "program-start": _Verb(),
+    "motors-off": _Verb(),
+    "motors-on": _Verb(),
+    "estop": _Verb(),
+    "controller-restart": _Verb(),
+    "jog": _Verb("J1 ... J6 (deg)", _numbers("joints_deg", AXES, AXES)),
+    "collision": _Verb(),
+    "contact": _Verb("FX FY FZ TX TY TZ (N, N·m)", _numbers("wrench", AXES, AXES)),
+    "wall": _Verb(
+        "Z_MM N_PER_MM [N_S_PER_M [FRICTION]] (a horizontal surface below the TCP; "
+        "0 N_PER_MM: none)",
+        _wall,
+    ),
+    "force-control": _Verb("on|off", _switch),
+    "do": _Verb("0|1 (RAPIDfromRobot.digVal)", _switch),
+    "dnum": _Verb("VALUE ... (RAPIDfromRobot.dnum)", _numbers("values", 0, 40)),
+    "echo": _Verb("on|off (RAPIDfromRobot repeats RAPIDtoRobot)", _switch),
 }
+
+SCRIPT_VERBS: dict[str, str] = {
+    name: f"{name} {verb.usage}".rstrip() for name, verb in _VERBS.items()
+}
+"""Usage of each verb."""

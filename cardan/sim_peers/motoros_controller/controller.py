@@ -165,7 +165,7 @@ class MotorosController(MotomanRobot):
             self._note(f"message {msg_type} is not served here: the connection is closed")
             self.close_requested = True
         else:
-            self._answer(message, -1, -1, msg_type, MotionResult.INVALID, InvalidSubcode.MSGTYPE)
+            self._answer(message, -1, -1, MotionResult.INVALID, InvalidSubcode.MSGTYPE)
 
     def remember(self, answer: Message) -> None:
         """A reply on the motion connection that another server made: MotoROS has one buffer for
@@ -185,12 +185,14 @@ class MotorosController(MotomanRobot):
         asked: Message,
         group: int,
         sequence: int,
-        command: int,
         result: int,
         subcode: int = 0,
         data: Joints = ZEROS,
+        command: int | None = None,
     ) -> None:
-        self._send(asked, reply(MotionReply(group, sequence, command, result, subcode, data)))
+        """`command` is the type of the message, unless it is a MOTION_CTRL."""
+        named = asked.msg_type if command is None else command
+        self._send(asked, reply(MotionReply(group, sequence, named, result, subcode, data)))
 
     def _reason(self) -> int:
         """The NOT_READY subcode that applies."""
@@ -222,20 +224,13 @@ class MotorosController(MotomanRobot):
         else:
             self._take_point(asked, point.sequence, point)
             return
-        self._answer(asked, point.group, point.sequence, asked.msg_type, result, subcode)
+        self._answer(asked, point.group, point.sequence, result, subcode)
 
     def _wake_for_point(self, asked: Message, point: JointTrajPtFull) -> Steps:
         yield from self._wake()
         refusal = self._refusal()
         if refusal:
-            self._answer(
-                asked,
-                point.group,
-                point.sequence,
-                asked.msg_type,
-                MotionResult.NOT_READY,
-                refusal,
-            )
+            self._answer(asked, point.group, point.sequence, MotionResult.NOT_READY, refusal)
             return False
         self._take_point(asked, point.sequence, point)
         return True
@@ -267,7 +262,7 @@ class MotorosController(MotomanRobot):
         if good:
             self._newest_command_s = self._now_s
         if answered or not good:
-            self._answer(asked, point.group, sequence, asked.msg_type, result, subcode)
+            self._answer(asked, point.group, sequence, result, subcode)
         return good
 
     def _points(self, asked: Message, body: JointTrajPtFullEx) -> None:
@@ -278,14 +273,7 @@ class MotorosController(MotomanRobot):
             return
         refusal = self._refusal()
         if refusal:
-            self._answer(
-                asked,
-                points[-1].group,
-                sequence,
-                asked.msg_type,
-                MotionResult.NOT_READY,
-                refusal,
-            )
+            self._answer(asked, points[-1].group, sequence, MotionResult.NOT_READY, refusal)
             return
         for point in points:
             if not 0 <= point.group < self.groups:
@@ -296,7 +284,7 @@ class MotorosController(MotomanRobot):
                 result, subcode = MotionResult.INVALID, int(InvalidSubcode.DATA_INSUFFICIENT)
             else:
                 continue
-            self._answer(asked, point.group, sequence, asked.msg_type, result, subcode)
+            self._answer(asked, point.group, sequence, result, subcode)
             return
         if sequence == 0 and self._inputs.energy_saving:
             self._start(self._wake_for_points(asked, body))
@@ -325,7 +313,7 @@ class MotorosController(MotomanRobot):
         else:
             result = MotionResult.SUCCESS
             self._groups[body.group].tool = body.tool
-        self._answer(asked, body.group, body.sequence, asked.msg_type, result, subcode)
+        self._answer(asked, body.group, body.sequence, result, subcode)
 
     def _dh_parameters(self) -> DhParameters:
         nothing = DhLink(0.0, 0.0, 0.0, 0.0)
@@ -376,7 +364,7 @@ class MotorosController(MotomanRobot):
         subcode: int = 0,
         data: Joints = ZEROS,
     ) -> None:
-        self._answer(asked, control.group, control.sequence, control.command, result, subcode, data)
+        self._answer(asked, control.group, control.sequence, result, subcode, data, control.command)
 
     def _check_motion_ready(self, asked: Message, control: MotionCtrl) -> None:
         if self.motion_possible:
@@ -557,14 +545,7 @@ class MotorosController(MotomanRobot):
 
     def _velocity_info(self, asked: Message, body: VelocityInfoRequest) -> None:
         if not 0 <= body.group < self.groups:
-            self._answer(
-                asked,
-                body.group,
-                -1,
-                asked.msg_type,
-                MotionResult.INVALID,
-                InvalidSubcode.GROUPNO,
-            )
+            self._answer(asked, body.group, -1, MotionResult.INVALID, InvalidSubcode.GROUPNO)
             return
         law, arm = self._laws[body.group], self.arm
         info = VelocityInfo(
@@ -636,7 +617,7 @@ class MotorosController(MotomanRobot):
                 data = self._statistics([command.group for command in commands])
         else:
             self.velocities_refused += 1
-        self._answer(asked, group, sequence, asked.msg_type, result, subcode, data)
+        self._answer(asked, group, sequence, result, subcode, data)
 
     def _velocity_verdict(
         self, sequence: int, commands: tuple[JointFeedback, ...]

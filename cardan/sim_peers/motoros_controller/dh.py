@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from cardan.protocols.simple_message import DhLink
 from cardan.robots import ArmModel
-from cardan.spatial import add, compose, dot, norm, rotate, scale, subtract
+from cardan.spatial import add, compose, cross, dot, norm, rotate, scale, subtract
 from cardan.types import IDENTITY_POSE, Vector3
 
 _PARALLEL = 1e-7
@@ -64,7 +64,7 @@ def _common_normal(
     origin: Vector3, x: Vector3, z: Vector3, point: Vector3, axis: Vector3
 ) -> tuple[Vector3, Vector3]:
     """Direction of the common normal of two axes, and its foot on the second."""
-    normal = _cross(z, axis)
+    normal = cross(z, axis)
     sine = norm(normal)
     between = subtract(point, origin)
     if sine < _PARALLEL:
@@ -76,7 +76,7 @@ def _common_normal(
         return scale(across, 1.0 / length), add(origin, across)
     x_next = scale(normal, 1.0 / sine)
     # Where the second axis passes the first one most closely.
-    along = dot(_cross(between, z), normal) / (sine * sine)
+    along = dot(cross(between, z), normal) / (sine * sine)
     foot = add(point, scale(axis, along))
     a = dot(between, x_next)
     if a < -_COINCIDENT_M or (abs(a) <= _COINCIDENT_M and dot(x_next, x) < -_PARALLEL):
@@ -88,10 +88,6 @@ def _link(
     origin: Vector3, x: Vector3, z: Vector3, origin_next: Vector3, x_next: Vector3, z_next: Vector3
 ) -> DhLink:
     between = subtract(origin_next, origin)
-    theta = math.atan2(dot(_cross(x, x_next), z), dot(x, x_next))
-    alpha = math.atan2(dot(_cross(z, z_next), x_next), dot(z, z_next))
+    theta = math.atan2(dot(cross(x, x_next), z), dot(x, x_next))
+    alpha = math.atan2(dot(cross(z, z_next), x_next), dot(z, z_next))
     return DhLink(theta, dot(between, z), dot(between, x_next), alpha)
-
-
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    return Vector3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)

@@ -8,18 +8,15 @@ from __future__ import annotations
 from cardan.sim_peers.base import FaultSwitch
 
 ROBOT_FAULTS: tuple[FaultSwitch, ...] = (
-    FaultSwitch("remote-off", "remote control is taken away at this time, s", 5.0),
-    FaultSwitch("job-stop", "the job INIT_ROS is stopped at this time, s", 5.0),
-    FaultSwitch("energy-saving", "the drives go into energy saving at this time, s", 5.0),
+    FaultSwitch.at("remote-off", "remote control is taken away"),
+    FaultSwitch.at("job-stop", "the job INIT_ROS is stopped"),
+    FaultSwitch.at("energy-saving", "the drives go into energy saving"),
     FaultSwitch(
         "increment-error", "the first increments after this time are refused (5012), s", 5.0
     ),
-    FaultSwitch(
+    FaultSwitch.flag(
         "old-firmware",
         "a queue survives a change of mode and plays on, pulses above a speed limit are lost, "
-        "CHECK_MOTION_READY gives no reason, feedback has no speeds (1: yes)",
-        1.0,
-        0.0,
-        1.0,
+        "CHECK_MOTION_READY gives no reason, feedback has no speeds",
     ),
 )

@@ -6,6 +6,7 @@ Source: MotoROS 1.9.12, Controller.c; the order of the reasons is that of its no
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 
 from cardan.protocols.simple_message import NotReadySubcode
 
@@ -13,40 +14,26 @@ POLL_S = 0.010
 """The inputs are read this often."""
 
 
+@dataclass(kw_only=True, slots=True)
 class Inputs:
     """The status inputs at one moment."""
 
-    __slots__ = (
-        "alarm",
-        "collaborative_stop",
-        "energy_saving",
-        "error",
-        "estop",
-        "hold",
-        "operating",
-        "play",
-        "remote",
-        "servo",
-        "waiting",
-    )
-
-    def __init__(self, *, servo: bool, play: bool, remote: bool) -> None:
-        self.alarm = 0
-        """Number of the active alarm."""
-        self.error = 0
-        """Number of the active error, which is less than an alarm."""
-        self.estop = False
-        self.play = play
-        """False: teach."""
-        self.remote = remote
-        self.servo = servo
-        self.hold = False
-        self.operating = False
-        """A job runs."""
-        self.waiting = False
-        """INIT_ROS is on its WAIT line (output 889 is on)."""
-        self.energy_saving = False
-        self.collaborative_stop = False
+    servo: bool
+    play: bool
+    """False: teach."""
+    remote: bool
+    alarm: int = 0
+    """Number of the active alarm."""
+    error: int = 0
+    """Number of the active error, which is less than an alarm."""
+    estop: bool = False
+    hold: bool = False
+    operating: bool = False
+    """A job runs."""
+    waiting: bool = False
+    """INIT_ROS is on its WAIT line (output 889 is on)."""
+    energy_saving: bool = False
+    collaborative_stop: bool = False
 
     def copy(self) -> Inputs:
         """The inputs as they are now."""

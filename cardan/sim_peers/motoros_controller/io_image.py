@@ -6,7 +6,6 @@ Sans-I/O. Ranges, checks and result codes are those of MotoROS's IoServer.c for 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 from cardan.errors import ScriptError
 from cardan.protocols.simple_message import (
@@ -25,35 +24,15 @@ from cardan.protocols.simple_message import (
     WriteRegisterReply,
     reply,
 )
-
-
-class AddressRange(NamedTuple):
-    """Bit addresses from `first` to `last`, both included."""
-
-    name: str
-    first: int
-    last: int
-    writable: bool = False
-    """By clients."""
-
-
-RANGES: tuple[AddressRange, ...] = (
-    AddressRange("general inputs", 10, 5127),
-    AddressRange("general outputs", 10010, 15127, True),
-    AddressRange("external inputs", 20010, 25127),
-    AddressRange("network inputs", 27010, 29567, True),
-    AddressRange("external outputs", 30010, 35127),
-    AddressRange("network outputs", 37010, 39567),
-    AddressRange("specific inputs", 40010, 42567),
-    AddressRange("specific outputs", 50010, 55127),
-    AddressRange("interface panel", 60010, 60647, True),
-    AddressRange("auxiliary relays", 70010, 79997),
-    AddressRange("control status", 80010, 85127),
-    AddressRange("pseudo inputs", 87010, 87207),
+from cardan.protocols.simple_message.io_addresses import (
+    ADDRESS_RANGES,
+    READABLE_REGISTERS,
+    WRITABLE_REGISTERS,
+    AddressRange,
 )
+
 FIRST_REGISTER = 1_000_000
 """Added to the number of a register that is below it."""
-READABLE_REGISTERS, WRITABLE_REGISTERS = 1000, 560
 LARGEST_REGISTER_VALUE = 0xFFFF
 LARGEST_GROUP_VALUE = 0xFF
 LAST_BIT = 7
@@ -88,7 +67,7 @@ class IoImage:
         if not _readable(address):
             raise ScriptError(
                 f"input {address}: there is no such bit; the last digit is 0 to 7, and there are "
-                + ", ".join(f"{r.name} {r.first} to {r.last}" for r in RANGES)
+                + ", ".join(f"{r.name} {r.first} to {r.last}" for r in ADDRESS_RANGES)
             )
         self._set(address, value)
 
@@ -183,7 +162,7 @@ def _told(body: Body, result: int, msg_type: int) -> Message:
 
 def _range(address: int) -> AddressRange | None:
     if address % 10 <= LAST_BIT:
-        for each in RANGES:
+        for each in ADDRESS_RANGES:
             if each.first <= address <= each.last:
                 return each
     return None

@@ -350,24 +350,25 @@ class MotomanRobot:
 
     # -- the operator's hands ----------------------------------------------------------------------
 
+    def _happens(self, now_s: float, text: str) -> None:
+        self.advance(now_s)
+        self._note(text)
+
     def emergency_stop(self, now_s: float) -> None:
         """Press an emergency stop: servos off, job stopped."""
-        self.advance(now_s)
-        self._note("emergency stop")
+        self._happens(now_s, "emergency stop")
         self._inputs.estop = True
         self._inputs.servo = False
         self._stop_job()
 
     def release_emergency_stop(self, now_s: float) -> None:
         """Pull it out again; the servos stay off."""
-        self.advance(now_s)
-        self._note("emergency stop released")
+        self._happens(now_s, "emergency stop released")
         self._inputs.estop = False
 
     def alarm(self, code: int, now_s: float) -> None:
         """Raise an alarm; below 4000 it is a major one."""
-        self.advance(now_s)
-        self._note(f"alarm {code}")
+        self._happens(now_s, f"alarm {code}")
         self._inputs.alarm = code
         if code < FIRST_MINOR_ALARM:
             self._inputs.servo = False
@@ -375,15 +376,13 @@ class MotomanRobot:
 
     def error(self, code: int, now_s: float) -> None:
         """Raise an error, which is less than an alarm; it stops the job too."""
-        self.advance(now_s)
-        self._note(f"error {code}")
+        self._happens(now_s, f"error {code}")
         self._inputs.error = code
         self._stop_job()
 
     def reset_alarm(self, now_s: float) -> None:
         """Reset alarms and errors at the pendant, major ones too."""
-        self.advance(now_s)
-        self._note("alarms reset")
+        self._happens(now_s, "alarms reset")
         self._inputs.alarm = self._inputs.error = 0
 
     def servo(self, on: bool, now_s: float) -> None:
@@ -401,8 +400,7 @@ class MotomanRobot:
         """Turn the key to "play" or "teach"."""
         if which not in ("play", "teach"):
             raise ValueError(f"mode {which!r} is neither 'play' nor 'teach'")
-        self.advance(now_s)
-        self._note(f"mode {which}")
+        self._happens(now_s, f"mode {which}")
         self._inputs.play = which == "play"
         if which == "teach":
             self._suspended = self._suspended or (self._old and self._inputs.operating)
@@ -413,44 +411,38 @@ class MotomanRobot:
 
     def remote(self, on: bool, now_s: float) -> None:
         """Give or take remote control."""
-        self.advance(now_s)
-        self._note(f"remote {'on' if on else 'off'}")
+        self._happens(now_s, f"remote {'on' if on else 'off'}")
         self._inputs.remote = on
         if not on:
             self._stop_job()
 
     def hold(self, on: bool, now_s: float) -> None:
         """Press or release hold; the job does not go on by itself."""
-        self.advance(now_s)
-        self._note(f"hold {'on' if on else 'off'}")
+        self._happens(now_s, f"hold {'on' if on else 'off'}")
         self._inputs.hold = on
         if on:
             self._stop_job()
 
     def energy_saving(self, on: bool, now_s: float) -> None:
         """The drives go to sleep after long standstill, or are woken."""
-        self.advance(now_s)
-        self._note(f"energy saving {'on' if on else 'off'}")
+        self._happens(now_s, f"energy saving {'on' if on else 'off'}")
         self._inputs.energy_saving = on
 
     def collaborative_stop(self, now_s: float) -> None:
         """The arm touches somebody; latched until START_TRAJ_MODE."""
-        self.advance(now_s)
-        self._note("collaborative stop")
+        self._happens(now_s, "collaborative stop")
         self._inputs.collaborative_stop = True
 
     def speed_limit(self, fraction: float | None, now_s: float) -> None:
         """The functional safety unit lets this share of the axes' speeds through; None: all."""
         if fraction is not None and not 0.0 <= fraction <= 1.0:
             raise ValueError(f"speed limit {fraction!r} is not within 0 to 1")
-        self.advance(now_s)
-        self._note("no speed limit" if fraction is None else f"speed limit {fraction:g}")
+        self._happens(now_s, "no speed limit" if fraction is None else f"speed limit {fraction:g}")
         self._speed_share = fraction
 
     def job_stop(self, now_s: float) -> None:
         """Stop the job INIT_ROS."""
-        self.advance(now_s)
-        self._note("job stopped")
+        self._happens(now_s, "job stopped")
         self._stop_job()
 
     def increment_error(self, now_s: float) -> None:

@@ -5,47 +5,36 @@ from __future__ import annotations
 from cardan.sim_peers.base import FaultSwitch
 
 SERVER_FAULTS: tuple[FaultSwitch, ...] = (
-    FaultSwitch("drop-reply", "share of replies that are never sent (0..1)", 0.05, 0.0, 1.0),
+    FaultSwitch.share("drop-reply", "share of replies that are never sent"),
     FaultSwitch("late", "every reply is sent this much later, ms", 100.0, 0.0, 60_000.0),
-    FaultSwitch(
-        "stale-reply",
-        "share of replies in whose place the one before is sent again (0..1)",
-        0.05,
-        0.0,
-        1.0,
+    FaultSwitch.share(
+        "stale-reply", "share of replies in whose place the one before is sent again"
     ),
     FaultSwitch(
         "silent", "from this time on nothing is sent or read, the sockets stay open, s", 5.0
     ),
-    FaultSwitch("cut", "the motion connection is closed at this time, s", 5.0),
-    FaultSwitch("reset", "every connection is reset at this time, s", 5.0),
-    FaultSwitch(
+    FaultSwitch.at("cut", "the motion connection is closed"),
+    FaultSwitch.at("reset", "every connection is reset"),
+    FaultSwitch.flag(
         "strict-recv",
-        "one recv is one message, as in MotoROS: a split message is refused and lost (1: yes)",
-        1.0,
-        0.0,
-        1.0,
+        "one recv is one message, as in MotoROS: a split message is refused and lost",
     ),
     FaultSwitch(
         "state-pause", "the state port is silent for this long every 5 s, s", 0.3, 0.0, 5.0
     ),
-    FaultSwitch("garbage", "share of state cycles with junk before them (0..1)", 0.05, 0.0, 1.0),
-    FaultSwitch("split", "every message is written in two pieces (1: yes)", 1.0, 0.0, 1.0),
-    FaultSwitch(
-        "merge", "the messages of a state cycle are written as one piece (1: yes)", 1.0, 0.0, 1.0
-    ),
-    FaultSwitch("estop", "emergency stop at this time, s", 5.0),
-    FaultSwitch("alarm", "alarm 4107 at this time, s", 5.0),
-    FaultSwitch("teach", "the key switch is turned to teach at this time, s", 5.0),
-    FaultSwitch("hold", "hold at this time, s", 5.0),
-    FaultSwitch("servo-off", "servo power goes off at this time, s", 5.0),
-    FaultSwitch("pfl", "collaborative stop at this time, s", 5.0),
-    FaultSwitch(
+    FaultSwitch.share("garbage", "share of state cycles with junk before them"),
+    FaultSwitch.flag("split", "every message is written in two pieces"),
+    FaultSwitch.flag("merge", "the messages of a state cycle are written as one piece"),
+    FaultSwitch.at("estop", "emergency stop"),
+    FaultSwitch.at("alarm", "alarm 4107"),
+    FaultSwitch.at("teach", "the key switch is turned to teach"),
+    FaultSwitch.at("hold", "hold"),
+    FaultSwitch.at("servo-off", "servo power goes off"),
+    FaultSwitch.at("pfl", "collaborative stop"),
+    FaultSwitch.share(
         "fsu",
-        "the functional safety unit allows this share of the full speed, from the start (0..1)",
+        "the functional safety unit allows this share of the full speed, from the start",
         0.25,
-        0.0,
-        1.0,
     ),
 )
 

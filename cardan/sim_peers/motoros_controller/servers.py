@@ -33,6 +33,7 @@ from cardan.protocols.simple_message import (
     topic,
     wire,
 )
+from cardan.sim_peers.base import TimedActs
 from cardan.sim_peers.motoros_controller.controller import MotorosController
 from cardan.sim_peers.motoros_controller.io_image import (
     BIT_AND_GROUP_TYPES,
@@ -197,7 +198,7 @@ class MotorosServers:
         self._split = faults.get("split", 0.0) > 0.0
         self._merge = faults.get("merge", 0.0) > 0.0
         self._strict = faults.get("strict-recv", 0.0) > 0.0
-        self._timed: deque[tuple[float, Callable[[float], None]]] = deque()
+        self._timed: TimedActs[Callable[[float], None]] = TimedActs({}, {})
 
     # -- what the shell calls ---------------------------------------------------------------------
 
@@ -211,9 +212,7 @@ class MotorosServers:
         """When `advance` should be called next."""
         if self._busy:
             return self._now_s
-        times = [self.controller.next_s]
-        if self._timed:
-            times.append(self._timed[0][0])
+        times = [self.controller.next_s, self._timed.next_s]
         if not self._silent:
             if any(self._slots["state"]):
                 times.append(self._next_state_s)
@@ -333,10 +332,9 @@ class MotorosServers:
         if self._start_s is None:
             self._start_s = now_s
             self._next_state_s = now_s + self.options.state_period_s
-            self._plan(now_s)
+            self._timed = self._plan(now_s)
         self._now_s = now_s
-        while self._timed and self._timed[0][0] <= now_s:
-            due_s, act = self._timed.popleft()
+        for due_s, act in self._timed.due(now_s):
             self.controller.advance(due_s)
             act(due_s)
         self.controller.advance(now_s)
@@ -351,8 +349,8 @@ class MotorosServers:
             if now_s >= each.gone_s:
                 self._drop(each, now_s, "its client has gone")
 
-    def _plan(self, start_s: float) -> None:
-        """The faults that come at a time."""
+    def _plan(self, start_s: float) -> TimedActs[Callable[[float], None]]:
+        """The faults that come at a time, from the start on."""
         controller, faults = self.controller, self.options.faults
         acts: dict[str, Callable[[float], None]] = {
             "silent": self._fall_silent,
@@ -365,11 +363,10 @@ class MotorosServers:
             "servo-off": lambda now_s: controller.servo(False, now_s),
             "pfl": controller.collaborative_stop,
         }
-        planned = [(start_s + faults[name], act) for name, act in acts.items() if name in faults]
+        others: list[tuple[float, Callable[[float], None]]] = []
         if "fsu" in faults:
-            share = faults["fsu"]
-            planned.append((start_s, lambda now_s: controller.speed_limit(share, now_s)))
-        self._timed.extend(sorted(planned, key=lambda each: each[0]))
+            others.append((0.0, lambda now_s: controller.speed_limit(faults["fsu"], now_s)))
+        return TimedActs(faults, acts, *others, start_s=start_s)
 
     def _fall_silent(self, now_s: float) -> None:
         self._note(now_s, "fault: silent from now on")

@@ -10,13 +10,14 @@ import socket
 import struct
 import time
 from dataclasses import dataclass, field
-from typing import TextIO
+from typing import Any, TextIO
 
-from cardan.errors import AddressError, ConfigurationError
+from cardan.errors import ConfigurationError
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.motoros_controller.controller import MotorosController
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
 from cardan.sim_peers.motoros_controller.servers import PORT_KINDS, MotorosServers, PortKind
+from cardan.sockets import opened
 
 _READ_BYTES = 4096
 _BACKLOG_BYTES = 64 * 1024
@@ -88,7 +89,9 @@ class MotorosControllerPeer(SimulatedPeer):
             return
         try:
             for kind in PORT_KINDS:
-                self._listeners[kind] = _listening(self.options.host, self._port(kind))
+                host, port = self.options.host, self._port(kind)
+                problem = f"cannot listen on {host}:{port}"
+                self._listeners[kind] = opened(host, port, socket.SOCK_STREAM, _listen, problem)
             if self.options.log:
                 # Only now: whoever fails to start does not empty another one's log.
                 self._log_file = _created(self.options.log)
@@ -270,22 +273,10 @@ class MotorosControllerPeer(SimulatedPeer):
             log.error("%s ends here, it cannot be written: %s", self.options.log, error.strerror)
 
 
-def _listening(host: str, port: int) -> socket.socket:
-    listener = None
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(
-            host, port, family=socket.AF_INET, type=socket.SOCK_STREAM
-        )[0]
-        listener = socket.socket(family, kind, protocol)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind(address)
-        listener.listen(_WAITING_CLIENTS)
-    except (OSError, UnicodeError) as error:
-        if listener is not None:
-            listener.close()
-        raise AddressError(f"cannot listen on {host}:{port}: {error}") from None
-    listener.setblocking(False)
-    return listener
+def _listen(sock: socket.socket, address: Any) -> None:
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.bind(address)
+    sock.listen(_WAITING_CLIENTS)
 
 
 def _created(path: str) -> TextIO:

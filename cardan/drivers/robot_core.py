@@ -1,0 +1,203 @@
+"""What robot drivers have in common: opening, closing and the one loop, and checks of commands.
+
+A driver for another controller is a :class:`LoopingRobot` with its transport, around a session
+without sockets, clocks and threads that knows the protocol.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from abc import abstractmethod
+from collections.abc import Collection, Generator, Iterator, Sequence
+from dataclasses import fields
+from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
+
+from cardan.drivers.base import RobotDriver
+from cardan.errors import CommandError, NotOpenError
+from cardan.types import (
+    CommandKind,
+    JointCommand,
+    JointVelocityCommand,
+    RobotCapabilities,
+    RobotCommand,
+    RobotState,
+    TorqueCommand,
+)
+
+WAKE_S: Final = 0.1
+"""A silent robot is reported at least this often (contract of `RobotDriver.cycles`)."""
+
+ABSURD: Final = 1e6
+"""No joint, speed or length is so large, in whatever unit it is."""
+SENSIBLE: Final = "every value must be finite and below a million"
+
+
+class RobotSession(Protocol):
+    """What a driver asks of the session with its controller."""
+
+    @property
+    def capabilities(self) -> RobotCapabilities: ...
+
+    def diagnosis(self, now_s: float) -> tuple[str, ...]: ...
+
+
+SessionT = TypeVar("SessionT", bound=RobotSession)
+
+
+class LoopingRobot(RobotDriver, Generic[SessionT]):
+    """A driver with one loop at a time, which leaves the robot safe however it ends.
+
+    A driver gives `_acquire` and `_release`, the loop in `_states`, and in `_leave` what brings the
+    robot to rest. `_leave` is called once for each loop: when its generator ends or is closed, or
+    by `close`, which lets a loop in another thread come to its end first.
+    """
+
+    title: ClassVar[str]
+    """What messages call the driver."""
+
+    _session: SessionT
+    """Set by the driver's __init__, from `self.options`."""
+
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._open = False
+        self._loop = 0
+        """Counts calls of `cycles` and `close`; only the newest loop goes on."""
+        self._loop_thread = 0
+        self._loop_ended = threading.Event()
+        self._loop_ended.set()
+
+    @abstractmethod
+    def _acquire(self) -> None:
+        """Open the transport, with a new session. Raises a DriverError."""
+
+    @abstractmethod
+    def _release(self) -> None:
+        """Close the transport. Never raises."""
+
+    @abstractmethod
+    def _states(self, loop: int) -> Generator[RobotState, None, None]:
+        """What `cycles` yields while `_loop` is `loop`, inside of `_looping(loop)`."""
+
+    @abstractmethod
+    def _leave(self) -> None:
+        """Leave the robot at rest."""
+
+    @abstractmethod
+    def _leave_within_s(self) -> float:
+        """How long a loop in another thread may take to see that it is over, s."""
+
+    @abstractmethod
+    def _now_s(self) -> float:
+        """The time of the session's stamps."""
+
+    @property
+    def session(self) -> SessionT:
+        """The state of the protocol, with its counters; a new one with every open()."""
+        return self._session
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        return self._session.capabilities
+
+    def open(self) -> None:
+        if not self._open:
+            self._acquire()
+            self._open = True
+
+    def close(self) -> None:
+        if not self._open:
+            return
+        self._loop += 1
+        if self._loop_thread != threading.get_ident():
+            # The loop in another thread sees that when it wakes up.
+            self._loop_ended.wait(self._leave_within_s())
+        if self._open:
+            with contextlib.suppress(Exception):
+                self._leave()
+            self._open = False
+            self._release()
+
+    def _not_open(self) -> NotOpenError:
+        return NotOpenError(f"{self.title} is not open; call open(), or use it in `with`")
+
+    def _require_open(self) -> SessionT:
+        if not self._open:
+            raise self._not_open()
+        return self._session
+
+    def cycles(self) -> Generator[RobotState, None, None]:
+        self._require_open()
+        self._loop += 1
+        return self._states(self._loop)
+
+    @contextlib.contextmanager
+    def _looping(self, loop: int) -> Iterator[None]:
+        """Around the loop: notes that it runs, and leaves the robot when it ends."""
+        self._loop_thread = threading.get_ident()
+        self._loop_ended.clear()
+        try:
+            yield
+        finally:
+            try:
+                if self._loop == loop:
+                    self._leave()
+            finally:
+                self._loop_ended.set()
+
+    def diagnosis(self) -> tuple[str, ...]:
+        if not self._open:
+            return (f"{self.title} is not open",)
+        return self._session.diagnosis(self._now_s())
+
+
+def counts(counters: Any) -> dict[str, float]:
+    """The numbers of a dataclass by their names, for `metrics`; what is no number is left out."""
+    found = ((each.name, getattr(counters, each.name)) for each in fields(counters))
+    return {name: float(value) for name, value in found if isinstance(value, (int, float))}
+
+
+def wrong_kind(who: str, command: object, kinds: Collection[CommandKind]) -> CommandError:
+    """To raise for a command of a kind that is not among `kinds`."""
+    kind = getattr(command, "kind", None)
+    name = kind.value if isinstance(kind, CommandKind) else repr(command)
+    allowed = ", ".join(sorted(kind.value for kind in kinds))
+    return CommandError(f"{who} takes no {name}; it takes {allowed}")
+
+
+def check_count(name: str, values: Sequence[float], count: int, what: str = "joints") -> None:
+    """Raise CommandError unless there are `count` values."""
+    if len(values) != count:
+        raise CommandError(f"{name}: {len(values)} values for {count} {what}")
+
+
+def check_numbers(name: str, values: Sequence[float], count: int, what: str = "joints") -> None:
+    """Raise CommandError unless there are `count` values and all are sensible numbers."""
+    try:
+        if len(values) == count and sum(map(abs, values)) < ABSURD:  # NaN is not below anything
+            return
+    except TypeError:
+        pass
+    check_count(name, values, count, what)
+    raise CommandError(f"{name}: {tuple(values)}; {SENSIBLE}")
+
+
+def joint_values(
+    who: str, command: RobotCommand, kinds: Collection[CommandKind]
+) -> Sequence[tuple[str, tuple[float, ...]]]:
+    """The numbers of a command to joints, each with its name; of a hold there are none.
+
+    Raises CommandError for a kind that is not among `kinds`, and for external axes.
+    """
+    if command.kind not in kinds:
+        raise wrong_kind(who, command, kinds)
+    if isinstance(command, JointCommand):
+        if command.external_axes:
+            raise CommandError(f"external_axes: {who} has none")
+        positions = ("positions", command.positions)
+        speeds = command.velocities
+        return (positions,) if speeds is None else (positions, ("velocities", speeds))
+    if isinstance(command, JointVelocityCommand):
+        return (("velocities", command.velocities),)
+    return (("torques", command.torques),) if isinstance(command, TorqueCommand) else ()

@@ -1,0 +1,103 @@
+"""The shell of a simulated controller that exchanges datagrams in a fixed cycle."""
+
+from __future__ import annotations
+
+import math
+import select
+import socket
+import time
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+from cardan.sim_peers.base import SimulatedPeer
+from cardan.sim_peers.link import FaultyLink
+from cardan.sockets import waiting
+
+LARGEST_DATAGRAM = 65535
+
+
+class DatagramPeer(SimulatedPeer):
+    """A core that gets datagrams and is given its cycles; a subclass has its sockets and words.
+
+    Cycles follow an absolute schedule; after a stall they go on from the schedule, without a burst.
+    `faults` of the network are put on both ways, unless the core has them itself.
+    """
+
+    def __init__(
+        self, period_s: float, faults: Mapping[str, float] | None = None, seed: int = 0
+    ) -> None:
+        self._period_s = period_s
+        self._socket: socket.socket | None = None
+        self._next_s = 0.0
+        self._out = self._in = None
+        if faults is not None and FaultyLink.wanted(faults):
+            self._out = FaultyLink(faults, seed + 2, True)
+            self._in = FaultyLink(faults, seed + 3)
+
+    @abstractmethod
+    def _connect(self) -> socket.socket:
+        """A non-blocking socket. Raises an AddressError that says what to do."""
+
+    @abstractmethod
+    def _cycle(self, now_s: float, scheduled_s: float) -> None:
+        """One cycle of the core, at `now_s` instead of `scheduled_s`; `_send` what it gives."""
+
+    @abstractmethod
+    def _receive(self, data: bytes, source: Any, now_s: float) -> None:
+        """Give a datagram to the core."""
+
+    @abstractmethod
+    def _transmit(self, data: bytes) -> None:
+        """Send a datagram to the other side. Never raises."""
+
+    def _heard(self, somebody: bool) -> None:
+        """The other side was heard, or the system tells that an earlier datagram found nobody."""
+
+    def open(self) -> None:
+        if self._socket is None:
+            self._socket = self._connect()
+            self._next_s = time.monotonic()
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def step(self, until_s: float) -> None:
+        while self._socket is not None and (now_s := time.monotonic()) < until_s:
+            self._take_in(self._socket, now_s)
+            if now_s >= self._next_s:
+                late = int((now_s - self._next_s) / self._period_s)
+                scheduled_s = self._next_s + late * self._period_s
+                self._next_s = scheduled_s + self._period_s
+                self._cycle(now_s, scheduled_s)
+            if self._out is not None:
+                for data in self._out.pop(now_s):
+                    self._transmit(data)
+            self._wait(until_s)
+
+    def _send(self, data: bytes, now_s: float) -> None:
+        if self._out is None:
+            self._transmit(data)
+        else:
+            self._out.push(now_s, data)
+
+    def _take_in(self, sock: socket.socket, now_s: float) -> None:
+        for data, source in waiting(sock, LARGEST_DATAGRAM, lambda: self._heard(False)):
+            self._heard(True)
+            if self._in is None:
+                self._receive(data, source, time.monotonic())
+            else:
+                self._in.push(now_s, data)
+        if self._in is not None:
+            for data in self._in.pop(now_s):
+                self._receive(data, None, now_s)
+
+    def _wait(self, until_s: float) -> None:
+        """Until something comes in, or the next thing is due."""
+        links = [link.next_s() for link in (self._out, self._in) if link is not None]
+        wake_s = min(self._next_s, until_s, *(math.inf if at is None else at for at in links))
+        timeout_s = wake_s - time.monotonic()
+        if timeout_s > 0.0 and self._socket is not None:
+            select.select([self._socket], [], [], timeout_s)

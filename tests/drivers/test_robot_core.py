@@ -1,0 +1,225 @@
+"""What all robot drivers share: opening, the one loop, leaving the robot safe, and checks."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+import pytest
+
+from cardan.drivers.robot_core import (
+    LoopingRobot,
+    check_numbers,
+    counts,
+    joint_values,
+    wrong_kind,
+)
+from cardan.errors import CommandError, NotOpenError
+from cardan.types import (
+    IDENTITY_POSE,
+    CommandKind,
+    HoldCommand,
+    JointCommand,
+    JointVelocityCommand,
+    PoseCommand,
+    RobotCapabilities,
+    RobotLink,
+    RobotState,
+    TorqueCommand,
+)
+
+KINDS = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.TORQUE})
+
+
+class Session:
+    capabilities = RobotCapabilities(KINDS, 0.01, 2, None, 0, 0)
+
+    def diagnosis(self, now_s: float) -> tuple[str, ...]:
+        return (f"all is well at {now_s:g} s",)
+
+
+@dataclass(frozen=True)
+class Options:
+    pass
+
+
+class Robot(LoopingRobot[Session]):
+    Options = Options
+    title = "the test driver"
+
+    def __init__(self, raising: bool = False) -> None:
+        super().__init__(Options(), Session())
+        self.log: list[str] = []
+        self.raising = raising
+
+    def _acquire(self) -> None:
+        self.log.append("acquire")
+
+    def _release(self) -> None:
+        self.log.append("release")
+
+    def _leave(self) -> None:
+        self.log.append("leave")
+        if self.raising:
+            raise RuntimeError("the robot is gone")
+
+    def _leave_within_s(self) -> float:
+        return 5.0
+
+    def _now_s(self) -> float:
+        return 3.0
+
+    def _states(self, loop):
+        if self._loop != loop:
+            return
+        with self._looping(loop):
+            while self._loop == loop:
+                yield RobotState(0.0, RobotLink.LIVE, 1, 1, 0.01, (), (), None, "")
+
+    def send(self, command) -> None:
+        self._require_open()
+
+
+def test_what_is_not_open_says_so():
+    robot = Robot()
+    with pytest.raises(NotOpenError, match=r"the test driver is not open; call open\(\)"):
+        robot.cycles()
+    with pytest.raises(NotOpenError):
+        robot.send(HoldCommand())
+    assert robot.diagnosis() == ("the test driver is not open",)
+    robot.close()
+    assert robot.log == []
+    with robot:
+        assert robot.diagnosis() == ("all is well at 3 s",)
+
+
+def test_opening_and_closing_twice_is_fine():
+    robot = Robot()
+    robot.open()
+    robot.open()
+    robot.close()
+    robot.close()
+    assert robot.log == ["acquire", "leave", "release"]
+
+
+@pytest.mark.parametrize("how", ["break", "exception", "close"])
+def test_the_robot_is_left_once_however_the_loop_ends(how):
+    robot = Robot()
+    robot.open()
+    states = robot.cycles()
+    next(states)
+    if how == "break":
+        states.close()
+    elif how == "exception":
+        with pytest.raises(KeyError):
+            states.throw(KeyError("the application"))
+    else:
+        robot.close()
+        assert list(states) == []
+    assert robot.log.count("leave") == 1
+
+
+def test_a_newer_loop_ends_the_one_before_and_takes_over_the_robot():
+    robot = Robot()
+    with robot:
+        first = robot.cycles()
+        next(first)
+        second = robot.cycles()
+        assert list(first) == []
+        assert "leave" not in robot.log
+        next(second)
+
+
+def test_a_loop_of_an_earlier_opening_yields_nothing():
+    robot = Robot()
+    with robot:
+        old = robot.cycles()
+    assert list(old) == []
+    with robot:
+        assert list(old) == []
+
+
+def test_close_never_raises_and_releases_all_the_same():
+    robot = Robot(raising=True)
+    robot.open()
+    robot.close()
+    assert robot.log == ["acquire", "leave", "release"]
+
+
+def test_close_waits_for_a_loop_in_another_thread():
+    robot = Robot()
+    robot.open()
+    inside, go_on = threading.Event(), threading.Event()
+
+    def loop() -> None:
+        for _ in robot.cycles():
+            inside.set()
+            go_on.wait(5.0)
+            robot.log.append("turn")
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    assert inside.wait(5.0)
+    closing = threading.Thread(target=robot.close)
+    closing.start()
+    deadline_s = time.monotonic() + 5.0
+    while robot._loop < 2 and time.monotonic() < deadline_s:
+        pass
+    assert "release" not in robot.log
+    go_on.set()
+    thread.join(5.0)
+    closing.join(5.0)
+    assert robot.log == ["acquire", "turn", "leave", "release"]
+
+
+def test_numbers_of_a_command():
+    joints = JointCommand((1.0, 2.0), (3.0, 4.0))
+    assert joint_values("it", joints, KINDS) == (
+        ("positions", (1.0, 2.0)),
+        ("velocities", (3.0, 4.0)),
+    )
+    assert joint_values("it", JointCommand((1.0, 2.0)), KINDS) == (("positions", (1.0, 2.0)),)
+    assert joint_values("it", TorqueCommand((5.0, 6.0)), KINDS) == (("torques", (5.0, 6.0)),)
+    assert joint_values("it", HoldCommand(), KINDS) == ()
+
+
+def test_commands_that_cannot_be():
+    with pytest.raises(CommandError, match="it takes no pose; it takes hold, joint, torque"):
+        joint_values("it", PoseCommand(IDENTITY_POSE), KINDS)
+    with pytest.raises(CommandError, match="takes no joint velocity"):
+        joint_values("it", JointVelocityCommand((0.0, 0.0)), KINDS)
+    with pytest.raises(CommandError, match="external_axes: it has none"):
+        joint_values("it", JointCommand((0.0, 0.0), None, (0.1,)), KINDS)
+    assert "takes no 'nothing'" in str(wrong_kind("it", "nothing", KINDS))
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ((0.0,), "positions: 1 values for 2 joints"),
+        ((0.0, math.nan), "finite and below a million"),
+        ((math.inf, 0.0), "finite"),
+        ((-1e6, 0.0), "below a million"),
+        ((None, 0.0), "finite"),
+    ],
+)
+def test_numbers_that_are_none(values, words):
+    with pytest.raises(CommandError, match=words):
+        check_numbers("positions", values, 2)
+
+
+def test_sensible_numbers_pass():
+    check_numbers("positions", (0.0, -999_999.0), 2)
+
+
+def test_counts_are_the_numbers_of_a_dataclass():
+    @dataclass
+    class Counters:
+        lost: int = 3
+        age_s: float = 0.5
+        kinds: Counter[str] = field(default_factory=Counter)
+
+    assert counts(Counters()) == {"lost": 3.0, "age_s": 0.5}
