@@ -51,7 +51,8 @@ class Robot(LoopingRobot[Session]):
     title = "the test driver"
 
     def __init__(self, raising: bool = False) -> None:
-        super().__init__(Options(), Session())
+        super().__init__()
+        self._session = Session()
         self.log: list[str] = []
         self.raising = raising
 
