@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
@@ -13,6 +13,49 @@ from cardan.sim_peers.strokes import Ramp, Swing, V, VectorMotion
 
 A = TypeVar("A")
 D = TypeVar("D")
+D_contra = TypeVar("D_contra", contravariant=True)
+
+
+class HeldDevice(Protocol):
+    """A simulated device that a hand moves; times are s from the script's start."""
+
+    @property
+    def plugged(self) -> bool:
+        """Whether programs can find it."""
+
+    @property
+    def next_due_s(self) -> float:
+        """When `reports` has something to do next; inf while at rest."""
+
+    def reports(self, now_s: float) -> list[Any]:
+        """What it sends from the last call until `now_s`."""
+
+    def skip_to(self, now_s: float) -> None:
+        """Send nothing for the time before `now_s` but what must not be lost."""
+
+
+class Hand(Protocol[D_contra]):
+    """What moves a simulated device."""
+
+    @property
+    def next_due_s(self) -> float:
+        """When `advance` has something to do next, s; inf when nothing is planned."""
+
+    def advance(self, now_s: float, device: D_contra) -> None:
+        """Do to `device` what is due until `now_s`."""
+
+
+H = TypeVar("H", bound=HeldDevice)
+
+
+def play(device: H, hand: Hand[H], until_s: float) -> list[Any]:
+    """Move `device` by `hand` until `until_s`, each at its due times; what the device sent."""
+    sent: list[Any] = []
+    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
+        device.skip_to(due_s)
+        hand.advance(due_s, device)
+        sent += device.reports(due_s)
+    return sent
 
 
 class StepWords:
@@ -161,9 +204,13 @@ class DeflectingHand(ABC, Generic[D, V]):
     def _hold(self, device: D, vector: V) -> None:
         """Deflect `device`."""
 
+    def start(self, now_s: float) -> None:
+        """Begin the script at `now_s`, unless it has begun."""
+        self._timeline.start(now_s)
+
     @property
     def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf after the end."""
+        """When `advance` has something to do next, s; inf before the start and after the end."""
         return min(self._timeline.next_due_s, self._motion.next_due_s)
 
     def advance(self, now_s: float, device: D) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from operator import methodcaller
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.evdev.core import NEUTRAL, Controls, InputEvents, SimulatedInput
+from cardan.sim_peers.evdev.core import NEUTRAL, Controls, SimulatedInput
 from cardan.sim_peers.scripted import DeflectingHand, StepWords, Timeline
 from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 
@@ -157,15 +157,6 @@ class ScriptedHand(DeflectingHand[SimulatedInput, Controls]):
 
     def _hold(self, device: SimulatedInput, vector: Controls) -> None:
         device.set_controls(vector)
-
-
-def play(device: SimulatedInput, hand: ScriptedHand, until_s: float) -> list[InputEvents]:
-    """Move `device` by `hand` until `until_s`, each at its due times; the frames it reported."""
-    frames: list[InputEvents] = []
-    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
-        hand.advance(due_s, device)
-        frames += device.frames(due_s)
-    return frames
 
 
 def _read(words: StepWords, device: SimulatedInput) -> list[tuple[float, _Action]]:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.jr3.core import NO_WRENCH, SimulatedJr3
 from cardan.sim_peers.scripted import StepWords, Timeline
@@ -140,17 +139,6 @@ class ScriptedHand:
             else:
                 self._motion.start(due_s, action)
         sensor.set_wrench(self._motion.advance(now_s))
-
-
-def play(sensor: SimulatedJr3, hand: ScriptedHand, until_s: float) -> list[CanFrame]:
-    """Let `sensor` and `hand` run until `until_s`, each at its due times; the frames it sent."""
-    frames: list[CanFrame] = []
-    while (due_s := min(sensor.next_due_s, hand.next_due_s)) <= until_s:
-        frames += sensor.frames(due_s)
-        if sensor.starts:
-            hand.start(due_s)
-        hand.advance(due_s, sensor)
-    return frames
 
 
 def _read(words: StepWords) -> _Action:

@@ -11,7 +11,7 @@ import random
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from cardan.protocols.leap import (
     DEVICE_EVENT_SINCE,
@@ -56,6 +56,14 @@ class SimulatedHand:
     grab: float = 0.0
     pinch: float = 0.0
     confidence: float = 1.0
+
+
+class Message(NamedTuple):
+    """What the service sends to a client at an instant."""
+
+    time_s: float
+    client: int
+    text: str
 
 
 @dataclass
@@ -119,7 +127,7 @@ class SimulatedLeapService:
     # -- clients -------------------------------------------------------------------------------
 
     @property
-    def listening(self) -> bool:
+    def plugged(self) -> bool:
         """Whether connections are accepted now."""
         return self._now_s >= self._down_until_s
 
@@ -288,6 +296,11 @@ class SimulatedLeapService:
                 self._make_frame(due_s)
         self._now_s = max(self._now_s, now_s)
 
+    def reports(self, now_s: float) -> list[Message]:
+        """What there is to send to clients from the last call until `now_s`."""
+        self.advance(now_s)
+        return [Message(now_s, number, text) for number, text in self.outgoing()]
+
     @property
     def _next_event_s(self) -> float:
         due_s = min(self._due_s, self._new_ids_s)
@@ -312,7 +325,7 @@ class SimulatedLeapService:
 
     def _make_frame(self, due_s: float) -> None:
         stall_s = self.faults.get("stall", 0.0)
-        if not (self.attached and self.streaming and self.listening):
+        if not (self.attached and self.streaming and self.plugged):
             return
         self._frame_id += 1
         silent = self.stalled or (

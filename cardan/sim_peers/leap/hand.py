@@ -245,18 +245,6 @@ class ScriptedHands:
         return self._hands.setdefault(side, _channels())
 
 
-def play(
-    service: SimulatedLeapService, hands: ScriptedHands, until_s: float
-) -> list[tuple[float, int, str]]:
-    """Run `service` with `hands` until `until_s`; time, client and text of what it sent."""
-    sent: list[tuple[float, int, str]] = []
-    while (due_s := min(service.next_due_s, hands.next_due_s)) <= until_s:
-        hands.advance(due_s, service)
-        service.advance(due_s)
-        sent += [(due_s, number, text) for number, text in service.outgoing()]
-    return sent
-
-
 def _read(words: StepWords) -> _Action:
     """Turn the words of one step into what it does."""
     verb, side = words.verb, ""

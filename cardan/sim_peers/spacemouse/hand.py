@@ -7,7 +7,7 @@ from operator import methodcaller
 from typing import Protocol
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.scripted import DeflectingHand, StepWords, Timeline
+from cardan.sim_peers.scripted import DeflectingHand, HeldDevice, StepWords, Timeline
 from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
 from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 
@@ -144,10 +144,9 @@ class PuckModel(Protocol):
         """Label by bit."""
 
 
-class Puck(Protocol):
+class Puck(HeldDevice, Protocol):
     """A simulated device as its hand sees it; times are s from plugging in."""
 
-    plugged: bool
     axes: Axes
 
     @property
@@ -183,27 +182,6 @@ class Puck(Protocol):
     def resume(self) -> None:
         """Send again."""
 
-    @property
-    def next_due_s(self) -> float:
-        """When `reports` has something to do next."""
-
-    def reports(self, now_s: float) -> list[bytes]:
-        """What arrives at the host from the last call until `now_s`."""
-
-    def skip_to(self, now_s: float) -> None:
-        """Make no reports of motion for the time before `now_s`."""
-
-
-class Hand(Protocol):
-    """What moves a simulated device."""
-
-    @property
-    def next_due_s(self) -> float:
-        """When `advance` has something to do next; inf when nothing is planned."""
-
-    def advance(self, now_s: float, device: Puck) -> None:
-        """Do to `device` what is due until `now_s`."""
-
 
 _Action = Ramp | Swing | Callable[[Puck], None]
 
@@ -211,27 +189,19 @@ _Action = Ramp | Swing | Callable[[Puck], None]
 class ScriptedHand(DeflectingHand[Puck, Axes]):
     """Plays the steps of a script on a device of `model`; afterwards it stays as it is.
 
+    `start_s` is when the script begins; inf: when `start` is called.
+
     Raises ScriptError, naming the step, for arguments that its verb does not take.
     """
 
-    def __init__(self, steps: Sequence[ScriptStep], model: PuckModel) -> None:
+    def __init__(self, steps: Sequence[ScriptStep], model: PuckModel, start_s: float = 0.0) -> None:
         timeline = Timeline(
-            steps, SCRIPT_VERBS, lambda words: [(words.time_s, _read(words, model))]
+            steps, SCRIPT_VERBS, lambda words: [(words.time_s, _read(words, model))], start_s
         )
         super().__init__(timeline, VectorMotion(NEUTRAL, HAND_PERIOD_S))
 
     def _hold(self, device: Puck, vector: Axes) -> None:
         device.set_axes(vector)
-
-
-def play(device: Puck, hand: Hand, until_s: float) -> list[bytes]:
-    """Move `device` by `hand` until `until_s`, each at its due times; the reports it sent."""
-    reports: list[bytes] = []
-    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
-        device.skip_to(due_s)
-        hand.advance(due_s, device)
-        reports += device.reports(due_s)
-    return reports
 
 
 def _read(words: StepWords, model: PuckModel) -> _Action:

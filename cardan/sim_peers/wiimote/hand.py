@@ -283,16 +283,6 @@ class ScriptedHand:
             self._angles_rad.start(time_s, action)
 
 
-def play(remote: SimulatedWiimote, hand: ScriptedHand, until_s: float) -> list[bytes]:
-    """Let `hand` move `remote` until `until_s`; the input reports that reach the host by then."""
-    reports: list[bytes] = []
-    while (due_s := min(remote.next_due_s, hand.next_due_s)) <= until_s:
-        if hand.next_due_s <= due_s:
-            hand.advance(due_s, remote)
-        reports += remote.reports(due_s)
-    return reports + remote.reports(until_s)
-
-
 def _read(words: StepWords) -> _Action:
     """Turn the words of one step into what it does."""
     action: _Action
