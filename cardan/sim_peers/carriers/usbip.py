@@ -4,7 +4,8 @@ A server exports devices over TCP; the kernel's vhci-hcd imports them (``usbip a
 then on asks for transfers as it asks a host controller: control transfers on endpoint 0, and reads
 of interrupt endpoints which wait until the device has something. A :class:`UsbipSession` is one
 connection without any I/O, bytes in and bytes out; :class:`UsbipCarrier` listens. All numbers are
-big-endian but those of USB itself. Source: Linux, Documentation/usb/usbip_protocol.rst; tools/usb/usbip/src.
+big-endian but those of USB itself. Source: Linux, Documentation/usb/usbip_protocol.rst;
+tools/usb/usbip/src.
 """
 
 from __future__ import annotations
