@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.evdev.faults import FAULTS
 from cardan.sim_peers.evdev.hand import GAMEPAD_SCRIPTS, KEYBOARD_SCRIPTS, SCRIPT_VERBS
@@ -29,13 +28,9 @@ class GamepadOptions(EvdevPeerOptions):
 class Gamepad(PeerCommand[GamepadOptions]):
     """A gamepad, as Linux gives its events to programs."""
 
-    Options = GamepadOptions
+    Options, Peer = GamepadOptions, EvdevPeer
     epilog = READY
     faults, scripts, verbs = FAULTS, GAMEPAD_SCRIPTS, SCRIPT_VERBS
-
-    @staticmethod
-    def run(options: GamepadOptions, seconds: float | None) -> None:
-        serve(EvdevPeer(options), seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,10 +43,6 @@ class KeyboardOptions(EvdevPeerOptions):
 class Keyboard(PeerCommand[KeyboardOptions]):
     """A keyboard, as Linux gives its events to programs."""
 
-    Options = KeyboardOptions
+    Options, Peer = KeyboardOptions, EvdevPeer
     epilog = READY
     faults, scripts, verbs = FAULTS, KEYBOARD_SCRIPTS, SCRIPT_VERBS
-
-    @staticmethod
-    def run(options: KeyboardOptions, seconds: float | None) -> None:
-        serve(EvdevPeer(options), seconds)

@@ -29,8 +29,9 @@ from cardan.protocols.leap import (
     encode_json,
     encode_version,
 )
+from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.leap.anatomy import Anatomy, HandPosture, Triple, as_version, frame_document
-from cardan.sim_peers.leap.faults import ABSURD_MM, RESTART_S, STALL_EVERY_S, check_faults
+from cardan.sim_peers.leap.faults import ABSURD_MM, FAULTS, RESTART_S, STALL_EVERY_S
 
 DEFAULT_RATE_HZ = 110.0
 DEFAULT_JITTER = 0.1
@@ -91,7 +92,7 @@ class SimulatedLeapService:
         seed: int = 0,
     ) -> None:
         self.faults = dict(faults or {})
-        check_faults(self.faults)
+        check_faults(self.faults, FAULTS)
         self.rate_hz = rate_hz
         self._period_s = 1.0 / rate_hz
         self._jitter_s = jitter * self._period_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cardan.sim_peers.base import FaultSwitch, serve
+from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.spacemouse.faults import FAULTS
 from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS
@@ -16,14 +16,10 @@ from cardan.sim_peers.spacemouse.serial_line import SERIAL_FAULTS
 class SpaceMouse(PeerCommand[SpaceMousePeerOptions]):
     """A 3Dconnexion device, USB (HID reports) or serial, moved by a script or by the keyboard."""
 
-    Options = SpaceMousePeerOptions
+    Options, Peer = SpaceMousePeerOptions, SpaceMousePeer
     epilog = "Prints READY and where it is once it can be opened."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
 
     @classmethod
     def faults_with(cls, given: Mapping[str, Any]) -> Sequence[FaultSwitch]:
         return SERIAL_FAULTS if given["serial"] else FAULTS
-
-    @staticmethod
-    def run(options: SpaceMousePeerOptions, seconds: float | None) -> None:
-        serve(SpaceMousePeer(options), seconds)
