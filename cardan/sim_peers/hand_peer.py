@@ -46,7 +46,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         self.device = device
         self.hand = hand
         self.carrier = carrier
-        self._shared = options
+        self.options = options
         self._selector: selectors.BaseSelector | None = None
         self._opened_s = 0.0
         self._start_s: float | None = None
@@ -78,7 +78,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
 
     def _open_parts(self) -> None:
         self.carrier.open(self)
-        if not (self._shared.start_on_connect and self.carrier.awaits_program):
+        if not (self.options.start_on_connect and self.carrier.awaits_program):
             self.begin()
 
     def step(self, until_s: float) -> None:
@@ -111,7 +111,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
     @property
     def refused_until_s(self) -> float:
         """Until then nobody can open the device; monotonic s."""
-        return self._opened_s + self._shared.faults.get("refuse", 0.0)
+        return self._opened_s + self.options.faults.get("refuse", 0.0)
 
     def begin(self) -> None:
         """The script starts, unless it has."""

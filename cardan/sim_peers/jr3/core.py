@@ -56,9 +56,9 @@ class SimulatedJr3:
     """A board with its sensor: give it a wrench and frames, it gives the frames of the real one.
 
     Power is switched on at time 0; times are s from then and move in `reports` only. What is set
-    holds from the time of the last `reports` on. The main loop takes commands every 1 to 2 ms; a
-    thread of its own sends samples in async mode. SYNC is a flag: two within one turn of the loop
-    give one answer. `offset` is what an unzeroed sensor shows without any load (N, N·m).
+    holds from the time of the last `reports` or `skip_to` on. The main loop takes commands every 1
+    to 2 ms; a thread of its own sends samples in async mode. SYNC is a flag: two within one turn of
+    the loop give one answer. `offset` is what an unzeroed sensor shows without any load (N, N·m).
     """
 
     def __init__(
