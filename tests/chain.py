@@ -19,7 +19,8 @@ from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, FaultyLink
-from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse, play
+from cardan.sim_peers.scripted import play
+from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse
 from cardan.spatial import norm, subtract
 from cardan.types import RobotState, Vector3
 from tests.controllers import controller_for_hand

@@ -145,7 +145,7 @@ def test_a_remote_is_lit_and_rumbles_where_the_workspace_ends(tmp_path, monkeypa
         last = make_session(load_config(Path(name))).run(3.0)
         deadline_s = time.monotonic() + 5.0
         while True:  # the remote may still have to read the last words
-            said = [entry.what for entry in peer.remote.log]
+            said = [entry.what for entry in peer.device.log]
             dark = [words for words in said if "LEDs" in words][-1:] == ["LEDs ----"]
             if dark or time.monotonic() > deadline_s:
                 break

@@ -36,6 +36,8 @@ class FaultSwitch(NamedTuple):
     """The value of a bare ``--fault NAME``."""
     lowest: float = 0.0
     highest: float = 1e9
+    after: str = ""
+    """The fault that it ends, which must be there with an earlier time."""
 
     @classmethod
     def at(cls, name: str, what: str, default_s: float = 5.0) -> FaultSwitch:
@@ -54,14 +56,17 @@ class FaultSwitch(NamedTuple):
 
 
 def check_faults(faults: Mapping[str, float], switches: Iterable[FaultSwitch]) -> None:
-    """Raise ScriptError for a fault that is not among `switches` or whose value is out of range."""
+    """Raise ScriptError for a fault that is not among `switches`, whose value is out of range, or
+    that would end another which is not there."""
     known = {switch.name: switch for switch in switches}
     for name, value in faults.items():
         if name not in known:
             raise ScriptError(f"there is no fault {name!r}; there are: {', '.join(sorted(known))}")
-        lowest, highest = known[name].lowest, known[name].highest
+        lowest, highest, first = known[name].lowest, known[name].highest, known[name].after
         if not lowest <= value <= highest:
             raise ScriptError(f"fault {name}: {value:g} is not in {lowest:g} to {highest:g}")
+        if first and value <= faults.get(first, math.inf):
+            raise ScriptError(f"fault {name}: needs the fault {first}, at an earlier time")
 
 
 def parse_faults(words: Iterable[str], switches: Iterable[FaultSwitch]) -> dict[str, float]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field
 from typing import Any, ClassVar, Generic, TypeVar
 
-from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.base import FaultSwitch, serve
 
 OptionsT = TypeVar("OptionsT")
 V = TypeVar("V")
@@ -87,7 +86,7 @@ def numbers(text: str, count: int) -> tuple[float, ...]:
     return found
 
 
-class PeerCommand(ABC, Generic[OptionsT]):
+class PeerCommand(Generic[OptionsT]):
     """A simulated peer as ``cardan sim`` has it. It is never instantiated; the class's docstring
     says what it stands in for, and is the command's summary.
 
@@ -102,6 +101,8 @@ class PeerCommand(ABC, Generic[OptionsT]):
     """Its documentation: a page of Cardan's docs/, or a URL."""
     speaks: ClassVar[str] = ""
     """Protocol and transport, for documentation tables (Markdown, links as in docs/)."""
+    Peer: ClassVar[type]
+    """The class of the peer, which takes the options; unless `run` is the command's own."""
     epilog: ClassVar[str] = ""
     """Below the options in the help: when it prints READY, and what comes after it."""
     faults: ClassVar[Sequence[FaultSwitch]] = ()
@@ -115,8 +116,9 @@ class PeerCommand(ABC, Generic[OptionsT]):
         """The faults it can have where these options are given, by their fields' names."""
         return cls.faults
 
-    @staticmethod
-    @abstractmethod
-    def run(options: OptionsT, seconds: float | None) -> int | None:
-        """Be the peer until `seconds` are over (None: until it is interrupted), as
-        `cardan.sim_peers.base.serve` does. The command's exit code; None: 0."""
+    @classmethod
+    def run(cls, options: OptionsT, seconds: float | None) -> int | None:
+        """Be the peer until `seconds` are over (None: until it is interrupted). The command's exit
+        code; None: 0."""
+        serve(cls.Peer(options), seconds)
+        return None

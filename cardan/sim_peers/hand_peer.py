@@ -1,78 +1,171 @@
-"""What simulated devices share that a hand moves in real time: the loop that serves them."""
+"""The shell of every simulated device that a hand moves in real time: its loop, and its options."""
 
 from __future__ import annotations
 
-import math
 import selectors
 import time
-from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
+from cardan.options import check_options
 from cardan.sim_peers.base import SimulatedPeer
+from cardan.sim_peers.carriers.base import Carrier, M
+from cardan.sim_peers.scripted import Hand, HeldDevice, play
+
+STALL_S = 0.02
+"""Reports older than this when a peer comes to run are left out: a late peer makes no burst."""
+
+D = TypeVar("D", bound=HeldDevice)
 
 
-class HandPeer(SimulatedPeer):
-    """A simulated device that a hand moves in real time; subclasses carry what it sends.
+@dataclass(frozen=True, kw_only=True)
+class HandOptions:
+    """What every simulated device takes that a hand moves. Raises OptionError."""
 
-    `open` makes the selector, in which each file's data is what handles it, and `close` takes it
-    away. Time of device and hand stands still until the script begins.
+    script: str = "demo"
+    """A built-in script or a file."""
+    faults: Mapping[str, float] = field(default_factory=dict)
+    """Values by the names of the device's `FAULTS`; times count from the start of the script."""
+    seed: int = 0
+    """Of the noise and of the faults' choices."""
+    start_on_connect: bool = True
+    """The script starts when the first program opens the device, not when the peer opens. Without
+    effect on carriers that cannot tell (uinput, CAN)."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+
+class HandPeer(SimulatedPeer, Generic[D, M]):
+    """Serves `device`, which `hand` moves, by `carrier`.
+
+    Time of device and hand stands still until the script begins. The fault ``refuse`` is the
+    shell's, the others are the device's and the carrier's.
     """
 
-    def __init__(self) -> None:
+    stall_s = STALL_S
+
+    def __init__(self, device: D, hand: Hand[D], carrier: Carrier[M], options: HandOptions) -> None:
+        self.device = device
+        self.hand = hand
+        self.carrier = carrier
+        self.options = options
         self._selector: selectors.BaseSelector | None = None
+        self._opened_s = 0.0
         self._start_s: float | None = None
         """When the script began, monotonic s; None: it has not."""
         self._played_s = 0.0
         """How far device and hand were last played, their s."""
 
+    # -- the peer ------------------------------------------------------------------------------
+
     @property
-    @abstractmethod
-    def _hand_due_s(self) -> float:
-        """When the device or its hand has something to do next, s from the script's start."""
+    def endpoint(self) -> str:
+        """What programs open."""
+        return self.carrier.endpoint
 
-    @abstractmethod
-    def _play(self, now_s: float) -> None:
-        """Move the device until the monotonic time `now_s`, and deliver what it sends."""
+    def open(self) -> None:
+        """Plug the device in. Raises a CardanError that says what to do."""
+        if self._selector is not None:
+            return
+        # select() waits to the microsecond; epoll and poll only to the millisecond.
+        self._selector = selectors.SelectSelector()
+        self._opened_s = time.monotonic()
+        try:
+            self._open_parts()
+            self._deliver((), self._opened_s)
+            self._follow(self._opened_s)
+        except BaseException:
+            self.close()
+            raise
 
-    def _follow(self, now_s: float) -> None:
-        """Do what follows from how the device is after it was played until `now_s`."""
-
-    def _carrier_due_s(self) -> float:
-        """When `_attend` has something to do next, monotonic s."""
-        return math.inf
-
-    def _attend(self, now_s: float) -> None:
-        """Do what is due at the monotonic time `now_s` whatever the device does."""
+    def _open_parts(self) -> None:
+        self.carrier.open(self)
+        if not (self.options.start_on_connect and self.carrier.awaits_program):
+            self.begin()
 
     def step(self, until_s: float) -> None:
         """Serve until the monotonic time `until_s`."""
         assert self._selector is not None, "step() before open()"
         while True:
             now_s = time.monotonic()
-            self._attend(now_s)
-            self._play(now_s)
+            self._deliver(self._play(now_s), now_s)
             self._follow(now_s)
             if now_s >= until_s:
                 return
-            due_s = min(until_s, self._next_due_s())
-            for key, _ in self._selector.select(max(0.0, due_s - now_s)):
-                handle: Callable[[], None] = key.data
-                handle()
+            self.carrier.wait(max(0.0, min(until_s, self._next_due_s(now_s)) - now_s))
 
-    def _next_due_s(self) -> float:
-        """When anything is due next, monotonic s."""
-        due_s = self._carrier_due_s()
-        if self._start_s is not None:
-            due_s = min(due_s, self._start_s + self._hand_due_s)
-        return due_s
+    def close(self) -> None:
+        """Unplug the device for good."""
+        if self._selector is None:
+            return
+        self.carrier.close()
+        self._selector.close()
+        self._selector = self._start_s = None
 
-    def _begin(self) -> None:
+    # -- what a carrier uses -------------------------------------------------------------------
+
+    @property
+    def selector(self) -> selectors.BaseSelector:
+        """Waits for the files of all parts; each file's data is called when it is ready."""
+        assert self._selector is not None, "not open"
+        return self._selector
+
+    @property
+    def refused_until_s(self) -> float:
+        """Until then nobody can open the device; monotonic s."""
+        return self._opened_s + self.options.faults.get("refuse", 0.0)
+
+    def begin(self) -> None:
         """The script starts, unless it has."""
         if self._start_s is None:
             self._start_s = time.monotonic()
 
-    def _device_s(self, now_s: float | None = None) -> float:
-        """The device's time at the monotonic time `now_s`; None: now."""
+    def device_s(self) -> float:
+        """The device's time now, s from the script's start; 0 before."""
+        return 0.0 if self._start_s is None else time.monotonic() - self._start_s
+
+    def catch_up(self) -> None:
+        """Bring the device to the present, even if it has nothing to do there."""
+        now_s = time.monotonic()
+        reports = list(self._play(now_s))
+        self._deliver(reports + self.device.reports(self.device_s()), now_s)
+
+    # -- time ----------------------------------------------------------------------------------
+
+    def _next_due_s(self, now_s: float) -> float:
+        """When anything is due next, monotonic s."""
+        due_s = self.carrier.due_s
+        if now_s < self.refused_until_s:
+            due_s = min(due_s, self.refused_until_s)
+        if self._start_s is not None:
+            hand_due_s = min(self.device.next_due_s, self.hand.next_due_s)
+            due_s = min(due_s, self._start_s + hand_due_s)
+        return due_s
+
+    def _play(self, now_s: float) -> Sequence[M]:
+        """Move the device until the monotonic time `now_s`; what it has sent."""
         if self._start_s is None:
-            return 0.0
-        return (time.monotonic() if now_s is None else now_s) - self._start_s
+            return ()
+        device_s = now_s - self._start_s
+        if device_s - self._played_s > self.stall_s:
+            self.device.skip_to(device_s - self.stall_s)
+        self._played_s = device_s
+        return play(self.device, self.hand, device_s)
+
+    def _deliver(self, reports: Sequence[M], now_s: float) -> None:
+        """Pass `reports` on, and plug the device in or out as it is."""
+        carrier = self.carrier
+        refused = now_s < self.refused_until_s and not carrier.tells_refusal
+        wanted = self.device.plugged and not refused
+        if wanted and not carrier.there:
+            carrier.appear()
+        if reports:
+            carrier.send(reports)
+        if carrier.there and not wanted:
+            carrier.vanish()
+
+    def _follow(self, now_s: float) -> None:
+        """Do what follows from how the device is after it was played until `now_s`."""
+        self.carrier.attend(now_s)

@@ -29,8 +29,7 @@ def _installed() -> EntryPoints:
     return entry_points(group=ENTRY_POINT_GROUP)
 
 
-# mypy wants a class that can be instantiated; a Finder only compares with it.
-_FINDER: Finder[PeerCommand[Any]] = Finder(PeerCommand, "simulated peer", BUILT_IN, _installed)  # type: ignore[type-abstract]
+_FINDER: Finder[PeerCommand[Any]] = Finder(PeerCommand, "simulated peer", BUILT_IN, _installed)
 
 
 def names() -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
@@ -13,6 +13,66 @@ from cardan.sim_peers.strokes import Ramp, Swing, V, VectorMotion
 
 A = TypeVar("A")
 D = TypeVar("D")
+Act = Callable[[D, float], None]
+"""What a step of a script does to a device at its time, s."""
+D_contra = TypeVar("D_contra", contravariant=True)
+
+
+class HeldDevice(Protocol):
+    """A simulated device that a hand moves; times are s from the script's start."""
+
+    @property
+    def plugged(self) -> bool:
+        """Whether programs can find it."""
+
+    @property
+    def next_due_s(self) -> float:
+        """When `reports` has something to do next; inf while at rest."""
+
+    def reports(self, now_s: float) -> list[Any]:
+        """What it sends from the last call until `now_s`."""
+
+    def skip_to(self, now_s: float) -> None:
+        """Send nothing for the time before `now_s` but what must not be lost."""
+
+
+class Hand(Protocol[D_contra]):
+    """What moves a simulated device."""
+
+    @property
+    def next_due_s(self) -> float:
+        """When `advance` has something to do next, s; inf when nothing is planned."""
+
+    def advance(self, now_s: float, device: D_contra) -> None:
+        """Do to `device` what is due until `now_s`."""
+
+
+H = TypeVar("H", bound=HeldDevice)
+
+
+def play(device: H, hand: Hand[H], until_s: float) -> list[Any]:
+    """Move `device` by `hand` until `until_s`, each at its due times; what the device sent."""
+    sent: list[Any] = []
+    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
+        device.skip_to(due_s)
+        hand.advance(due_s, device)
+        sent += device.reports(due_s)
+    return sent
+
+
+def calling(method: str, *arguments: Any) -> Act[Any]:
+    """A step that calls a method of the device."""
+    return lambda device, _: getattr(device, method)(*arguments)
+
+
+def setting(attribute: str, value: Any) -> Act[Any]:
+    """A step that sets an attribute of the device."""
+    return lambda device, _: setattr(device, attribute, value)
+
+
+def moving(motion: VectorMotion[V], stroke: Ramp | Swing) -> Act[Any]:
+    """A step that begins a stroke."""
+    return lambda _, at_s: motion.start(at_s, stroke)
 
 
 class StepWords:
@@ -143,34 +203,51 @@ class Timeline(Generic[A]):
                 self._start_s, self._next = due_s, 0
 
 
-class DeflectingHand(ABC, Generic[D, V]):
-    """A scripted hand that deflects a device, of type D, by a vector that strokes move.
+class ScriptHand(ABC, Generic[D]):
+    """Plays the steps of a script on a device, of type D; afterwards it stays as it is.
 
-    Whatever else a script does to the device is an action that takes it.
+    `motions` move parts of the device in time. `start_s` is when the script begins; inf: when
+    `start` is called. Raises ScriptError, naming the step, for arguments that its verb does not
+    take.
     """
 
     def __init__(
         self,
-        timeline: Timeline[Ramp | Swing | Callable[[D], None]],
-        motion: VectorMotion[V],
+        steps: Sequence[ScriptStep],
+        verbs: Mapping[str, str],
+        motions: Sequence[VectorMotion[Any]] = (),
+        start_s: float = 0.0,
     ) -> None:
-        self._timeline = timeline
-        self._motion = motion
+        self._motions = motions
+        self._timeline = Timeline(steps, verbs, self._timed, start_s)
 
     @abstractmethod
-    def _hold(self, device: D, vector: V) -> None:
-        """Deflect `device`."""
+    def _read(self, words: StepWords) -> Act[D]:
+        """Turn the words of one step into what it does."""
+
+    def _timed(self, words: StepWords) -> list[tuple[float, Act[D]]]:
+        """What one step does, and when."""
+        acts = [(words.time_s, self._read(words))]
+        words.end()
+        return acts
+
+    @abstractmethod
+    def _hold(self, device: D, now_s: float) -> None:
+        """Hold `device` as the motions have it at `now_s`."""
+
+    def start(self, now_s: float) -> None:
+        """Begin the script at `now_s`, unless it has begun."""
+        self._timeline.start(now_s)
 
     @property
     def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf after the end."""
-        return min(self._timeline.next_due_s, self._motion.next_due_s)
+        """When `advance` has something to do next, s; inf before the start and after the end."""
+        return min(
+            self._timeline.next_due_s, *(motion.next_due_s for motion in self._motions), math.inf
+        )
 
     def advance(self, now_s: float, device: D) -> None:
         """Do every step that is due until `now_s`, then hold `device` as it is at `now_s`."""
-        for due_s, action in self._timeline.due(now_s):
-            if isinstance(action, Ramp | Swing):
-                self._motion.start(due_s, action)
-            else:
-                action(device)
-        self._hold(device, self._motion.advance(now_s))
+        for due_s, act in self._timeline.due(now_s):
+            act(device, due_s)
+        self._hold(device, now_s)

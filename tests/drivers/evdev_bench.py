@@ -70,7 +70,7 @@ class Bench:
         while self.now_s < end_s:
             self.now_s += STEP_S
             was_plugged = self._plugged
-            for frame in self.device.frames(self.now_s):
+            for frame in self.device.reports(self.now_s):
                 self._arrived += self.mangle(encode_events(frame.stamped(0.0)))
             self._plugged = self.device.plugged
             if was_plugged and not self.device.plugged:

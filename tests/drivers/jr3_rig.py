@@ -50,7 +50,7 @@ class Rig:
             every = round(self.master_period_s / STEP_S)
             if round(self.now_s / STEP_S) % every == 0:
                 self.board.receive(0x080, b"", self.now_s)
-        for frame in self.board.frames(self.now_s):
+        for frame in self.board.reports(self.now_s):
             arrived = self.mangle(frame)
             if arrived is not None:
                 self.core.on_frame(*arrived, self.now_s)

@@ -145,7 +145,7 @@ class FakeKernel:
 
     def run(self, seconds):
         self.now_s += seconds
-        for frame in self.device.frames(self.now_s):
+        for frame in self.device.reports(self.now_s):
             os.write(self.writer, encode_events(frame.stamped(0.0)))
 
     def tap(self, label):
@@ -375,7 +375,7 @@ def test_rumble_goes_on_and_ends_with_the_driver(tmp_path):
     with in_a_thread(peer(tmp_path)) as served, gamepad(tmp_path) as pad:
 
         def turns():
-            return served.device.rumble(served._device_s())
+            return served.device.rumble(served.device_s())
 
         assert pad.capabilities.feedback == {"rumble"}
         pad.feedback(DeviceFeedback(rumble=0.5))

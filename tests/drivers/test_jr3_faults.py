@@ -67,7 +67,7 @@ def test_a_short_silence_needs_rest():
 
 def test_a_silence_that_nobody_looked_at_needs_rest_all_the_same():
     rig = pushed()
-    rig.board.frames(rig.now_s + 0.3)  # lost, while nobody asks for the state
+    rig.board.reports(rig.now_s + 0.3)  # lost, while nobody asks for the state
     rig.now_s += 0.3
     state = rig.run(0.05)
     assert state.link is DeviceLink.NEEDS_NEUTRAL
@@ -154,7 +154,7 @@ def test_a_boot_while_the_bus_was_lost_costs_the_zero(options):
     rig.core.on_lost("unplugged", rig.now_s)
     rig.board.power_off()
     rig.board.power_on()
-    rig.board.frames(rig.now_s + 0.5)
+    rig.board.reports(rig.now_s + 0.5)
     rig.now_s += 0.5
     rig.open()
     rig.run(3.0)
@@ -169,7 +169,7 @@ def test_a_board_that_another_program_started_has_booted_all_the_same():
     rig.core.on_lost("unplugged", rig.now_s)
     rig.board.power_off()
     rig.board.power_on()
-    rig.board.frames(rig.now_s + 0.5)
+    rig.board.reports(rig.now_s + 0.5)
     rig.now_s += 0.5
     for frame in rig.sent:
         rig.board.receive(*frame, rig.now_s)
@@ -187,7 +187,7 @@ def test_a_board_that_went_on_while_the_bus_was_lost_keeps_its_zero(mode, away_s
     rig = Rig(Jr3Options(mode=mode), offset=WEIGHT)
     rig.live()
     rig.core.on_lost("unplugged", rig.now_s)
-    rig.board.frames(rig.now_s + away_s)
+    rig.board.reports(rig.now_s + away_s)
     rig.now_s += away_s
     rig.open()
     assert rig.run(2.0).link is DeviceLink.LIVE
@@ -308,7 +308,7 @@ def test_old_samples_are_not_taken_for_new_ones():
     held = []
     for _ in range(1000):
         rig.now_s += STEP_S
-        held += rig.board.frames(rig.now_s)
+        held += rig.board.reports(rig.now_s)
         rig.core.state(rig.now_s)
     axes = set()
     for frame in held:
@@ -327,7 +327,7 @@ def test_a_clock_that_runs_otherwise_is_not_late():
         start_s = rig.now_s
         for _ in range(6000):
             rig.now_s += 0.01
-            for frame in rig.board.frames(start_s + (rig.now_s - start_s) * (1.0 + drift)):
+            for frame in rig.board.reports(start_s + (rig.now_s - start_s) * (1.0 + drift)):
                 rig.core.on_frame(*frame, rig.now_s)
             rig.core.poll(rig.now_s)
             assert rig.core.state(rig.now_s).link is DeviceLink.LIVE

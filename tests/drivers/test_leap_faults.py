@@ -8,7 +8,8 @@ from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.leap.core import STALE_AFTER_S
 from cardan.protocols.leap import DeviceEvent, decode_service
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService, play
+from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService
+from cardan.sim_peers.scripted import play
 from cardan.types import DeviceLink, DeviceState, Quaternion, Vector3
 from tests.drivers.leap_frames import PERIOD_S, PLUGGED, engaged, hand
 
@@ -176,7 +177,7 @@ def drive(script: str, seconds: float, faults=None, clutch="still"):
         if service.restarts > restarts:
             restarts = service.restarts
             core.on_lost("gone", now_s)
-        if service.listening and not service.clients:
+        if service.plugged and not service.clients:
             reconnect(now_s)
         yield now_s, core, core.state(now_s)
 

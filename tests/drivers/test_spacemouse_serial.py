@@ -26,9 +26,9 @@ from cardan.protocols.connexion_serial import (
     serial_model_by_key,
 )
 from cardan.sim_peers.spacemouse import (
-    SerialSpaceMousePeer,
-    SerialSpaceMousePeerOptions,
-    serial,
+    SpaceMousePeer,
+    SpaceMousePeerOptions,
+    peer as peer_module,
     simulated_serial_puck,
 )
 from cardan.types import DeviceFeedback, DeviceLink
@@ -604,7 +604,7 @@ def test_a_spaceball_that_tells_of_no_rest_can_be_used(key):
 @pytest.fixture(autouse=True)
 def eager_scripts(monkeypatch):
     """A script starts soon after its device."""
-    monkeypatch.setattr(serial, "SCRIPT_DELAY_S", 0.2)
+    monkeypatch.setattr(peer_module, "SCRIPT_DELAY_S", 0.2)
 
 
 def eventually(condition):
@@ -617,9 +617,9 @@ def eventually(condition):
 def peer_at(tmp_path, model, script, **more):
     file = tmp_path / "script"
     file.write_text(script)
-    return SerialSpaceMousePeer(
-        SerialSpaceMousePeerOptions(
-            link=str(tmp_path / "port"), model=model, script=str(file), boot_s=0.02, **more
+    return SpaceMousePeer(
+        SpaceMousePeerOptions(
+            serial=str(tmp_path / "port"), model=model, script=str(file), boot_s=0.02, **more
         )
     )
 
@@ -659,7 +659,7 @@ def test_a_magellan_from_hand_to_state(tmp_path):
             follow(mouse)
             with pytest.raises(DeviceAccessError, match="another program has it open"):
                 mouse_at(peer).open()
-        eventually(lambda: not peer.puck.powered)
+        eventually(lambda: not peer.device.powered)
 
 
 @pytest.mark.judged(
@@ -758,7 +758,7 @@ def test_closing_does_not_wait_for_a_device_that_does_not_answer(tmp_path):
     with in_a_thread(peer):
         mouse = mouse_at(peer, wait_for_device=True)
         mouse.open()
-        eventually(lambda: peer.puck.powered)
+        eventually(lambda: peer.device.powered)
         begin_s = time.monotonic()
         mouse.close()
         assert time.monotonic() - begin_s < 1.0

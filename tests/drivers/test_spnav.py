@@ -19,7 +19,7 @@ from cardan.protocols.spnav import (
     encode_motion,
 )
 from cardan.sim_peers.base import SimulatedPeer
-from cardan.sim_peers.spacemouse.serial import SerialSpaceMousePeer, SerialSpaceMousePeerOptions
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from tests.serving import in_a_thread
 
@@ -321,9 +321,9 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
     path = tmp_path / "run" / "spnav.sock"
     (tmp_path / "hand.txt").write_text(SCRIPT)
     (tmp_path / "spnavrc").write_text(f"serial = {tmp_path}/port\n")
-    peer = SerialSpaceMousePeer(
-        SerialSpaceMousePeerOptions(
-            link=str(tmp_path / "port"), model="magellan", script=str(tmp_path / "hand.txt")
+    peer = SpaceMousePeer(
+        SpaceMousePeerOptions(
+            serial=str(tmp_path / "port"), model="magellan", script=str(tmp_path / "hand.txt")
         )
     )
     with in_a_thread(peer), (tmp_path / "log").open("w") as log:

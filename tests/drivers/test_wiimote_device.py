@@ -64,10 +64,10 @@ def gripped(peer, wiimote, condition):
     end_s = time.monotonic() + PATIENCE_S
     while not condition(state := wiimote.state()):
         assert time.monotonic() < end_s, (state, wiimote.diagnosis())
-        if "a" not in peer.remote.held:
-            peer.remote.press("a")
+        if "a" not in peer.device.held:
+            peer.device.press("a")
         elif state.link is not DeviceLink.LIVE:
-            peer.remote.release("a")
+            peer.device.release("a")
             live(wiimote)
         time.sleep(0.002)
 
@@ -99,7 +99,7 @@ def test_every_kind_of_remote(tmp_path, idle, remote, ir):
         live(wiimote)
         gripped(peer, wiimote, lambda state: state.axes[2] == 1.0)
         assert wiimote.state().battery == pytest.approx(0.96)
-        peer.remote.release("a")
+        peer.device.release("a")
         live(wiimote)
         eventually(lambda: wiimote.state().axes == REST and not wiimote.state().buttons)
         assert lasting(wiimote.diagnosis()) == []
@@ -148,19 +148,19 @@ def test_a_script_is_followed(tmp_path):
 def test_feedback_reaches_the_remote(tmp_path, idle):
     with in_a_thread(peer_of(tmp_path, idle)) as peer, driver_of(tmp_path, led=4) as wiimote:
         live(wiimote)
-        assert peer.remote.leds == 0b1000
+        assert peer.device.leds == 0b1000
         assert wiimote.capabilities.feedback == {"led", "rumble"}
         wiimote.feedback(DeviceFeedback(led=False, rumble=1.0))
-        eventually(lambda: peer.remote.leds == 0 and peer.remote.rumble)
+        eventually(lambda: peer.device.leds == 0 and peer.device.rumble)
         wiimote.feedback(DeviceFeedback(led=True, rumble=0.0))
-        eventually(lambda: peer.remote.leds == 0b1000 and not peer.remote.rumble)
+        eventually(lambda: peer.device.leds == 0b1000 and not peer.device.rumble)
         with pytest.raises(CommandError, match="wrench"):
             wiimote.feedback(DeviceFeedback(wrench=Wrench(ZERO3, ZERO3)))
         wiimote.feedback(DeviceFeedback(rumble=1.0))
-        eventually(lambda: peer.remote.rumble)
+        eventually(lambda: peer.device.rumble)
         wiimote.close()
-        eventually(lambda: not peer.remote.connected)
-        told = [entry.what for entry in peer.remote.log]
+        eventually(lambda: not peer.device.connected)
+        told = [entry.what for entry in peer.device.log]
         motor = [index for index, what in enumerate(told) if "rumble" in what]
         assert "rumble off" in told[motor[-1]]
 

@@ -78,7 +78,7 @@ def test_rumble_goes_through_the_kernel(made):
     with in_a_thread(made("gamepad")) as peer, Gamepad(GamepadOptions()) as pad:
 
         def turns() -> tuple[float, float]:
-            return peer.device.rumble(peer._device_s())
+            return peer.device.rumble(peer.device_s())
 
         assert pad.capabilities.feedback == {"rumble"}
         pad.feedback(DeviceFeedback(rumble=0.5))

@@ -15,8 +15,8 @@ import pytest
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions, list_devices
 from cardan.protocols.connexion import encode_rotation, encode_translation, model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.spacemouse.uhid import UhidSpaceMousePeer, UhidSpaceMousePeerOptions
-from cardan.sim_peers.uhid import BUS_USB, HidIdentity, UhidDevice
+from cardan.sim_peers.carriers.uhid import BUS_USB, HidIdentity, UhidDevice
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.kernel.waiting import wait_for
 from tests.serving import in_a_thread
@@ -34,12 +34,12 @@ def kernel(modules: Callable[..., None]) -> None:
 
 
 @pytest.fixture
-def puck(tmp_path: Path) -> Callable[..., UhidSpaceMousePeer]:
+def puck(tmp_path: Path) -> Callable[..., SpaceMousePeer]:
     def make(script: str = "", model: str = "spacemouse-compact", **options: object):
         file = tmp_path / "script.txt"
         file.write_text(TOUCH + script)
-        return UhidSpaceMousePeer(
-            UhidSpaceMousePeerOptions(model=model, script=str(file), jitter_lsb=0, **options)
+        return SpaceMousePeer(
+            SpaceMousePeerOptions(uhid=True, model=model, script=str(file), jitter_lsb=0, **options)
         )
 
     return make

@@ -14,7 +14,7 @@ from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spacemouse.transports import hid_transport
 from cardan.drivers.spacemouse.usb import UsbTransport
 from cardan.protocols.connexion import decode_input
-from cardan.sim_peers.spacemouse.usbip import UsbipSpaceMousePeer, UsbipSpaceMousePeerOptions
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.kernel.usbip import attach, is_unplugged, usbip
 from tests.kernel.waiting import in_a_process, wait_for
@@ -38,12 +38,12 @@ def kernel(modules: Callable[..., None]) -> None:
 
 
 @pytest.fixture
-def puck(tmp_path: Path) -> Iterator[Callable[..., UsbipSpaceMousePeer]]:
-    def make(script: str, model: str = "spacenavigator") -> UsbipSpaceMousePeer:
+def puck(tmp_path: Path) -> Iterator[Callable[..., SpaceMousePeer]]:
+    def make(script: str, model: str = "spacenavigator") -> SpaceMousePeer:
         file = tmp_path / "script.txt"
         file.write_text(script)
-        return UsbipSpaceMousePeer(
-            UsbipSpaceMousePeerOptions(model=model, script=str(file), port=0, jitter_lsb=0)
+        return SpaceMousePeer(
+            SpaceMousePeerOptions(model=model, script=str(file), usbip=0, jitter_lsb=0)
         )
 
     yield make
@@ -161,8 +161,6 @@ def follow(transport: str, button: str = "left") -> None:
 
 
 def test_the_tool_lists_what_is_exported(tmp_path):
-    with in_a_thread(
-        UsbipSpaceMousePeer(UsbipSpaceMousePeerOptions(script="rest", port=0))
-    ) as peer:
+    with in_a_thread(SpaceMousePeer(SpaceMousePeerOptions(script="rest", usbip=0))) as peer:
         said = usbip(peer.endpoint, "list").stdout
     assert re.search(r"1-1:.*046d:c626", said)

@@ -15,8 +15,7 @@ from cardan.drivers.spacemouse import list_devices
 from cardan.drivers.udev import udev_rules
 from cardan.drivers.wiimote import Wiimote
 from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions
-from cardan.sim_peers.spacemouse import UhidSpaceMousePeer, UhidSpaceMousePeerOptions
-from cardan.sim_peers.spacemouse.usbip import UsbipSpaceMousePeer, UsbipSpaceMousePeerOptions
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
 from tests.kernel.usbip import attach, is_unplugged
 from tests.kernel.waiting import wait_for
@@ -61,16 +60,16 @@ def given_to_the_user(path: str) -> bool:
 @pytest.mark.judged(device="SpaceMouse", transport="hidraw, udev rules", by="Debian udevd")
 @pytest.mark.parametrize("model", ["spacemouse-wireless-bt"])
 def test_the_rules_give_a_spacemouse_to_the_user(model):
-    options = UhidSpaceMousePeerOptions(model=model, script="rest")
-    with in_a_thread(UhidSpaceMousePeer(options)):
+    options = SpaceMousePeerOptions(uhid=True, model=model, script="rest")
+    with in_a_thread(SpaceMousePeer(options)):
         (found,) = wait_for(list_devices)
         wait_for(lambda: given_to_the_user(found.path))
 
 
 @pytest.mark.judged(device="SpaceNavigator", transport="USB, udev rules", by="Debian udevd")
 def test_the_rules_give_both_nodes_of_a_spacenavigator_to_the_user():
-    options = UsbipSpaceMousePeerOptions(model="spacenavigator", script="rest", port=0)
-    with in_a_thread(UsbipSpaceMousePeer(options)) as peer:
+    options = SpaceMousePeerOptions(model="spacenavigator", script="rest", usbip=0)
+    with in_a_thread(SpaceMousePeer(options)) as peer:
         device = attach(peer.endpoint)
         numbers = [int((device / name).read_text()) for name in ("busnum", "devnum")]
         (hidraw,) = wait_for(lambda: list(device.glob("*/*/hidraw/hidraw*")))

@@ -78,11 +78,11 @@ def test_debians_library_reads_keys_acceleration_and_battery_and_drives_the_moto
         assert math.hypot(*seen[1]) == pytest.approx(105, abs=25)
         assert 0 < judge.battery() <= 100
         judge.rumble(True)
-        wait_for(lambda: peer.remote.rumble)
+        wait_for(lambda: peer.device.rumble)
         judge.rumble(False)
-        wait_for(lambda: not peer.remote.rumble)
+        wait_for(lambda: not peer.device.rumble)
         judge.led(3)
-        wait_for(lambda: peer.remote.leds & 0b0100)
+        wait_for(lambda: peer.device.leds & 0b0100)
 
 
 def deg_s(values: tuple[int, ...]) -> list[float]:
@@ -180,9 +180,9 @@ def test_the_driver_works_over_hidraw_beside_the_kernels(remote):
             wait_for(lambda: edges.extend(wiimote.button_events()) or len(edges) >= 3)
             assert {edge.button for edge in edges} == {"a"}
             wiimote.feedback(DeviceFeedback(rumble=1.0))
-            wait_for(lambda: peer.remote.rumble)
+            wait_for(lambda: peer.device.rumble)
             wiimote.feedback(DeviceFeedback(rumble=0.0))
-            wait_for(lambda: not peer.remote.rumble)
+            wait_for(lambda: not peer.device.rumble)
             # Data go on although the kernel's driver sets its own mode after every status report.
             stamps = set()
             wait_for(lambda: stamps.add(wiimote.state().stamp_s) or len(stamps) > 50)

@@ -78,6 +78,17 @@ def test_wrong_faults(word, words):
         parse_faults([word], SWITCHES)
 
 
+def test_a_fault_that_ends_another_needs_it_at_an_earlier_time():
+    switches = (
+        FaultSwitch("gone", "is away", 3.0),
+        FaultSwitch("back", "is here", 4.0, after="gone"),
+    )
+    assert parse_faults(["gone", "back"], switches) == {"gone": 3.0, "back": 4.0}
+    for words in (["back"], ["gone=4", "back"], ["back=2", "gone"]):
+        with pytest.raises(ScriptError, match="fault back: needs the fault gone, at an earlier"):
+            parse_faults(words, switches)
+
+
 def test_values_that_did_not_come_from_words_are_checked_too():
     with pytest.raises(ScriptError, match="late"):
         check_faults({"late": -1.0}, SWITCHES)

@@ -4,7 +4,6 @@ import errno
 import fcntl
 import math
 import os
-import selectors
 import socket
 import stat
 import time
@@ -25,10 +24,11 @@ from cardan.sim_peers.evdev import (
     EvdevPeerOptions,
     ScriptedHand,
     SimulatedInput,
-    play,
 )
 from cardan.sim_peers.evdev.carriers import UinputCarrier
+from cardan.sim_peers.scripted import play
 from tests.serving import in_a_thread
+from tests.sim_peers.carrier_shell import BareShell
 
 BY_KEY = {model.key: model for model in MODELS}
 PUSHED = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
@@ -45,20 +45,20 @@ def values(frames, kind):
 
 def test_rests_in_silence():
     device = make()
-    assert device.frames(0.1) == []
-    assert device.frames(3600.0) == []
+    assert device.reports(0.1) == []
+    assert device.reports(3600.0) == []
     assert device.next_due_s == math.inf
 
 
 def test_reports_changes_only_at_its_polls():
     device = make()
-    device.frames(0.010)
+    device.reports(0.010)
     device.set_controls(PUSHED)
-    (frame,) = device.frames(5.0)
+    (frame,) = device.reports(5.0)
     assert frame.time_s == pytest.approx(0.012)
     assert frame.events == ((3, c.ABS_Y, -32768), (0, 0, 0))
     device.set_controls(PUSHED)
-    assert device.frames(9.0) == []
+    assert device.reports(9.0) == []
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_reports_changes_only_at_its_polls():
 def test_ranges_are_the_models(model, pushed, half):
     device = make(model)
     device.set_controls((0.0, 1.0, 0.0, 0.0, 0.25, 0.0))
-    frames = device.frames(0.1)
+    frames = device.reports(0.1)
     assert (c.ABS_Y, pushed) in values(frames, evdev.EV_ABS)
     assert (c.ABS_Z, half) in values(frames, evdev.EV_ABS)
     pressed = values(frames, evdev.EV_KEY)
@@ -78,48 +78,48 @@ def test_an_xbox_pad_exchanges_north_and_west_as_the_kernel_does():
     for model, code in (("xbox-360", c.BTN_NORTH), ("dualshock-4", c.BTN_WEST)):
         device = make(model)
         device.press("west")
-        assert values(device.frames(0.1), evdev.EV_KEY) == [(code, 1)]
+        assert values(device.reports(0.1), evdev.EV_KEY) == [(code, 1)]
 
 
 def test_a_press_between_two_polls_is_not_lost():
     device = make()
     device.press("south")
     device.release("south")
-    assert values(device.frames(1.0), evdev.EV_KEY) == [(c.BTN_SOUTH, 1), (c.BTN_SOUTH, 0)]
+    assert values(device.reports(1.0), evdev.EV_KEY) == [(c.BTN_SOUTH, 1), (c.BTN_SOUTH, 0)]
 
 
 def test_dpad_is_a_hat():
     device = make()
     device.press("dpad-left")
-    assert values(device.frames(0.1), evdev.EV_ABS) == [(c.ABS_HAT0X, -1)]
+    assert values(device.reports(0.1), evdev.EV_ABS) == [(c.ABS_HAT0X, -1)]
     device.press("dpad-right")
     device.release("dpad-left")
-    assert values(device.frames(0.2), evdev.EV_ABS) == [(c.ABS_HAT0X, 1)]
+    assert values(device.reports(0.2), evdev.EV_ABS) == [(c.ABS_HAT0X, 1)]
 
 
 def test_keys_are_repeated_as_the_kernel_does():
     device = make("keyboard")
     device.press("a")
-    frames = device.frames(0.5)
+    frames = device.reports(0.5)
     assert frames[0].events == ((4, 4, 30), (1, 30, 1), (0, 0, 0))
     repeats = [frame.time_s for frame in frames if (1, 30, 2) in frame.events]
     assert repeats[0] == pytest.approx(0.25, abs=0.01)
     assert len(repeats) == 1 + int((0.5 - repeats[0]) / 0.033)
     device.release("a")
-    assert values(device.frames(2.0), evdev.EV_KEY)[-1] == (30, 0)
+    assert values(device.reports(2.0), evdev.EV_KEY)[-1] == (30, 0)
     assert device.next_due_s == math.inf
-    assert not make("keyboard", uinput=True).frames(1.0)
+    assert not make("keyboard", uinput=True).reports(1.0)
 
 
 def test_noise_is_filtered_as_the_kernel_does():
     quiet, noisy = make(jitter_lsb=5), make(jitter_lsb=200)
     for device in (quiet, noisy):
         device.set_controls((0.0, 0.5, 0.0, 0.0, 0.0, 0.0))
-    assert len(quiet.frames(1.0)) <= 3, "less than half of the fuzz"
-    assert len(noisy.frames(1.0)) > 100
+    assert len(quiet.reports(1.0)) <= 3, "less than half of the fuzz"
+    assert len(noisy.reports(1.0)) > 100
     noisy.set_controls(REST)
-    noisy.frames(1.1)
-    assert noisy.frames(2.0) == [], "a stick at rest is quiet"
+    noisy.reports(1.1)
+    assert noisy.reports(2.0) == [], "a stick at rest is quiet"
 
 
 def call(device, request, argument=b"", client="me", now_s=0.0):
@@ -130,7 +130,7 @@ def test_answers_what_it_is_and_holds():
     device = make("xbox-one")
     device.set_controls(PUSHED)
     device.press("east")
-    device.frames(0.1)
+    device.reports(0.1)
     assert evdev.decode_id(call(device, evdev.EVIOCGID).argument).product == 0x02EA
     assert call(device, evdev.EVIOCGNAME).argument.startswith(b"Microsoft Xbox One S pad\0")
     assert evdev.decode_bits(call(device, evdev.EVIOCGKEY).argument) == {c.BTN_EAST}
@@ -285,12 +285,12 @@ def test_every_fault_can_be_had_by_some_device():
 def test_silence_and_unplugging_end_the_events(fault):
     device = make(faults={fault: 0.5})
     device.set_controls(PUSHED)
-    assert device.frames(0.4)
+    assert device.reports(0.4)
     device.set_controls(REST)
     device.press("south")
-    device.frames(0.6)
+    device.reports(0.6)
     device.release("south")
-    assert device.frames(9.0) == []
+    assert device.reports(9.0) == []
     assert device.plugged == (fault == "silence")
     assert device.next_due_s == math.inf
 
@@ -313,7 +313,7 @@ def test_a_client_that_does_not_read_loses_events_as_with_the_kernel(tmp_path):
     options = EvdevPeerOptions(path=path, script=str(script))
     with in_a_thread(EvdevPeer(options)) as peer, connect(path) as sock:
         end_s = time.monotonic() + 5.0
-        while not peer.overruns:
+        while not peer.carrier.lost:
             assert time.monotonic() < end_s
             time.sleep(0.01)
         seen = []
@@ -379,9 +379,11 @@ def fake_uinput(tmp_path, monkeypatch):
 def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
     root, asked = fake_uinput
     device = make(uinput=True)
-    now_s = [1.0]
-    with selectors.DefaultSelector() as selector:
-        carrier = UinputCarrier(device, selector, lambda: now_s[0], root)
+    shell = BareShell()
+    shell.now_s = 1.0
+    carrier = UinputCarrier(device, root)
+    with shell.selector as selector:
+        carrier.open(shell)
         carrier.appear()
         assert carrier.endpoint == "/dev/input/event5"
         requests = [request for request, _ in asked]
@@ -409,15 +411,17 @@ def test_uinput_makes_the_device_and_serves_the_kernel(fake_uinput):
         assert device.rumble(1.1) == (0.0, 0.0)
 
         device.press("south")
-        carrier.send(device.frames(0.1))
+        carrier.send(device.reports(0.1))
         carrier.vanish()
         assert asked[-1][0] == uinput.UI_DEV_DESTROY
         assert not carrier.there
 
 
 def test_without_uinput(tmp_path):
-    with selectors.DefaultSelector() as selector:
-        carrier = UinputCarrier(make(uinput=True), selector, float, tmp_path)
+    shell = BareShell()
+    with shell.selector:
+        carrier = UinputCarrier(make(uinput=True), tmp_path)
+        carrier.open(shell)
         with pytest.raises(AddressError, match="modprobe uinput"):
             carrier.appear()
         assert not carrier.there

@@ -1,4 +1,4 @@
-"""The loop that serves a device which a hand moves in real time."""
+"""The shell that serves a device which a hand moves in real time."""
 
 from __future__ import annotations
 
@@ -8,107 +8,228 @@ import socket
 
 import pytest
 
+from cardan.errors import AddressError
 from cardan.sim_peers import hand_peer
-from cardan.sim_peers.hand_peer import HandPeer
+from cardan.sim_peers.carriers import base
+from cardan.sim_peers.carriers.base import Carrier
+from cardan.sim_peers.hand_peer import STALL_S, HandOptions, HandPeer
 
 
 class Clock:
     """A monotonic clock that only waiting moves."""
 
     def __init__(self) -> None:
-        self.now_s = 100.0
+        self.now_s = 64.0
 
     def monotonic(self) -> float:
         return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
 
 
 class Waiting(selectors.SelectSelector):
     """Waits on the clock; what is readable then is seen."""
 
-    def __init__(self, clock: Clock) -> None:
-        super().__init__()
-        self._clock = clock
+    clock: Clock
 
     def select(self, timeout=None):
         ready = super().select(0)
         if not ready:
-            self._clock.now_s += timeout
+            self.clock.now_s += timeout
         return ready
 
 
-class Peer(HandPeer):
-    """A device that does something every 0.4 s, on a carrier with one thing to do at 101 s."""
+class Device:
+    """Sends something every 0.5 s, and does what its script says."""
 
-    def __init__(self, clock: Clock) -> None:
-        super().__init__()
-        self.done: list[tuple[str, float]] = []
+    def __init__(self, done) -> None:
+        self.plugged = True
+        self.next_due_s = 0.0
+        self._done = done
+
+    def reports(self, now_s):
+        reports = []
+        while self.next_due_s <= now_s:
+            reports.append(round(self.next_due_s, 9))
+            self.next_due_s += 0.5
+        return reports
+
+    def skip_to(self, now_s):
+        while self.next_due_s < now_s - 1e-9:
+            self.next_due_s += 0.5
+
+
+class Hand:
+    """Plugs and unplugs."""
+
+    def __init__(self, *steps) -> None:
+        self._steps = list(steps)
+
+    @property
+    def next_due_s(self):
+        return self._steps[0][0] if self._steps else math.inf
+
+    def advance(self, now_s, device):
+        while self.next_due_s <= now_s:
+            device.plugged = self._steps.pop(0)[1]
+
+
+class Noting(Carrier):
+    """Notes what it is told, with one thing to do at 64.75 s."""
+
+    endpoint = "nowhere"
+    there = False
+
+    def __init__(self, clock, done) -> None:
         self._clock = clock
-        self._carrier_s = 101.0
+        self._done = done
+        self._own_s = 64.75
+
+    def note(self, *what):
+        self._done.append((*what, round(self._clock.now_s, 9)))
+
+    def appear(self):
+        self.there = True
+        self.note("appear")
+
+    def vanish(self):
+        if self.there:
+            self.there = False
+            self.note("vanish")
+
+    def send(self, messages):
+        self.note(*messages)
 
     @property
-    def endpoint(self) -> str:
-        return "nowhere"
+    def due_s(self):
+        return self._own_s
 
-    def open(self) -> None:
-        self._selector = Waiting(self._clock)
-
-    def close(self) -> None:
-        self._selector.close()
-
-    @property
-    def _hand_due_s(self) -> float:
-        return self._played_s + 0.4
-
-    def _play(self, now_s: float) -> None:
-        if self._start_s is not None:
-            self._played_s = now_s - self._start_s
-            self.done.append(("play", round(now_s, 9)))
-
-    def _carrier_due_s(self) -> float:
-        return self._carrier_s
-
-    def _attend(self, now_s: float) -> None:
-        if now_s >= self._carrier_s:
-            self._carrier_s = math.inf
-            self.done.append(("attend", now_s))
+    def attend(self, now_s):
+        if now_s >= self._own_s:
+            self._own_s = math.inf
+            self.note("attend")
 
 
 @pytest.fixture
-def peer(monkeypatch):
+def make(monkeypatch):
     clock = Clock()
     monkeypatch.setattr(hand_peer, "time", clock)
-    peer = Peer(clock)
+    monkeypatch.setattr(base, "time", clock)
+    monkeypatch.setattr(selectors, "SelectSelector", Waiting)
+    monkeypatch.setattr(Waiting, "clock", clock, raising=False)
+    peers = []
+
+    def making(*steps, **options):
+        done = []
+        carrier = Noting(clock, done)
+        peer = HandPeer(Device(done), Hand(*steps), carrier, HandOptions(**options))
+        peer.done, peer.clock = done, clock
+        peers.append(peer)
+        return peer
+
+    yield making
+    for peer in peers:
+        peer.close()
+
+
+def opened(peer):
     peer.open()
-    yield peer
-    peer.close()
+    del peer.done[:]
+    return peer
 
 
-def test_nothing_is_played_before_the_script_starts(peer):
-    peer.step(100.9)
-    assert peer.done == []
-    assert peer._device_s() == 0.0
+def test_nothing_is_played_before_the_script_starts(make):
+    peer = make()
+    peer.open()
+    peer.step(64.5)
+    assert peer.done == [("appear", 64.0)]
+    assert peer.device_s() == 0.0
 
 
-def test_each_is_served_when_it_is_due(peer):
-    peer._begin()
-    peer.step(101.1)
-    peer._begin()
-    assert peer.done == [
-        ("play", 100.0),
-        ("play", 100.4),
-        ("play", 100.8),
-        ("attend", 101.0),
-        ("play", 101.0),
-        ("play", 101.1),
-    ]
-    assert peer._device_s() == pytest.approx(1.1)
-    assert peer._device_s(100.5) == 0.5
+def test_each_is_served_when_it_is_due(make):
+    peer = opened(make())
+    peer.begin()
+    peer.step(65.25)
+    peer.begin()
+    assert peer.done == [(0.0, 64.0), (0.5, 64.5), ("attend", 64.75), (1.0, 65.0)]
+    assert peer.device_s() == 1.25
 
 
-def test_what_arrives_is_handled_before_the_next_turn(peer):
+def test_the_script_starts_at_once_where_that_is_wanted_or_nobody_connects(make):
+    peer = opened(make(start_on_connect=False))
+    peer.step(64.25)
+    assert peer.done == [(0.0, 64.0)]
+    peer = make()
+    peer.carrier.awaits_program = False
+    opened(peer).step(64.5)
+    assert peer.done == [(0.0, 64.25)]
+
+
+def test_what_arrives_is_handled_before_the_next_turn(make):
+    peer = opened(make())
     one, other = socket.socketpair()
     with one, other:
-        peer._selector.register(one, selectors.EVENT_READ, lambda: (one.recv(1), peer._begin()))
+        peer.selector.register(one, selectors.EVENT_READ, lambda: (one.recv(1), peer.begin()))
         other.send(b"x")
-        peer.step(100.5)
-    assert peer.done[0] == ("play", 100.0)
+        peer.step(64.25)
+        peer.selector.unregister(one)
+    assert peer.done[0] == (0.0, 64.0)
+
+
+def test_the_device_is_unplugged_after_what_it_sent_and_plugged_before_what_it_sends(make):
+    peer = opened(make((0.5, False), (1.0, True), start_on_connect=False))
+    peer.step(65.25)
+    assert peer.done == [
+        (0.0, 64.0),
+        (0.5, 64.5),
+        ("vanish", 64.5),
+        ("attend", 64.75),
+        ("appear", 65.0),
+        (1.0, 65.0),
+    ]
+
+
+def test_a_late_peer_makes_no_burst(make):
+    peer = opened(make(start_on_connect=False))
+    peer.step(64.25)
+    peer.clock.now_s = 66.0 + 0.5 * STALL_S
+    peer.step(0.0)
+    assert peer.done[1:] == [(2.0, 66.01), ("attend", 66.01)]
+
+
+@pytest.mark.parametrize("tells", [False, True])
+def test_what_refuses_is_not_there_unless_its_carrier_tells(make, tells):
+    peer = make(faults={"refuse": 0.5})
+    peer.carrier.tells_refusal = tells
+    peer.open()
+    peer.step(64.25)
+    assert peer.carrier.there is tells
+    peer.step(64.5)
+    assert peer.done == [("appear", 64.0 if tells else 64.5)]
+
+
+def test_to_catch_up_brings_the_device_to_the_present(make):
+    peer = opened(make(start_on_connect=False))
+    peer.step(64.25)
+    peer.clock.now_s = 64.5
+    peer.catch_up()
+    assert peer.done == [(0.0, 64.0), (0.5, 64.5)]
+
+
+def test_it_closes_what_it_could_not_open(make):
+    peer = make()
+
+    def fail():
+        raise AddressError("taken")
+
+    peer.carrier.appear = fail
+    for _ in range(2):
+        with pytest.raises(AddressError, match="taken"):
+            peer.open()
+    del peer.carrier.appear
+    peer.open()
+    peer.open()
+    peer.close()
+    peer.close()
+    assert peer.done == [("appear", 64.0), ("vanish", 64.0)]

@@ -9,7 +9,8 @@ from hypothesis import given, settings, strategies as st
 from cardan.errors import ScriptError
 from cardan.protocols import jr3_can as jr3
 from cardan.sim_peers.base import load_script, parse_script
-from cardan.sim_peers.jr3 import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedJr3, play
+from cardan.sim_peers.jr3 import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedJr3
+from cardan.sim_peers.scripted import play
 
 NODE = 33
 SCALES = jr3.TEO_SENSORS["right-hand"]
@@ -34,7 +35,7 @@ class Host:
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             self.now_s += step_s
-            for frame in self.board.frames(self.now_s):
+            for frame in self.board.reports(self.now_s):
                 self.heard.append((self.now_s, jr3.decode_from_board(*frame)))
         return self.heard
 
@@ -306,6 +307,7 @@ def hand(text):
 def test_a_script_begins_when_the_board_is_started():
     board = SimulatedJr3(NODE, SCALES, boot_s=0.0)
     script = hand("0.5 wrench 10 0 0 0 0 0 over 0.2\n1 swing 0 4 0 0 0 0 over 1\n3 release over 1")
+    board.on_first_start = script.start
     play(board, script, 2.0)
     board.receive(*jr3.encode_from_host(jr3.StartAsync(0, 1000), NODE), 2.0)
     loads = {}
@@ -325,6 +327,7 @@ def test_a_script_begins_when_the_board_is_started():
 def test_built_in_scripts_leave_two_seconds_for_zeroing(name):
     board = SimulatedJr3(NODE, SCALES, boot_s=0.0)
     script = ScriptedHand(load_script(name, SCRIPTS, SCRIPT_VERBS))
+    board.on_first_start = script.start
     board.receive(*jr3.encode_from_host(jr3.StartSync(0), NODE), 0.0)
     moved = False
     for tick in range(1, 20_000, 5):
@@ -337,6 +340,7 @@ def test_built_in_scripts_leave_two_seconds_for_zeroing(name):
 def test_acts_of_a_script():
     board = SimulatedJr3(NODE, SCALES, boot_s=0.0)
     script = hand("0.1 overload MZ\n0.2 sensor-unplug\n0.3 silence\n0.4 resume\n0.5 power-off")
+    board.on_first_start = script.start
     board.receive(*jr3.encode_from_host(jr3.StartAsync(0, 1000), NODE), 0.0)
     play(board, script, 0.15)
     assert board.wrench == (0, 0, 0, 0, 0, pytest.approx(1.5 * 6.1))

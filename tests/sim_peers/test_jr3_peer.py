@@ -10,9 +10,11 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.protocols.jr3_can import CanFrame
-from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions, socketcand
-from cardan.sim_peers.jr3.socketcand import Session, SocketcandHub, frame_line
+from cardan.sim_peers.carriers import socketcand
+from cardan.sim_peers.carriers.socketcand import Session, SocketcandHub, frame_line
+from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from tests.serving import in_a_thread
+from tests.sim_peers.carrier_shell import BareShell
 
 # -- the protocol ----------------------------------------------------------------------------------
 
@@ -78,6 +80,18 @@ def test_a_client_that_never_ends_a_command_is_let_go():
 # -- the server ------------------------------------------------------------------------------------
 
 
+class Node:
+    """A device on the hub's bus, which hears."""
+
+    node_id = 33
+
+    def __init__(self):
+        self.asked = []
+
+    def receive(self, arbitration_id, data, now_s):
+        self.asked.append(CanFrame(arbitration_id, data))
+
+
 class Client:
     """A plain client of the hub."""
 
@@ -133,7 +147,7 @@ def test_every_client_hears_all_others_and_the_board(served):
         a.expect(b" 000048C2 >")
         assert b"7A1" not in b.heard  # nobody hears himself
     end_s = time.monotonic() + 3.0
-    while served.board.gripper_percent != -50.0:
+    while served.device.gripper_percent != -50.0:
         assert time.monotonic() < end_s
         time.sleep(0.005)
 
@@ -153,20 +167,21 @@ def test_a_client_that_goes_or_talks_nonsense_does_not_disturb(served):
 
 def test_a_client_that_does_not_read_is_let_go(monkeypatch):
     monkeypatch.setattr(socketcand, "ROOM", 1 << 16)
-    hub = SocketcandHub("127.0.0.1", 0)
-    hub.open()
+    node, shell = Node(), BareShell()
+    hub = SocketcandHub(node, "127.0.0.1", 0)
+    hub.open(shell)
     try:
         with Client(hub.endpoint) as client:
             client.sock.sendall(b"< open can0 >< rawmode >")
             end_s = time.monotonic() + 30.0
-            while not (hub._clients and hub._clients[0].session.raw):
+            while not (hub.clients and hub.clients[0].session.raw):
                 assert time.monotonic() < end_s
-                hub.receive(0.05)
-            hub.receive(0.05)
+                shell.serve(hub, 0.05)
+            shell.serve(hub, 0.05)
             count = 0
-            while hub._clients:
+            while hub.clients:
                 assert time.monotonic() < end_s
-                hub.send(CanFrame(0x621, bytes(8)))
+                hub.send([CanFrame(0x621, bytes(8))])
                 count += 1
             assert count > 65536 / 45  # so much waits for it at least
             assert client.closed()
@@ -210,7 +225,7 @@ def test_scripts_and_faults_are_checked():
 
 def test_nodes_are_those_of_teo():
     for sensor, node_id in (("right-hand", 33), ("left-foot", 32)):
-        assert Jr3Peer(Jr3PeerOptions(sensor=sensor)).board.node_id == node_id
+        assert Jr3Peer(Jr3PeerOptions(sensor=sensor)).device.node_id == node_id
     assert Jr3Peer(Jr3PeerOptions(node_id=5)).endpoint.endswith("node 5")
 
 
@@ -226,8 +241,9 @@ def test_a_bus_that_cannot_be_opened_is_named(monkeypatch):
 @pytest.mark.judged(device="JR3", transport="CAN over socketcand", by="python-can's own client")
 def test_python_can_loses_nothing_of_a_burst():
     can = pytest.importorskip("can", reason='python-can is not installed: "cardan[can]"')
-    hub = SocketcandHub("127.0.0.1", 0)
-    hub.open()
+    node, shell = Node(), BareShell()
+    hub = SocketcandHub(node, "127.0.0.1", 0)
+    hub.open(shell)
     heard = []
 
     def listen():
@@ -243,13 +259,14 @@ def test_python_can_loses_nothing_of_a_burst():
     client.start()
     try:
         end_s = time.monotonic() + 5.0
-        while (asked := hub.receive(0.02)) == []:
+        while not node.asked:
             assert time.monotonic() < end_s
-        assert asked == [CanFrame(0x421, b"")]
+            shell.serve(hub, 0.02)
+        assert node.asked == [CanFrame(0x421, b"")]
         for count in range(2000):
-            hub.send(CanFrame(0x621, count.to_bytes(8, "little")))
+            hub.send([CanFrame(0x621, count.to_bytes(8, "little"))])
         while client.is_alive() and time.monotonic() < end_s:
-            hub.receive(0.02)
+            shell.serve(hub, 0.02)
     finally:
         client.join(5.0)
         hub.close()

@@ -181,11 +181,11 @@ class TestDevice:
         service.new_id("right")
         run(service, 1.0)
         service.restart(0.5)
-        assert not service.listening
+        assert not service.plugged
         assert service.clients == ()
         assert service.restarts == 1
         run(service, 1.6)
-        assert service.listening
+        assert service.plugged
         service.connect(1, 6)
         service.receive(1, BACKGROUND, 1.6)
         frame = frames_of(run(service, 1.7)[1])[0]

@@ -7,7 +7,8 @@ import pytest
 from cardan.errors import ScriptError
 from cardan.protocols.leap import TrackingFrame, decode_service
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService, play
+from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService
+from cardan.sim_peers.scripted import play
 
 pytestmark = pytest.mark.once
 

@@ -97,7 +97,7 @@ def heard(folder, script, frames, *, background=True, **options):
     peer = LeapPeer(LeapPeerOptions(port=0, script=script, **options))
     with in_a_thread(peer):
         result = subprocess.run(
-            ["node", "-e", CLIENT, "--", str(peer.port), str(frames), str(int(background))],
+            ["node", "-e", CLIENT, "--", str(peer.carrier.port), str(frames), str(int(background))],
             cwd=folder,
             capture_output=True,
             text=True,
@@ -109,7 +109,7 @@ def heard(folder, script, frames, *, background=True, **options):
     told: dict[str, list] = {}
     for line in lines:
         told.setdefault(line["kind"], []).append(line)
-    return told, peer.service
+    return told, peer.device
 
 
 def write(tmp_path, text):

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 from cardan.drivers.leap.connection import Connection, ServiceClosedError
 from cardan.errors import AddressError, ConfigurationError, ScriptError
 from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
-from cardan.sim_peers.leap.service import MAX_CLIENTS
+from cardan.sim_peers.leap.websocket import MAX_CLIENTS
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.realtime
@@ -32,7 +32,7 @@ def serving(script="rest", **options):
 
 def client(peer, path="/v6.json", **options):
     return connect(
-        f"ws://127.0.0.1:{peer.port}{path}",
+        f"ws://127.0.0.1:{peer.carrier.port}{path}",
         compression=None,
         proxy=None,
         open_timeout=TIMEOUT_S,
@@ -54,7 +54,7 @@ def drain(connection, timeout_s):
 
 def test_a_session_of_messages():
     with serving(script="short") as peer, client(peer) as leap:
-        assert peer.endpoint == f"ws://127.0.0.1:{peer.port}/v6.json"
+        assert peer.endpoint == f"ws://127.0.0.1:{peer.carrier.port}/v6.json"
         assert next_json(leap) == {"serviceVersion": "2.3.1+33747", "version": 6}
         assert next_json(leap)["event"]["state"]["streaming"] is True
         leap.send('{"background":true}')
@@ -105,7 +105,7 @@ def test_unsupported_versions_and_paths():
 
 def test_no_extension_is_agreed_on():
     with serving() as peer:
-        url = f"ws://127.0.0.1:{peer.port}/v6.json"
+        url = f"ws://127.0.0.1:{peer.carrier.port}/v6.json"
         with connect(url, proxy=None) as leap:  # offers permessage-deflate
             assert leap.protocol.extensions == []
 
@@ -146,7 +146,7 @@ def test_a_restart_cuts_every_connection_and_comes_back(tmp_path):
 
 def test_refuse():
     with serving(faults={"refuse": float("inf")}) as peer, pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", peer.port), TIMEOUT_S)
+        socket.create_connection(("127.0.0.1", peer.carrier.port), TIMEOUT_S)
 
 
 def test_a_client_that_does_not_read_is_left_behind_and_nobody_else():
@@ -159,8 +159,9 @@ def test_a_client_that_does_not_read_is_left_behind_and_nobody_else():
 
 def test_too_many_clients():
     with serving() as peer:
-        crowd = [socket.create_connection(("127.0.0.1", peer.port)) for _ in range(MAX_CLIENTS)]
-        extra = socket.create_connection(("127.0.0.1", peer.port))
+        address = ("127.0.0.1", peer.carrier.port)
+        crowd = [socket.create_connection(address) for _ in range(MAX_CLIENTS)]
+        extra = socket.create_connection(address)
         extra.settimeout(TIMEOUT_S)
         assert extra.recv(1) == b""
         for connection in (*crowd, extra):
@@ -170,7 +171,9 @@ def test_too_many_clients():
 def test_junk_instead_of_a_handshake():
     with serving() as peer:
         for junk in (b"\x00" * 100, b"GET / HTTP/1.1\r\n\r\n", b"\r\n\r\n"):
-            with socket.create_connection(("127.0.0.1", peer.port), TIMEOUT_S) as connection:
+            with socket.create_connection(
+                ("127.0.0.1", peer.carrier.port), TIMEOUT_S
+            ) as connection:
                 connection.sendall(junk)
                 connection.shutdown(socket.SHUT_WR)
                 while connection.recv(4096):
@@ -181,7 +184,7 @@ def test_junk_instead_of_a_handshake():
 
 def test_an_address_that_is_taken():
     with serving() as peer:
-        other = LeapPeer(LeapPeerOptions(port=peer.port))
+        other = LeapPeer(LeapPeerOptions(port=peer.carrier.port))
         with pytest.raises(AddressError, match="cannot listen"):
             other.open()
         other.close()
@@ -191,7 +194,7 @@ def test_an_address_that_is_taken():
 def test_closing_says_good_bye():
     peer = LeapPeer(LeapPeerOptions(port=0, script="rest"))
     with in_a_thread(peer):
-        leap = Connection("127.0.0.1", peer.port, 6, time.monotonic() + TIMEOUT_S)
+        leap = Connection("127.0.0.1", peer.carrier.port, 6, time.monotonic() + TIMEOUT_S)
         assert leap.receive(TIMEOUT_S)
     with pytest.raises(ServiceClosedError) as closed:
         drain(leap, TIMEOUT_S)

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep, parse_script
-from cardan.sim_peers.scripted import DeflectingHand, StepWords, Timeline
+from cardan.sim_peers.scripted import ScriptHand, StepWords, Timeline, calling, moving
 from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 
 VERBS = {"go": "go X Y [over SECONDS]", "note": "note WORD", "loop": "loop"}
@@ -124,18 +124,21 @@ class TestTimeline:
 
 
 def test_a_hand_deflects_and_acts_when_each_is_due():
-    class Hand(DeflectingHand[list[object], tuple[float, ...]]):
-        def _hold(self, device: list[object], vector: tuple[float, ...]) -> None:
-            device.append(vector)
+    class Hand(ScriptHand[list[object]]):
+        def __init__(self, steps) -> None:
+            self.motion = VectorMotion((0.0, 0.0), 0.75)
+            super().__init__(steps, VERBS, [self.motion])
 
-    def read(words):
-        if words.verb == "go":
-            return [(words.time_s, Ramp(words.numbers("XY", -9, 9), words.over()))]
-        word = words.word("WORD")
-        return [(words.time_s, lambda device: device.append(word))]
+        def _hold(self, device: list[object], now_s: float) -> None:
+            device.append(self.motion.advance(now_s))
+
+        def _read(self, words):
+            if words.verb == "go":
+                return moving(self.motion, Ramp(words.numbers("XY", -9, 9), words.over()))
+            return calling("append", words.word("WORD"))
 
     steps = parse_script("1 go 1 2 over 1\n1.5 note half\n2 note end", VERBS)
-    hand = Hand(Timeline(steps, VERBS, read), VectorMotion((0.0, 0.0), 0.75))
+    hand = Hand(steps)
     device: list[object] = []
     due = []
     while hand.next_due_s < math.inf:
@@ -143,3 +146,5 @@ def test_a_hand_deflects_and_acts_when_each_is_due():
         hand.advance(due[-1], device)
     assert due == [1.0, 1.5, 2.0]
     assert device == [(0.0, 0.0), "half", (0.5, 1.0), "end", (1.0, 2.0)]
+    with pytest.raises(ScriptError, match="1 s note: 'two' is too much"):
+        Hand(parse_script("1 note one two", VERBS))

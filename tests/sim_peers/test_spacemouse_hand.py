@@ -11,12 +11,12 @@ import pytest
 from cardan.errors import ScriptError
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.sim_peers.base import load_script, parse_script
+from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import (
     SCRIPT_VERBS,
     SCRIPTS,
     ScriptedHand,
     SimulatedSpaceMouse,
-    play,
 )
 from tests.sim_peers.spacemouse_virtual import make, motions, perform, run
 

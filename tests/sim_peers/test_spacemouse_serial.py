@@ -24,15 +24,15 @@ from cardan.protocols.connexion_serial import (
     serial_model_by_key,
 )
 from cardan.sim_peers.base import parse_script
+from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import (
     SCRIPT_VERBS,
     SERIAL_FAULTS,
     KeyboardHand,
     ScriptedHand,
-    SerialSpaceMousePeer,
-    SerialSpaceMousePeerOptions,
-    play,
-    serial,
+    SpaceMousePeer,
+    SpaceMousePeerOptions,
+    peer as peer_module,
     simulated_serial_puck,
 )
 from cardan.sim_peers.spacemouse.keyboard import status_line
@@ -557,7 +557,7 @@ def test_every_fault_does_something_and_others_are_refused():
 def options(tmp_path, script="", **more):
     file = tmp_path / "script"
     file.write_text(script or "0.0 neutral")
-    return SerialSpaceMousePeerOptions(link=str(tmp_path / "port"), script=str(file), **more)
+    return SpaceMousePeerOptions(serial=str(tmp_path / "port"), script=str(file), **more)
 
 
 def hear(fd, wanted, patience_s=PATIENCE_S):
@@ -583,21 +583,21 @@ def eventually(condition):
 
 
 def test_the_port_is_a_terminal_and_powers_the_device(tmp_path):
-    peer = SerialSpaceMousePeer(options(tmp_path, boot_s=0.02))
+    peer = SpaceMousePeer(options(tmp_path, boot_s=0.02))
     assert peer.endpoint == str(tmp_path / "port")
     with in_a_thread(peer):
-        assert not peer.puck.powered
+        assert not peer.device.powered
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
         assert os.isatty(fd)
-        eventually(lambda: peer.puck.powered)
-        eventually(lambda: peer.puck.next_due_s == float("inf"))
+        eventually(lambda: peer.device.powered)
+        eventually(lambda: peer.device.next_due_s == float("inf"))
         os.write(fd, b"\rnA\rvQ\r")
         assert hear(fd, b"97 \r").startswith(b"nA\rv   MAGELLAN")
         os.close(fd)
-        eventually(lambda: not peer.puck.powered)
+        eventually(lambda: not peer.device.powered)
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
-        eventually(lambda: peer.puck.powered)
-        eventually(lambda: peer.puck.next_due_s == float("inf"))
+        eventually(lambda: peer.device.powered)
+        eventually(lambda: peer.device.next_due_s == float("inf"))
         os.write(fd, b"nQ\r")
         assert hear(fd, b"\r") == b"nH\r"  # as after power-up
         os.close(fd)
@@ -606,7 +606,7 @@ def test_the_port_is_a_terminal_and_powers_the_device(tmp_path):
 
 def test_unplugging_hangs_the_port_up(tmp_path):
     script = "0.1 unplug\n0.3 replug"
-    peer = SerialSpaceMousePeer(options(tmp_path, script, model="spaceorb", boot_s=0.0))
+    peer = SpaceMousePeer(options(tmp_path, script, model="spaceorb", boot_s=0.0))
     with in_a_thread(peer):
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
         hear(fd, b"R")
@@ -621,12 +621,12 @@ def test_unplugging_hangs_the_port_up(tmp_path):
 
 
 def test_the_script_waits_for_a_host(tmp_path, monkeypatch):
-    monkeypatch.setattr(serial, "SCRIPT_DELAY_S", 0.2)
+    monkeypatch.setattr(peer_module, "SCRIPT_DELAY_S", 0.2)
     script = "0.0 axes 0 0 0.5 0 0 0"
-    peer = SerialSpaceMousePeer(options(tmp_path, script, boot_s=0.0, faults={"unplug": 0.4}))
+    peer = SpaceMousePeer(options(tmp_path, script, boot_s=0.0, faults={"unplug": 0.4}))
     with in_a_thread(peer):
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
-        eventually(lambda: peer.puck.powered)
+        eventually(lambda: peer.device.powered)
         os.write(fd, b"vQ\r")
         hear(fd, b"97 \r")
         assert not select.select([fd], [], [], 0.6)[0]  # it is not that long
@@ -634,14 +634,14 @@ def test_the_script_waits_for_a_host(tmp_path, monkeypatch):
         asked_s = time.monotonic()
         assert hear(fd, b"d").startswith(b"m3\r")
         assert time.monotonic() - asked_s >= 0.2
-        assert peer.puck.plugged
-        eventually(lambda: not peer.puck.plugged)  # times of faults count from the script, too
+        assert peer.device.plugged
+        eventually(lambda: not peer.device.plugged)  # times of faults count from the script, too
         assert time.monotonic() - asked_s >= 0.6
         os.close(fd)
 
 
 def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
-    dead = SerialSpaceMousePeer(options(tmp_path))
+    dead = SpaceMousePeer(options(tmp_path))
     dead.open()
     left = os.readlink(dead.endpoint), (tmp_path / "port.lock").read_text()
     assert left[0] == left[1]
@@ -650,45 +650,45 @@ def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
     master, slave = os.openpty()  # the number is somebody else's now
     os.symlink(os.ttyname(slave), tmp_path / "port")
     with pytest.raises(AddressError, match="no simulated device made it"):
-        SerialSpaceMousePeer(options(tmp_path)).open()
+        SpaceMousePeer(options(tmp_path)).open()
     assert os.path.islink(tmp_path / "port")
     (tmp_path / "port.lock").write_text(os.ttyname(slave))
-    peer = SerialSpaceMousePeer(options(tmp_path))
+    peer = SpaceMousePeer(options(tmp_path))
     peer.open()
     assert os.readlink(peer.endpoint) != os.ttyname(slave)
     peer.close()
     (tmp_path / "port.lock").write_text("mine")
     with pytest.raises(AddressError, match="is no lock of a link"):
-        SerialSpaceMousePeer(options(tmp_path)).open()
+        SpaceMousePeer(options(tmp_path)).open()
     assert (tmp_path / "port.lock").read_text() == "mine"
     os.close(master)
     os.close(slave)
 
 
 def test_a_refused_port_comes_later(tmp_path):
-    with in_a_thread(SerialSpaceMousePeer(options(tmp_path, faults={"refuse": 0.1}))) as peer:
+    with in_a_thread(SpaceMousePeer(options(tmp_path, faults={"refuse": 0.1}))) as peer:
         assert not os.path.lexists(peer.endpoint)
         eventually(lambda: os.path.exists(peer.endpoint))
 
 
 def test_paths_that_are_taken(tmp_path):
-    first = SerialSpaceMousePeer(options(tmp_path))
+    first = SpaceMousePeer(options(tmp_path))
     first.open()
     with pytest.raises(AddressError, match="another simulated device"):
-        SerialSpaceMousePeer(options(tmp_path)).open()
+        SpaceMousePeer(options(tmp_path)).open()
     first.close()
     first.close()
     os.symlink("/dev/pts/not-there", tmp_path / "port")  # of a peer that died
-    again = SerialSpaceMousePeer(options(tmp_path))
+    again = SpaceMousePeer(options(tmp_path))
     again.open()
     again.close()
     (tmp_path / "port").write_text("mine")
     with pytest.raises(AddressError, match="is not a link"):
-        SerialSpaceMousePeer(options(tmp_path)).open()
+        SpaceMousePeer(options(tmp_path)).open()
     (tmp_path / "port").unlink()
-    nowhere = SerialSpaceMousePeerOptions(link=str(tmp_path / "no" / "port"), script="rest")
+    nowhere = SpaceMousePeerOptions(serial=str(tmp_path / "no" / "port"), script="rest")
     with pytest.raises(AddressError, match="cannot create the link"):
-        SerialSpaceMousePeer(nowhere).open()
+        SpaceMousePeer(nowhere).open()
 
 
 @pytest.mark.parametrize(
@@ -704,4 +704,4 @@ def test_paths_that_are_taken(tmp_path):
 def test_bad_options(tmp_path, settings, words):
     error = OptionError if "it must be" in words else ScriptError
     with pytest.raises(error, match=words):
-        SerialSpaceMousePeer(options(tmp_path, **settings))
+        SpaceMousePeer(options(tmp_path, **settings))

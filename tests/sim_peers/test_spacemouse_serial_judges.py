@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.sim_peers.spacemouse import SerialSpaceMousePeer, SerialSpaceMousePeerOptions
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.once
@@ -82,8 +82,8 @@ def judge_once(model, script, folder):
     (folder / "run").mkdir(parents=True)
     port = folder / "port"
     (folder / "conf").write_text(f"serial = {port}\nled = off\n")
-    peer = SerialSpaceMousePeer(
-        SerialSpaceMousePeerOptions(link=str(port), model=model, script=script, jitter_lsb=0)
+    peer = SpaceMousePeer(
+        SpaceMousePeerOptions(serial=str(port), model=model, script=script, jitter_lsb=0)
     )
     with in_a_thread(peer):
         daemon = subprocess.Popen(
@@ -157,7 +157,7 @@ def test_inputattach_starts_it(model, script, tmp_path):
     if shutil.which("inputattach") is None:
         pytest.skip("there is no inputattach: install the Debian package inputattach")
     port = str(tmp_path / "port")
-    peer = SerialSpaceMousePeer(SerialSpaceMousePeerOptions(link=port, model=model, script=script))
+    peer = SpaceMousePeer(SpaceMousePeerOptions(serial=port, model=model, script=script))
     with in_a_thread(peer):
         process = subprocess.Popen(
             ["inputattach", "--spaceball", port], stderr=subprocess.PIPE, text=True
@@ -168,4 +168,4 @@ def test_inputattach_starts_it(model, script, tmp_path):
             process.terminate()
             _, words = process.communicate()
     assert "initialization failed" not in words
-    assert peer.puck.refused_commands == 0
+    assert peer.device.refused_commands == 0

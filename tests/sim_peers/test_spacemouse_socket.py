@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import AddressError, OptionError, ScriptError
+from cardan.sim_peers.carriers.unix_socket import MAX_CLIENTS, QUEUE_REPORTS
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
-from cardan.sim_peers.spacemouse.socket import MAX_CLIENTS, QUEUE_REPORTS
 
 pytestmark = pytest.mark.realtime
 
@@ -41,7 +41,7 @@ def served(path: str, script: str, **options: object) -> Iterator[SpaceMousePeer
         file = Path(path).with_suffix(".txt")
         file.write_text(script)
         script = str(file)
-    peer = SpaceMousePeer(SpaceMousePeerOptions(path, script=script, **options))  # type: ignore[arg-type]
+    peer = SpaceMousePeer(SpaceMousePeerOptions(hid=path, script=script, **options))  # type: ignore[arg-type]
     peer.open()
     try:
         yield peer
@@ -199,11 +199,11 @@ def test_a_slow_client_loses_reports_and_nothing_else_waits(path: str, newest_lo
         connect(path) as quick,
     ):
         all_reports, few = Reader(quick), Reader(slow)
-        step_until(peer, lambda: len(peer._clients) == 2)
+        step_until(peer, lambda: len(peer.carrier.clients) == 2)
         while len(all_reports.read()) < edges:
             advance(peer, 0.01)
-        assert peer.lost_reports > 0
-        step_until(peer, lambda: len(few.read()) + peer.lost_reports == edges)
+        assert peer.carrier.lost > 0
+        step_until(peer, lambda: len(few.read()) + peer.carrier.lost == edges)
         assert QUEUE_REPORTS <= len(few.reports) <= QUEUE_REPORTS + 16
         assert all(a != b for a, b in itertools.pairwise(all_reports.reports))
         if newest_lost:
@@ -215,7 +215,7 @@ def test_a_slow_client_loses_reports_and_nothing_else_waits(path: str, newest_lo
 def test_only_so_many_programs_can_have_it_open(path: str) -> None:
     with served(path, "rest") as peer, contextlib.ExitStack() as stack:
         readers = [Reader(stack.enter_context(connect(path))) for _ in range(MAX_CLIENTS)]
-        step_until(peer, lambda: len(peer._clients) == MAX_CLIENTS)
+        step_until(peer, lambda: len(peer.carrier.clients) == MAX_CLIENTS)
         extra = Reader(stack.enter_context(connect(path)))
         step_until(peer, lambda: extra.read() or extra.ended)
         assert extra.ended
@@ -245,7 +245,7 @@ def test_a_stale_socket_is_replaced_and_a_live_one_is_not(path: str) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as dead:
         dead.bind(path)
     with served(path, "rest"):
-        other = SpaceMousePeer(SpaceMousePeerOptions(path))
+        other = SpaceMousePeer(SpaceMousePeerOptions(hid=path))
         with pytest.raises(AddressError, match=r"another program serves .*puck\.sock"):
             other.open()
         assert os.path.exists(path)
@@ -258,18 +258,18 @@ def test_a_listening_socket_of_another_kind_is_left_alone(path: str) -> None:
         stream.bind(path)
         stream.listen()
         with pytest.raises(AddressError, match="another program serves"):
-            SpaceMousePeer(SpaceMousePeerOptions(path)).open()
+            SpaceMousePeer(SpaceMousePeerOptions(hid=path)).open()
     assert os.path.exists(path)
 
 
 def test_paths_that_cannot_be_used_are_named(path: str) -> None:
     Path(path).write_text("mine")
     with pytest.raises(AddressError, match="exists and is not a socket"):
-        SpaceMousePeer(SpaceMousePeerOptions(path)).open()
+        SpaceMousePeer(SpaceMousePeerOptions(hid=path)).open()
     assert Path(path).read_text() == "mine"
     for bad in (path + "-no/puck.sock", "/" + "x" * 200):
         with pytest.raises(AddressError, match=r"x{50}|puck"):
-            SpaceMousePeer(SpaceMousePeerOptions(bad)).open()
+            SpaceMousePeer(SpaceMousePeerOptions(hid=bad)).open()
 
 
 def test_close_removes_only_its_own_socket(path: str) -> None:
@@ -290,7 +290,7 @@ def test_wrong_options_are_named(path: str) -> None:
     ):
         error = OptionError if "it must be" in message else ScriptError
         with pytest.raises(error, match=message):
-            SpaceMousePeer(SpaceMousePeerOptions(path, **options))  # type: ignore[arg-type]
+            SpaceMousePeer(SpaceMousePeerOptions(hid=path, **options))  # type: ignore[arg-type]
 
 
 def test_led_changes_are_logged(path: str, caplog: pytest.LogCaptureFixture) -> None:
@@ -306,7 +306,7 @@ def test_keyboard_needs_a_terminal_and_leaves_no_socket_behind(path: str) -> Non
         "import sys\n"
         "from cardan.errors import ScriptError\n"
         "from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions\n"
-        "try: SpaceMousePeer(SpaceMousePeerOptions(sys.argv[1], keyboard=True)).open()\n"
+        "try: SpaceMousePeer(SpaceMousePeerOptions(hid=sys.argv[1], keyboard=True)).open()\n"
         "except ScriptError as error: print(error)\n"
     )
     try:
@@ -326,7 +326,7 @@ def test_keyboard_moves_the_puck(path: str) -> None:
         "import sys\n"
         "from cardan.sim_peers.base import serve\n"
         "from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions\n"
-        "serve(SpaceMousePeer(SpaceMousePeerOptions(sys.argv[1], keyboard=True)), 20)\n"
+        "serve(SpaceMousePeer(SpaceMousePeerOptions(hid=sys.argv[1], keyboard=True)), 20)\n"
     )
     keyboard, screen = pty.openpty()
     process = subprocess.Popen(

@@ -16,8 +16,7 @@ from hypothesis import given, strategies as st
 from cardan.errors import DeviceAccessError, ScriptError
 from cardan.protocols.connexion import decode_input
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.sim_peers.spacemouse.uhid import UhidSpaceMousePeer, UhidSpaceMousePeerOptions
-from cardan.sim_peers.uhid import (
+from cardan.sim_peers.carriers.uhid import (
     BUS_BLUETOOTH,
     BUS_USB,
     DATA_MAX,
@@ -39,6 +38,7 @@ from cardan.sim_peers.uhid import (
     encode_input,
     encode_set_report_reply,
 )
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 
 PUCK = HidIdentity("puck", BUS_USB, 0x256F, 0xC635, b"\x05\x01\x09\x08", "here", "42", 0x431, 7)
 
@@ -168,16 +168,16 @@ def kernel(monkeypatch: pytest.MonkeyPatch) -> Iterator[Kernel]:
     kernel.close()
 
 
-def peer(script: str = "0.0 axes 1 0 0 0 0 0", **options: object) -> UhidSpaceMousePeer:
+def peer(script: str = "0.0 axes 1 0 0 0 0 0", **options: object) -> SpaceMousePeer:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "script.txt"
         file.write_text(script)
-        return UhidSpaceMousePeer(
-            UhidSpaceMousePeerOptions(script=str(file), jitter_lsb=0, **options)
+        return SpaceMousePeer(
+            SpaceMousePeerOptions(uhid=True, script=str(file), jitter_lsb=0, **options)
         )
 
 
-def run(puck: UhidSpaceMousePeer, seconds: float = 0.0) -> None:
+def run(puck: SpaceMousePeer, seconds: float = 0.0) -> None:
     """Serve what waits, and `seconds` of the script at once, in steps that are no stalls."""
     puck.step(time.monotonic() + 0.001)
     while seconds > 0.0:
@@ -247,12 +247,12 @@ def test_unplugging_destroys_it_and_plugging_in_creates_it_again(kernel):
 def test_faults_that_are_the_kernels_affair_are_refused():
     for fault in ("refuse", "newest-lost"):
         with pytest.raises(ScriptError, match=f"fault {fault}: the kernel"):
-            UhidSpaceMousePeer(UhidSpaceMousePeerOptions(faults={fault: 1.0}))
+            SpaceMousePeer(SpaceMousePeerOptions(uhid=True, faults={fault: 1.0}))
 
 
 def test_a_file_that_is_not_the_kernels_is_refused(tmp_path):
     with pytest.raises(DeviceAccessError, match="cannot open"):
-        UhidSpaceMousePeer(UhidSpaceMousePeerOptions(path=str(tmp_path))).open()
+        SpaceMousePeer(SpaceMousePeerOptions(uhid=True, uhid_path=str(tmp_path))).open()
 
 
 def test_models_without_a_cable_come_over_bluetooth(kernel):

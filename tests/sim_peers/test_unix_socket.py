@@ -9,7 +9,8 @@ import socket
 import pytest
 
 from cardan.errors import AddressError
-from cardan.sim_peers.unix_socket import Advice, Client, PacketServer, PacketSocket
+from cardan.sim_peers.carriers.server import PacketClient
+from cardan.sim_peers.carriers.unix_socket import Advice, PacketServer, PacketSocket
 
 
 @pytest.fixture
@@ -86,7 +87,7 @@ class TestPath:
         assert not os.path.exists(path)
 
 
-class Queue(Client):
+class Queue(PacketClient):
     def send(self, packet: bytes) -> None:
         self._queue.append(packet)
 

@@ -14,9 +14,9 @@ from hypothesis import given, strategies as st
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.sim_peers.carriers.usbip import ENDPOINT_REPORTS, Setup, Speed, UsbipSession
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
-from cardan.sim_peers.spacemouse.usbip import UsbipSpaceMousePeer, UsbipSpaceMousePeerOptions
-from cardan.sim_peers.usbip import ENDPOINT_REPORTS, Setup, Speed, UsbipSession
 
 pytestmark = pytest.mark.realtime
 
@@ -256,9 +256,9 @@ def test_standard_requests_are_answered_as_usb_demands():
 class Host:
     """A host with one connection to a peer that is stepped by hand."""
 
-    def __init__(self, peer: UsbipSpaceMousePeer) -> None:
+    def __init__(self, peer: SpaceMousePeer) -> None:
         self.peer = peer
-        self.sock = socket.create_connection(peer.address, 5.0)
+        self.sock = socket.create_connection(peer.carrier.address, 5.0)
         self.sock.settimeout(0.002)
 
     def get(self, size: int) -> bytes:
@@ -291,18 +291,18 @@ class Host:
             return said
 
 
-Serve = Callable[..., UsbipSpaceMousePeer]
+Serve = Callable[..., SpaceMousePeer]
 
 
 @pytest.fixture
 def serve(tmp_path) -> Iterator[Serve]:
     peers = []
 
-    def start(script: str = "0.0 axes 1 0 0 0 0 0", **options: object) -> UsbipSpaceMousePeer:
+    def start(script: str = "0.0 axes 1 0 0 0 0 0", **options: object) -> SpaceMousePeer:
         file = tmp_path / "script.txt"
         file.write_text(script)
-        peer = UsbipSpaceMousePeer(
-            UsbipSpaceMousePeerOptions(port=0, script=str(file), jitter_lsb=0, **options)
+        peer = SpaceMousePeer(
+            SpaceMousePeerOptions(usbip=0, script=str(file), jitter_lsb=0, **options)
         )
         peers.append(peer)
         peer.open()
@@ -314,10 +314,10 @@ def serve(tmp_path) -> Iterator[Serve]:
 
 
 @pytest.fixture
-def host() -> Iterator[Callable[[UsbipSpaceMousePeer], Host]]:
+def host() -> Iterator[Callable[[SpaceMousePeer], Host]]:
     hosts = []
 
-    def connect(peer: UsbipSpaceMousePeer) -> Host:
+    def connect(peer: SpaceMousePeer) -> Host:
         hosts.append(Host(peer))
         return hosts[-1]
 
@@ -335,7 +335,7 @@ def imported(host: Host) -> Host:
 def test_an_attached_puck_moves_once_it_is_polled_and_takes_its_led(serve, host):
     peer = serve()
     pc = imported(host(peer))
-    assert peer.attached
+    assert peer.carrier.attached
     assert peer.endpoint.endswith(" 1-1")
     assert peer._start_s is None
     pc.sock.sendall(submit(1, 1, 64))
@@ -353,7 +353,7 @@ def test_one_host_at_a_time(serve, host):
     second.sock.sendall(IMPORT)
     assert second.get(8) == bytes.fromhex("0111 0003 00000002")
     first.sock.close()
-    while peer.attached:
+    while peer.carrier.attached:
         peer.step(time.monotonic() + 0.002)
     imported(second)
 
@@ -386,15 +386,15 @@ def test_junk_ends_the_connection_and_nothing_else(serve, host):
 
 
 def test_a_port_in_use_is_named(serve):
-    port = serve().address[1]
+    port = serve().carrier.address[1]
     with pytest.raises(AddressError, match=rf"cannot listen on 127.0.0.1:{port}"):
-        UsbipSpaceMousePeer(UsbipSpaceMousePeerOptions(port=port)).open()
+        SpaceMousePeer(SpaceMousePeerOptions(usbip=port)).open()
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"port": 70000}, "port: 70000 is not allowed; it must be"),
+        ({"usbip": 70000}, "usbip: 70000 is not allowed; it must be"),
         ({"bus_id": "x" * 32}, "it must be a name of 1 to 31 bytes"),
         ({"model": "teapot"}, "model: 'teapot' is not allowed; it must be"),
         ({"faults": {"newest-lost": 1.0}}, "the host's kernel keeps the queue"),
@@ -403,4 +403,4 @@ def test_a_port_in_use_is_named(serve):
 def test_options_that_make_no_sense_are_refused(options, words):
     error = OptionError if "it must be" in words else ScriptError
     with pytest.raises(error, match=words):
-        UsbipSpaceMousePeer(UsbipSpaceMousePeerOptions(**options))
+        SpaceMousePeer(SpaceMousePeerOptions(**{"usbip": 0, **options}))

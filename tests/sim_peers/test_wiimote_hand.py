@@ -17,7 +17,8 @@ from cardan.protocols.wiimote import (
     to_g,
 )
 from cardan.sim_peers.base import load_script, parse_script
-from cardan.sim_peers.wiimote import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedWiimote, play
+from cardan.sim_peers.scripted import play
+from cardan.sim_peers.wiimote import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedWiimote
 from tests.sim_peers.wiimote_virtual import Host
 
 ZERO, ONE = (531, 520, 536), (636, 628, 638)

@@ -34,7 +34,13 @@ from cardan.protocols.wiimote import (
     encode_output,
     report_descriptor,
 )
-from cardan.sim_peers.uhid import (
+from cardan.sim_peers.carriers import l2cap
+from cardan.sim_peers.carriers.l2cap import (
+    BluetoothChannels,
+    parse_address,
+    sockaddr_l2,
+)
+from cardan.sim_peers.carriers.uhid import (
     BUS_BLUETOOTH,
     OUTPUT_REPORT,
     Event,
@@ -43,13 +49,7 @@ from cardan.sim_peers.uhid import (
     Output,
     SetReport,
 )
-from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions, carriers as carriers_module
-from cardan.sim_peers.wiimote.carriers import (
-    BluetoothChannels,
-    UhidCarrier,
-    parse_address,
-    sockaddr_l2,
-)
+from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions, peer as peer_module
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.realtime
@@ -121,7 +121,7 @@ def test_the_old_and_the_new_way_over_sockets(place):
         assert peer.endpoint == str(place)
         control.send(b"\x52" + encode_output(Leds(0b0110)))
         assert control.recv(16) == b"\x00"
-        assert peer.remote.leds == 0b0110
+        assert peer.device.leds == 0b0110
         interrupt.send(b"\xa2" + encode_output(StatusRequest()))
         assert receive(interrupt, Status).leds == 0b0110
         interrupt.send(b"\xa2" + encode_output(DataMode(0x31)))
@@ -136,16 +136,16 @@ def test_the_last_words_of_a_host_that_hangs_up_are_heard(place):
     peer.open()
     try:
         with link(place) as (control, interrupt):
-            step_until(peer, lambda: peer.remote.connected)
+            step_until(peer, lambda: peer.device.connected)
             interrupt.send(b"\xa2" + encode_output(Rumble(True)))
-            step_until(peer, lambda: peer.remote.rumble)
+            step_until(peer, lambda: peer.device.rumble)
             interrupt.send(b"\xa2" + encode_output(Rumble(False)))
             interrupt.close()
             control.close()
             # The remote speaks before it has listened, and finds the line dead.
-            peer._carrier.send(b"\x30\0\0")
-        assert not peer.remote.connected
-        assert [entry.what for entry in peer.remote.log if "rumble" in entry.what][-1] == (
+            peer.carrier.send([b"\x30\0\0"])
+        assert not peer.device.connected
+        assert [entry.what for entry in peer.device.log if "rumble" in entry.what][-1] == (
             "rumble off"
         )
     finally:
@@ -158,10 +158,10 @@ def test_closing_either_channel_ends_the_link_and_it_listens_again(place, closed
         for _ in range(3):
             with link(place) as channels:
                 channels[1].send(b"\xa2" + encode_output(Rumble(True)))
-                wait_until(lambda: peer.remote.rumble)
+                wait_until(lambda: peer.device.rumble)
                 channels[closed].close()
-                wait_until(lambda: not peer.remote.connected)
-                assert not peer.remote.rumble
+                wait_until(lambda: not peer.device.connected)
+                assert not peer.device.rumble
                 other = channels[1 - closed]
                 packet = b"?"
                 while packet:
@@ -175,12 +175,12 @@ def test_wrong_order_and_second_hosts_are_turned_away(place):
         # A host that came no further than the first channel gives way to the next.
         with channel(place, "psm11") as half, link(place) as (_, interrupt):
             assert half.recv(16) == b""
-            wait_until(lambda: peer.remote.connected)
+            wait_until(lambda: peer.device.connected)
             with channel(place, "psm11") as second:
                 assert second.recv(16) == b""
             interrupt.send(b"\xa2" + encode_output(StatusRequest()))
             assert receive(interrupt, Status)
-        wait_until(lambda: not peer.remote.connected)
+        wait_until(lambda: not peer.device.connected)
 
 
 def test_switched_off_it_cannot_be_reached(place):
@@ -193,7 +193,7 @@ def test_switched_off_it_cannot_be_reached(place):
             channel(place, "psm11")
         wait_until(lambda: comes_back(place))
         with link(place):
-            wait_until(lambda: peer.remote.connected)
+            wait_until(lambda: peer.device.connected)
 
 
 @pytest.mark.parametrize(("name", "closed"), [("control", 0), ("interrupt", 1)])
@@ -204,10 +204,10 @@ def test_the_remote_closes_one_channel(place, name, closed):
             packet = b"?"
             while packet:
                 packet = channels[closed].recv(64)
-            assert peer.remote.connected
-        wait_until(lambda: not peer.remote.connected)
+            assert peer.device.connected
+        wait_until(lambda: not peer.device.connected)
         with link(place):
-            wait_until(lambda: peer.remote.connected)
+            wait_until(lambda: peer.device.connected)
 
 
 def test_refused_for_a_while(place):
@@ -223,10 +223,10 @@ def test_the_script_starts_with_the_first_host(place):
     script.write_text("0.05 press a\n0.1 tilt 30 0 0\n")
     with in_a_thread(served(place, script=str(script))) as peer:
         time.sleep(0.15)
-        assert peer.remote.held == ()
+        assert peer.device.held == ()
         with link(place):
-            wait_until(lambda: peer.remote.held == ("a",))
-            wait_until(lambda: peer.remote.attitude_rad[0] > 0.5)
+            wait_until(lambda: peer.device.held == ("a",))
+            wait_until(lambda: peer.device.attitude_rad[0] > 0.5)
 
 
 def test_what_open_created_is_removed(place):
@@ -312,11 +312,14 @@ def test_without_bluetooth_it_says_so(monkeypatch):
         def socket(*_: object) -> socket.socket:
             raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
 
-    monkeypatch.setattr(carriers_module, "socket", NoSocket)
+    monkeypatch.setattr(l2cap, "socket", NoSocket)
     peer = WiimotePeer(WiimotePeerOptions(bluetooth="00:00:00:00:00:00"))
     with pytest.raises(AddressError, match="this system has no Bluetooth"):
         peer.open()
-    assert BluetoothChannels("00:00:00:00:00:00").endpoint == "bluetooth 00:00:00:00:00:00"
+    assert (
+        BluetoothChannels(peer.device, "00:00:00:00:00:00").endpoint
+        == "bluetooth 00:00:00:00:00:00"
+    )
 
 
 # -- uhid ----------------------------------------------------------------------------------------
@@ -372,7 +375,7 @@ def uhid_peer(**settings: object) -> tuple[WiimotePeer, FakeUhid]:
     options = WiimotePeerOptions(uhid=True, script="rest", **settings)  # type: ignore[arg-type]
     peer = WiimotePeer(options)
     fake = FakeUhid()
-    peer._carrier = UhidCarrier(peer.remote.model, options.address, fake)  # type: ignore[arg-type]
+    peer.carrier.device = fake  # type: ignore[attr-defined]
     return peer, fake
 
 
@@ -397,13 +400,13 @@ def test_uhid_device():
         fake.give(Output(OUTPUT_REPORT, encode_output(Leds(8))))
         fake.give(Output(OUTPUT_REPORT, encode_output(DataMode(0x31))))
         step_until(peer, lambda: sum(report[0] == 0x31 for report in fake.sent) > 5)
-        assert peer.remote.leds == 8
+        assert peer.device.leds == 8
         get, taken = GetReport(1, 0x20, 2), SetReport(2, 0x11, 1, encode_output(Leds(1)))
         fake.give(get)
         fake.give(taken)
         step_until(peer, lambda: len(fake.replies) == 2)
         assert fake.replies == [(get, errno.EIO), (taken, 0)]
-        assert peer.remote.leds == 1
+        assert peer.device.leds == 1
     finally:
         peer.close()
 
@@ -422,20 +425,20 @@ def test_uhid_device_of_a_tr_remote():
 
 
 def test_uhid_device_goes_and_comes_back(monkeypatch):
-    monkeypatch.setattr(carriers_module, "RECONNECT_S", 0.05)
+    monkeypatch.setattr(peer_module, "RECONNECT_S", 0.05)
     peer, fake = uhid_peer(faults={"close-interrupt": 0.05, "power-off": 0.3, "power-on": 0.4})
     peer.open()
     try:
         step_until(peer, lambda: fake.plugged == 3)
         assert fake.unplugged == 2
-        assert peer.remote.connected
+        assert peer.device.connected
     finally:
         peer.close()
 
 
 def test_uhid_that_is_not_there(monkeypatch):
     peer = WiimotePeer(WiimotePeerOptions(uhid=True))
-    peer._carrier._device._path = "/nonexistent/uhid"
+    peer.carrier.device._path = "/nonexistent/uhid"
     with pytest.raises(DeviceAccessError, match="modprobe uhid"):
         peer.open()
 
@@ -463,17 +466,17 @@ def use_cwiid(place: Path, what: str, script: str, **settings: object) -> tuple[
         try:
             line = process.stdout.readline()
             seen = json.loads(line) if line else {}
-            seen["remote-leds"], seen["remote-rumble"] = peer.remote.leds, peer.remote.rumble
-            seen["remote-mode"] = peer.remote.mode
+            seen["remote-leds"], seen["remote-rumble"] = peer.device.leds, peer.device.rumble
+            seen["remote-mode"] = peer.device.mode
             _, errors = process.communicate("done\n", timeout=10.0)
         finally:
             if process.poll() is None:
                 process.kill()
                 process.communicate()
         assert process.returncode == 0, errors
-        wait_until(lambda: not peer.remote.connected)
-        assert peer.remote.log[-2].what == "rumble off"
-        assert peer.remote.ignored_outputs == 0
+        wait_until(lambda: not peer.device.connected)
+        assert peer.device.log[-2].what == "rumble off"
+        assert peer.device.ignored_outputs == 0
     return seen, peer
 
 

@@ -10,7 +10,6 @@ from cardan.sim_peers.evdev.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHand as ScriptedHand,
-    play as play,
 )
 from cardan.sim_peers.evdev.models import (
     MODELS as MODELS,

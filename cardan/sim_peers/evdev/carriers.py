@@ -10,8 +10,7 @@ import selectors
 import socket
 import sys
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cardan.errors import AddressError
@@ -60,65 +59,28 @@ from cardan.protocols.evdev.uinput import (
     encode_setup,
     end_upload,
 )
+from cardan.sim_peers.carriers.base import Carrier
+from cardan.sim_peers.carriers.server import PacketClient
+from cardan.sim_peers.carriers.unix_socket import PacketCarrier
 from cardan.sim_peers.evdev.core import EFFECTS, InputEvents, SimulatedInput
-from cardan.sim_peers.unix_socket import Client, PacketServer
 
 if sys.platform != "win32":
     import fcntl
 
-MAX_CLIENTS = 8
-"""Programs that may have the device open at once."""
 QUEUE_EVENTS = 64
 """Events the kernel keeps for a program that does not read; one more, and all are dropped."""
 _ROOM = 4096
 
-Clock = Callable[[], float]
-"""The device's time, s from its script's start."""
 
-
-class Carrier(ABC):
-    """Carries frames to whoever opened the device, and requests back."""
-
-    @property
-    @abstractmethod
-    def endpoint(self) -> str:
-        """What others open."""
-
-    @property
-    @abstractmethod
-    def there(self) -> bool:
-        """Whether the device can be opened."""
-
-    @abstractmethod
-    def appear(self) -> None:
-        """Plug the device in. Raises AddressError."""
-
-    @abstractmethod
-    def vanish(self) -> None:
-        """Unplug it. Never raises."""
-
-    @abstractmethod
-    def send(self, frames: Sequence[InputEvents]) -> None:
-        """Carry what the device reported."""
-
-
-# ---------------------------------------------------------------------------------------------
-# Socket
-
-
-class _Client(Client):
+class _Client(PacketClient):
     """A client with the kernel's queue for it."""
-
-    def __init__(self, sock: socket.socket) -> None:
-        super().__init__(sock)
-        self.overruns = 0
 
     def send(self, events: Sequence[InputEvent]) -> None:
         """Queue a frame; a full queue is dropped whole, as the kernel does."""
         queued = sum(len(packet) // EVENT_BYTES for packet in self._queue)
         if queued + len(events) > QUEUE_EVENTS:
             self._queue.clear()
-            self.overruns += 1
+            self.lost += 1
             events = [events[0]._replace(type=EV_SYN, code=SYN_DROPPED, value=0), events[-1]]
         self.send_bytes(encode_events(events))
 
@@ -127,76 +89,26 @@ class _Client(Client):
         self._queue.append(packet)
 
 
-class SocketCarrier(Carrier):
-    """A socket (AF_UNIX, SOCK_SEQPACKET) that stands for a node: a packet is a read or a write.
+class EventSocket(PacketCarrier[InputEvents, _Client]):
+    """A socket that stands for a node of /dev/input: a packet is a read or a write.
 
-    A packet that is not of whole events is an ioctl request or its answer. Removed by unplugging.
+    A packet that is not of whole events is an ioctl request or its answer.
     """
 
     def __init__(
-        self,
-        path: str,
-        device: SimulatedInput,
-        faults: Mapping[str, float],
-        seed: int,
-        selector: selectors.BaseSelector,
-        clock: Clock,
-        on_connect: Callable[[], None],
+        self, path: str, device: SimulatedInput, faults: Mapping[str, float], seed: int
     ) -> None:
-        self._path = path
+        super().__init__(path)
         self._device = device
         self._faults = faults
         self._random = random.Random(seed)
-        self._selector = selector
-        self._clock = clock
-        self._on_connect = on_connect
-        self._server: PacketServer[_Client] | None = None
         self._frames = 0
-        self._overruns_of_gone = 0
 
-    @property
-    def endpoint(self) -> str:
-        """The socket's path."""
-        return self._path
-
-    @property
-    def there(self) -> bool:
-        """Whether the socket exists."""
-        return self._server is not None
-
-    @property
-    def overruns(self) -> int:
-        """How often a client was too slow, and its events were dropped."""
-        return self._overruns_of_gone + sum(client.overruns for client in self._clients)
-
-    @property
-    def _clients(self) -> Sequence[_Client]:
-        return () if self._server is None else self._server.clients
-
-    def appear(self) -> None:
-        """Create the socket."""
-        self._server = PacketServer(
-            self._path,
-            self._selector,
-            MAX_CLIENTS,
-            meet=self._meet,
-            take=self._take,
-            part=self._part,
-        )
-        self._server.listen()
-
-    def vanish(self) -> None:
-        """Close every connection and remove the socket, if it is still ours."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-
-    def send(self, frames: Sequence[InputEvents]) -> None:
+    def send(self, messages: Sequence[InputEvents]) -> None:
         """One packet a frame, to all, or to the one that has grabbed the device."""
-        assert self._server is not None
         # The kernel stamps events with the wall clock unless a program asks for another.
-        offset_s = time.time() - self._clock()
-        for frame in frames:
+        offset_s = time.time() - self.shell.device_s()
+        for frame in messages:
             self._frames += 1
             events = frame.stamped(offset_s)
             if self._strikes("dropped"):
@@ -204,7 +116,7 @@ class SocketCarrier(Carrier):
                     events[0]._replace(type=EV_SYN, code=SYN_DROPPED, value=0),
                     events[0]._replace(type=EV_SYN, code=SYN_REPORT, value=0),
                 ]
-            for client in tuple(self._clients):
+            for client in self.clients:
                 if self._device.grabbed_by not in (None, client):
                     continue
                 if self._strikes("garbage"):
@@ -213,54 +125,42 @@ class SocketCarrier(Carrier):
                     client.send_bytes(encode_events(events)[: -self._random.randint(1, 23)])
                 else:
                     client.send(events)
-        for client in tuple(self._clients):
-            if client.waiting:
-                self._server.flush(client)
+        self._flush()
 
     def _strikes(self, fault: str) -> bool:
         return fault in self._faults and self._frames % int(self._faults[fault]) == 0
 
     def _meet(self, sock: socket.socket) -> _Client:
-        self._on_connect()
         return _Client(sock)
 
     def _take(self, client: _Client, packet: bytes) -> None:
         """What the client wrote: events or a request."""
+        now_s = self.shell.device_s()
         if len(packet) % EVENT_BYTES == 0:
-            self._device.write(client, packet, self._clock())
+            self._device.write(client, packet, now_s)
         else:
             call = decode_call(packet)
             if isinstance(call, Malformed):
                 self._device.refused += 1
             else:
-                answer = self._device.call(client, call.request, call.argument, self._clock())
+                answer = self._device.call(client, call.request, call.argument, now_s)
                 client.send_bytes(encode_call(answer))
 
     def _part(self, client: _Client) -> None:
-        self._overruns_of_gone += client.overruns
+        super()._part(client)
         self._device.gone(client)
 
 
-# ---------------------------------------------------------------------------------------------
-# uinput
-
-
-class UinputCarrier(Carrier):
+class UinputCarrier(Carrier[InputEvents]):
     """The kernel's own: the device becomes a node of /dev/input, with all that the kernel does.
 
     `root` is where /dev and /sys are.
     """
 
-    def __init__(
-        self,
-        device: SimulatedInput,
-        selector: selectors.BaseSelector,
-        clock: Clock,
-        root: Path = Path("/"),
-    ) -> None:
+    awaits_program = False
+
+    def __init__(self, device: SimulatedInput, root: Path = Path("/")) -> None:
         self._device = device
-        self._selector = selector
-        self._clock = clock
         self._root = root
         self._fd: int | None = None
         self._node = ""
@@ -289,21 +189,21 @@ class UinputCarrier(Carrier):
                 f"cannot make an input device by {path}: {error.strerror or error}; "
                 "load the module (sudo modprobe uinput) and let this user write to it"
             ) from None
-        self._selector.register(self._fd, selectors.EVENT_READ, self._serve)
+        self.shell.selector.register(self._fd, selectors.EVENT_READ, self._serve)
 
     def vanish(self) -> None:
         """Take the device away."""
         fd, self._fd = self._fd, None
         if fd is not None:
-            self._selector.unregister(fd)
+            self.shell.selector.unregister(fd)
             with contextlib.suppress(OSError):
                 fcntl.ioctl(fd, UI_DEV_DESTROY)
             os.close(fd)
 
-    def send(self, frames: Sequence[InputEvents]) -> None:
+    def send(self, messages: Sequence[InputEvents]) -> None:
         """One write a frame; the kernel puts its own time to it."""
         assert self._fd is not None
-        for frame in frames:
+        for frame in messages:
             events = [InputEvent(0, 0, *event) for event in frame.events]
             os.write(self._fd, encode_events(events))
 
@@ -353,14 +253,14 @@ class UinputCarrier(Carrier):
             elif event.type == EV_UINPUT and event.code == UI_FF_ERASE:
                 self._erase(fd, event.value)
             elif event.type == EV_FF:
-                self._device.play(event.code, self._clock(), on=event.value > 0)
+                self._device.play(event.code, self.shell.device_s(), on=event.value > 0)
 
     def _upload(self, fd: int, request_id: int) -> None:
         argument = bytearray(begin_upload(request_id & 0xFFFFFFFF))
         fcntl.ioctl(fd, UI_BEGIN_FF_UPLOAD, argument, True)
         effect = decode_upload(bytes(argument)).effect
         if effect is not None:
-            self._device.take_effect(effect, self._clock())
+            self._device.take_effect(effect, self.shell.device_s())
         result = 0 if effect is not None else -errno.EINVAL
         fcntl.ioctl(fd, UI_END_FF_UPLOAD, end_upload(bytes(argument), result))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.evdev.faults import FAULTS
 from cardan.sim_peers.evdev.hand import GAMEPAD_SCRIPTS, KEYBOARD_SCRIPTS, SCRIPT_VERBS
@@ -34,14 +33,10 @@ class GamepadOptions(EvdevPeerOptions):
 class Gamepad(PeerCommand[GamepadOptions]):
     """An Xbox or PlayStation gamepad, as Linux gives its events to programs."""
 
-    Options = GamepadOptions
+    Options, Peer = GamepadOptions, EvdevPeer
     page, speaks = "simulated-devices.md", SPEAKS
     epilog = READY
     faults, scripts, verbs = FAULTS, GAMEPAD_SCRIPTS, SCRIPT_VERBS
-
-    @staticmethod
-    def run(options: GamepadOptions, seconds: float | None) -> None:
-        serve(EvdevPeer(options), seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,11 +49,7 @@ class KeyboardOptions(EvdevPeerOptions):
 class Keyboard(PeerCommand[KeyboardOptions]):
     """A keyboard, as Linux gives its events to programs."""
 
-    Options = KeyboardOptions
+    Options, Peer = KeyboardOptions, EvdevPeer
     page, speaks = "simulated-devices.md", SPEAKS
     epilog = READY
     faults, scripts, verbs = FAULTS, KEYBOARD_SCRIPTS, SCRIPT_VERBS
-
-    @staticmethod
-    def run(options: KeyboardOptions, seconds: float | None) -> None:
-        serve(EvdevPeer(options), seconds)

@@ -230,7 +230,7 @@ class SimulatedInput:
 
     @property
     def next_due_s(self) -> float:
-        """When `frames` has something to do next; inf while at rest."""
+        """When `reports` has something to do next; inf while at rest."""
         due_s = self._plugging[0][0] if self._plugging else math.inf
         if not self._mute_at(self._now_s):
             if self._moved or self._changes or self._noisy:
@@ -238,7 +238,7 @@ class SimulatedInput:
             due_s = min(due_s, self._repeat_s)
         return due_s
 
-    def frames(self, now_s: float) -> list[InputEvents]:
+    def reports(self, now_s: float) -> list[InputEvents]:
         """What the kernel reports from the last call until `now_s`."""
         frames: list[InputEvents] = []
         while True:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from cardan.errors import ScriptError
@@ -12,7 +11,7 @@ from cardan.sim_peers.evdev.models import Model
 
 FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s, whatever it is doing", 3.0),
-    FaultSwitch("replug", "the device that vanished is back at VALUE s", 4.0),
+    FaultSwitch("replug", "the device that vanished is back at VALUE s", 4.0, after="unplug"),
     FaultSwitch("silence", "nothing more comes from VALUE s on, and nobody is told", 3.0),
     FaultSwitch("stuck-axis", "the left stick stays where it is at VALUE s", 3.0),
     FaultSwitch("stuck-button", "what is down at VALUE s stays down", 3.0),
@@ -36,5 +35,3 @@ def check_faults(faults: Mapping[str, float], model: Model, *, uinput: bool) -> 
             raise ScriptError(f"fault {name}: the kernel does not let a uinput device have it")
         if name in _STICK_FAULTS and not model.is_gamepad:
             raise ScriptError(f"fault {name}: {model.name} has neither sticks nor motors")
-    if "replug" in faults and faults["replug"] <= faults.get("unplug", math.inf):
-        raise ScriptError("fault replug: needs the fault unplug, at an earlier time")

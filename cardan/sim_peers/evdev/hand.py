@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from operator import methodcaller
+from collections.abc import Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.evdev.core import NEUTRAL, Controls, InputEvents, SimulatedInput
-from cardan.sim_peers.scripted import DeflectingHand, StepWords, Timeline
-from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
+from cardan.sim_peers.evdev.core import NEUTRAL, SimulatedInput
+from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
+from cardan.sim_peers.strokes import Ramp, VectorMotion
 
 HAND_PERIOD_S = 0.004
 """How often a moving hand is sampled: as often as a pad is polled."""
@@ -142,68 +141,48 @@ device only after it has heard of it."""
 _STICKS = ("LX", "LY", "RX", "RY")
 
 
-_Action = Ramp | Swing | Callable[[SimulatedInput], None]
-
-
-class ScriptedHand(DeflectingHand[SimulatedInput, Controls]):
-    """Plays the steps of a script on `device`; afterwards it stays as it is.
-
-    Raises ScriptError, naming the step, for arguments that its verb does not take.
-    """
+class ScriptedHand(ScriptHand[SimulatedInput]):
+    """Plays the steps of a script on `device`."""
 
     def __init__(self, steps: Sequence[ScriptStep], device: SimulatedInput) -> None:
-        timeline = Timeline(steps, SCRIPT_VERBS, lambda words: _read(words, device))
-        super().__init__(timeline, VectorMotion(NEUTRAL, HAND_PERIOD_S))
+        self._device = device
+        self._controls = VectorMotion(NEUTRAL, HAND_PERIOD_S)
+        super().__init__(steps, SCRIPT_VERBS, [self._controls])
 
-    def _hold(self, device: SimulatedInput, vector: Controls) -> None:
-        device.set_controls(vector)
+    def _hold(self, device: SimulatedInput, now_s: float) -> None:
+        device.set_controls(self._controls.advance(now_s))
 
-
-def play(device: SimulatedInput, hand: ScriptedHand, until_s: float) -> list[InputEvents]:
-    """Move `device` by `hand` until `until_s`, each at its due times; the frames it reported."""
-    frames: list[InputEvents] = []
-    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
-        hand.advance(due_s, device)
-        frames += device.frames(due_s)
-    return frames
-
-
-def _read(words: StepWords, device: SimulatedInput) -> list[tuple[float, _Action]]:
-    """Turn the words of one step into what it does, and when."""
-    if words.verb in ("sticks", "triggers", "swing") and not device.model.is_gamepad:
-        raise words.error(f"{device.model.name} has no sticks and no triggers")
-    actions: list[tuple[float, _Action]]
-    if words.verb == "sticks":
-        sticks = words.numbers(_STICKS, -1.0, 1.0)
-        actions = [(words.time_s, Ramp((*sticks, None, None), words.over()))]
-    elif words.verb == "triggers":
-        triggers = words.numbers(("LEFT", "RIGHT"), 0.0, 1.0)
-        actions = [(words.time_s, Ramp((None,) * 4 + triggers, words.over()))]
-    elif words.verb == "neutral":
-        actions = [(words.time_s, Ramp(NEUTRAL, words.over(), ends_swings=True))]
-    elif words.verb == "swing":
-        sticks = words.numbers(_STICKS, -1.0, 1.0)
-        actions = [(words.time_s, words.swing((*sticks, 0.0, 0.0), HAND_PERIOD_S))]
-    elif words.verb in ("press", "release"):
-        actions = [(words.time_s, methodcaller(words.verb, _label(words, device)))]
-    elif words.verb == "hold":
-        label = _label(words, device)
+    def _timed(self, words: StepWords) -> list[tuple[float, Act[SimulatedInput]]]:
+        if words.verb != "hold":
+            return super()._timed(words)
+        label = self._label(words)
         words.needs("for")
         end_s = words.time_s + words.number("SECONDS", 0.0)
-        actions = [
-            (words.time_s, methodcaller("press", label)),
-            (end_s, methodcaller("release", label)),
-        ]
-    else:
-        actions = [(words.time_s, methodcaller(words.verb))]
-    words.end()
-    return actions
+        words.end()
+        return [(words.time_s, calling("press", label)), (end_s, calling("release", label))]
 
+    def _read(self, words: StepWords) -> Act[SimulatedInput]:
+        model = self._device.model
+        if words.verb in ("sticks", "triggers", "swing") and not model.is_gamepad:
+            raise words.error(f"{model.name} has no sticks and no triggers")
+        if words.verb == "sticks":
+            sticks = words.numbers(_STICKS, -1.0, 1.0)
+            return moving(self._controls, Ramp((*sticks, None, None), words.over()))
+        if words.verb == "triggers":
+            triggers = words.numbers(("LEFT", "RIGHT"), 0.0, 1.0)
+            return moving(self._controls, Ramp((None,) * 4 + triggers, words.over()))
+        if words.verb == "neutral":
+            return moving(self._controls, Ramp(NEUTRAL, words.over(), ends_swings=True))
+        if words.verb == "swing":
+            sticks = words.numbers(_STICKS, -1.0, 1.0)
+            return moving(self._controls, words.swing((*sticks, 0.0, 0.0), HAND_PERIOD_S))
+        labels = [self._label(words)] if words.verb in ("press", "release") else []
+        return calling(words.verb, *labels)
 
-def _label(words: StepWords, device: SimulatedInput) -> str:
-    word = words.word("LABEL")
-    if word not in device.labels:
-        raise words.error(
-            f"{device.model.name} has no button {word!r}; it has: {', '.join(device.labels)}"
-        )
-    return word
+    def _label(self, words: StepWords) -> str:
+        word, labels = words.word("LABEL"), self._device.labels
+        if word not in labels:
+            raise words.error(
+                f"{self._device.model.name} has no button {word!r}; it has: {', '.join(labels)}"
+            )
+        return word

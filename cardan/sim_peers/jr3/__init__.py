@@ -10,7 +10,6 @@ from cardan.sim_peers.jr3.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHand as ScriptedHand,
-    play as play,
 )
 from cardan.sim_peers.jr3.peer import (
     Jr3Peer as Jr3Peer,

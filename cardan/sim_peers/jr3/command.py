@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.jr3.faults import FAULTS
 from cardan.sim_peers.jr3.hand import SCRIPT_VERBS, SCRIPTS
@@ -12,12 +11,8 @@ from cardan.sim_peers.jr3.peer import Jr3Peer, Jr3PeerOptions
 class Jr3(PeerCommand[Jr3PeerOptions]):
     """A JR3 force-torque sensor with uc3m's mbed board on a CAN bus, and the loads on it."""
 
-    Options = Jr3PeerOptions
+    Options, Peer = Jr3PeerOptions, Jr3Peer
     page = "simulated-devices.md"
     speaks = "[JR3 over CAN](protocols/jr3-can.md), on any bus of python-can, or on one it serves"
     epilog = "Prints READY and the bus once it is on it."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
-
-    @staticmethod
-    def run(options: Jr3PeerOptions, seconds: float | None) -> None:
-        serve(Jr3Peer(options), seconds)

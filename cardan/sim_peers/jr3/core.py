@@ -6,7 +6,7 @@ import heapq
 import math
 import random
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from cardan.protocols.jr3_can import (
     COUNTER_MODULUS,
@@ -55,10 +55,10 @@ SHORTEST_PERIOD_S = 0.00025
 class SimulatedJr3:
     """A board with its sensor: give it a wrench and frames, it gives the frames of the real one.
 
-    Power is switched on at time 0; times are s from then and move in `frames` only. What is set
-    holds from the time of the last `frames` on. The main loop takes commands every 1 to 2 ms; a
-    thread of its own sends samples in async mode. SYNC is a flag: two within one turn of the loop
-    give one answer. `offset` is what an unzeroed sensor shows without any load (N, N·m).
+    Power is switched on at time 0; times are s from then and move in `reports` only. What is set
+    holds from the time of the last `reports` or `skip_to` on. The main loop takes commands every 1
+    to 2 ms; a thread of its own sends samples in async mode. SYNC is a flag: two within one turn of
+    the loop give one answer. `offset` is what an unzeroed sensor shows without any load (N, N·m).
     """
 
     def __init__(
@@ -79,6 +79,8 @@ class SimulatedJr3:
         self.scales = scales
         self.wrench = NO_WRENCH
         """What acts on the sensor: N, N·m."""
+        self.plugged = True
+        """It stays on its bus."""
         self.powered = True
         self.sensor_plugged = not faults.get("no-sensor")
         self.hung = False
@@ -90,6 +92,8 @@ class SimulatedJr3:
         """Commands that found the queue full."""
         self.starts = 0
         """How often acquisition was started."""
+        self.on_first_start: Callable[[float], None] = lambda now_s: None
+        """Called with the time when acquisition is started for the first time."""
         self._boot_s = boot_s
         self._bias = offset
         self._noise = (noise_n,) * 3 + (noise_nm,) * 3
@@ -169,11 +173,11 @@ class SimulatedJr3:
 
     @property
     def next_due_s(self) -> float:
-        """When `frames` has something to do next; inf when nothing is planned."""
+        """When `reports` has something to do next; inf when nothing is planned."""
         arrival_s = self._under_way[0][0] if self._under_way else math.inf
         return min(self._event_s, arrival_s)
 
-    def frames(self, now_s: float) -> list[CanFrame]:
+    def reports(self, now_s: float) -> list[CanFrame]:
         """What the board has sent by `now_s`, in order."""
         while (event_s := self._event_s) <= now_s:
             self._now_s = max(self._now_s, event_s)
@@ -186,7 +190,8 @@ class SimulatedJr3:
         return arrived
 
     def skip_to(self, now_s: float) -> None:
-        """Leave out the samples due before `now_s`: a late peer makes no burst."""
+        """Send no samples for the time before `now_s`, in which the load was as it is."""
+        self._sample(now_s)
         if self._send_s < now_s:
             self._send_s += math.ceil((now_s - self._send_s) / self._period_s) * self._period_s
 
@@ -310,6 +315,7 @@ class SimulatedJr3:
         else:
             self._send_s = math.inf
         if not self.starts:
+            self.on_first_start(now_s)
             self._timed = [(now_s + after_s, name) for after_s, name in self._after_start]
         self.starts += 1
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
-from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.jr3.core import NO_WRENCH, SimulatedJr3
-from cardan.sim_peers.scripted import StepWords, Timeline
-from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
+from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
+from cardan.sim_peers.strokes import Ramp, VectorMotion
 
 HAND_PERIOD_S = 0.002
 """How often a changing load is sampled."""
@@ -83,91 +81,52 @@ SCRIPTS: Mapping[str, str] = {
 """The built-in scripts. Time 0 is when the board is first told to acquire."""
 
 
-class _Overload(NamedTuple):
-    component: int
-    over_s: float
-
-
-class _Act(NamedTuple):
-    verb: str
-
-
-_Action = Ramp | Swing | _Overload | _Act
-
 _ACTS = {
-    "sensor-unplug": SimulatedJr3.unplug_sensor,
-    "sensor-plug": SimulatedJr3.plug_sensor,
-    "power-off": SimulatedJr3.power_off,
-    "power-on": SimulatedJr3.power_on,
-    "silence": SimulatedJr3.hang,
-    "resume": SimulatedJr3.recover,
+    "sensor-unplug": "unplug_sensor",
+    "sensor-plug": "plug_sensor",
+    "power-off": "power_off",
+    "power-on": "power_on",
+    "silence": "hang",
+    "resume": "recover",
 }
 
 
-class ScriptedHand:
+class ScriptedHand(ScriptHand[SimulatedJr3]):
     """Plays the steps of a script on a sensor; afterwards the load stays as it is.
 
-    Time 0 of the script is when the board is first told to acquire. Raises ScriptError, naming the
-    step, for arguments that its verb does not take.
+    Time 0 of the script is when `start` is called, which is for `SimulatedJr3.on_first_start`.
     """
 
     def __init__(self, steps: Sequence[ScriptStep]) -> None:
-        self._timeline = Timeline(
-            steps, SCRIPT_VERBS, lambda words: [(words.time_s, _read(words))], math.inf
-        )
-        self._motion = VectorMotion(NO_WRENCH, HAND_PERIOD_S)
+        self._wrench = VectorMotion(NO_WRENCH, HAND_PERIOD_S)
+        super().__init__(steps, SCRIPT_VERBS, [self._wrench], math.inf)
 
-    @property
-    def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf before the start and after the end."""
-        return min(self._timeline.next_due_s, self._motion.next_due_s)
+    def _hold(self, device: SimulatedJr3, now_s: float) -> None:
+        device.set_wrench(self._wrench.advance(now_s))
 
-    def start(self, now_s: float) -> None:
-        """Begin, unless it has begun."""
-        self._timeline.start(now_s)
+    def _read(self, words: StepWords) -> Act[SimulatedJr3]:
+        if words.verb == "wrench":
+            return moving(self._wrench, Ramp(words.numbers(COMPONENTS, -1e6, 1e6), words.over()))
+        if words.verb == "release":
+            return moving(self._wrench, Ramp(NO_WRENCH, words.over(), ends_swings=True))
+        if words.verb == "swing":
+            amplitude = words.numbers(COMPONENTS, -1e6, 1e6)
+            return moving(self._wrench, words.swing(amplitude, HAND_PERIOD_S))
+        if words.verb == "overload":
+            return self._overload(words)
+        return calling(_ACTS[words.verb])
 
-    def advance(self, now_s: float, sensor: SimulatedJr3) -> None:
-        """Do every step that is due until `now_s`, then hold the load as it is at `now_s`."""
-        for due_s, action in self._timeline.due(now_s):
-            if isinstance(action, _Act):
-                _ACTS[action.verb](sensor)
-            elif isinstance(action, _Overload):
-                force, moment = sensor.scales.forces_n, sensor.scales.moments_dnm
-                full = (*force, *(0.1 * value for value in moment))[action.component]
-                load = list(self._motion.without_swings(due_s))
-                load[action.component] = OVERLOAD * full
-                self._motion.start(due_s, Ramp(tuple(load), action.over_s))
-            else:
-                self._motion.start(due_s, action)
-        sensor.set_wrench(self._motion.advance(now_s))
-
-
-def play(sensor: SimulatedJr3, hand: ScriptedHand, until_s: float) -> list[CanFrame]:
-    """Let `sensor` and `hand` run until `until_s`, each at its due times; the frames it sent."""
-    frames: list[CanFrame] = []
-    while (due_s := min(sensor.next_due_s, hand.next_due_s)) <= until_s:
-        frames += sensor.frames(due_s)
-        if sensor.starts:
-            hand.start(due_s)
-        hand.advance(due_s, sensor)
-    return frames
-
-
-def _read(words: StepWords) -> _Action:
-    """Turn the words of one step into what it does."""
-    action: _Action
-    if words.verb == "wrench":
-        action = Ramp(words.numbers(COMPONENTS, -1e6, 1e6), words.over())
-    elif words.verb == "release":
-        action = Ramp(NO_WRENCH, words.over(), ends_swings=True)
-    elif words.verb == "swing":
-        action = words.swing(words.numbers(COMPONENTS, -1e6, 1e6), HAND_PERIOD_S)
-    elif words.verb == "overload":
+    def _overload(self, words: StepWords) -> Act[SimulatedJr3]:
         name = words.left.pop(0).upper() if words.left else ""
         if name not in COMPONENTS:
             raise words.error(f"{name!r} is no component; usage: {words.usage}")
-        action = _Overload(COMPONENTS.index(name), words.over())
-    else:
-        action = _Act(words.verb)
-    words.end()
-    return action
+        component, over_s = COMPONENTS.index(name), words.over()
+
+        def overload(sensor: SimulatedJr3, at_s: float) -> None:
+            force, moment = sensor.scales.forces_n, sensor.scales.moments_dnm
+            full = (*force, *(0.1 * value for value in moment))[component]
+            load = list(self._wrench.without_swings(at_s))
+            load[component] = OVERLOAD * full
+            self._wrench.start(at_s, Ramp(tuple(load), over_s))
+
+        return overload

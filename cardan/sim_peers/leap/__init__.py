@@ -16,7 +16,6 @@ from cardan.sim_peers.leap.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHands as ScriptedHands,
-    play as play,
 )
 from cardan.sim_peers.leap.service import (
     LeapPeer as LeapPeer,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.leap.faults import FAULTS
 from cardan.sim_peers.leap.hand import SCRIPT_VERBS, SCRIPTS
@@ -12,12 +11,8 @@ from cardan.sim_peers.leap.service import LeapPeer, LeapPeerOptions
 class Leap(PeerCommand[LeapPeerOptions]):
     """A Leap Motion tracking service and the hands it sees (JSON over WebSocket)."""
 
-    Options = LeapPeerOptions
+    Options, Peer = LeapPeerOptions, LeapPeer
     page = "simulated-devices.md"
     speaks = "[JSON over WebSocket](protocols/leap-websocket.md), 110 frames a second"
     epilog = "Prints READY and its address once it listens."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
-
-    @staticmethod
-    def run(options: LeapPeerOptions, seconds: float | None) -> None:
-        serve(LeapPeer(options), seconds)

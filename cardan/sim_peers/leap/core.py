@@ -11,7 +11,7 @@ import random
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from cardan.protocols.leap import (
     DEVICE_EVENT_SINCE,
@@ -29,8 +29,9 @@ from cardan.protocols.leap import (
     encode_json,
     encode_version,
 )
+from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.leap.anatomy import Anatomy, HandPosture, Triple, as_version, frame_document
-from cardan.sim_peers.leap.faults import ABSURD_MM, RESTART_S, STALL_EVERY_S, check_faults
+from cardan.sim_peers.leap.faults import ABSURD_MM, FAULTS, RESTART_S, STALL_EVERY_S
 
 DEFAULT_RATE_HZ = 110.0
 DEFAULT_JITTER = 0.1
@@ -58,6 +59,14 @@ class SimulatedHand:
     confidence: float = 1.0
 
 
+class Message(NamedTuple):
+    """What the service sends to a client at an instant."""
+
+    time_s: float
+    client: int
+    text: str
+
+
 @dataclass
 class _Client:
     version: int
@@ -83,7 +92,7 @@ class SimulatedLeapService:
         seed: int = 0,
     ) -> None:
         self.faults = dict(faults or {})
-        check_faults(self.faults)
+        check_faults(self.faults, FAULTS)
         self.rate_hz = rate_hz
         self._period_s = 1.0 / rate_hz
         self._jitter_s = jitter * self._period_s
@@ -119,7 +128,7 @@ class SimulatedLeapService:
     # -- clients -------------------------------------------------------------------------------
 
     @property
-    def listening(self) -> bool:
+    def plugged(self) -> bool:
         """Whether connections are accepted now."""
         return self._now_s >= self._down_until_s
 
@@ -288,6 +297,11 @@ class SimulatedLeapService:
                 self._make_frame(due_s)
         self._now_s = max(self._now_s, now_s)
 
+    def reports(self, now_s: float) -> list[Message]:
+        """What there is to send to clients from the last call until `now_s`."""
+        self.advance(now_s)
+        return [Message(now_s, number, text) for number, text in self.outgoing()]
+
     @property
     def _next_event_s(self) -> float:
         due_s = min(self._due_s, self._new_ids_s)
@@ -312,7 +326,7 @@ class SimulatedLeapService:
 
     def _make_frame(self, due_s: float) -> None:
         stall_s = self.faults.get("stall", 0.0)
-        if not (self.attached and self.streaming and self.listening):
+        if not (self.attached and self.streaming and self.plugged):
             return
         self._frame_id += 1
         silent = self.stalled or (

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
-from cardan.errors import ScriptError
-from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
 
 FAULTS = (
     FaultSwitch("unplug", "the tracker is unplugged at VALUE s", 3.0),
-    FaultSwitch("replug", "the tracker that was unplugged is back at VALUE s", 4.0),
+    FaultSwitch("replug", "the tracker that was unplugged is back at VALUE s", 4.0, after="unplug"),
     FaultSwitch("pause", "the tracker stops to deliver at VALUE s", 3.0),
     FaultSwitch("no-device", "no tracker is plugged in"),
     FaultSwitch("stall", "no frames for VALUE s, every 5 s", 0.3, 0.0, 5.0),
@@ -37,10 +34,3 @@ FAULTS = (
 STALL_EVERY_S = 5.0
 RESTART_S = 1.0
 ABSURD_MM = 5000.0
-
-
-def check_faults(faults: Mapping[str, float]) -> None:
-    """Raise ScriptError for a fault that does not exist or that makes no sense."""
-    base.check_faults(faults, FAULTS)
-    if "replug" in faults and faults["replug"] <= faults.get("unplug", math.inf):
-        raise ScriptError("fault replug: needs the fault unplug, at an earlier time")

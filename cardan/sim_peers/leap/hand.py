@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
 
 from cardan.protocols.leap import HANDS
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.leap.core import SimulatedLeapService
 from cardan.sim_peers.leap.faults import RESTART_S
-from cardan.sim_peers.scripted import StepWords, Timeline
+from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, setting
 from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 
 SHORTEST_SWING_S = 0.01
@@ -138,28 +137,6 @@ SCRIPTS: Mapping[str, str] = {
 has shown nothing that could hold the clutch."""
 
 
-class _Set(NamedTuple):
-    channel: str
-    ramp: Ramp
-
-
-class _Swing(NamedTuple):
-    position: Swing
-    """mm"""
-    angles: Swing
-    """Degrees."""
-
-
-class _Enter(NamedTuple):
-    palm_mm: tuple[float, ...]
-
-
-class _Action(NamedTuple):
-    verb: str
-    side: str
-    what: _Set | _Swing | _Enter | float | None
-
-
 _CHANNELS: Mapping[str, tuple[float, ...]] = {
     "move": HOME_MM,
     "tilt": (0.0, 0.0, 0.0),
@@ -178,29 +155,18 @@ def _channels(palm_mm: tuple[float, ...] = HOME_MM) -> _Channels:
     return {name: VectorMotion(value, gentle=True) for name, value in values.items()}
 
 
-class ScriptedHands:
-    """Plays the steps of a script above a simulated tracker; afterwards all stays as it is.
-
-    Raises ScriptError, naming the step, for arguments that its verb does not take.
-    """
+class ScriptedHands(ScriptHand[SimulatedLeapService]):
+    """Plays the steps of a script above a simulated tracker. Between steps hands move with the
+    service's frames."""
 
     def __init__(self, steps: Sequence[ScriptStep]) -> None:
-        self._timeline = Timeline(steps, SCRIPT_VERBS, lambda words: [(words.time_s, _read(words))])
         self._hands: dict[str, _Channels] = {}
+        super().__init__(steps, SCRIPT_VERBS)
 
-    @property
-    def next_due_s(self) -> float:
-        """When the next step is due, s; inf after the last. Between steps hands move with the
-        service's frames."""
-        return self._timeline.next_due_s
-
-    def advance(self, now_s: float, service: SimulatedLeapService) -> None:
-        """Do every step that is due until `now_s`, then hold the hands as they are at `now_s`."""
-        for due_s, action in self._timeline.due(now_s):
-            self._act(due_s, action, service)
+    def _hold(self, device: SimulatedLeapService, now_s: float) -> None:
         for side, channels in self._hands.items():
-            if side in service.hands:
-                hand = service.hands[side]
+            if side in device.hands:
+                hand = device.hands[side]
                 x, y, z = channels["move"].advance(now_s)
                 pitch, yaw, roll = channels["tilt"].advance(now_s)
                 hand.palm_mm, hand.tilt_deg = (x, y, z), (pitch, yaw, roll)
@@ -208,82 +174,48 @@ class ScriptedHands:
                 (hand.pinch,) = channels["pinch"].advance(now_s)
                 (hand.confidence,) = channels["confidence"].advance(now_s)
 
-    def _act(self, due_s: float, action: _Action, service: SimulatedLeapService) -> None:
-        verb, side, what = action
-        if isinstance(what, _Enter):
+    def _read(self, words: StepWords) -> Act[SimulatedLeapService]:
+        if words.usage.startswith(f"{words.verb} left|right"):
+            side = words.left.pop(0) if words.left else ""
+            if side not in HANDS:
+                raise words.error(f"{side!r} must be left or right; usage: {words.usage}")
+            return self._read_hand(words, side)
+        if words.verb == "restart":
+            return calling("restart", words.number("SECONDS", 0.0) if words.left else RESTART_S)
+        if words.verb == "malformed":
+            return calling("break_next", int(words.number("FRAMES", 1.0)) if words.left else 1)
+        return _ACTS[words.verb]
+
+    def _read_hand(self, words: StepWords, side: str) -> Act[SimulatedLeapService]:
+        """What a step does to one hand."""
+        if words.verb == "enter":
+            return self._entering(side, _position(words) if words.left else HOME_MM)
+        if words.verb == "swing":
+            amplitude = _position(words)
+            angles = (0.0, 0.0, 0.0) if words.left[:1] in ([], ["over"]) else _angles(words)
+            swing = words.swing(amplitude, SHORTEST_SWING_S, phased=False)
+            return self._moving(side, move=swing, tilt=swing._replace(amplitude=angles))
+        if words.verb in _GOALS:
+            ramp = Ramp(_GOALS[words.verb](words), words.over())
+            return self._moving(side, **{words.verb: ramp})
+        return calling(words.verb.replace("-", "_"), side)
+
+    def _entering(self, side: str, palm_mm: tuple[float, ...]) -> Act[SimulatedLeapService]:
+        def enter(service: SimulatedLeapService, _: float) -> None:
             service.enter(side)
-            self._hands[side] = _channels(what.palm_mm)
-        elif isinstance(what, _Set):
-            self._channels_of(side)[what.channel].start(due_s, what.ramp)
-        elif isinstance(what, _Swing):
-            channels = self._channels_of(side)
-            channels["move"].start(due_s, what.position)
-            channels["tilt"].start(due_s, what.angles)
-        elif verb == "leave":
-            service.leave(side)
-        elif verb == "new-id":
-            service.new_id(side)
-        elif verb == "pause":
-            service.set_device(service.attached, False)
-        elif verb == "unpause":
-            service.set_device(service.attached, service.attached)
-        elif verb in ("stall", "resume"):
-            service.stalled = verb == "stall"
-        elif verb == "unplug":
-            service.unplug()
-        elif verb == "replug":
-            service.replug()
-        elif verb == "steal-focus":
-            service.steal_focus()
-        elif verb == "restart":
-            service.restart(RESTART_S if what is None else what)
-        else:
-            service.break_next(1 if what is None else int(what))
+            self._hands[side] = _channels(palm_mm)
 
-    def _channels_of(self, side: str) -> _Channels:
-        """Those of a hand, which a script may move before it comes."""
-        return self._hands.setdefault(side, _channels())
+        return enter
 
+    def _moving(self, side: str, **strokes: Ramp | Swing) -> Act[SimulatedLeapService]:
+        """Strokes by their channels, of a hand which a script may move before it comes."""
 
-def play(
-    service: SimulatedLeapService, hands: ScriptedHands, until_s: float
-) -> list[tuple[float, int, str]]:
-    """Run `service` with `hands` until `until_s`; time, client and text of what it sent."""
-    sent: list[tuple[float, int, str]] = []
-    while (due_s := min(service.next_due_s, hands.next_due_s)) <= until_s:
-        hands.advance(due_s, service)
-        service.advance(due_s)
-        sent += [(due_s, number, text) for number, text in service.outgoing()]
-    return sent
+        def move(_: SimulatedLeapService, at_s: float) -> None:
+            channels = self._hands.setdefault(side, _channels())
+            for channel, stroke in strokes.items():
+                channels[channel].start(at_s, stroke)
 
-
-def _read(words: StepWords) -> _Action:
-    """Turn the words of one step into what it does."""
-    verb, side = words.verb, ""
-    if words.usage.startswith(f"{verb} left|right"):
-        side = words.left.pop(0) if words.left else ""
-        if side not in HANDS:
-            raise words.error(f"{side!r} must be left or right; usage: {words.usage}")
-    what: _Set | _Swing | _Enter | float | None = None
-    if verb == "enter":
-        what = _Enter(_position(words) if words.left else HOME_MM)
-    elif verb == "move":
-        what = _Set(verb, Ramp(_position(words), words.over()))
-    elif verb == "tilt":
-        what = _Set(verb, Ramp(_angles(words), words.over()))
-    elif verb in ("grab", "pinch", "confidence"):
-        what = _Set(verb, Ramp(words.numbers(("STRENGTH",), 0.0, 1.0), words.over()))
-    elif verb == "swing":
-        amplitude = _position(words)
-        angles = (0.0, 0.0, 0.0) if words.left[:1] in ([], ["over"]) else _angles(words)
-        position = words.swing(amplitude, SHORTEST_SWING_S, phased=False)
-        what = _Swing(position, position._replace(amplitude=angles))
-    elif verb == "restart" and words.left:
-        what = words.number("SECONDS", 0.0)
-    elif verb == "malformed" and words.left:
-        what = words.number("FRAMES", 1.0)
-    words.end()
-    return _Action(verb, side, what)
+        return move
 
 
 def _position(words: StepWords) -> tuple[float, ...]:
@@ -292,3 +224,28 @@ def _position(words: StepWords) -> tuple[float, ...]:
 
 def _angles(words: StepWords) -> tuple[float, ...]:
     return words.numbers(("PITCH", "YAW", "ROLL"), -180.0, 180.0)
+
+
+def _strength(words: StepWords) -> tuple[float, ...]:
+    return words.numbers(("STRENGTH",), 0.0, 1.0)
+
+
+_GOALS: Mapping[str, Callable[[StepWords], tuple[float, ...]]] = {
+    "move": _position,
+    "tilt": _angles,
+    "grab": _strength,
+    "pinch": _strength,
+    "confidence": _strength,
+}
+"""What reads where a channel is to go."""
+
+_ACTS: Mapping[str, Act[SimulatedLeapService]] = {
+    "unplug": calling("unplug"),
+    "replug": calling("replug"),
+    "pause": lambda service, _: service.set_device(service.attached, False),
+    "unpause": lambda service, _: service.set_device(service.attached, service.attached),
+    "stall": setting("stalled", True),
+    "resume": setting("stalled", False),
+    "steal-focus": calling("steal_focus"),
+}
+"""What steps without words do."""

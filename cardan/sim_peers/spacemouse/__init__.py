@@ -10,14 +10,13 @@ from cardan.sim_peers.spacemouse.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHand as ScriptedHand,
-    play as play,
 )
 from cardan.sim_peers.spacemouse.keyboard import (
     KeyboardHand as KeyboardHand,
 )
-from cardan.sim_peers.spacemouse.serial import (
-    SerialSpaceMousePeer as SerialSpaceMousePeer,
-    SerialSpaceMousePeerOptions as SerialSpaceMousePeerOptions,
+from cardan.sim_peers.spacemouse.peer import (
+    SpaceMousePeer as SpaceMousePeer,
+    SpaceMousePeerOptions as SpaceMousePeerOptions,
 )
 from cardan.sim_peers.spacemouse.serial_core import (
     SimulatedSerialPuck as SimulatedSerialPuck,
@@ -25,16 +24,4 @@ from cardan.sim_peers.spacemouse.serial_core import (
 )
 from cardan.sim_peers.spacemouse.serial_line import (
     SERIAL_FAULTS as SERIAL_FAULTS,
-)
-from cardan.sim_peers.spacemouse.socket import (
-    SpaceMousePeer as SpaceMousePeer,
-    SpaceMousePeerOptions as SpaceMousePeerOptions,
-)
-from cardan.sim_peers.spacemouse.uhid import (
-    UhidSpaceMousePeer as UhidSpaceMousePeer,
-    UhidSpaceMousePeerOptions as UhidSpaceMousePeerOptions,
-)
-from cardan.sim_peers.spacemouse.usbip import (
-    UsbipSpaceMousePeer as UsbipSpaceMousePeer,
-    UsbipSpaceMousePeerOptions as UsbipSpaceMousePeerOptions,
 )

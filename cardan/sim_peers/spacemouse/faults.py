@@ -13,7 +13,7 @@ from cardan.sim_peers.report_line import ReportLine
 
 FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s, whatever it is doing", 3.0),
-    FaultSwitch("replug", "the device that vanished is back at VALUE s", 4.0),
+    FaultSwitch("replug", "the device that vanished is back at VALUE s", 4.0, after="unplug"),
     FaultSwitch("silence", "nothing more comes after the first deflection past VALUE s", 3.0),
     FaultSwitch("seized", "opens, but never sends: another program holds the device"),
     FaultSwitch(
@@ -65,8 +65,6 @@ def check_faults(faults: Mapping[str, float], model: Model) -> None:
         )
     if "low-battery" in faults and not model.battery:
         raise ScriptError(f"fault low-battery: {model.name} has no battery")
-    if "replug" in faults and faults["replug"] <= faults.get("unplug", math.inf):
-        raise ScriptError("fault replug: needs the fault unplug, at an earlier time")
 
 
 def _sent_family(faults: Mapping[str, float], model: Model) -> Family:

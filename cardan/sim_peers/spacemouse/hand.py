@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from operator import methodcaller
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.scripted import DeflectingHand, StepWords, Timeline
+from cardan.sim_peers.scripted import Act, HeldDevice, ScriptHand, StepWords, calling, moving
 from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
-from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
+from cardan.sim_peers.strokes import Ramp, VectorMotion
 
 HAND_PERIOD_S = 0.008
 """How often a moving hand is sampled: the shortest report period of a device."""
@@ -144,10 +143,9 @@ class PuckModel(Protocol):
         """Label by bit."""
 
 
-class Puck(Protocol):
+class Puck(HeldDevice, Protocol):
     """A simulated device as its hand sees it; times are s from plugging in."""
 
-    plugged: bool
     axes: Axes
 
     @property
@@ -183,80 +181,37 @@ class Puck(Protocol):
     def resume(self) -> None:
         """Send again."""
 
-    @property
-    def next_due_s(self) -> float:
-        """When `reports` has something to do next."""
 
-    def reports(self, now_s: float) -> list[bytes]:
-        """What arrives at the host from the last call until `now_s`."""
+class ScriptedHand(ScriptHand[Puck]):
+    """Plays the steps of a script on a device of `model`."""
 
-    def skip_to(self, now_s: float) -> None:
-        """Make no reports of motion for the time before `now_s`."""
+    def __init__(self, steps: Sequence[ScriptStep], model: PuckModel, start_s: float = 0.0) -> None:
+        self._model = model
+        self._axes = VectorMotion(NEUTRAL, HAND_PERIOD_S)
+        super().__init__(steps, SCRIPT_VERBS, [self._axes], start_s)
 
+    def _hold(self, device: Puck, now_s: float) -> None:
+        device.set_axes(self._axes.advance(now_s))
 
-class Hand(Protocol):
-    """What moves a simulated device."""
+    def _read(self, words: StepWords) -> Act[Puck]:
+        if words.verb == "axes":
+            return moving(self._axes, Ramp(words.numbers(AXES, -1.0, 1.0), words.over()))
+        if words.verb == "neutral":
+            return moving(self._axes, Ramp(NEUTRAL, words.over(), ends_swings=True))
+        if words.verb == "swing":
+            amplitude = words.numbers(AXES, -1.0, 1.0)
+            return moving(self._axes, words.swing(amplitude, HAND_PERIOD_S))
+        labels = [self._label(words)] if words.verb in ("press", "release") else []
+        return calling(words.verb, *labels)
 
-    @property
-    def next_due_s(self) -> float:
-        """When `advance` has something to do next; inf when nothing is planned."""
-
-    def advance(self, now_s: float, device: Puck) -> None:
-        """Do to `device` what is due until `now_s`."""
-
-
-_Action = Ramp | Swing | Callable[[Puck], None]
-
-
-class ScriptedHand(DeflectingHand[Puck, Axes]):
-    """Plays the steps of a script on a device of `model`; afterwards it stays as it is.
-
-    Raises ScriptError, naming the step, for arguments that its verb does not take.
-    """
-
-    def __init__(self, steps: Sequence[ScriptStep], model: PuckModel) -> None:
-        timeline = Timeline(
-            steps, SCRIPT_VERBS, lambda words: [(words.time_s, _read(words, model))]
-        )
-        super().__init__(timeline, VectorMotion(NEUTRAL, HAND_PERIOD_S))
-
-    def _hold(self, device: Puck, vector: Axes) -> None:
-        device.set_axes(vector)
-
-
-def play(device: Puck, hand: Hand, until_s: float) -> list[bytes]:
-    """Move `device` by `hand` until `until_s`, each at its due times; the reports it sent."""
-    reports: list[bytes] = []
-    while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
-        device.skip_to(due_s)
-        hand.advance(due_s, device)
-        reports += device.reports(due_s)
-    return reports
-
-
-def _read(words: StepWords, model: PuckModel) -> _Action:
-    """Turn the words of one step into what it does."""
-    action: _Action
-    if words.verb == "axes":
-        action = Ramp(words.numbers(AXES, -1.0, 1.0), words.over())
-    elif words.verb == "neutral":
-        action = Ramp(NEUTRAL, words.over(), ends_swings=True)
-    elif words.verb == "swing":
-        action = words.swing(words.numbers(AXES, -1.0, 1.0), HAND_PERIOD_S)
-    elif words.verb in ("press", "release"):
-        action = methodcaller(words.verb, _label(words, model))
-    else:
-        action = methodcaller(words.verb)
-    words.end()
-    return action
-
-
-def _label(words: StepWords, model: PuckModel) -> str:
-    word = words.word("LABEL")
-    labels = [model.buttons[bit] for bit in sorted(model.buttons)]
-    by_word = {"first": labels[:1], "second": labels[1:2]}.get(word, [word])
-    if not by_word or by_word[0] not in labels:
-        raise words.error(
-            f"{model.name} has no button {word!r}; it has: {', '.join(labels) or 'no buttons'}"
-        )
-    return by_word[0]
+    def _label(self, words: StepWords) -> str:
+        word = words.word("LABEL")
+        buttons = self._model.buttons
+        labels = [buttons[bit] for bit in sorted(buttons)]
+        by_word = {"first": labels[:1], "second": labels[1:2]}.get(word, [word])
+        if not by_word or by_word[0] not in labels:
+            raise words.error(
+                f"{self._model.name} has no button {word!r}; "
+                f"it has: {', '.join(labels) or 'no buttons'}"
+            )
+        return by_word[0]

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
-from cardan.errors import ScriptError
 from cardan.protocols.connexion_serial import SerialModel
-from cardan.sim_peers import base
-from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.report_line import ReportLine
 
 SERIAL_FAULTS = (
     FaultSwitch("unplug", "the port vanishes at VALUE s, whatever the device is doing", 3.0),
-    FaultSwitch("replug", "the port that vanished is back at VALUE s", 4.0),
+    FaultSwitch("replug", "the port that vanished is back at VALUE s", 4.0, after="unplug"),
     FaultSwitch("power-loss", "at VALUE s the device starts anew, with its port open", 3.0),
     FaultSwitch("silence", "nothing more comes after the first deflection past VALUE s", 3.0),
     FaultSwitch("mute", "never sends anything: a dead line, or the wrong baud rate"),
@@ -45,18 +42,11 @@ FIFO_BYTES = 14
 """A UART hands received bytes over in portions of this size, and what is left at a pause."""
 
 
-def check_serial_faults(faults: Mapping[str, float]) -> None:
-    """Raise ScriptError for a fault that does not exist or cannot be."""
-    base.check_faults(faults, SERIAL_FAULTS)
-    if "replug" in faults and faults["replug"] <= faults.get("unplug", math.inf):
-        raise ScriptError("fault replug: needs the fault unplug, at an earlier time")
-
-
 class SerialLine(ReportLine):
     """The wire from the device to the host: bytes take their time, and some of them are mangled."""
 
     def __init__(self, faults: Mapping[str, float], model: SerialModel, seed: int) -> None:
-        check_serial_faults(faults)
+        check_faults(faults, SERIAL_FAULTS)
         super().__init__(faults, seed)
         stop_bits = 2 if model.protocol == "magellan" else 1
         self._byte_s = (9 + stop_bits) / 9600

@@ -12,7 +12,6 @@ from cardan.sim_peers.wiimote.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHand as ScriptedHand,
-    play as play,
 )
 from cardan.sim_peers.wiimote.peer import (
     WiimotePeer as WiimotePeer,

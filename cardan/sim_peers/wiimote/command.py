@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.wiimote.faults import FAULTS
 from cardan.sim_peers.wiimote.hand import SCRIPT_VERBS, SCRIPTS
@@ -12,12 +11,8 @@ from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
 class Wiimote(PeerCommand[WiimotePeerOptions]):
     """A Nintendo Wii Remote (reports over two L2CAP channels, or a HID device of the kernel's)."""
 
-    Options = WiimotePeerOptions
+    Options, Peer = WiimotePeerOptions, WiimotePeer
     page = "simulated-devices.md"
     speaks = "[its reports](protocols/wiimote.md) over seqpacket sockets, uhid or L2CAP"
     epilog = "Prints READY and where it is once it can be connected to."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
-
-    @staticmethod
-    def run(options: WiimotePeerOptions, seconds: float | None) -> None:
-        serve(WiimotePeer(options), seconds)

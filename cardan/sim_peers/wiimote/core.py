@@ -284,9 +284,14 @@ class SimulatedWiimote:
     # -- the host ------------------------------------------------------------------------------
 
     @property
+    def plugged(self) -> bool:
+        """Whether a host can find it: switched on, and in range."""
+        return self.powered and self.in_range
+
+    @property
     def reachable(self) -> bool:
         """Whether a host can connect now."""
-        return self.powered and self.in_range and not self.connected
+        return self.plugged and not self.connected
 
     def connect(self, now_s: float) -> bool:
         """A host has opened both channels. False: nobody is there."""

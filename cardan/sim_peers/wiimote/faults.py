@@ -20,9 +20,14 @@ FAULTS = (
         "silence", "from VALUE s on the remote neither sends nor obeys; link stays up", 3.0
     ),
     FaultSwitch("out-of-range", "out of range at VALUE s: silence, then the link is given up", 3.0),
-    FaultSwitch("in-range", "back in range at VALUE s", 8.0),
+    FaultSwitch("in-range", "back in range at VALUE s", 8.0, after="out-of-range"),
     FaultSwitch("power-off", "the remote is switched off at VALUE s", 3.0),
-    FaultSwitch("power-on", "the remote that was off is switched on again at VALUE s", 4.0),
+    FaultSwitch(
+        "power-on",
+        "the remote that was off is switched on again at VALUE s",
+        4.0,
+        after="power-off",
+    ),
     FaultSwitch("close-control", "the remote closes the control channel at VALUE s", 3.0),
     FaultSwitch("close-interrupt", "the remote closes the interrupt channel at VALUE s", 3.0),
     FaultSwitch("battery-low", "the battery falls below the flag's threshold at VALUE s", 3.0),
@@ -41,15 +46,11 @@ FAULTS = (
 )
 
 _UNKNOWN_ID = 0x2A
-_PAIRS = (("in-range", "out-of-range"), ("power-on", "power-off"))
 
 
 def check_faults(faults: Mapping[str, float], *, tr: bool) -> None:
     """Raise ScriptError for a fault that does not exist or does not fit."""
     base.check_faults(faults, FAULTS)
-    for name, first in _PAIRS:
-        if name in faults and faults[name] <= faults.get(first, math.inf):
-            raise ScriptError(f"fault {name}: needs the fault {first}, at an earlier time")
     if "woken-by-1-2" in faults and not tr:
         raise ScriptError("fault woken-by-1-2: only a -TR remote has it")
 

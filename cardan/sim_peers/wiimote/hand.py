@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
 
 from cardan.protocols.wiimote import BUTTONS, IrDot
 from cardan.protocols.wiimote.camera import HEIGHT, WIDTH
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.scripted import StepWords, Timeline
-from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
+from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving, setting
+from cardan.sim_peers.strokes import Ramp, VectorMotion
 from cardan.sim_peers.wiimote.core import ZERO, SimulatedWiimote
 
 HAND_PERIOD_S = 0.005
@@ -181,155 +180,96 @@ SCRIPTS: Mapping[str, str] = {
 """The built-in scripts."""
 
 
-class _Push(NamedTuple):
-    swing: Swing
+class ScriptedHand(ScriptHand[SimulatedWiimote]):
+    """Plays the steps of a script on a remote.
 
-
-class _Stick(NamedTuple):
-    ramp: Ramp
-
-
-class _Button(NamedTuple):
-    label: str
-    pressed: bool
-
-
-class _Dots(NamedTuple):
-    dots: tuple[IrDot, ...]
-
-
-class _Battery(NamedTuple):
-    level: int
-
-
-class _Event(NamedTuple):
-    verb: str
-
-
-_Action = Ramp | Swing | _Push | _Stick | _Button | _Dots | _Battery | _Event
-
-
-class ScriptedHand:
-    """Plays the steps of a script on a remote; afterwards it stays as it is.
-
-    Raises ScriptError, naming the step, for arguments that its verb does not take, and for steps
-    that need a Nunchuk when `extension` is not one and the script plugs none.
+    Raises ScriptError also for steps that need a Nunchuk when `extension` is not one and the script
+    plugs none.
     """
 
     def __init__(self, steps: Sequence[ScriptStep], extension: str = "") -> None:
         self._has_nunchuk = extension == "nunchuk"
-        self._timeline = Timeline(
-            steps, SCRIPT_VERBS, lambda words: [(words.time_s, self._check(words))]
-        )
         self._angles_rad = VectorMotion(ZERO, HAND_PERIOD_S)
         self._acceleration_g = VectorMotion(ZERO, HAND_PERIOD_S)
         self._stick = VectorMotion((0.0, 0.0), HAND_PERIOD_S)
+        motions = (self._angles_rad, self._acceleration_g, self._stick)
+        super().__init__(steps, SCRIPT_VERBS, motions)
 
-    @property
-    def next_due_s(self) -> float:
-        """When `advance` has something to do next, s; inf after the end."""
-        return min(
-            self._timeline.next_due_s,
-            self._angles_rad.next_due_s,
-            self._acceleration_g.next_due_s,
-            self._stick.next_due_s,
-        )
-
-    def advance(self, now_s: float, remote: SimulatedWiimote) -> None:
-        """Do every step that is due until `now_s`, then hold the remote as it is at `now_s`."""
-        for due_s, action in self._timeline.due(now_s):
-            self._act(due_s, action, remote)
+    def _hold(self, device: SimulatedWiimote, now_s: float) -> None:
         angles_rad = self._angles_rad.advance(now_s)
-        remote.set_attitude(*angles_rad, self._angles_rad.rates_at(now_s))
-        remote.set_acceleration(self._acceleration_g.advance(now_s))
-        remote.set_stick(*self._stick.advance(now_s))
+        device.set_attitude(*angles_rad, self._angles_rad.rates_at(now_s))
+        device.set_acceleration(self._acceleration_g.advance(now_s))
+        device.set_stick(*self._stick.advance(now_s))
 
-    def _check(self, words: StepWords) -> _Action:
-        """Read a step, and see that a Nunchuk which it needs is there."""
-        action = _read(words)
-        self._has_nunchuk |= words.verb == "plug"
-        needs = isinstance(action, _Stick) or (
-            isinstance(action, _Button) and action.label in ("c", "z")
-        )
-        if needs and not self._has_nunchuk:
-            raise words.error("there is no Nunchuk; choose the extension 'nunchuk'")
-        return action
-
-    def _act(self, time_s: float, action: _Action, remote: SimulatedWiimote) -> None:
-        if isinstance(action, _Push):
-            self._acceleration_g.start(time_s, action.swing)
-        elif isinstance(action, _Stick):
-            self._stick.start(time_s, action.ramp)
-        elif isinstance(action, _Button):
-            if action.label not in ("c", "z") or remote.port.nunchuk is not None:
-                (remote.press if action.pressed else remote.release)(action.label)
-        elif isinstance(action, _Dots):
-            remote.set_dots(action.dots)
-        elif isinstance(action, _Battery):
-            remote.battery = action.level
-        elif isinstance(action, _Event):
-            events = {
-                "plug": remote.plug,
-                "unplug": remote.unplug,
-                "power-off": remote.power_off,
-                "power-on": remote.power_on,
-                "leave": remote.leave,
-                "come-back": remote.come_back,
-                "silence": remote.silence,
-                "resume": remote.resume,
-            }
-            events[action.verb](time_s)
-        else:
-            self._angles_rad.start(time_s, action)
-
-
-def play(remote: SimulatedWiimote, hand: ScriptedHand, until_s: float) -> list[bytes]:
-    """Let `hand` move `remote` until `until_s`; the input reports that reach the host by then."""
-    reports: list[bytes] = []
-    while (due_s := min(remote.next_due_s, hand.next_due_s)) <= until_s:
-        if hand.next_due_s <= due_s:
-            hand.advance(due_s, remote)
-        reports += remote.reports(due_s)
-    return reports + remote.reports(until_s)
-
-
-def _read(words: StepWords) -> _Action:
-    """Turn the words of one step into what it does."""
-    action: _Action
-    if words.verb == "tilt":
-        action = Ramp(_angles_rad(words), words.over())
-    elif words.verb == "level":
-        action = Ramp(ZERO, words.over(), ends_swings=True)
-    elif words.verb == "swing":
-        action = words.swing(_angles_rad(words), HAND_PERIOD_S)
-    elif words.verb == "push":
-        amplitude_g = words.numbers(("X", "Y", "Z"), -4.0, 4.0)
-        action = _Push(words.swing(amplitude_g, HAND_PERIOD_S, phased=False))
-    elif words.verb == "stick":
-        action = _Stick(Ramp(words.numbers(("X", "Y"), -1.0, 1.0), words.over()))
-    elif words.verb in ("press", "release"):
-        label, labels = words.word("LABEL"), (*BUTTONS.values(), "c", "z")
-        if label not in labels:
-            raise words.error(f"there is no button {label!r}; there are: {', '.join(labels)}")
-        action = _Button(label, words.verb == "press")
-    elif words.verb == "dots":
-        dots: list[IrDot] = []
-        while words.left and len(dots) < 4:
-            x_count = words.number("X", 0.0, WIDTH - 1)
-            y_count = words.number("Y", 0.0, HEIGHT - 1)
-            dots.append(IrDot(round(x_count), round(y_count), 3))
-        action = _Dots(tuple(dots))
-    elif words.verb == "battery":
-        action = _Battery(round(words.number("level", 0.0, 255.0)))
-    else:
+    def _read(self, words: StepWords) -> Act[SimulatedWiimote]:
+        if words.verb in _READERS:
+            return _READERS[words.verb](self, words)
         if words.verb == "plug":
             if words.left != ["nunchuk"]:
                 what = " ".join(words.left)
                 raise words.error(f"{what!r} cannot be plugged; usage: {words.usage}")
             words.left.clear()
-        action = _Event(words.verb)
-    words.end()
-    return action
+            self._has_nunchuk = True
+        method = words.verb.replace("-", "_")
+        return lambda remote, at_s: getattr(remote, method)(at_s)
+
+    def _tilt(self, words: StepWords) -> Act[SimulatedWiimote]:
+        return moving(self._angles_rad, Ramp(_angles_rad(words), words.over()))
+
+    def _level(self, words: StepWords) -> Act[SimulatedWiimote]:
+        return moving(self._angles_rad, Ramp(ZERO, words.over(), ends_swings=True))
+
+    def _swing(self, words: StepWords) -> Act[SimulatedWiimote]:
+        return moving(self._angles_rad, words.swing(_angles_rad(words), HAND_PERIOD_S))
+
+    def _push(self, words: StepWords) -> Act[SimulatedWiimote]:
+        amplitude_g = words.numbers(("X", "Y", "Z"), -4.0, 4.0)
+        return moving(self._acceleration_g, words.swing(amplitude_g, HAND_PERIOD_S, phased=False))
+
+    def _move_stick(self, words: StepWords) -> Act[SimulatedWiimote]:
+        act = moving(self._stick, Ramp(words.numbers(("X", "Y"), -1.0, 1.0), words.over()))
+        self._need_nunchuk(words)
+        return act
+
+    def _button(self, words: StepWords) -> Act[SimulatedWiimote]:
+        label, labels = words.word("LABEL"), (*BUTTONS.values(), *_NUNCHUK_BUTTONS)
+        if label not in labels:
+            raise words.error(f"there is no button {label!r}; there are: {', '.join(labels)}")
+        act = calling(words.verb, label)
+        if label not in _NUNCHUK_BUTTONS:
+            return act
+        self._need_nunchuk(words)
+        return lambda remote, at_s: None if remote.port.nunchuk is None else act(remote, at_s)
+
+    def _dots(self, words: StepWords) -> Act[SimulatedWiimote]:
+        dots: list[IrDot] = []
+        while words.left and len(dots) < 4:
+            x_count = words.number("X", 0.0, WIDTH - 1)
+            y_count = words.number("Y", 0.0, HEIGHT - 1)
+            dots.append(IrDot(round(x_count), round(y_count), 3))
+        return calling("set_dots", tuple(dots))
+
+    def _battery(self, words: StepWords) -> Act[SimulatedWiimote]:
+        return setting("battery", round(words.number("level", 0.0, 255.0)))
+
+    def _need_nunchuk(self, words: StepWords) -> None:
+        if not self._has_nunchuk:
+            raise words.error("there is no Nunchuk; choose the extension 'nunchuk'")
+
+
+_READERS: Mapping[str, Callable[[ScriptedHand, StepWords], Act[SimulatedWiimote]]] = {
+    "tilt": ScriptedHand._tilt,
+    "level": ScriptedHand._level,
+    "swing": ScriptedHand._swing,
+    "push": ScriptedHand._push,
+    "stick": ScriptedHand._move_stick,
+    "press": ScriptedHand._button,
+    "release": ScriptedHand._button,
+    "dots": ScriptedHand._dots,
+    "battery": ScriptedHand._battery,
+}
+"""What reads the words of verbs that are no methods of the remote."""
+_NUNCHUK_BUTTONS = ("c", "z")
 
 
 def _angles_rad(words: StepWords) -> tuple[float, ...]:

@@ -146,7 +146,7 @@ def test_the_driver_on_a_bus_is_felt_and_missed():
     hand, felt = s.device, []
 
     def load(what):
-        peer._hand.advance = lambda now_s, board: what(board)
+        peer.hand.advance = lambda now_s, board: what(board)
 
     def cycles():
         stage = 0

@@ -512,7 +512,7 @@ def test_an_arm_moved_by_a_hand_rests_while_its_view_is_stopped(tmp_path):
         '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
         '[mapping]\ndeadman = "left"\n'
     )
-    peer = SpaceMousePeer(SpaceMousePeerOptions(path=str(tmp_path / "hid"), script=str(script)))
+    peer = SpaceMousePeer(SpaceMousePeerOptions(hid=str(tmp_path / "hid"), script=str(script)))
     with in_a_thread(peer), Supervising(RUN, config) as view:
         until(view.is_moving, "motion")
         at_s, said = view.stop_for(1.6)

@@ -1,12 +1,14 @@
-"""The simulated board's place on a CAN bus by python-can (LGPL, so an extra: imported late)."""
+"""A simulated device's place on a CAN bus by python-can (LGPL, so an extra: imported late)."""
 
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cardan.errors import AddressError
 from cardan.protocols.jr3_can import CanFrame
+from cardan.sim_peers.carriers.base import Carrier, Shell
 
 if TYPE_CHECKING:
     import can
@@ -14,10 +16,44 @@ if TYPE_CHECKING:
 _DRAIN_AT_MOST = 256
 
 
-class PythonCanBus:
+class CanNode(Protocol):
+    """A simulated device on a CAN bus."""
+
+    node_id: int
+
+    def receive(self, arbitration_id: int, data: bytes, now_s: float) -> None:
+        """A data frame of anybody else."""
+
+
+class CanCarrier(Carrier[CanFrame]):
+    """A CAN bus that `node` is on for as long as the peer is open."""
+
+    awaits_program = False
+
+    def __init__(self, node: CanNode) -> None:
+        self._node = node
+
+    @property
+    def there(self) -> bool:
+        """A node cannot be unplugged."""
+        return True
+
+    def appear(self) -> None:
+        """It is there."""
+
+    def vanish(self) -> None:
+        """It stays."""
+
+    def _take(self, frame: CanFrame) -> None:
+        """Give the node a frame that has come."""
+        self._node.receive(*frame, self.shell.device_s())
+
+
+class PythonCanBus(CanCarrier):
     """A bus of python-can's `interface`; `extra` are that interface's own arguments."""
 
-    def __init__(self, interface: str, channel: str, extra: dict[str, Any]) -> None:
+    def __init__(self, node: CanNode, interface: str, channel: str, extra: dict[str, Any]) -> None:
+        super().__init__(node)
         self._interface, self._channel, self._extra = interface, channel, extra
         self._bus: can.BusABC | None = None
         self.garbled = 0
@@ -25,12 +61,13 @@ class PythonCanBus:
 
     @property
     def endpoint(self) -> str:
-        """INTERFACE CHANNEL."""
-        port = self._extra.get("port")
-        return f"{self._interface} {self._channel}" + (f":{port}" if port else "")
+        """INTERFACE CHANNEL and the node."""
+        port = f":{self._extra['port']}" if self._extra.get("port") else ""
+        return f"{self._interface} {self._channel}{port} node {self._node.node_id}"
 
-    def open(self) -> None:
+    def open(self, shell: Shell) -> None:
         """Open the bus; AddressError when that cannot be."""
+        super().open(shell)
         try:
             import can
         except ImportError:
@@ -66,13 +103,12 @@ class PythonCanBus:
             with contextlib.suppress(Exception):
                 bus.shutdown()
 
-    def receive(self, timeout_s: float) -> list[CanFrame]:
-        """The data frames that have come, once there is one or after `timeout_s`."""
+    def wait(self, timeout_s: float) -> None:
+        """Wait for frames and take all that have come. Raises AddressError when the bus is gone."""
         import can
 
         bus = self._bus
-        assert bus is not None, "receive() before open()"
-        frames = []
+        assert bus is not None, "wait() before open()"
         for _ in range(_DRAIN_AT_MOST):
             try:
                 message = bus.recv(timeout_s)
@@ -82,19 +118,18 @@ class PythonCanBus:
                 self.garbled += 1
                 continue
             if message is None:
-                break
+                return
             timeout_s = 0.0
             if not (message.is_extended_id or message.is_remote_frame or message.is_error_frame):
-                frames.append(CanFrame(message.arbitration_id, bytes(message.data)))
-        return frames
+                self._take(CanFrame(message.arbitration_id, bytes(message.data)))
 
-    def send(self, frame: CanFrame) -> None:
-        """Send `frame`; one that the bus does not take is lost, as on a bus without listeners."""
+    def send(self, messages: Sequence[CanFrame]) -> None:
+        """Send frames; one that the bus does not take is lost, as on a bus without listeners."""
         import can
 
         assert self._bus is not None, "send() before open()"
-        arbitration_id, data = frame
-        with contextlib.suppress(can.CanError):
-            self._bus.send(
-                can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=False)
-            )
+        for arbitration_id, data in messages:
+            with contextlib.suppress(can.CanError):
+                self._bus.send(
+                    can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=False)
+                )

@@ -2,19 +2,26 @@
 
 A server exports devices over TCP; the kernel's vhci-hcd imports them (``usbip attach``), and from
 then on asks for transfers as it asks a host controller: control transfers on endpoint 0, and reads
-of interrupt endpoints which wait until the device has something. Sans-I/O: a :class:`UsbipSession`
-is one connection, bytes in and bytes out. All numbers are big-endian but those of USB itself.
-Source: Linux, Documentation/usb/usbip_protocol.rst; tools/usb/usbip/src.
+of interrupt endpoints which wait until the device has something. A :class:`UsbipSession` is one
+connection without any I/O, bytes in and bytes out; :class:`UsbipCarrier` listens. All numbers are
+big-endian but those of USB itself. Source: Linux, Documentation/usb/usbip_protocol.rst;
+tools/usb/usbip/src.
 """
 
 from __future__ import annotations
 
 import enum
 import errno
+import socket
 import struct
+import time
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
+
+from cardan.sim_peers.carriers.base import Carrier, Shell
+from cardan.sim_peers.carriers.server import Server, StreamClient, bound_to
 
 USBIP_PORT = 3240
 VERSION = 0x0111
@@ -24,6 +31,8 @@ REQUEST_IMPORT, REPLY_IMPORT = 0x8003, 0x0003
 CMD_SUBMIT, CMD_UNLINK, RET_SUBMIT, RET_UNLINK = 1, 2, 3, 4
 
 STATUS_OK, STATUS_BUSY, STATUS_NO_DEVICE = 0, 2, 4
+
+MAX_CONNECTIONS = 8
 
 MAX_TRANSFER_BYTES = 1 << 16
 """No transfer of a HID device is as long; a longer one is not USB/IP."""
@@ -88,6 +97,8 @@ class UsbFunction(ABC):
     """What a simulated device does behind the transfers."""
 
     identity: UsbIdentity
+    endpoint: int
+    """Number of the interrupt endpoint that carries the reports."""
 
     @abstractmethod
     def control(self, setup: Setup, data: bytes) -> bytes | None:
@@ -255,3 +266,107 @@ class UsbipSession:
         actual = len(data) or sent
         self._out += _RET_SUBMIT.pack(RET_SUBMIT, sequence, 0, 0, 0, status, actual, 0, 0, 0)
         self._out += data
+
+
+class _Connection(StreamClient):
+    def __init__(self, sock: socket.socket, session: UsbipSession) -> None:
+        super().__init__(sock)
+        self.session = session
+
+
+class UsbipCarrier(Carrier[bytes]):
+    """A USB device on a TCP port, which one host at a time can attach. To attach it, as root::
+
+        modprobe vhci-hcd
+        usbip attach -r HOST -b 1-1
+
+    Unplugging detaches it; plugged in again, it has to be attached again. While it refuses to be
+    opened it is busy to hosts.
+    """
+
+    tells_refusal = True
+
+    def __init__(self, function: UsbFunction, host: str, port: int, bus_id: str) -> None:
+        self._usb = function
+        self._bus_id = bus_id
+        self._plugged = False
+        self.address = (host, port)
+        """Where it listens; port 0 until that is known."""
+
+    @property
+    def endpoint(self) -> str:
+        """HOST:PORT and the bus id."""
+        return f"{self.address[0]}:{self.address[1]} {self._bus_id}"
+
+    @property
+    def there(self) -> bool:
+        """Whether a host can see the device."""
+        return self._plugged
+
+    @property
+    def attached(self) -> bool:
+        """Whether a host has imported the device."""
+        return any(client.session.imported for client in self._server.clients)
+
+    def open(self, shell: Shell) -> None:
+        """Listen. Raises AddressError."""
+        super().open(shell)
+        self._server: Server[_Connection] = Server(
+            shell.selector,
+            MAX_CONNECTIONS,
+            meet=lambda sock: _Connection(sock, UsbipSession(self._usb, self._bus_id)),
+            take=self._take,
+            part=lambda client: None,
+        )
+        listener = bound_to(
+            *self.address,
+            "listen",
+            "; give another port, or end what uses it (usbipd)",
+            socket.AF_INET,
+        )
+        self._server.listen_on(listener)
+        self.address = listener.getsockname()[:2]
+
+    def appear(self) -> None:
+        """Let hosts see the device."""
+        self._plugged = True
+
+    def vanish(self) -> None:
+        """Detach the device."""
+        self._plugged = False
+        for client in tuple(self._server.clients):
+            if client.session.imported:
+                self._server.drop(client)
+
+    def attend(self, now_s: float) -> None:
+        """Say to every connection whether the device is there, and whether it may import it."""
+        free = not self.attached and now_s >= self.shell.refused_until_s
+        for client in self._server.clients:
+            client.session.present = self._plugged
+            client.session.available = free
+
+    def send(self, messages: Sequence[bytes]) -> None:
+        """Give the reports to the host that has the device."""
+        for client in tuple(self._server.clients):
+            if client.session.imported:
+                for report in messages:
+                    client.session.push(self._usb.endpoint, report)
+                self._flush(client)
+
+    def close(self) -> None:
+        """Detach the device, close every connection."""
+        self._plugged = False
+        self._server.close()
+
+    def _take(self, client: _Connection, data: bytes) -> None:
+        self.attend(time.monotonic())
+        client.session.receive(data)
+        self._flush(client)
+        if client.session.failed:
+            self._server.drop(client)
+        elif client.session.polled:
+            self.shell.begin()
+
+    def _flush(self, client: _Connection) -> None:
+        client.unsent += client.session.take_output()
+        self._server.flush(client)

@@ -2,8 +2,9 @@
 
 Whoever writes to /dev/uhid is the hardware: the kernel binds its HID drivers to it and makes
 hidraw and evdev nodes. The device is gone when its file is closed. The codec below does no I/O;
-:class:`UhidDevice` is the file. Source: Linux, include/uapi/linux/uhid.h and
-Documentation/hid/uhid.rst. All numbers are in the machine's byte order, without padding.
+:class:`UhidDevice` is the file, :class:`UhidCarrier` serves a simulated device by it. Source:
+Linux, include/uapi/linux/uhid.h and Documentation/hid/uhid.rst. All numbers are in the machine's
+byte order, without padding.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import selectors
 import struct
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from cardan.errors import DeviceAccessError
+from cardan.sim_peers.carriers.base import Carrier, Shell
 
 UHID_PATH = "/dev/uhid"
 
@@ -265,3 +269,76 @@ class UhidDevice:
 
     def _write(self, event: bytes) -> None:
         os.write(self._fd, event)
+
+
+class UhidCarrier(Carrier[bytes]):
+    """A simulated device of the kernel's; unplugging makes its nodes vanish.
+
+    `take` gets each output report and the device's time, s.
+    """
+
+    def __init__(
+        self, identity: HidIdentity, take: Callable[[bytes, float], None], path: str = UHID_PATH
+    ) -> None:
+        self.identity = identity
+        self.device = UhidDevice(path)
+        self._take = take
+        self._plugged = False
+
+    @property
+    def endpoint(self) -> str:
+        """What programs look for: vendor and product id."""
+        return f"{self.identity.vendor_id:04x}:{self.identity.product_id:04x}"
+
+    @property
+    def there(self) -> bool:
+        """Whether the kernel has the device."""
+        return self._plugged
+
+    def open(self, shell: Shell) -> None:
+        """Open the kernel's file. Raises DeviceAccessError."""
+        super().open(shell)
+        self.device.open()
+        shell.selector.register(self.device.fileno(), selectors.EVENT_READ, self._serve)
+
+    def appear(self) -> None:
+        """Make the device. Raises DeviceAccessError."""
+        self.device.plug(self.identity)
+        self._plugged = True
+
+    def vanish(self) -> None:
+        """Destroy the device."""
+        if self._plugged:
+            self._plugged = False
+            with contextlib.suppress(OSError):
+                self.device.unplug()
+
+    def send(self, messages: Sequence[bytes]) -> None:
+        """Give the kernel input reports."""
+        for report in messages:
+            if self._plugged:
+                self.device.send(report)
+
+    def close(self) -> None:
+        """Destroy the device and close the file."""
+        self.vanish()
+        self.device.close()
+        self._plugged = False
+
+    def _serve(self) -> None:
+        """Take what the kernel has for the device."""
+        while (event := self.device.read()) is not None:
+            if isinstance(event, Open):
+                self.shell.begin()
+            elif isinstance(event, Output):
+                self._take(event.data, self.shell.device_s())
+            elif isinstance(event, SetReport):
+                taken = event.report_type == OUTPUT_REPORT and self._set_report(event.data)
+                self.device.reply_to(event, 0 if taken else errno.EIO)
+            elif isinstance(event, GetReport):
+                self.device.reply_to(event, errno.EIO)
+
+    def _set_report(self, report: bytes) -> bool:
+        """Take an output report that a program waits for; False: refused."""
+        self._take(report, self.shell.device_s())
+        return True

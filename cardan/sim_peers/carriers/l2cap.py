@@ -1,4 +1,4 @@
-"""What carries the simulated remote's packets: Unix sockets, Bluetooth, or the kernel's uhid.
+"""The two L2CAP channels of a Bluetooth HID device, real ones or on Unix sockets.
 
 A carrier opens channels and passes packets on; what they mean is the remote's affair.
 """
@@ -13,36 +13,19 @@ import select
 import selectors
 import socket
 import struct
-import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Protocol
 
 from cardan.bounds import BLUETOOTH_ADDRESS
 from cardan.errors import AddressError
 from cardan.options import require
-from cardan.protocols.wiimote import (
-    CONTROL_PSM,
-    INPUT_HEADER,
-    INTERRUPT_PSM,
-    NINTENDO,
-    Model,
-    report_descriptor,
-)
-from cardan.sim_peers.uhid import (
-    BUS_BLUETOOTH,
-    OUTPUT_REPORT,
-    GetReport,
-    HidIdentity,
-    Output,
-    SetReport,
-    UhidDevice,
-)
-from cardan.sim_peers.unix_socket import Advice, PacketSocket
+from cardan.protocols.wiimote import CONTROL_PSM, INPUT_HEADER, INTERRUPT_PSM
+from cardan.sim_peers.carriers.base import Carrier, Shell
+from cardan.sim_peers.carriers.unix_socket import Advice, PacketSocket
 
 AF_BLUETOOTH = 31
 """Linux's number; a Python built without Bluetooth headers has no name for it."""
-RECONNECT_S = 1.0
-"""How long a remote that a host once paired takes to connect again, by itself."""
 _ADVICE = Advice(
     no_socket="give another directory",
     served="end it or give another one",
@@ -55,80 +38,57 @@ _SOCKADDR_L2 = struct.Struct("<HH6sHBx")
 
 
 class Remote(Protocol):
-    """What a carrier tells."""
+    """A simulated device with two channels; times are s from the script's start."""
 
+    @property
     def connected(self) -> bool:
+        """It knows of a host."""
+
+    @property
+    def control_open(self) -> bool:
+        """It has not closed the control channel."""
+
+    @property
+    def interrupt_open(self) -> bool:
+        """It has not closed the interrupt channel."""
+
+    def connect(self, now_s: float) -> bool:
         """A host has opened both channels. False: the remote does not answer."""
 
-    def disconnected(self) -> None:
+    def disconnect(self, now_s: float) -> None:
         """The host has closed a channel."""
 
-    def interrupt(self, packet: bytes) -> None:
-        """A packet on the interrupt channel, header first."""
+    def interrupt(self, packet: bytes, now_s: float) -> None:
+        """Take a packet of the interrupt channel, header first."""
 
-    def control(self, packet: bytes) -> bytes:
-        """A packet on the control channel, header first; the answer there, if any."""
-
-    def output(self, report: bytes) -> None:
-        """An output report, id first, from a carrier without channels."""
-
-    def set_report(self, report: bytes) -> bool:
-        """The same, as if on the control channel; False: refused."""
+    def control(self, packet: bytes, now_s: float) -> bytes:
+        """Take a packet of the control channel, header first; the answer there, if any."""
 
 
-class Carrier(ABC):
-    """One way to reach the remote. `control_up` and `interrupt_up`: that channel is open."""
+class ChannelCarrier(Carrier[bytes]):
+    """Two listening sockets with packets; a host opens the control channel first.
 
-    control_up = False
-    interrupt_up = False
-    lost_reports = 0
-    """Reports that the host had no room for."""
+    One host at a time, again and again. What it sends are input reports, id first.
+    """
 
-    @property
-    @abstractmethod
-    def endpoint(self) -> str:
-        """What hosts connect to."""
-
-    @abstractmethod
-    def open(self, selector: selectors.BaseSelector, remote: Remote) -> None:
-        """Take what is needed. Raises AddressError or DeviceAccessError."""
-
-    @abstractmethod
-    def appear(self) -> None:
-        """The remote can be reached from now on; again is fine."""
-
-    @abstractmethod
-    def vanish(self) -> None:
-        """It cannot be reached any more; channels that are open stay so."""
-
-    @abstractmethod
-    def send(self, report: bytes) -> None:
-        """Send an input report, id first."""
-
-    @abstractmethod
-    def hang_up(self, *, control: bool, interrupt: bool) -> None:
-        """Close these channels."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Let go of everything. Never raises."""
-
-
-class ChannelCarrier(Carrier):
-    """Two listening sockets with packets; control first, as a host does."""
-
-    def __init__(self) -> None:
-        self._selector: selectors.BaseSelector | None = None
-        self._remote: Remote | None = None
+    def __init__(self, remote: Remote) -> None:
+        self._remote = remote
         self._listeners: dict[int, socket.socket] = {}
         self._channels: dict[int, socket.socket] = {}
+        self.lost = 0
+        """Reports that the host had no room for."""
 
     @property
-    def control_up(self) -> bool:  # type: ignore[override]
+    def there(self) -> bool:
+        """Whether hosts can connect."""
+        return bool(self._listeners)
+
+    @property
+    def _control_up(self) -> bool:
         return CONTROL_PSM in self._channels
 
     @property
-    def interrupt_up(self) -> bool:  # type: ignore[override]
+    def _interrupt_up(self) -> bool:
         return INTERRUPT_PSM in self._channels
 
     @abstractmethod
@@ -138,49 +98,58 @@ class ChannelCarrier(Carrier):
     def _unbind(self, psm: int) -> None:
         """The socket of this channel was closed."""
 
-    def open(self, selector: selectors.BaseSelector, remote: Remote) -> None:
-        self._selector, self._remote = selector, remote
-
     def appear(self) -> None:
-        if self._listeners:
-            return
-        assert self._selector is not None
+        """Listen. Raises AddressError."""
         try:
             for psm in (CONTROL_PSM, INTERRUPT_PSM):
                 listener = self._listeners[psm] = self._bind(psm)
                 listener.setblocking(False)
                 listener.listen(_BACKLOG)
-                self._selector.register(listener, selectors.EVENT_READ, self._accept)
+                self.shell.selector.register(listener, selectors.EVENT_READ, self._accept)
         except BaseException:
             self.vanish()
             raise
 
     def vanish(self) -> None:
+        """Listen no more; channels that are open stay so."""
         for psm, listener in tuple(self._listeners.items()):
             self._forget(listener)
             self._unbind(psm)
         self._listeners.clear()
 
-    def send(self, report: bytes) -> None:
-        channel = self._channels.get(INTERRUPT_PSM)
-        if channel is None:
-            return
-        try:
-            channel.send(bytes((INPUT_HEADER,)) + report)
-        except BlockingIOError:
-            self.lost_reports += 1
-        except OSError:
-            self._lose()
+    def send(self, messages: Sequence[bytes]) -> None:
+        """Send input reports on the interrupt channel."""
+        for report in messages:
+            channel = self._channels.get(INTERRUPT_PSM)
+            if channel is None:
+                return
+            try:
+                channel.send(bytes((INPUT_HEADER,)) + report)
+            except BlockingIOError:
+                self.lost += 1
+            except OSError:
+                self._lose()
 
-    def hang_up(self, *, control: bool, interrupt: bool) -> None:
+    def attend(self, now_s: float) -> None:
+        """Close channels as the remote does."""
+        remote = self._remote
+        if self._interrupt_up or (self._control_up and remote.connected):
+            self._hang_up(control=not remote.control_open, interrupt=not remote.interrupt_open)
+        if not (self.there or remote.connected):
+            self._hang_up()
+
+    def close(self) -> None:
+        """Close every channel."""
+        self._hang_up()
+        self.vanish()
+        self._remote.disconnect(self.shell.device_s())
+
+    def _hang_up(self, *, control: bool = True, interrupt: bool = True) -> None:
+        """Close these channels."""
         for psm, wanted in ((INTERRUPT_PSM, interrupt), (CONTROL_PSM, control)):
             channel = self._channels.pop(psm, None) if wanted else None
             if channel is not None:
                 self._forget(channel)
-
-    def close(self) -> None:
-        self.hang_up(control=True, interrupt=True)
-        self.vanish()
 
     def _accept(self) -> None:
         """Somebody connects.
@@ -188,22 +157,22 @@ class ChannelCarrier(Carrier):
         Several hosts may have come and gone since the last time. An interrupt channel is taken
         out before the control channels: its own is then among those that have come.
         """
-        assert self._remote is not None
         interrupts = self._waiting(INTERRUPT_PSM, 1)
         controls = self._waiting(CONTROL_PSM, _BACKLOG)
         self._settle()
-        if not self.interrupt_up:
+        if not self._interrupt_up:
             if controls:
                 # A host that opened no more than this channel gives way to the next one.
-                self.hang_up(control=True, interrupt=False)
+                self._hang_up(interrupt=False)
                 own = [c for c in controls if interrupts and _host(c) == _host(interrupts[0])]
                 newest = (own or controls)[-1]
                 controls.remove(newest)
                 self._take(CONTROL_PSM, newest)
-            if interrupts and self.control_up:
+            if interrupts and self._control_up:
                 self._take(INTERRUPT_PSM, interrupts.pop())
-                if not self._remote.connected():
-                    self.hang_up(control=True, interrupt=True)
+                self.shell.begin()
+                if not self._remote.connect(self.shell.device_s()):
+                    self._hang_up()
         for channel in (*controls, *interrupts):
             channel.close()  # it has a host, or the order is wrong
 
@@ -224,13 +193,13 @@ class ChannelCarrier(Carrier):
         return channels
 
     def _take(self, psm: int, channel: socket.socket) -> None:
-        assert self._selector is not None
         channel.setblocking(False)
         self._channels[psm] = channel
-        self._selector.register(channel, selectors.EVENT_READ, lambda: self._receive(psm, channel))
+        self.shell.selector.register(
+            channel, selectors.EVENT_READ, lambda: self._receive(psm, channel)
+        )
 
     def _receive(self, psm: int, channel: socket.socket) -> None:
-        assert self._remote is not None
         if self._channels.get(psm) is not channel:
             return
         try:
@@ -242,53 +211,54 @@ class ChannelCarrier(Carrier):
         if not packet:
             self._lose()
         elif psm == INTERRUPT_PSM:
-            self._remote.interrupt(packet)
-        elif answer := self._remote.control(packet):
+            self._remote.interrupt(packet, self.shell.device_s())
+        elif answer := self._remote.control(packet, self.shell.device_s()):
             with contextlib.suppress(OSError):
                 channel.send(answer)
 
     def _settle(self) -> None:
         """Serve a host that has hung up to its end, so that the next one finds the line free."""
         for psm, channel in tuple(self._channels.items()):
-            while self.interrupt_up and self._channels.get(psm) is channel and _hung_up(channel):
+            while self._interrupt_up and self._channels.get(psm) is channel and _hung_up(channel):
                 self._receive(psm, channel)
 
     def _lose(self) -> None:
         """The host closed a channel, which ends both."""
-        assert self._remote is not None
         self._hear_out()
-        self.hang_up(control=True, interrupt=True)
-        self._remote.disconnected()
+        self._hang_up()
+        self._remote.disconnect(self.shell.device_s())
 
     def _hear_out(self) -> None:
         """Take what the host sent before it closed: its last words stop the motor."""
-        assert self._remote is not None
         channel = self._channels.get(INTERRUPT_PSM)
         with contextlib.suppress(OSError):
             while channel is not None and (packet := channel.recv(_PACKET_ROOM)):
-                self._remote.interrupt(packet)
+                self._remote.interrupt(packet, self.shell.device_s())
 
     def _forget(self, sock: socket.socket) -> None:
-        if self._selector is not None and sock in self._selector.get_map():
-            self._selector.unregister(sock)
+        selector = self.shell.selector
+        if sock in selector.get_map():
+            selector.unregister(sock)
         sock.close()
 
 
 class UnixChannels(ChannelCarrier):
     """Sockets (AF_UNIX, SOCK_SEQPACKET) `psm11` and `psm13` in a directory."""
 
-    def __init__(self, directory: str) -> None:
-        super().__init__()
+    def __init__(self, remote: Remote, directory: str) -> None:
+        super().__init__(remote)
         self._directory = directory
         self._made_directory = False
         self._sockets: dict[int, PacketSocket] = {}
 
     @property
     def endpoint(self) -> str:
+        """The sockets' directory."""
         return self._directory
 
-    def open(self, selector: selectors.BaseSelector, remote: Remote) -> None:
-        super().open(selector, remote)
+    def open(self, shell: Shell) -> None:
+        """Make the directory. Raises AddressError."""
+        super().open(shell)
         try:
             os.mkdir(self._directory)
             self._made_directory = True
@@ -311,6 +281,7 @@ class UnixChannels(ChannelCarrier):
         self._sockets.pop(psm).close()
 
     def close(self) -> None:
+        """Close every channel and remove what was made."""
         super().close()
         if self._made_directory:
             self._made_directory = False
@@ -321,13 +292,14 @@ class UnixChannels(ChannelCarrier):
 class BluetoothChannels(ChannelCarrier):
     """L2CAP sockets of a Bluetooth adapter, given by its address; all zeros: any."""
 
-    def __init__(self, adapter: str) -> None:
-        super().__init__()
+    def __init__(self, remote: Remote, adapter: str) -> None:
+        super().__init__(remote)
         self._adapter = adapter
         self._bdaddr = parse_address(adapter)
 
     @property
     def endpoint(self) -> str:
+        """The adapter."""
         return f"bluetooth {self._adapter}"
 
     def _bind(self, psm: int) -> socket.socket:
@@ -359,79 +331,6 @@ class BluetoothChannels(ChannelCarrier):
         if number < 0:
             raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
         return socket.socket(AF_BLUETOOTH, socket.SOCK_SEQPACKET, 0, number)
-
-
-class UhidCarrier(Carrier):
-    """A HID device that the Linux kernel takes for a remote connected over Bluetooth."""
-
-    def __init__(self, model: Model, address: str, device: UhidDevice | None = None) -> None:
-        parse_address(address)
-        self._identity = HidIdentity(
-            name=model.bluetooth_name,
-            bus=BUS_BLUETOOTH,
-            vendor_id=NINTENDO,
-            product_id=model.product_id,
-            descriptor=report_descriptor(),
-            serial=address.lower(),
-        )
-        self._address = address
-        self._device = device or UhidDevice()
-        self._again_s = 0.0
-        self._selector: selectors.BaseSelector | None = None
-        self._remote: Remote | None = None
-
-    @property
-    def endpoint(self) -> str:
-        return f"uhid {self._address}"
-
-    def open(self, selector: selectors.BaseSelector, remote: Remote) -> None:
-        self._device.open()
-        self._selector, self._remote = selector, remote
-        selector.register(self._device.fileno(), selectors.EVENT_READ, self._receive)
-
-    def appear(self) -> None:
-        # No host need do anything: the kernel is the host, and the link is up with the device.
-        assert self._remote is not None
-        if self.interrupt_up or time.monotonic() < self._again_s:
-            return
-        if self._remote.connected():
-            self._device.plug(self._identity)
-            self.control_up = self.interrupt_up = True
-
-    def vanish(self) -> None:
-        """Whether it can be reached matters only for the next device."""
-
-    def send(self, report: bytes) -> None:
-        if self.interrupt_up:
-            self._device.send(report)
-
-    def hang_up(self, *, control: bool, interrupt: bool) -> None:
-        # The kernel drops a HID device when either channel closes.
-        if self.interrupt_up and (control or interrupt):
-            self.control_up = self.interrupt_up = False
-            self._again_s = time.monotonic() + RECONNECT_S
-            with contextlib.suppress(OSError):
-                self._device.unplug()
-            assert self._remote is not None
-            self._remote.disconnected()
-
-    def close(self) -> None:
-        if self._selector is not None:
-            with contextlib.suppress(KeyError, ValueError):
-                self._selector.unregister(self._device.fileno())
-        self.control_up = self.interrupt_up = False
-        self._device.close()
-
-    def _receive(self) -> None:
-        assert self._remote is not None
-        while (event := self._device.read()) is not None:
-            if isinstance(event, Output):
-                self._remote.output(event.data)
-            elif isinstance(event, SetReport):
-                taken = event.report_type == OUTPUT_REPORT and self._remote.set_report(event.data)
-                self._device.reply_to(event, 0 if taken else errno.EIO)
-            elif isinstance(event, GetReport):
-                self._device.reply_to(event, errno.EIO)
 
 
 def _host(channel: socket.socket) -> object:

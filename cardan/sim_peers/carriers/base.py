@@ -1,0 +1,98 @@
+"""The contract between the shell that serves a simulated device and what carries its reports."""
+
+from __future__ import annotations
+
+import math
+import selectors
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Generic, Protocol, TypeVar
+
+M = TypeVar("M")
+
+
+class Shell(Protocol):
+    """What a carrier may use of the peer that it is a part of."""
+
+    @property
+    def selector(self) -> selectors.BaseSelector:
+        """Waits for the files of all parts. A file's data is a function without arguments, which
+        is called when the file is ready."""
+
+    @property
+    def refused_until_s(self) -> float:
+        """Until then nobody can open the device, by the fault ``refuse``; monotonic s."""
+
+    def begin(self) -> None:
+        """A program has opened the device: the script starts, unless it has."""
+
+    def device_s(self) -> float:
+        """The device's time now, s from the script's start; 0 before."""
+
+    def catch_up(self) -> None:
+        """Bring the device to the present and send what it has sent by then."""
+
+
+class Carrier(ABC, Generic[M]):
+    """One way to reach a simulated device, which sends what is of type M.
+
+    The shell calls a carrier's methods. What programs send reaches the device from functions that
+    the carrier registers with `Shell.selector`.
+    """
+
+    shell: Shell
+    """Set by `open`."""
+    awaits_program = True
+    """False: it cannot tell when a program opens the device, so the script starts at once."""
+    tells_refusal = False
+    """It is there while the device refuses to be opened, and says so itself."""
+
+    @property
+    @abstractmethod
+    def endpoint(self) -> str:
+        """What programs open."""
+
+    @property
+    @abstractmethod
+    def there(self) -> bool:
+        """Whether programs can find the device."""
+
+    def open(self, shell: Shell) -> None:
+        """Take what is needed for as long as the peer is open. Raises a CardanError."""
+        self.shell = shell
+
+    @abstractmethod
+    def appear(self) -> None:
+        """Plug the device in, or try to: called while it is to be there and is not. Raises a
+        CardanError that says what to do."""
+
+    @abstractmethod
+    def vanish(self) -> None:
+        """Unplug the device: called while it is there and is not to be. Never raises."""
+
+    @abstractmethod
+    def send(self, messages: Sequence[M]) -> None:
+        """Pass on what the device sends, to whoever has it open."""
+
+    def close(self) -> None:
+        """Unplug the device for good, let go of everything. Never raises; twice is fine."""
+        self.vanish()
+
+    @property
+    def due_s(self) -> float:
+        """When `attend` has something to do next, monotonic s."""
+        return math.inf
+
+    def attend(self, now_s: float) -> None:
+        """Do what is due at the monotonic time `now_s`; called at every turn."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for programs, at most `timeout_s`, and take what they send."""
+        selector = self.shell.selector
+        if not selector.get_map():  # with no file at all Windows does not wait
+            time.sleep(timeout_s)
+            return
+        for key, _ in selector.select(timeout_s):
+            handle: Callable[[], None] = key.data
+            handle()

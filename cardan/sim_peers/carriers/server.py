@@ -1,0 +1,211 @@
+"""Sockets that several programs can connect to, served without ever waiting for one of them."""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import socket
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from cardan.errors import AddressError
+
+_ROOM = 65536
+_SMALLEST_BUFFER = 1
+"""Makes the kernel keep as little as it can (a few packets), so that a client's queue counts."""
+
+
+class Client(ABC):
+    """One program that has the device open, and what it has no room for yet."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        sock.setblocking(False)
+        self.sock = sock
+
+    @property
+    @abstractmethod
+    def waiting(self) -> bool:
+        """Whether something waits until the program reads."""
+
+    @abstractmethod
+    def _pass_on(self) -> None:
+        """Send until nothing waits. Raises OSError: no more room, or gone."""
+
+    def flush(self) -> None:
+        """Pass on what the program has room for. Raises OSError when it is gone."""
+        with contextlib.suppress(BlockingIOError):
+            self._pass_on()
+
+
+class PacketClient(Client):
+    """A client that gets packets.
+
+    Subclasses put them into `_queue`, and count in `lost` what they drop when that is full.
+    """
+
+    def __init__(self, sock: socket.socket) -> None:
+        super().__init__(sock)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALLEST_BUFFER)
+        self.lost = 0
+        self._queue: deque[bytes] = deque()
+
+    @property
+    def waiting(self) -> bool:
+        """Whether packets wait until the program reads."""
+        return bool(self._queue)
+
+    def _pass_on(self) -> None:
+        while self._queue:
+            self.sock.send(self._queue[0])
+            self._queue.popleft()
+
+
+class StreamClient(Client):
+    """A TCP client that gets bytes: put them into `unsent`."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        super().__init__(sock)
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.unsent = bytearray()
+
+    @property
+    def waiting(self) -> bool:
+        """Whether bytes wait until the program reads."""
+        return bool(self.unsent)
+
+    def _pass_on(self) -> None:
+        while self.unsent:
+            del self.unsent[: self.sock.send(self.unsent)]
+
+
+C = TypeVar("C", bound=Client)
+
+
+class Server(Generic[C]):
+    """Programs that connect to a listening socket, at most `most`, in `clients`.
+
+    `meet` makes a client of a new connection, `take` gets what a client sends, and `part` hears of
+    a client that is gone; all are called from the handlers that are the data of each file in
+    `selector`.
+    """
+
+    def __init__(
+        self,
+        selector: selectors.BaseSelector,
+        most: int,
+        *,
+        meet: Callable[[socket.socket], C],
+        take: Callable[[C, bytes], None],
+        part: Callable[[C], None],
+    ) -> None:
+        self._selector = selector
+        self._most = most
+        self._meet, self._take, self._part = meet, take, part
+        self._listener: socket.socket | None = None
+        self.clients: list[C] = []
+
+    @property
+    def listening(self) -> bool:
+        """Whether programs can connect."""
+        return self._listener is not None
+
+    def listen_on(self, listener: socket.socket) -> None:
+        """Let programs connect to this bound socket, from now on."""
+        listener.setblocking(False)
+        listener.listen(self._most)
+        self._listener = listener
+        self._selector.register(listener, selectors.EVENT_READ, self._accept)
+
+    def stop_listening(self) -> None:
+        """Close the listening socket; clients stay."""
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            self._selector.unregister(listener)
+            listener.close()
+
+    def flush(self, client: C) -> None:
+        """Pass on what waits for `client`; go on when it has room again."""
+        if client not in self.clients:
+            return
+        try:
+            client.flush()
+        except OSError:
+            self.drop(client)
+            return
+        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.waiting else 0)
+        key = self._selector.get_key(client.sock)
+        if key.events != wanted:
+            self._selector.modify(client.sock, wanted, key.data)
+
+    def drop(self, client: C) -> None:
+        """Close the connection of `client`, unless that is done."""
+        if client in self.clients:
+            self.clients.remove(client)
+            self._selector.unregister(client.sock)
+            client.sock.close()
+            self._part(client)
+
+    def close(self) -> None:
+        """Close every connection and stop to listen."""
+        for client in tuple(self.clients):
+            self.drop(client)
+        self.stop_listening()
+
+    def _unwanted(self, sock: socket.socket) -> bool:
+        """Whether who connected is none to be served."""
+        return len(self.clients) == self._most
+
+    def _accept(self) -> None:
+        if self._listener is None:
+            return
+        try:
+            sock, _ = self._listener.accept()
+        except OSError:  # gone before it was taken, or no more file descriptors
+            return
+        if self._unwanted(sock):
+            sock.close()
+            return
+        client = self._meet(sock)
+        self.clients.append(client)
+        self._selector.register(sock, selectors.EVENT_READ, lambda: self._serve(client))
+
+    def _serve(self, client: C) -> None:
+        """The client wrote, has room again, or is gone."""
+        if client not in self.clients:
+            return
+        try:
+            data = client.sock.recv(_ROOM)
+        except BlockingIOError:
+            self.flush(client)
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._take(client, data)
+            self.flush(client)
+        else:
+            self.drop(client)
+
+
+def bound_to(
+    host: str, port: int, action: str, advice: str = "", family: int = socket.AF_UNSPEC
+) -> socket.socket:
+    """A TCP socket bound to `host` and `port` (0: any). AddressError says that it cannot do
+    `action` there, why, and gives `advice`."""
+    sock = None
+    try:
+        found, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, family=family, type=socket.SOCK_STREAM
+        )[0]
+        sock = socket.socket(found, kind, protocol)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(address)
+    except (OSError, UnicodeError) as error:
+        if sock is not None:
+            sock.close()
+        reason = getattr(error, "strerror", None) or error
+        raise AddressError(f"cannot {action} on {host}:{port}: {reason}{advice}") from None
+    return sock

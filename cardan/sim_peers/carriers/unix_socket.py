@@ -1,0 +1,262 @@
+"""Unix sockets that stand for a device: one packet (SOCK_SEQPACKET) is one read or write."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import selectors
+import socket
+import stat
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Generic, NamedTuple, TypeVar
+
+from cardan.errors import AddressError
+from cardan.sim_peers.carriers.base import Carrier, M
+from cardan.sim_peers.carriers.server import PacketClient, Server
+
+MAX_CLIENTS = 8
+"""Programs that may have the device open at once."""
+QUEUE_REPORTS = 64
+"""Reports kept for a program that does not read: what Linux keeps for a hidraw node."""
+
+
+class Advice(NamedTuple):
+    """What to do when a path cannot be had, in words that fit what the user gave."""
+
+    no_socket: str = "give another path"
+    """The path is that of something else."""
+    served: str = "end it or give another path"
+    """Another program serves it."""
+    refused: str = "give a short path in a directory that can be written"
+    """The system refuses it."""
+
+
+ANOTHER_PATH = Advice()
+
+
+class PacketSocket:
+    """A socket (AF_UNIX, SOCK_SEQPACKET) bound at `path`; it does not listen yet.
+
+    A socket that a program left behind there is removed. Raises AddressError when the path cannot
+    be had.
+    """
+
+    def __init__(self, path: str, advice: Advice = ANOTHER_PATH) -> None:
+        _remove_stale(path, advice)
+        self.path = path
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self.sock.setblocking(False)
+            self.sock.bind(path)
+            self._identity: tuple[int, int] | None = _identity(path)
+        except OSError as error:
+            self.sock.close()
+            raise AddressError(
+                f"cannot create the socket {path!r}: {error.strerror or error}; {advice.refused}"
+            ) from None
+
+    def close(self) -> None:
+        """Close it and remove its path, if that is still ours. Never raises; twice is fine."""
+        self.sock.close()
+        with contextlib.suppress(OSError):
+            if self._identity is not None and _identity(self.path) == self._identity:
+                os.unlink(self.path)
+        self._identity = None
+
+
+C = TypeVar("C", bound=PacketClient)
+
+
+class PacketServer(Server[C]):
+    """A socket at `path`, and the programs that have it open. Raises AddressError when the path
+    cannot be had."""
+
+    def __init__(
+        self,
+        path: str,
+        selector: selectors.BaseSelector,
+        most: int,
+        *,
+        meet: Callable[[socket.socket], C],
+        take: Callable[[C, bytes], None],
+        part: Callable[[C], None],
+    ) -> None:
+        super().__init__(selector, most, meet=meet, take=take, part=part)
+        self._socket = PacketSocket(path)
+
+    def listen(self) -> None:
+        """Let programs connect, from now on."""
+        self.listen_on(self._socket.sock)
+
+    def close(self) -> None:
+        """Close every connection and remove the path, if it is still ours."""
+        super().close()
+        self._socket.close()
+
+    def _unwanted(self, sock: socket.socket) -> bool:
+        return super()._unwanted(sock) or _only_looked(sock)
+
+
+class PacketCarrier(Carrier[M], Generic[M, C]):
+    """A socket at `path` that stands for a node, for up to `MAX_CLIENTS` programs.
+
+    Unplugging closes their connections and removes the socket.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._server: PacketServer[C] | None = None
+        self._lost_of_gone = 0
+
+    @abstractmethod
+    def _meet(self, sock: socket.socket) -> C:
+        """The client of a new connection."""
+
+    @abstractmethod
+    def _take(self, client: C, packet: bytes) -> None:
+        """Take what a client wrote."""
+
+    def _part(self, client: C) -> None:
+        """A client is gone."""
+        self._lost_of_gone += client.lost
+
+    @property
+    def endpoint(self) -> str:
+        """The socket's path."""
+        return self._path
+
+    @property
+    def there(self) -> bool:
+        """Whether the socket exists."""
+        return self._server is not None
+
+    @property
+    def clients(self) -> Sequence[C]:
+        """The programs that have the device open."""
+        return () if self._server is None else self._server.clients
+
+    @property
+    def lost(self) -> int:
+        """How often a program was too slow."""
+        return self._lost_of_gone + sum(client.lost for client in self.clients)
+
+    def appear(self) -> None:
+        """Create the socket. Raises AddressError."""
+
+        def meet(sock: socket.socket) -> C:
+            self.shell.begin()
+            return self._meet(sock)
+
+        self._server = PacketServer(
+            self._path,
+            self.shell.selector,
+            MAX_CLIENTS,
+            meet=meet,
+            take=self._take,
+            part=self._part,
+        )
+
+    def vanish(self) -> None:
+        """Close every connection and remove the socket, if it is still ours."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+
+    def attend(self, now_s: float) -> None:
+        """Let programs connect, unless the device refuses to be opened."""
+        server = self._server
+        if server is not None and not server.listening and now_s >= self.shell.refused_until_s:
+            server.listen()
+
+    def _flush(self) -> None:
+        """Pass on what waits for the programs."""
+        for client in tuple(self.clients):
+            if self._server is not None and client.waiting:
+                self._server.flush(client)
+
+
+class ReportClient(PacketClient):
+    """A program with the kernel's queue for it; a full one loses the oldest, or the newest."""
+
+    def __init__(self, sock: socket.socket, *, keep_oldest: bool) -> None:
+        super().__init__(sock)
+        self._keep_oldest = keep_oldest
+
+    def send(self, report: bytes) -> None:
+        """Queue a report; a full queue loses one."""
+        if len(self._queue) == QUEUE_REPORTS:
+            self.lost += 1
+            if self._keep_oldest:
+                return
+            self._queue.popleft()
+        self._queue.append(report)
+
+
+class ReportSocket(PacketCarrier[bytes, ReportClient]):
+    """A socket whose packets are raw HID reports: all programs get all input reports.
+
+    `take` gets each output report and the device's time, s. While the device refuses to be opened
+    its socket exists, but nobody can connect.
+    """
+
+    tells_refusal = True
+
+    def __init__(
+        self, path: str, take: Callable[[bytes, float], None], *, keep_oldest: bool = False
+    ) -> None:
+        super().__init__(path)
+        self._take_output = take
+        self._keep_oldest = keep_oldest
+
+    def send(self, messages: Sequence[bytes]) -> None:
+        """Queue the reports for every program."""
+        for client in self.clients:
+            for report in messages:
+                client.send(report)
+        self._flush()
+
+    def _meet(self, sock: socket.socket) -> ReportClient:
+        return ReportClient(sock, keep_oldest=self._keep_oldest)
+
+    def _take(self, client: ReportClient, packet: bytes) -> None:
+        self._take_output(packet, self.shell.device_s())
+
+
+def _only_looked(sock: socket.socket) -> bool:
+    """True when who connected has hung up again unsaid, as `_remove_stale` does."""
+    try:
+        return not sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+def _identity(path: str) -> tuple[int, int]:
+    info = os.stat(path)
+    return info.st_dev, info.st_ino
+
+
+def _remove_stale(path: str, advice: Advice) -> None:
+    """Remove a socket file that nobody listens on. Raises AddressError for anything else."""
+    try:
+        if not stat.S_ISSOCK(os.lstat(path).st_mode):
+            raise AddressError(f"{path!r} exists and is not a socket; {advice.no_socket}")
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise AddressError(f"cannot use {path!r}: {error.strerror}") from None
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        probe.setblocking(False)
+        try:
+            result = probe.connect_ex(path)
+        except OSError as error:
+            raise AddressError(f"cannot use {path!r}: {error}") from None
+    if result == errno.ECONNREFUSED:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
+    elif result != errno.ENOENT:
+        how = os.strerror(result) if result else "it answers"
+        raise AddressError(f"another program serves {path!r} ({how}); {advice.served}")

@@ -1,0 +1,260 @@
+"""Serves a simulated 3Dconnexion device: on a socket, a serial port, by uhid or over USB/IP."""
+
+from __future__ import annotations
+
+import logging
+import math
+import selectors
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+from cardan import bounds
+from cardan.errors import ConfigurationError, OptionError, ScriptError
+from cardan.protocols.connexion import CONNEXION, MODELS, model_by_key
+from cardan.protocols.connexion.descriptors import descriptor_for
+from cardan.protocols.connexion_serial import SERIAL_MODELS, serial_model_by_key
+from cardan.sim_peers.base import load_script
+from cardan.sim_peers.carriers.base import Carrier
+from cardan.sim_peers.carriers.pseudo_terminal import PseudoTerminal
+from cardan.sim_peers.carriers.uhid import (
+    BUS_BLUETOOTH,
+    BUS_USB,
+    UHID_PATH,
+    HidIdentity,
+    UhidCarrier,
+)
+from cardan.sim_peers.carriers.unix_socket import ReportSocket
+from cardan.sim_peers.carriers.usbip import UsbipCarrier
+from cardan.sim_peers.command import option
+from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, Puck, ScriptedHand
+from cardan.sim_peers.spacemouse.keyboard import (
+    KEYBOARD_HELP,
+    KeyboardHand,
+    Terminal,
+    status_line,
+)
+from cardan.sim_peers.spacemouse.serial_core import SimulatedSerialPuck, simulated_serial_puck
+from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
+
+STATUS_PERIOD_S = 0.1
+"""How often the line for the person at the keyboard is drawn."""
+SCRIPT_DELAY_S = 1.0
+"""From the host's start of a serial device to the script's: the host is to find the cap at rest."""
+BLUETOOTH_MODELS = frozenset({"spacemouse-wireless-bt", "spacemouse-pro-wireless-bt"})
+"""Models that need no cable and no receiver."""
+UNFIT_FAULTS: Mapping[str, Mapping[str, str]] = {
+    "--uhid": {
+        "refuse": "the kernel opens the device, which cannot refuse",
+        "newest-lost": "the kernel keeps the queue, and always loses the newest",
+    },
+    "--usbip": {"newest-lost": "the host's kernel keeps the queue, and always loses the newest"},
+}
+"""Faults that a carrier cannot have, and why."""
+
+BUS_ID = bounds.Text(r"[^\0]+", "a name of 1 to 31 bytes", 31)
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpaceMousePeerOptions(HandOptions):
+    """What to simulate, who moves it, and which one of the four carriers opens it."""
+
+    model: str = option(
+        "",
+        "Which device; see --list-models. Default: spacenavigator, magellan if serial.",
+        metavar="NAME",
+        listed=[
+            *(
+                (model.key, f"{model.vendor_id:04x}:{model.product_id:04x}  {model.name}")
+                for model in MODELS
+            ),
+            *((model.key, f"serial     {model.name}") for model in SERIAL_MODELS),
+        ],
+    )
+    keyboard: bool = option(False, "Move it with this terminal's keys.")
+    """Instead of the script."""
+    hid: str = option("", "Unix seqpacket socket: each packet one raw HID report.", metavar="PATH")
+    serial: str = option("", "A serial port: a link to a pseudo-terminal.", metavar="LINK")
+    """The script starts `SCRIPT_DELAY_S` after a program has first started the device."""
+    uhid: bool = option(False, "A HID device of this machine's kernel (/dev/uhid).")
+    usbip: Annotated[int, bounds.ANY_PORT] | None = option(
+        None, "A USB device by USB/IP at this port of 127.0.0.1; 0: any.", metavar="PORT"
+    )
+    """The tool ``usbip`` expects 3240 unless told otherwise."""
+    jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 1
+    """Noise on every axis while deflected, counts."""
+    boot_s: Annotated[float, bounds.NOT_NEGATIVE] | None = None
+    """Of a serial device: from power, which the open port gives, to the first command that it
+    hears; None: as long as one of its kind takes."""
+    uhid_path: str = UHID_PATH
+    """The kernel's file."""
+    physical_path: str = "cardan/uhid"
+    """Where the kernel is told that the device of `uhid` is plugged in, to tell several apart."""
+    host: Annotated[str, bounds.HOST] = "127.0.0.1"
+    """Address to listen on for USB/IP."""
+    bus_id: Annotated[str, BUS_ID] = "1-1"
+    """What the host calls the device that it attaches over USB/IP."""
+
+
+class SpaceMousePeer(HandPeer[Puck, bytes]):
+    """A simulated 3Dconnexion device, moved by a script or by the keyboard.
+
+    Raises ConfigurationError unless exactly one carrier is given, OptionError for a model that does
+    not exist, ScriptError for a script or fault that does not exist or does not fit.
+    """
+
+    def __init__(self, options: SpaceMousePeerOptions) -> None:
+        device, carrier = (_serial if _way(options) == "--serial" else _hid)(options)
+        self._keys: KeyboardHand | None = None
+        self._terminal: Terminal | None = None
+        self._waiting: tuple[SimulatedSerialPuck, ScriptedHand] | None = None
+        """The device and the script that wait for a host."""
+        hand: KeyboardHand | ScriptedHand
+        if options.keyboard:
+            hand = self._keys = KeyboardHand()
+            self._terminal = Terminal()
+        else:
+            steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
+            if isinstance(device, SimulatedSerialPuck) and options.start_on_connect:
+                hand = ScriptedHand(steps, device.model, start_s=math.inf)
+                device.faults_from_s = math.inf
+                self._waiting = device, hand
+            else:
+                hand = ScriptedHand(steps, device.model)
+        super().__init__(device, hand, carrier, options)
+        self._led = device.led
+        self._status = ""
+        self._status_due_s = math.inf
+
+    def _open_parts(self) -> None:
+        super()._open_parts()
+        if self._terminal is not None:
+            self._terminal.open()
+            self.selector.register(self._terminal.fd, selectors.EVENT_READ, self._read_keys)
+            print(KEYBOARD_HELP)
+            self._status_due_s = self._opened_s
+            self.begin()
+
+    def close(self) -> None:
+        """Unplug the device for good, give the terminal back."""
+        super().close()
+        if self._terminal is not None:
+            self._terminal.close()
+
+    def _next_due_s(self, now_s: float) -> float:
+        return min(super()._next_due_s(now_s), self._status_due_s)
+
+    def _follow(self, now_s: float) -> None:
+        super()._follow(now_s)
+        if self.device.led != self._led:
+            self._led = self.device.led
+            _log.info("LED %s", "on" if self._led else "off")
+        if self._waiting is not None and self._waiting[0].host_began:
+            device, script = self._waiting
+            self._waiting = None
+            device.faults_from_s = self.device_s() + SCRIPT_DELAY_S
+            script.start(device.faults_from_s)
+        if now_s >= self._status_due_s:
+            self._status_due_s = now_s + STATUS_PERIOD_S
+            self._draw_status()
+
+    # -- the keyboard --------------------------------------------------------------------------
+
+    def _read_keys(self) -> None:
+        assert self._terminal is not None
+        assert self._keys is not None
+        text = self._terminal.read()
+        if text:
+            self.catch_up()
+            self._keys.feed(text, self.device_s())
+        else:
+            self.selector.unregister(self._terminal.fd)
+
+    def _draw_status(self) -> None:
+        """Draw the line for the person at the keyboard."""
+        status = status_line(self.device)
+        if status != self._status:
+            self._status = status
+            sys.stdout.write(f"\r{status}\x1b[K")
+            sys.stdout.flush()
+
+
+def _way(options: SpaceMousePeerOptions) -> str:
+    """The one way to open the device that is given. Raises ConfigurationError."""
+    ways = {
+        "--hid": bool(options.hid),
+        "--serial": bool(options.serial),
+        "--uhid": options.uhid,
+        "--usbip": options.usbip is not None,
+    }
+    given = [way for way, there in ways.items() if there]
+    if len(given) != 1:
+        found = " and ".join(given) if given else "none"
+        raise ConfigurationError(", ".join(ways), f"give one way to open the device, not {found}")
+    return given[0]
+
+
+def _serial(options: SpaceMousePeerOptions) -> tuple[SimulatedSerialPuck, Carrier[bytes]]:
+    """A serial device, and its port."""
+    key = options.model or "magellan"
+    try:
+        model = serial_model_by_key(key)
+    except KeyError:
+        allowed = f"one of {', '.join(model.key for model in SERIAL_MODELS)}"
+        raise OptionError("model", key, allowed) from None
+    device = simulated_serial_puck(
+        model,
+        faults=options.faults,
+        jitter_lsb=options.jitter_lsb,
+        seed=options.seed,
+        boot_s=options.boot_s,
+    )
+    return device, PseudoTerminal(options.serial, device)
+
+
+def _hid(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[bytes]]:
+    """A device with HID reports, and what carries them."""
+    key = options.model or "spacenavigator"
+    try:
+        model = model_by_key(key)
+    except KeyError:
+        allowed = f"one of {', '.join(model.key for model in MODELS)}"
+        raise OptionError("model", key, allowed) from None
+    for name, why in UNFIT_FAULTS.get(_way(options), {}).items():
+        if name in options.faults:
+            raise ScriptError(f"fault {name}: {why}")
+    device = SimulatedSpaceMouse(
+        model, faults=options.faults, jitter_lsb=options.jitter_lsb, seed=options.seed
+    )
+    if options.hid:
+        keep_oldest = bool(options.faults.get("newest-lost"))
+        return device, ReportSocket(options.hid, device.output, keep_oldest=keep_oldest)
+    if options.usbip is not None:
+        return device, _usbip(options, options.usbip, device)
+    # Linux's hid-logitech claims Logitech's ids on USB, and refuses what is not real USB hardware.
+    cable = model.vendor_id == CONNEXION and model.key not in BLUETOOTH_MODELS
+    identity = HidIdentity(
+        name=f"3Dconnexion {model.name}",
+        bus=BUS_USB if cable else BUS_BLUETOOTH,
+        vendor_id=model.vendor_id,
+        product_id=model.product_id,
+        descriptor=descriptor_for(model),
+        physical_path=options.physical_path,
+    )
+    return device, UhidCarrier(identity, device.output, options.uhid_path)
+
+
+def _usbip(
+    options: SpaceMousePeerOptions, port: int, device: SimulatedSpaceMouse
+) -> Carrier[bytes]:
+    """The USB device over USB/IP."""
+    usb = SpaceMouseUsb(
+        device.model, lambda report: device.output(report, carrier.shell.device_s())
+    )
+    carrier = UsbipCarrier(usb, options.host, port, options.bus_id)
+    return carrier

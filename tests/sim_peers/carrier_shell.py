@@ -1,0 +1,33 @@
+"""A shell for a carrier alone: no device is played behind it."""
+
+from __future__ import annotations
+
+import selectors
+import time
+
+from cardan.sim_peers.carriers.base import Carrier
+
+
+class BareShell:
+    """What a carrier uses of its peer. `now_s` is the device's time."""
+
+    refused_until_s = 0.0
+
+    def __init__(self) -> None:
+        self.selector = selectors.SelectSelector()
+        self.now_s = 0.0
+        self.begun = 0
+
+    def begin(self) -> None:
+        self.begun += 1
+
+    def device_s(self) -> float:
+        return self.now_s
+
+    def catch_up(self) -> None:
+        """There is nothing to play."""
+
+    def serve(self, carrier: Carrier, timeout_s: float) -> None:
+        """One turn of the loop."""
+        carrier.wait(timeout_s)
+        carrier.attend(time.monotonic())
