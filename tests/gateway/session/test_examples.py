@@ -10,6 +10,7 @@ import typer.main
 
 from cardan import cli
 from cardan.errors import ConfigurationError
+from cardan.gateway.common.tables import as_table
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.examples import (
     example_files,
@@ -41,7 +42,7 @@ def test_a_demo_is_a_configuration_and_commands_that_are_allowed(name, tmp_path)
     demo = DEMOS[name]
     tables, launches = demo.prepare(tmp_path)
     config = parse_config(tables)
-    assert config == parse_config(config.model_dump(mode="json"))
+    assert config == parse_config(as_table(config))
     if demo.launcher:
         launches.append([*shlex.split(demo.launcher), "--seconds", "1", "--", "program"])
     for words in launches:
