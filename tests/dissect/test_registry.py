@@ -105,7 +105,7 @@ def test_the_command_has_the_options_of_every_dissector(capture):
 def test_a_dissector_that_cannot_be_loaded_disturbs_no_other_command(monkeypatch):
     install(monkeypatch, "no_such_module:Dissector")
     assert CliRunner().invoke(app, ["--help"]).exit_code == 0
-    with pytest.raises(ConfigurationError, match="no_such_module:Dissector .* cannot be loaded"):
+    with pytest.raises(ConfigurationError, match=r"no_such_module:Dissector .* cannot be loaded"):
         CliRunner().invoke(app, ["dissect", "--help"], catch_exceptions=False)
 
 
