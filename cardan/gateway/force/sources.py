@@ -6,16 +6,16 @@ A source is asked once in every cycle and gives its newest reading, or says why 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Annotated, NamedTuple
 
 from cardan import bounds
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
 from cardan.haptics import WorldMap
+from cardan.openable import Openable
 from cardan.options import check_options
 from cardan.spatial import add, dot, is_finite, norm, scale, subtract
 from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3, Wrench
@@ -52,7 +52,7 @@ class Reading(NamedTuple):
     """The axes that `force` is along."""
 
 
-class ForceSource(ABC):
+class ForceSource(Openable):
     """One origin of forces. `reason` says why there is no reading, in words."""
 
     needs_tcp = False
@@ -73,18 +73,6 @@ class ForceSource(ABC):
     def close(self) -> None:
         """Let go of what was opened. Never raises."""
         return
-
-    def __enter__(self) -> ForceSource:
-        self.open()
-        return self
-
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     @abstractmethod
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
