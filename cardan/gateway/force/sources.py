@@ -6,7 +6,7 @@ A source is asked once in every cycle and gives its newest reading, or says why 
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
