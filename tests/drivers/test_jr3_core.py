@@ -34,6 +34,7 @@ def test_it_is_brought_up_one_request_at_a_time():
     ]
     assert rig.sent[1].data == bytes.fromhex("e803 10270000")  # 10 Hz, 10 ms
     assert state.link is DeviceLink.LIVE
+    assert 0.0 <= rig.now_s - state.stamp_s <= 0.1
     assert state.reason == ""
     assert state.wrench.force == pytest.approx((0, 0, 0), abs=0.01)
     assert state.wrench.frame is Frame.TOOL

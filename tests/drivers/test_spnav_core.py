@@ -107,6 +107,7 @@ class Daemon:
     def arm(self):
         self.motion(REST)
         assert self.state.link is DeviceLink.LIVE
+        assert self.state.stamp_s == self.now_s
 
     @property
     def state(self):

@@ -58,6 +58,7 @@ def test_it_comes_alive_with_everything(remote, ir, motion_plus):
     bench.ready(0.5)
     state = bench.run(5.0)
     assert state.link is DeviceLink.LIVE
+    assert 0.0 <= bench.now_s - state.stamp_s < 0.011
     assert state.battery == pytest.approx(192 / 200)
     with_plus = motion_plus == "on" and "motion_plus" in remote
     extended = with_plus or "extension" in remote

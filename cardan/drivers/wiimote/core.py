@@ -130,7 +130,7 @@ class WiimoteCore(DeviceCore):
         self._opened_s = now_s
         self._battery_counts: int | None = None
         self._heard_s = now_s
-        self._data_s = NEVER_S
+        self._stamp_s = NEVER_S
         self._fresh_until_s = NEVER_S
         """Until then no part is stale."""
         self._complete_s = now_s
@@ -230,7 +230,7 @@ class WiimoteCore(DeviceCore):
             self._session.show_leds(self._led)
             self._led_s = now_s
         session = self._session
-        if self._data_s > now_s - STALE_AFTER_S and now_s - self._complete_s > SUSPECT_S:
+        if self._stamp_s > now_s - STALE_AFTER_S and now_s - self._complete_s > SUSPECT_S:
             session.suspect_port(now_s)
         reports = session.poll(now_s, not self._held)
         if session.changes != self._changes:
@@ -268,7 +268,7 @@ class WiimoteCore(DeviceCore):
         """Ages in s, forces in g, rates in rad/s, counts."""
         session = self._session
         figures: dict[str, float] = {
-            "data_age_s": now_s - self._data_s,
+            "data_age_s": now_s - self._stamp_s,
             "reports": self._reports,
             "malformed_reports": self._malformed.total(),
             "force_x_g": self._force_g[0],
@@ -353,7 +353,7 @@ class WiimoteCore(DeviceCore):
             self._force_g = to_operator_axes(to_g(value.accelerometer, zero, one_g))
             calibrated = session.calibration_source is not CalibrationSource.DEFAULT
             self._tilt.update(self._force_g, now_s, calibrated)
-            self._data_s = now_s
+            self._stamp_s = now_s
         if value.extension:
             self._on_extension(value.extension, now_s)
         if value.ir and session.camera:
@@ -439,12 +439,12 @@ class WiimoteCore(DeviceCore):
             return
         if now_s - self._heard_s > STALE_AFTER_S and self._buttons.held:
             self._release(now_s)
-        if self._data_s == NEVER_S or not self._session.started:
+        if self._stamp_s == NEVER_S or not self._session.started:
             return
         missing = self._missing(now_s)
         if missing and self._link is DeviceLink.LIVE:
             self._fall_silent(missing, now_s)
-        elif now_s - self._data_s > STALE_AFTER_S:
+        elif now_s - self._stamp_s > STALE_AFTER_S:
             self._invalidate_input(DeviceLink.STALE, _SILENT, now_s)
 
     def _missing(self, now_s: float) -> str:
@@ -453,7 +453,7 @@ class WiimoteCore(DeviceCore):
         oldest_s = now_s - STALE_AFTER_S
         if not session.started:
             return _STARTING
-        if self._data_s < oldest_s:
+        if self._stamp_s < oldest_s:
             return _SILENT
         if session.nunchuk is not None and self._stick_s < oldest_s:
             return "its Nunchuk sends nothing usable: plug it in again"
@@ -520,7 +520,7 @@ class WiimoteCore(DeviceCore):
 
     def _oldest_s(self) -> float:
         """When the part of the remote that was heard of last but all others was heard of."""
-        stamps = [self._data_s]
+        stamps = [self._stamp_s]
         if self._session.nunchuk is not None:
             stamps.append(self._stick_s)
         if self._roles.needs_rates:
