@@ -45,7 +45,7 @@ against ours, waited in a queue: it is dropped, not executed late."""
 
 
 class Sender(NamedTuple):
-    """Who sent a streamed command, and which of theirs it is."""
+    """Sender, number and times of a streamed command."""
 
     owner: str
     """Empty: nameless."""
@@ -57,7 +57,7 @@ class Sender(NamedTuple):
 
 
 class _Link:
-    """Who streams, and how far it has come."""
+    """The sender of the present stream, and the newest command from it."""
 
     def __init__(self, kind: Stream) -> None:
         self.kind = kind
@@ -87,7 +87,7 @@ class Streams:
 
     @property
     def owner(self) -> str:
-        """Who streams; empty before the first command, or without a name."""
+        """The owner of the stream; empty before the first command, or without a name."""
         return "" if self._link is None else self._link.owner or ""
 
     @property
