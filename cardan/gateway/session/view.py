@@ -24,7 +24,7 @@ PLAIN_PERIOD_S = 1.0
 """How often a view that is not on a terminal prints a line."""
 
 _DIGITS = re.compile(r"[0-9.,]+")
-"""What may change in a message without its saying anything new."""
+"""Parts of a message that may change without being news."""
 
 _PHASE_STYLES = {
     "moving": "bold green",
@@ -60,13 +60,13 @@ def _link(word: str) -> Text:
 
 
 def _said(snapshot: Snapshot) -> str:
-    """Messages of controller and filters, and which source was refused authority."""
+    """Messages of controller and filters, and the source that was refused authority."""
     refused = f"refused: {snapshot.authority_refused}" if snapshot.authority_refused else ""
     return "; ".join(filter(None, (snapshot.message, *snapshot.filters, refused)))
 
 
 def _diagnosis(snapshot: Snapshot) -> list[str]:
-    """The diagnosis, less what the message says already."""
+    """The diagnosis, without what the message says already."""
     return [line for line in snapshot.diagnosis if line not in snapshot.message]
 
 
@@ -141,7 +141,7 @@ def render(snapshot: Snapshot) -> RenderableType:
 
 
 def _force_words(s: Snapshot) -> str:
-    """What the haptic device's force is doing, how old it is, and the energy of it."""
+    """State of the haptic device's force, its age, and its energy."""
     words = [s.haptic_state]
     if s.force_age_s is not None and math.isfinite(s.force_age_s):
         words.append(f"{s.force_age_s * 1e3:.1f} ms old")

@@ -160,7 +160,7 @@ def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
         assert arm.status().authority.owner == "program"
         Hand.buttons = frozenset({"go"})
         until(lambda: line.over, "the end of the line")
-        assert (line.outcome, line.reason) == (Outcome.ABORTED, "the operator's hand took over")
+        assert (line.outcome, line.reason) == (Outcome.ABORTED, "the operator device took over")
         assert arm.wait() is False
         assert arm.status().authority.owner == "hand"
         with pytest.raises(MotionRefusedError, match="'hand' has authority"):
