@@ -155,7 +155,7 @@ class _Given(NamedTuple):
         if self.choices:
             if given not in self.choices:
                 allowed = ", ".join(self.choices)
-                raise ConfigurationError(self.flag, f"{given!r} is none; allowed: {allowed}")
+                raise ConfigurationError(self.flag, f"{given!r} is unknown; allowed: {allowed}")
             return {name: self.choices[given]}
         if option.repeatable:
             return {name: tuple(self._read(text) for text in given)}

@@ -239,7 +239,7 @@ class FreeBody(Body):
             return ""
         if not is_finite((x, y, z, w, i, j, k)):
             return "the robot reports a pose that is not numbers"
-        return f"the robot reports a TCP {norm(pose.position):.3g} m away, farther than any is"
+        return f"the robot reports a TCP {norm(pose.position):.3g} m away, farther than any reach"
 
     def measured(self, state: RobotState) -> Pose:
         assert state.pose is not None

@@ -50,7 +50,7 @@ def checked_pose(verb: str, target: Target) -> Pose:
         if not is_finite((*position, *orientation)):
             raise MotionRefusedError(f"{verb}: the pose has values that are not numbers: {target}")
         if max(map(abs, position)) > LARGEST_NUMBER:
-            raise MotionRefusedError(f"{verb}: the position {tuple(position)} is beyond any arm")
+            raise MotionRefusedError(f"{verb}: no arm reaches the position {tuple(position)}")
         length = math.sqrt(sum(c * c for c in orientation))
         if abs(length - 1.0) > UNIT_TOLERANCE:
             raise MotionRefusedError(

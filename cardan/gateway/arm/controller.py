@@ -363,23 +363,23 @@ class ArmController:
             if (disengage_reason := self._disengage_reason or self._held_off) and self._driven:
                 self._trip(disengage_reason)
             self._disengage_reason = ""
-            if self.recovering and (why := self._why_still):
+            if self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
             if self.hand is not None and device is not None:
                 self._read_operator(self.hand, robot, device, events, dt_s)
-            self.authority.expire(robot.stamp_s, self._claimed or self._occupied)
+            self.authority.expire(robot.stamp_s, self._claimed or self._keeps_authority)
             self._move(robot, dt_s)
             self._settle(robot)
             return self._command(robot, dt_s)
 
     @property
-    def _why_still(self) -> str:
+    def _why_no_recovery(self) -> str:
         """Why not even a recovery may move the command now."""
         alarm = "" if self.robot is None else self.robot.alarm
         return self._stop_reason or self._held_off or alarm
 
     @property
-    def _occupied(self) -> bool:
+    def _keeps_authority(self) -> bool:
         """Whether a motion is under way whose source need not renew its authority."""
         activity = self._activity
         if activity is None or activity.recovers:
@@ -509,7 +509,7 @@ class ArmController:
         self._recover, self._apart_reason, self._ready_elsewhere = False, "", False
         self._recovered_way = NO_WAY
         self._tripped = True
-        self._end_activity("the arm was placed anew")
+        self._end_activity("the command was restarted from the measured position")
         self._activity, self._braking = None, False
         self.body.place(robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s)
         self._gate.reset()
@@ -616,7 +616,7 @@ class ArmController:
         elif self._armed and not request.armed:
             self._armed = False
             self.authority.release(HAND)
-            self._end_activity("the clutch was let go")
+            self._end_activity("the clutch was released")
         elif request.armed and not self._armed:
             self._armed, self._trip_reason, self._recovered_way = True, "", NO_WAY
             if claims:
@@ -666,7 +666,7 @@ class ArmController:
         """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
         self._recover = False
         self._apart_reason = (
-            "the robot does not come together with its reference: "
+            "the reference was not brought back to the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
         )
 
@@ -731,7 +731,7 @@ class ArmController:
             self.hand is not None
             and self._engaged
             and not self._apart_reason
-            and not self._why_still
+            and not self._why_no_recovery
             and not self._recovery_cancelled
             and self.supervision.watchdogs.recovery
             and not self.body.moving
@@ -763,7 +763,7 @@ class ArmController:
             if not activity.near and not self._apart_reason and not self._recovery_cancelled:
                 self._require_act("still")
                 if self._armed:
-                    self._trip("the robot goes along when its reference is brought back to it")
+                    self._trip("the robot moves along while its reference is brought back to it")
         if self.listener is not None:
             self.listener.finished(reason)
 
@@ -783,7 +783,7 @@ class ArmController:
         wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command
-        self._trip(f"a command was held back at the last gate: {wrong}")
+        self._trip(f"an invalid command was not sent: {wrong}")
         self._disengage(self._trip_reason)
         self._phase, self._message = Phase.DISARMED, self._trip_reason
         if self.supervision.distrust:

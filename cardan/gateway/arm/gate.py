@@ -91,7 +91,7 @@ class Gate:
             self._speeds = None
             return ""
         else:
-            wrong = f"a command of {command.kind.value}, which nothing here limits"
+            wrong = f"a command of {command.kind.value}, for which no limits are known"
         if not wrong:
             self._last = command
         return wrong
@@ -142,7 +142,7 @@ class Gate:
         if dt_s == 0.0:
             for index, (now, then) in enumerate(zip(q, last.positions, strict=True)):
                 if abs(now - then) > STILL:
-                    return f"a step of joint {index + 1} by {now - then:.3g} rad in no time"
+                    return f"a step of joint {index + 1} by {now - then:.3g} rad in zero time"
             return ""
         before: Sequence[float] | None = self._speeds
         speeds: list[float] = []

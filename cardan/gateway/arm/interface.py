@@ -135,8 +135,8 @@ class CartesianArm(Openable):
     # -- authority -------------------------------------------------------------------------------
 
     def acknowledge(self) -> None:
-        """Confirm, after measured joints were implausible or the command did not come together with
-        its robot, that the arm may move again. Raises MotionRefusedError while it is too early."""
+        """Confirm, after implausible measured joints, or a recovery that did not bring the command
+        to its robot, that the arm may move again. Raises MotionRefusedError while too early."""
         self._ask("acknowledge")
 
     def hand_over(self, to: str) -> None:

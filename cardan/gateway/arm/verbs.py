@@ -626,7 +626,7 @@ class ArmVerbs:
         robot = self.controller.robot
         if generation != self.controller.generation or robot is None or not robot.ready:
             why = self.controller.not_ready or self._voided or "the robot is not ready"
-            raise MotionRefusedError(f"overtaken while it was worked out: {why}")
+            raise MotionRefusedError(f"overtaken while it was planned: {why}")
         self._require_authority(verb, source)
 
 

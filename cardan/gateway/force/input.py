@@ -43,7 +43,7 @@ class ForceInput:
         self._stiffness_n_m = stiffness_n_m
         self._contact_target_n = contact_target_n
         self._read_s = NEVER_S
-        self._sound = False
+        self._valid = False
         """Whether the source's newest reading gave a force."""
         self._stale = False
         self._share = 0.0
@@ -89,20 +89,20 @@ class ForceInput:
         source, conditioner, contact = self.source, self.conditioner, self.contact
         reading = source.read(state, known)
         if reading is None:
-            self._sound = self._stale = False
+            self._valid = self._stale = False
             contact.lift()
             return False
         if reading.stamp_s > self._read_s:
             self._read_s = reading.stamp_s
             place = tcp(state)
-            self._sound = conditioner.add(reading, at_rest, place)
-            if self._sound and not source.shaped:
+            self._valid = conditioner.add(reading, at_rest, place)
+            if self._valid and not source.shaped:
                 position = None if place is None else place.position
                 contact.add(conditioner.contact, reading.stamp_s, position)
         self._stale = state.stamp_s - self._read_s > self._max_age_s
         if self._stale:
             contact.lift()
-        return self._sound and not self._stale
+        return self._valid and not self._stale
 
     def diagnosis(self) -> tuple[str, ...]:
         """What prevents a force."""
@@ -117,6 +117,6 @@ class ForceInput:
 
     def report(self) -> dict[str, Any]:
         """The figures of a snapshot, by the snapshot's names."""
-        felt = self._sound and not self._stale
+        felt = self._valid and not self._stale
         found = {"measured_force_n": list(self.conditioner.filtered.value) if felt else None}
         return found if self.source.shaped else found | self.contact.report(self._contact_target_n)

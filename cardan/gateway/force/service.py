@@ -43,7 +43,7 @@ class RemoteSource(ForceSource):
         self._path = path
         self.lease = Lease(max_age_s)
         self.unreadable = 0
-        """Packets that were no message."""
+        """Packets that were malformed."""
         self._listener: socket.socket | None = None
         self._identity = (0, 0)
         self._node: socket.socket | None = None
@@ -125,7 +125,7 @@ class RemoteSource(ForceSource):
         if lease.dropped:
             words.append(f"{lease.dropped} forces of a node dropped: stale, or out of order")
         if self.unreadable:
-            words.append(f"{self.unreadable} packets to the force socket were no message")
+            words.append(f"{self.unreadable} packets to the force socket were malformed")
         return tuple(words)
 
     def _accept(self, now_s: float) -> None:

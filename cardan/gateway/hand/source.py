@@ -161,7 +161,7 @@ class HandSource:
             if events and (options.clutch or options.recapture):
                 armed, pressed, recapture = self._take_presses(device, events, armed, fault, view)
                 acts, engages = acts or pressed, engages or (armed and not view.armed)
-        self._see_clutch(device)
+        self._note_clutch(device)
         if events and armed and held:
             self.mapping.take_gripper(events)
         following = armed and held and view.free
@@ -369,7 +369,7 @@ class HandSource:
         deadman = self.mapping.options.deadman_buttons
         return any(event.button in deadman and not event.pressed for event in events)
 
-    def _see_clutch(self, device: DeviceState) -> None:
+    def _note_clutch(self, device: DeviceState) -> None:
         """Note whether the button that toggles the clutch is released. Held through a loss, it is
         not pressed anew."""
         self._was_live = device.link is DeviceLink.LIVE

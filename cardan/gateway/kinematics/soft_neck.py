@@ -4,7 +4,7 @@ Constant curvature: the link bends into an arc of its own length, and the platfo
 its end. The three tendons are as many as the inclination (two numbers) and the co-contraction
 (what all three are pulled beyond the arc's geometry), so each triple of them has one shape. This is
 the corrected model of TEO's neck; the public source (SoftNeckControl of the group's
-humasoft-yarp-devices) has sin² where cos² is meant, and its platform rotation is none.
+humasoft-yarp-devices) has sin² where cos² is meant, and its platform matrix is no rotation.
 
 Inclination is calculated with as a vector: its length the angle in rad, its direction the azimuth
 in the base towards which the platform leans. Nothing is divided by its length, so straight up is a

@@ -119,7 +119,7 @@ class Reference:
         """Angle from the orientation last observed to the reference."""
         self.at_workspace_limit = False
         self._ahead = self._turned_ahead = ZERO3
-        self._walled = any(limits.workspace_m)
+        self._has_workspace = any(limits.workspace_m)
         self._smooth_linear = self._smooth_angular = None
         if limits.linear_jerk_m_s3 is not None:
             self._smooth_linear = JerkLimitedVector(
@@ -238,7 +238,7 @@ class Reference:
         """The velocity nearest to `target` that acceleration and workspace allow."""
         budget = self.limits.linear_acceleration_m_s2 * dt_s
         now = self.linear
-        if not self._walled:
+        if not self._has_workspace:
             return _towards(now, target, budget)
         # Walls first: what braking at each wall demands is taken from the budget before the
         # rest. A third of the squared budget for each axis, so that a corner is no worse.

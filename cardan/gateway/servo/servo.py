@@ -104,7 +104,7 @@ class ServoStatus(NamedTuple):
         if self.distance_m < 0.0:
             first, second = self.nearest_pair
             found.append(
-                f"{first} and {second} overlap by {self.distance_m * -1e3:.0f} mm: only ways out"
+                f"{first} and {second} overlap by {self.distance_m * -1e3:.0f} mm: move apart"
             )
         if self.unreachable_m_s > 1e-3 or self.unreachable_rad_s > 1e-2:
             found.append(
@@ -157,7 +157,7 @@ class Servo:
         self._weights = np.array(weights) * (1.0, 1.0, 1.0, length, length, length)
         self._column_weights = self._weights[:, None]
         # Priorities among directions must not make an arm look singular.
-        self._alike = len({w for w in weights if w}) == 1 and max(weights) == 1.0
+        self._equal_weights = len({w for w in weights if w}) == 1 and max(weights) == 1.0
         self._scales = (self._weights != 0.0) * np.array((1.0, 1.0, 1.0, length, length, length))
         rank = min(int(np.count_nonzero(self._weights)), n)
         self._full_rank = rank == 6
@@ -275,7 +275,7 @@ class Servo:
         pace = math.sqrt(weighed.dot(weighed))
         np.multiply(weighed, -1.0 / pace if pace > AT_REST else 0.0, out=self._task_of_path)
         np.dot(task.T, task, out=normal)
-        if self._alike:
+        if self._equal_weights:
             self._singular.compute(self._joint_block)
         else:
             scaled = jacobian * self._scales[:, None]

@@ -338,7 +338,7 @@ def make_source(table: ForceTable) -> ForceSource | None:
         )
     if table.zero_sensor and not hasattr(sensor, "zero"):
         raise ConfigurationError(
-            "force.zero_sensor", f"{table.sensor.driver!r} takes no zero: leave it out"
+            "force.zero_sensor", f"{table.sensor.driver!r} cannot be zeroed: leave it out"
         )
     return SensorSource(sensor, felt=table.sense == "felt", zero=table.zero_sensor)
 
@@ -366,13 +366,13 @@ def make_force(
     if config.gives_force and mirrors(config.mapping):
         raise ConfigurationError(
             "mapping.axes",
-            "these axes and signs are no rotation (a mirror, or one axis twice): a force has no "
-            "way back through them",
+            "these axes and signs are not a rotation (a mirror, or one axis twice): a force "
+            "cannot be mapped back through them",
         )
     if config.gives_force and (still := unfollowed(config.mapping)):
         raise ConfigurationError(
             "mapping.scale" if "fixed" not in config.mapping.axes[:3] else "mapping.axes",
-            f"the TCP's {' and '.join(still)} does not follow the hand's place: a force along it "
+            f"the TCP's {' and '.join(still)} does not follow the hand: a force along it "
             "pushes the hand, and no motion of the hand ends it; let x, y and z follow, or leave "
             "[force] and [[fixtures]] out",
         )
@@ -467,7 +467,7 @@ def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
         if most is not None and asked > most:
             raise ConfigurationError(
                 f"limits.{name}",
-                f"{asked:g} is more than the robot's driver lets out ({most:g}): lower it, or "
+                f"{asked:g} is more than the robot's driver allows ({most:g}): lower it, or "
                 "raise the driver's own limit in [robot]",
             )
 

@@ -74,7 +74,7 @@ class RemoteArm(CartesianArm):
         if why := why_no_verbs(self.config):
             raise ConfigurationError("arm", why)
         if not source or source == HAND:
-            raise ConfigurationError("source", f"{source!r} is none: {HAND!r} is the device's")
+            raise ConfigurationError("source", f"{source!r} is not allowed; {HAND!r} is the device")
         self.source = source
         self._process: SessionProcess | None = None
         self._reader: threading.Thread | None = None
@@ -141,7 +141,7 @@ class RemoteArm(CartesianArm):
             return self._snapshot
         with self._lock:
             if isinstance(answer, MotionNote):
-                self._hear(answer)
+                self._update_motion(answer)
             elif answer.id is not None and answer.id in self._pending:
                 self._answer(self._pending.pop(answer.id), answer)
         return None
@@ -151,12 +151,14 @@ class RemoteArm(CartesianArm):
         try:
             if reply.error is None:
                 result = result_of(pending.verb, reply.result)
-                pending.result = self._hear(result) if isinstance(result, MotionNote) else result
+                pending.result = (
+                    self._update_motion(result) if isinstance(result, MotionNote) else result
+                )
         except PacketError as error:
             pending.error = error
         pending.done.set()
 
-    def _hear(self, note: MotionNote) -> Motion:
+    def _update_motion(self, note: MotionNote) -> Motion:
         """Update the motion that a note is about."""
         motion = self._motions.get(note.id)
         if motion is None:

@@ -102,7 +102,7 @@ def _number(verb: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         _refuse(verb, f"takes numbers, not {_shown(value)}")
     if not -LARGEST_ID <= value <= LARGEST_ID:
-        _refuse(verb, f"{_shown(value)} is beyond any number that it takes")
+        _refuse(verb, f"{_shown(value)} is too large a number")
     return float(value)
 
 
@@ -271,7 +271,7 @@ def _request(number: int, table: dict[str, Any]) -> Request:
     if verb in SEQUENCED:
         sequence = table.pop("sequence", None)
         if sequence is not None and not _is_id(sequence):
-            _refuse(verb, f"the sequence number {_shown(sequence)} is none")
+            _refuse(verb, f"the sequence number {_shown(sequence)} is not valid")
     if table:
         _refuse(verb, f"takes no {', '.join(map(_shown, table))}")
     return Request(number, source, verb, value, sequence)

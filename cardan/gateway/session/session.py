@@ -164,7 +164,7 @@ class Session:
                 self._end_requests()
                 gc.enable()
                 gc.unfreeze()
-                self._give(self._feedback.last())
+                self._send_feedback(self._feedback.last())
         return self.snapshot
 
     def _end_requests(self) -> None:
@@ -184,7 +184,7 @@ class Session:
         known = device.capabilities.buttons
         if options.enable and type(self.robot).enable is RobotDriver.enable:
             raise ConfigurationError(
-                "mapping.enable", "this robot is made ready at its own controller; leave it out"
+                "mapping.enable", "this robot is enabled at its own controller; leave it out"
             )
         check_mode(self._mapping, device)
         for key, button in (
@@ -225,7 +225,7 @@ class Session:
                 tick_cost(now_s - state.stamp_s)
                 snapshot.cycles += 1
                 if controller.phase in _IN_MOTION:
-                    self._account(state)
+                    self._update_figures(state)
             if requests is not None and requests.busy:
                 requests.attend()
             if mapping is not None and hand is not None:
@@ -244,7 +244,7 @@ class Session:
                     spnav.offer(hand, events)
                 if hand_feedback.useful and hand_feedback.due(now_s):
                     felt = felt_of(controller.status())
-                    self._give(hand_feedback.update(felt, state, now_s))
+                    self._send_feedback(hand_feedback.update(felt, state, now_s))
             if heartbeat is not None and now_s >= next_listen_s:
                 self._listen(heartbeat, now_s)
                 asked = requests is not None and requests.busy
@@ -293,7 +293,7 @@ class Session:
             return state.pose
         return body.reported(state) if state.ready else None
 
-    def _account(self, state: RobotState) -> None:
+    def _update_figures(self, state: RobotState) -> None:
         """Keep the figures of the summary: path, and following error."""
         controller = self.controller
         reference, body = controller.reference, controller.body
@@ -335,7 +335,7 @@ class Session:
             values[table.output] = table.closed_value if closed else table.open_value
             self.robot.set_outputs(values=values)
 
-    def _give(self, feedback: DeviceFeedback | None) -> None:
+    def _send_feedback(self, feedback: DeviceFeedback | None) -> None:
         """Send feedback to the device. A light or motor that fails is no reason to stop: the link
         itself is watched elsewhere."""
         if feedback is not None and self.device is not None:

@@ -59,7 +59,7 @@ def _link(word: str) -> Text:
     return Text(word or "–", style="green" if word == "live" else "red")
 
 
-def _said(snapshot: Snapshot) -> str:
+def _messages(snapshot: Snapshot) -> str:
     """Messages of controller and filters, and the source that was refused authority."""
     refused = f"refused: {snapshot.authority_refused}" if snapshot.authority_refused else ""
     return "; ".join(filter(None, (snapshot.message, *snapshot.filters, refused)))
@@ -205,7 +205,7 @@ class SessionView:
         self.console = console or Console()
         self._live: Live | None = None
         self._next_line_s = 0.0
-        self._said = ""
+        self._messages = ""
         self._advice: set[str] = set()
 
     def __enter__(self) -> SessionView:
@@ -229,9 +229,9 @@ class SessionView:
             self._live.update(render(snapshot))
             return
         due = snapshot.elapsed_s >= self._next_line_s
-        said = _DIGITS.sub("", _said(snapshot))
-        if due or said != self._said:
-            self._said = said
+        said = _DIGITS.sub("", _messages(snapshot))
+        if due or said != self._messages:
+            self._messages = said
             self._next_line_s = snapshot.elapsed_s + PLAIN_PERIOD_S
             print(plain(snapshot), flush=True)
         advice = {_DIGITS.sub("", line): line for line in _diagnosis(snapshot)}
@@ -254,7 +254,7 @@ def plain(snapshot: Snapshot) -> str:
         text += f", force {s.force_n:.2f} N"
         if s.measured_force_n is not None:
             text += f", for the hand {_newtons(s.measured_force_n)} N"
-    said = _said(s)
+    said = _messages(s)
     return f"{text}  | {said}" if said else text
 
 

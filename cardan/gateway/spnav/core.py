@@ -147,7 +147,7 @@ class SpnavServerCore:
                 self._set_sensitivity(client, value.value)
             else:
                 self._counts["malformed"] += 1
-        self._look_at(number, client)
+        self._drop_if_unread(number, client)
 
     def outgoing(self, number: int, now_s: float) -> bytes:
         """What to send to a program next, in one call; empty when there is nothing (yet)."""
@@ -165,7 +165,7 @@ class SpnavServerCore:
         client = self._clients.get(number)
         if client is not None:
             client.failure = reason
-            self._look_at(number, client)
+            self._drop_if_unread(number, client)
 
     def given_up(self) -> list[tuple[int, str]]:
         """Programs to be disconnected since the last call, each with the reason."""
@@ -201,7 +201,7 @@ class SpnavServerCore:
         for button in buttons:
             self._number(button)
         if self._present and self._button_count > before:
-            self._tell_of_device()
+            self._announce_device()
 
     def offer(self, state: DeviceState, events: Sequence[ButtonEvent], now_s: float) -> None:
         """The device's newest state, and its button edges since the last offer."""
@@ -306,7 +306,7 @@ class SpnavServerCore:
             self._counts["unnumbered_buttons"] += 1
             return
         if self._present and self._button_count > before:
-            self._tell_of_device()
+            self._announce_device()
         if event.pressed is (number in self._held):
             return
         if event.pressed:
@@ -328,9 +328,9 @@ class SpnavServerCore:
             self._target = _REST
             self._release_all()
             self._move(now_s)
-        self._tell_of_device()
+        self._announce_device()
 
-    def _tell_of_device(self) -> None:
+    def _announce_device(self) -> None:
         """Report that the device came or went, or has more buttons than were known."""
         identity = self._identity
         change = DeviceChange(
@@ -340,22 +340,22 @@ class SpnavServerCore:
             identity.vendor_id,
             identity.product_id,
         )
-        self._tell(EventMask.DEVICE, encode_device(change))
+        self._queue_for_all(EventMask.DEVICE, encode_device(change))
 
     def _tell_edge(self, number: int, pressed: bool) -> None:
         for client_number, client in tuple(self._clients.items()):
             if client.mask & EventMask.BUTTON:
                 client.button(number, pressed)
-                self._look_at(client_number, client)
+                self._drop_if_unread(client_number, client)
 
-    def _tell(self, kind: EventMask, record: bytes) -> None:
+    def _queue_for_all(self, kind: EventMask, record: bytes) -> None:
         """Queue an event that must not be lost for every program that wants its kind."""
         for number, client in tuple(self._clients.items()):
             if client.mask & kind:
                 client.event(record)
-                self._look_at(number, client)
+                self._drop_if_unread(number, client)
 
-    def _look_at(self, number: int, client: SpnavClient) -> None:
+    def _drop_if_unread(self, number: int, client: SpnavClient) -> None:
         """Disconnect a program that does not read."""
         if client.failure and self._clients.pop(number, None) is not None:
             self._counts["given_up_clients"] += 1
@@ -458,7 +458,7 @@ class SpnavServerCore:
             self._led_mode = LedMode(data[0])
             self._show_led()
             change = ConfigChange(Code.GCFG_LED, (self._led_mode, 0, 0, 0, 0, 0))
-            self._tell(EventMask.CONFIG, encode_config(change))
+            self._queue_for_all(EventMask.CONFIG, encode_config(change))
         return (self._led_mode,)
 
     def _show_led(self) -> None:
@@ -485,9 +485,9 @@ def _usual_number(button: str) -> int | None:
 _COUNTERS: Mapping[str, str] = MappingProxyType(
     {
         "served_clients": "programs have connected",
-        "refused_clients": f"programs turned away: {MAX_CLIENTS} were connected",
+        "refused_clients": f"programs refused: {MAX_CLIENTS} were connected",
         "given_up_clients": "programs disconnected because they did not read",
-        "malformed": "requests that mean nothing",
+        "malformed": "requests that were malformed",
         "bad_axes": "states of the device with values that are not numbers",
         "unnumbered_buttons": f"edges of buttons beyond the {MAX_BUTTONS} that have a number",
         "stale_offers": f"times the axes were ignored: no state was offered for {STALE_AFTER_S} s",

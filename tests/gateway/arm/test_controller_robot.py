@@ -202,14 +202,14 @@ def test_a_command_that_no_limit_allows_is_held_back_and_said(nonsense, words):
     rig.run()
     assert rig.command == HoldCommand()
     assert rig.core.phase is Phase.DISARMED
-    assert "held back at the last gate" in rig.status.message
+    assert "an invalid command was not sent" in rig.status.message
     assert words in rig.status.message
     assert rig.status.trips == 1
     body.nonsense = None
     rig.run(0.3)
     assert rig.core.at_rest
     assert rig.core.phase is Phase.DISARMED
-    assert "held back at the last gate" in rig.status.message
+    assert "an invalid command was not sent" in rig.status.message
     rig.drive()
 
 

@@ -93,7 +93,7 @@ class DatagramListener:
             found.append(f"nothing was heard from the {sensor} on {host}:{port} yet")
         if self.malformed:
             found.append(
-                f"{self.malformed} datagrams from the {sensor} made no sense, the last one "
+                f"{self.malformed} datagrams from the {sensor} are malformed, the last one "
                 f"because {self.malformed_reason}"
             )
         return tuple(found)
