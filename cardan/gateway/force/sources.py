@@ -71,7 +71,7 @@ class ForceSource(ABC):
         return
 
     def close(self) -> None:
-        """Close it. Never raises."""
+        """Let go of what was opened. Never raises."""
         return
 
     def __enter__(self) -> ForceSource:

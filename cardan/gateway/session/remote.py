@@ -141,7 +141,7 @@ class RemoteArm(CartesianArm):
             return self._snapshot
         with self._lock:
             if isinstance(answer, MotionNote):
-                self._update_motion(answer)
+                self._update(answer)
             elif answer.id is not None and answer.id in self._pending:
                 self._answer(self._pending.pop(answer.id), answer)
         return None
@@ -151,14 +151,12 @@ class RemoteArm(CartesianArm):
         try:
             if reply.error is None:
                 result = result_of(pending.verb, reply.result)
-                pending.result = (
-                    self._update_motion(result) if isinstance(result, MotionNote) else result
-                )
+                pending.result = self._update(result) if isinstance(result, MotionNote) else result
         except PacketError as error:
             pending.error = error
         pending.done.set()
 
-    def _update_motion(self, note: MotionNote) -> Motion:
+    def _update(self, note: MotionNote) -> Motion:
         """Update the motion that a note is about."""
         motion = self._motions.get(note.id)
         if motion is None:
