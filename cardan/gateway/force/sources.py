@@ -53,7 +53,7 @@ class Reading(NamedTuple):
 
 
 class ForceSource(ABC):
-    """A source of force readings. `reason` says why there is none."""
+    """One origin of forces. `reason` says why there is no reading, in words."""
 
     needs_tcp = False
     """Whether `read` needs the measured TCP."""
