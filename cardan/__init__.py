@@ -1,10 +1,10 @@
 """Teleoperation of robot arms from any hand-held device.
 
-:func:`open_device` and :func:`open_robot` open a driver by its name, :func:`devices` tells what is
-plugged in, and the driver classes are here by theirs (:class:`SpaceMouse`, :class:`AbbEgm`), beside
-the types and errors that they use: all of :mod:`cardan.api`. Nothing is imported before it is asked
-for. :mod:`cardan.gateway` joins a device to a robot; :mod:`cardan.sim_peers` stands in for every
-piece of hardware at the level of the wire.
+:func:`open_device` and :func:`open_robot` open a driver by its name; :func:`devices` lists the
+operator devices that are plugged in. The driver classes (:class:`SpaceMouse`, :class:`AbbEgm`) and
+the types and errors that they use are attributes of this package, imported on first use: all of
+:mod:`cardan.api`. :mod:`cardan.gateway` connects a device to a robot; :mod:`cardan.sim_peers`
+simulates each piece of hardware at the level of its protocol.
 """
 
 __version__ = "0.1.0"

@@ -91,7 +91,7 @@ def open_device(driver: str, /, options: Any = None, **keywords: Any) -> Operato
 def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDriver:
     """Open the robot's controller that `driver` names ("abb_egm"), as :func:`open_device` does.
 
-    The robot may be silent yet: its cycles tell. Raises ConfigurationError, DriverError.
+    The robot may still be silent: its cycles report that. Raises ConfigurationError, DriverError.
     """
     kind = registry.load(driver)
     if not issubclass(kind, RobotDriver):
@@ -102,9 +102,9 @@ def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDri
 
 
 def devices() -> list[FoundDevice]:
-    """The operator devices that are plugged in, each with its driver and what stands in its way.
+    """The operator devices that are plugged in, each with its driver and what prevents opening it.
 
-    Serial, CAN and network devices do not show themselves. Opens nothing for longer than a look.
+    Serial, CAN and network devices are not detected. Devices are opened only to identify them.
     """
     return [
         found._replace(driver=name)

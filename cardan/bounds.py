@@ -1,8 +1,8 @@
-"""What a number or a text of a configuration may be: ranges from physics, each with its reason.
+"""Allowed ranges of numbers and forms of texts in a configuration, with physical reasons.
 
 A range stands in the annotation of its field, ``Annotated[float, LINEAR_SPEED_M_S]``, and nowhere
-else; :func:`cardan.options.check_options` reads it there. A number beyond is a mistake, and would
-not stay finite on the way to a robot.
+else; :func:`cardan.options.check_options` reads it there. A number outside is a mistake, and could
+overflow on its way to a robot.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ class Range:
     highest: float
     unit: str
     reason: str
-    """Why no more, and where it matters why no less."""
+    """Why the upper limit is no higher, and where it matters, the lower one no lower."""
     above: bool = False
     """`lowest` itself is not allowed."""
     below: bool = False
     """`highest` itself is not allowed."""
     zero: str = ""
-    """What 0 means, where it means something else than none of it."""
+    """Special meaning of 0; empty: it has none."""
 
     def __contains__(self, value: object) -> bool:
         """True for a number in the range; never for NaN, for a bool, or for a text."""
@@ -58,7 +58,7 @@ class Text:
     pattern: str
     """Regular expression of the whole text."""
     words: str
-    """What it is."""
+    """Description of the allowed texts, for messages."""
     most_bytes: int = 0
     """In UTF-8; 0: any number."""
 
@@ -90,7 +90,7 @@ _JOINT_FAST = "four turns in a second: the fastest wrists have three"
 LINEAR_SPEED_M_S = Range(1e-4, _MAX_LINEAR_SPEED_M_S, "m/s", _TCP_FAST)
 LINEAR_ACCELERATION_M_S2 = Range(1e-3, _MAX_LINEAR_ACCELERATION_M_S2, "m/s²", _TCP_QUICK)
 LINEAR_JERK_M_S3 = Range(
-    1e-2, 10_000.0, "m/s³", "full acceleration within 5 ms: nobody tells that from at once"
+    1e-2, 10_000.0, "m/s³", "full acceleration within 5 ms: practically unlimited jerk"
 )
 ANGULAR_SPEED_RAD_S = Range(1e-4, _MAX_ANGULAR_SPEED_RAD_S, "rad/s", _TURNS_FAST)
 ANGULAR_SPEED_DEG_S = Range(0.01, math.degrees(_MAX_ANGULAR_SPEED_RAD_S), "deg/s", _TURNS_FAST)
@@ -99,7 +99,7 @@ ANGULAR_ACCELERATION_DEG_S2 = Range(
     0.1, math.degrees(_MAX_ANGULAR_ACCELERATION_RAD_S2), "deg/s²", _TURNS_QUICK
 )
 ANGULAR_JERK_RAD_S3 = Range(
-    1e-2, 63_000.0, "rad/s³", "full acceleration within 5 ms: nobody tells that from at once"
+    1e-2, 63_000.0, "rad/s³", "full acceleration within 5 ms: practically unlimited jerk"
 )
 JOINT_SPEED_RAD_S = Range(1e-4, _MAX_JOINT_SPEED_RAD_S, "rad/s or m/s", _JOINT_FAST)
 JOINT_SPEED_DEG_S = Range(0.01, math.degrees(_MAX_JOINT_SPEED_RAD_S), "deg/s", _JOINT_FAST)
@@ -124,15 +124,15 @@ TCP_TOLERANCE_M = Range(
     0.0,
     1.0,
     "m",
-    "a tool a metre off is another tool: walls mean nothing then",
+    "a tool a metre off is another tool: workspace limits are wrong then",
     above=True,
 )
 PATH_OFFSET_M = Range(0.0, 1.0, "m", "a path a metre off is another path", above=True)
 LEASH_M = Range(
-    0.0, 0.5, "m", "an arm that far from where it is told to be is not being followed", above=True
+    0.0, 0.5, "m", "an arm that far from its commanded position does not follow it", above=True
 )
 LEASH_RAD = Range(
-    0.0, 1.5, "rad", "a tool a quarter turn from what it is told is not being followed", above=True
+    0.0, 1.5, "rad", "a tool a quarter turn off its commanded orientation is stuck", above=True
 )
 ANGLE_DEG = Range(-360.0, 360.0, "deg", "after a whole turn it is as before")
 JOINT_ANGLE_DEG = Range(-3600.0, 3600.0, "deg", "no joint with cables turns ten times")
@@ -152,14 +152,14 @@ Direction = tuple[Component, Component, Component]
 # -- times for which something may go on unseen ----------------------------------------------------
 
 LONGEST_BLIND_S = 0.5
-"""At 0.25 m/s, the speed beside a person, an arm goes 12 cm meanwhile; no person is faster at a
-stop button."""
+"""Longest time for which motion may continue without fresh data: at 0.25 m/s, the speed beside a
+person, an arm moves 12 cm; no person reaches a stop button faster."""
 
 AUTHORITY_LEASE_S = Range(
     0.1,
     10.0,
     "s",
-    "nobody waits longer for a colleague's forgotten window; below, a pause of a network loses it",
+    "longer, a source that was abandoned blocks the others; shorter, a network pause loses it",
 )
 BLIND_S = Range(
     0.0, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen", above=True
@@ -168,8 +168,8 @@ READING_AGE_S = Range(
     0.0, 1.0, "s", "at 0.25 m/s the arm is 25 cm further than what was measured", above=True
 )
 TARGET_AGE_S = Range(0.0, 2.0, "s", "a target seen longer ago may be anywhere", above=True)
-LOOP_DELAY_S = Range(0.0, 1.0, "s", "nobody holds a contact that is felt a second later")
-LAG_S = Range(0.0, 2.0, "s", "an arm that is farther behind is not under anybody's hand")
+LOOP_DELAY_S = Range(0.0, 1.0, "s", "a contact that is felt a second late cannot be held")
+LAG_S = Range(0.0, 2.0, "s", "an arm with a longer delay cannot be teleoperated")
 
 # -- forces and what goes with them ----------------------------------------------------------------
 
@@ -181,7 +181,7 @@ FORCE_RATE_S = Range(
 )
 HAND_FORCE_N = Range(0.0, 100.0, "N", "no hand holds against more for long", above=True)
 HAND_STIFFNESS_N_M = Range(
-    0.0, 500.0, "N/m", "what the device goes on with by itself: a stiffer one oscillates"
+    0.0, 500.0, "N/m", "what the device extrapolates with: a stiffer contact oscillates"
 )
 FIXTURE_STIFFNESS_N_M = Range(
     0.0, 100_000.0, "N/m", "a hand feels no difference to a rigid wall", above=True
@@ -189,7 +189,7 @@ FIXTURE_STIFFNESS_N_M = Range(
 ENVIRONMENT_STIFFNESS_N_M = Range(
     0.0, 1e7, "N/m", "ten newtons for a micrometre: stiffer than any arm", above=True
 )
-DAMPING_N_S_M = Range(0.0, 10_000.0, "N·s/m", "honey, all round: nothing moves in it")
+DAMPING_N_S_M = Range(0.0, 10_000.0, "N·s/m", "nothing moves against more")
 FRICTION = Range(0.0, 2.0, "", "rubber on rubber has less")
 FORCE_SCALE = Range(0.0, 10.0, "", "a newton at the robot is ten in the hand", above=True)
 FORCE_CUTOFF_HZ = Range(0.1, 200.0, "Hz", "lower is felt seconds late, higher filters nothing")
@@ -201,7 +201,7 @@ SHARE = Range(0.001, 1.0, "", "of the whole; at less than a thousandth nothing m
 SHARE_OR_NONE = Range(0.0, 1.0, "", "a share of the whole")
 DEAD_ZONE = Range(0.0, 1.0, "", "with all of the deflection at rest nothing would move", below=True)
 MOTION_SCALE = Range(-100.0, 100.0, "", "a millimetre of the hand is ten centimetres of the TCP")
-OUTPUT_VALUE = Range(-1e9, 1e9, "", "whole numbers beyond are not exact in a program's own")
+OUTPUT_VALUE = Range(-1e9, 1e9, "", "larger whole numbers are not exact in the robot's program")
 ANALOG_OUTPUT = Range(0, 39, "", "EGM carries 40 values")
 COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")
 SENSOR_LEVEL = Range(0.0, 1e6, "", "no sensor's raw numbers are larger")
@@ -214,12 +214,12 @@ NOISE_COUNTS = Range(0, 1_000_000, "counts", "no device's raw numbers are larger
 
 _BYTE = "(25[0-5]|2[0-4][0-9]|1[0-9][0-9]|[1-9]?[0-9])"
 _SOCKET_PATH_BYTES = 107
-"""What the address of a Unix socket has room for."""
+"""Longest path in the address of a Unix socket."""
 
 PORT = Range(1, 65535, "", "ports have 16 bits")
 ANY_PORT = Range(0, 65535, "", "ports have 16 bits", zero="any free one")
 CAN_PORTS = {"udp_multicast": 43113, "socketcand": 29536}
-"""Of python-can's interfaces over a network, where no other is given."""
+"""Default ports of python-can's interfaces over a network."""
 HOP_LIMIT = Range(0, 255, "", "it has 8 bits", zero="this computer")
 CAN_NAME = Text(r"[^\0]+", "a name, as python-can calls it")
 HOST = Text(r"[^\s\x00-\x1f\x7f]+", "an address or a host name")

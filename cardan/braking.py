@@ -6,7 +6,7 @@ import math
 
 
 def stopping_speed(distance: float, acceleration: float, dt_s: float) -> float:
-    """The highest speed, held for one period, that leaves the way it then takes to stop.
+    """The highest speed that, held for one period, leaves enough distance to stop.
 
     That is the v with v·dt + v²/(2a) = distance, in units of `distance` per s; zero at or beyond
     the end. A point that always moves at most at this speed slows by at most `acceleration` and

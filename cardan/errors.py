@@ -54,7 +54,7 @@ class ConfigurationError(CardanError, ValueError):
 
 
 class OptionError(ConfigurationError):
-    """An option has a value that is not allowed; `allowed` says what is, in words."""
+    """An option has a value that is not allowed; `allowed` describes what is."""
 
     def __init__(self, key: str, value: object, allowed: str) -> None:
         super().__init__(key, f"{value!r} is not allowed; it must be {allowed}")

@@ -1,4 +1,4 @@
-"""Values of force feedback: what a haptic device is told to render, and what it tells of itself.
+"""Values of force feedback: what a haptic device is commanded to render, and what it reports.
 
 SI units. Hand frame: the axes of every hand's pose here, x forward (away from the operator), y
 left, z up, in m from the device's own origin. World frame: the robot's base, where fixtures stand.
@@ -17,7 +17,7 @@ Matrix3 = tuple[float, float, float, float, float, float, float, float, float]
 IDENTITY3: Matrix3 = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 MAX_FIXTURES = 8
-"""So many fixtures a command carries at most: the tick keeps room for them."""
+"""Largest number of fixtures in a command: the tick reserves room for them."""
 
 
 # ---------------------------------------------------------------------------------------------
@@ -108,19 +108,19 @@ class WorldMap(NamedTuple):
 
 
 class MeasuredForce(NamedTuple):
-    """A force that was measured elsewhere, to be felt: already scaled, hand frame.
+    """A force measured elsewhere, to be rendered: already scaled, hand frame.
 
-    Between two of them the tick goes on with `rate_n_s`, and with `stiffness_n_m` against the
+    Until the next one the tick extrapolates with `rate_n_s`, and with `stiffness_n_m` against the
     stylus's motion away from `position`, both for a bounded time.
     """
 
     force: Vector3
-    """N, as the hand is to feel it."""
+    """N, as rendered to the hand."""
     stamp_s: float
     """Local monotonic time of the measurement."""
     rate_n_s: Vector3 = ZERO3
     position: Vector3 = ZERO3
-    """Where the stylus was then, hand frame, m."""
+    """Position of the stylus at that time, hand frame, m."""
     stiffness_n_m: float = 0.0
     """0: no local contact model."""
 
@@ -133,7 +133,7 @@ class HapticCommand(NamedTuple):
 
     sequence: int
     stamp_s: float
-    """Local monotonic time of what it was made from."""
+    """Local monotonic time of the data that it was made from."""
     engaged: bool = False
     """False: no force at all, by ramp; the next True engages anew (small force first, then a
     ramp up)."""
@@ -141,11 +141,11 @@ class HapticCommand(NamedTuple):
     fixtures: tuple[Fixture, ...] = ()
     measured: MeasuredForce | None = None
     force: Vector3 = ZERO3
-    """A plain force beside all that, hand frame, N."""
+    """A further force, added to all that, hand frame, N."""
     force_scale: float = 1.0
-    """Of the fixtures' forces."""
+    """Factor on the fixtures' forces."""
     joint_torques_n_m: Vector3 | None = None
-    """Joint torque mode, raw: these and nothing else, within the limits."""
+    """Joint torque mode: only these torques are rendered, within the limits."""
 
 
 class OperatingState(enum.Enum):
@@ -155,9 +155,9 @@ class OperatingState(enum.Enum):
     """No force until enabled."""
     ENABLED = "enabled"
     PAUSED = "paused"
-    """On request, or since commands stopped coming, ticks were late or it oscillated: no force
-    until that is over and it is small; after a short stall of the loop alone it comes back by a
-    ramp."""
+    """On request, or because commands stopped, ticks were late or the force oscillated: no force
+    until that is over and the commanded force is small; after a short stall of the loop alone,
+    force returns by a ramp."""
     FAULT = "fault"
     """Latched, with a reason; enable tries again."""
 
@@ -173,25 +173,25 @@ class Calibration(enum.Enum):
 
 
 class FeedbackLimits(NamedTuple):
-    """The largest feedback that a haptic device lets out."""
+    """The largest feedback that a haptic device renders."""
 
     force_n: float
-    """Of the norm."""
+    """Norm of the force."""
     joint_torque_n_m: float | None = None
-    """Of each joint; None: it takes no joint torques."""
+    """Of each joint; None: it does not accept joint torques."""
 
 
 class HapticState(NamedTuple):
-    """A snapshot of the tick."""
+    """A snapshot of the force tick."""
 
     stamp_s: float = NEVER_S
     """Local monotonic time of the newest tick."""
     ticks: int = 0
     state: OperatingState = OperatingState.DISABLED
     reason: str = ""
-    """Why the force is not what was commanded, in words; empty when it is."""
+    """Why the force is not what was commanded; empty when it is."""
     pose: Pose | None = None
-    """Of the gimbal's centre, hand frame; orientation orthonormal."""
+    """Pose of the gimbal's centre, hand frame; orientation orthonormal."""
     velocity: Vector3 = ZERO3
     """m/s, filtered."""
     joints_rad: Vector3 = ZERO3
@@ -207,27 +207,27 @@ class HapticState(NamedTuple):
     force: Vector3 = ZERO3
     """N, hand frame: what was sent, after every limit."""
     rendering: bool = False
-    """Force is let out, in whole or while it ramps up; `reason` says why not."""
+    """Whether force is rendered, in full or ramping up; `reason` says why not."""
     peak_n: float = 0.0
     """Largest force sent since the tick began."""
     energy_j: float = 0.0
-    """The passivity observer's: net energy taken in by the rendered environment; below 0 it has
-    given more than it took."""
+    """Net energy that the rendered environment absorbed, by the passivity observer; below 0 it has
+    released more than it absorbed."""
     delivered_j: float = 0.0
-    """All energy given to the hand less all taken from it since the tick began, at most: where the
-    age of a measured place leaves it open, the worse is booked."""
+    """Net energy given to the hand since the tick began, an upper bound: where the age of a
+    measured position leaves a choice, the larger value is counted."""
     given_peak_j: float = 0.0
-    """Most energy that the hand was given, net, within one engagement; booked likewise."""
+    """Largest net energy given to the hand within one engagement, an upper bound likewise."""
     passivity_damping_n_s_m: float = 0.0
-    """What the passivity controller damps with now."""
+    """Present damping by the passivity controller."""
     thermal_derating: float = 1.0
     """Share of the clamp that the thermal limiter leaves."""
     temperature: float = 0.0
-    """Of the hottest motor as predicted, 0 cold to 1 hottest."""
+    """Predicted, of the hottest motor: 0 cold, 1 hottest."""
     command_sequence: int = 0
     command_age_s: float = float("inf")
     force_age_s: float = float("inf")
-    """How old the measured force is that is being rendered."""
+    """Age of the measured force that is being rendered."""
     gap_s: float = 0.0
     """Longest time between two ticks since the snapshot before."""
     tick_cost_s: float = 0.0

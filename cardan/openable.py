@@ -1,4 +1,4 @@
-"""What is opened and closed, and so may stand in ``with``."""
+"""The base of what is opened and closed, also by ``with``."""
 
 from __future__ import annotations
 

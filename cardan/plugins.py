@@ -16,7 +16,7 @@ T = TypeVar("T")
 class Finder(Generic[T]):
     """Finds subclasses of `base`.
 
-    `word` is what people call one ("driver"): it names the key and the thing in errors. `built_in`
+    `word` is the term for one in errors and their key ("driver"). `built_in`
     maps names to targets ("package.module:Class") and wins over the entry points that `installed`
     gives, which is asked only where they matter. Neither is copied.
     """

@@ -13,7 +13,7 @@ NICE = -10
 
 
 def ask_for_real_time() -> str:
-    """Use the best scheduling this user is allowed; returns what it is, in words.
+    """Use the best scheduling this user is allowed; returns its name.
 
     Linux lets root have it, and users whom ``/etc/security/limits.d`` gives rtprio. Threads
     started later have it too.

@@ -1,4 +1,4 @@
-"""Opening sockets to an address as people write it, with words for what is wrong with it."""
+"""Opens sockets to addresses as given by users, with errors that say what is wrong."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def waiting(
 ) -> Iterator[tuple[bytes, Any]]:
     """The datagrams of at most `largest` bytes that are there already, with their sources.
 
-    `failed` is called for each word of the system that an earlier datagram found nobody.
+    `failed` is called for each OSError, as of an earlier datagram that was undeliverable.
     """
     for _ in range(DRAIN_AT_MOST):
         try:

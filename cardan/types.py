@@ -1,4 +1,4 @@
-"""Values that cross module borders.
+"""Value types that modules share.
 
 Every value is immutable, in SI units (metres, radians, seconds, newtons), and carries the frame
 it is expressed in and, where it is a reading or a command, the local monotonic time it belongs to.
@@ -86,7 +86,7 @@ class Wrench(NamedTuple):
 
 
 class DeviceLink(enum.Enum):
-    """How far the newest state of an operator device can be trusted."""
+    """Whether the newest state of an operator device is usable."""
 
     CLOSED = "closed"
     """Not opened, or closed on request."""
@@ -97,7 +97,7 @@ class DeviceLink(enum.Enum):
     NEEDS_NEUTRAL = "needs neutral"
     """Talking, but not seen at rest since it was opened or lost: the axes are given as zero."""
     LIVE = "live"
-    """Trustworthy: silence now means that the operator holds still."""
+    """Usable: silence now means that the operator holds still."""
 
 
 class ButtonEvent(NamedTuple):
@@ -138,9 +138,9 @@ class DeviceState(NamedTuple):
     battery: float | None = None
     """Charge, 0..1, where the device reports it."""
     reason: str = ""
-    """Why `link` is not LIVE, in words; empty when it is."""
+    """Why `link` is not LIVE; empty when it is."""
     wrench: Wrench | None = None
-    """What the device measures of force and torque, for force-torque sensors."""
+    """Measured force and torque, for force-torque sensors."""
 
 
 class DeviceCapabilities(NamedTuple):
@@ -157,7 +157,7 @@ class DeviceCapabilities(NamedTuple):
 
 
 class DeviceFeedback(NamedTuple):
-    """What the gateway gives back to the hand. None leaves a channel as it is."""
+    """What the gateway shows and renders to the operator. None leaves a channel as it is."""
 
     led: bool | None = None
     rumble: float | None = None
@@ -198,14 +198,14 @@ class RobotState(NamedTuple):
     pose: Pose | None
     """Measured TCP pose."""
     hold_reason: str
-    """Why commands would not act now, in words ("motors are off"); empty when they do."""
+    """Why commands would not act now ("motors are off"); empty when they do."""
     wrench: Wrench | None = None
     utilization: float | None = None
     """Share of the robot's ability the last reference needed; above 1 it was shortened."""
     clock_s: float | None = None
     """The controller's own clock, s since the Unix epoch."""
     alarm: str = ""
-    """Why nobody should be driving although commands act, in words (the port is flooded)."""
+    """Why the robot must not be driven although commands act (the port is flooded)."""
     velocities: tuple[float, ...] = ()
     """Measured joint velocities, rad/s or m/s; empty where the robot does not report them."""
     torques: tuple[float, ...] = ()
@@ -271,7 +271,7 @@ class TwistCommand(NamedTuple):
 
 
 class TorqueCommand(NamedTuple):
-    """Exert `torques` at the joints, gravity not compensated by anybody else."""
+    """Exert `torques` at the joints; they have to compensate gravity themselves."""
 
     torques: tuple[float, ...]
     """N·m (N for a prismatic joint), kinematic order."""
@@ -323,8 +323,8 @@ class RobotCapabilities(NamedTuple):
     analog_outputs: int
     """Numbers that travel to the controller's program with each command."""
     linear_speed_m_s: float | None = None
-    """The fastest the driver lets the TCP move; None: it has no such limit."""
+    """Highest TCP speed that the driver sends; None: it has no such limit."""
     angular_speed_rad_s: float | None = None
-    """The fastest the driver lets the TCP turn; None: it has no such limit."""
+    """Highest turning speed of the TCP that the driver sends; None: it has no such limit."""
     lag_s: float = 0.0
-    """The longest that measured joints are behind commanded ones in good order, s."""
+    """Longest normal delay of measured behind commanded joints, s."""

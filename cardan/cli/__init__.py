@@ -133,14 +133,14 @@ def run(file: ConfigFile, seconds: Seconds = None) -> None:
         view.console.print(summary(outcome.last))
     if outcome.last.error:
         print(f"cardan: {outcome.last.error}", file=sys.stderr)
-    if outcome.exit_code == EXIT_OK and (lack := _lack(outcome.last)):
-        print(f"cardan: {lack}", file=sys.stderr)
+    if outcome.exit_code == EXIT_OK and (problem := _final_problem(outcome.last)):
+        print(f"cardan: {problem}", file=sys.stderr)
         raise typer.Exit(EXIT_INCOMPLETE)
     raise typer.Exit(outcome.exit_code)
 
 
-def _lack(last: Snapshot) -> str:
-    """The problem that a session had at its end although it ended as asked; empty: none."""
+def _final_problem(last: Snapshot) -> str:
+    """The problem of a session that ended as asked: what was wrong at its end; empty: nothing."""
     if last.elapsed_s == 0.0:
         return ""
     if last.cycles == 0:
@@ -214,7 +214,7 @@ def _moved_by_verbs(config: SessionConfig) -> str:
     if why := why_no_verbs(config):
         return f"NOTHING: {why}"
     authority = config.authority
-    who = f"{authority.named!r} alone" if authority.named else "whoever has authority"
+    who = f"{authority.named!r} alone" if authority.named else "any source that has authority"
     return f"verbs and streams of a program (RemoteArm), {who}; `cardan run` shows it at rest"
 
 
@@ -248,8 +248,8 @@ def devices() -> None:
     found = api.devices()
     if not found:
         print(
-            "no operator device that shows itself is plugged in; serial, CAN and network devices "
-            "do not, and their options name them"
+            "no operator device was found; serial, CAN and network devices are not detected: "
+            "the options of their drivers name them"
         )
         return
     print_table(
@@ -269,7 +269,7 @@ def devices() -> None:
 
 
 def _merged(found: Sequence[FoundDevice]) -> list[FoundDevice]:
-    """`found`, with one row for all drivers that the same thing hides the devices from."""
+    """`found`, with one row for all drivers whose search is prevented by the same thing."""
     rows: dict[object, list[FoundDevice]] = {}
     for number, device in enumerate(found):
         hidden = device.obstacle and not (device.path or device.identity)

@@ -16,7 +16,7 @@ from cardan.dissect.reader import Numbers
 
 
 class Dissect(TyperCommand):
-    """Made when it is asked for: other commands need no dissector of another package."""
+    """Built on first use, so that other commands do not import dissectors of other packages."""
 
     @functools.cached_property
     def _made(self) -> Any:
@@ -38,7 +38,7 @@ class Dissect(TyperCommand):
 
 
 def _function(numbers: list[Numbers]) -> Any:
-    """What typer makes the command of: options of all captures, and where protocols are."""
+    """The function that typer makes the command of: options of all captures, and of protocols."""
 
     def dissect(
         file: Annotated[Path, typer.Argument(metavar="FILE", help="A pcap or pcapng file.")],

@@ -83,17 +83,17 @@ def _sim(
 
 
 class _Given(NamedTuple):
-    """A field that the command line gives."""
+    """A field of an options dataclass that the command line sets."""
 
     field: dataclasses.Field[Any]
     type: Any
     option: Option
     owner: type
-    """The dataclass that has it."""
+    """The dataclass that the field belongs to."""
 
     @property
     def flag(self) -> str:
-        """As it is written."""
+        """The option as it is written."""
         return f"--{self.option.name or name_and_unit(self.field.name)[0]}"
 
     @property
@@ -109,7 +109,7 @@ class _Given(NamedTuple):
 
     @property
     def default_port(self) -> int:
-        """Of a host with its port."""
+        """The port of an option HOST:PORT where none is given."""
         defaults: dict[str, Any] = {
             each.name: each.default for each in dataclasses.fields(self.owner)
         }
@@ -118,8 +118,8 @@ class _Given(NamedTuple):
 
     @property
     def parameter(self) -> inspect.Parameter:
-        """As typer takes it. What is not given is the field's default, or None where `read` makes
-        the value."""
+        """The parameter for typer. Its default is the field's, or None where `read` makes the
+        value."""
         option, default = self.option, self.field.default
         kind: Any = self.type
         if kind is bool:
@@ -141,7 +141,7 @@ class _Given(NamedTuple):
         return _parameter(self.field.name, Annotated[kind, told], default)
 
     def values(self, given: Any) -> dict[str, Any]:
-        """The values of the fields that what is given means; none: as they are."""
+        """Values of the fields that `given` sets; empty where it keeps the defaults."""
         name, option = self.field.name, self.option
         if self.type is bool:
             return {name: not self.field.default} if given else {}
@@ -155,7 +155,7 @@ class _Given(NamedTuple):
         if self.choices:
             if given not in self.choices:
                 allowed = ", ".join(self.choices)
-                raise ConfigurationError(self.flag, f"{given!r} is none; allowed: {allowed}")
+                raise ConfigurationError(self.flag, f"{given!r} is unknown; allowed: {allowed}")
             return {name: self.choices[given]}
         if option.repeatable:
             return {name: tuple(self._read(text) for text in given)}
@@ -192,7 +192,7 @@ def _all_given(options: type) -> Iterator[_Given]:
 
 
 def _made(options: type, values: Mapping[type, Mapping[str, Any]]) -> Any:
-    """`options` and the dataclasses inside, each with the values that are its own."""
+    """`options` and its nested dataclasses, each made with its own values."""
     types = get_type_hints(options)
     inside = {
         each.name: _made(types[each.name], values)
@@ -212,7 +212,7 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
         if field in fields:
             default = None if field == "faults" else fields[field].default
             shared = _parameter(field, annotation, default)
-            parameters[field] = parameters.pop(field, shared)  # In the place that all have.
+            parameters[field] = parameters.pop(field, shared)  # Keeps the common order.
     lists = _lists(peer, own, fields)
     for flag, (help_, _) in lists.items():
         wanted = Annotated[bool, typer.Option(f"--list-{flag}", help=help_)]

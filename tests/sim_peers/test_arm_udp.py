@@ -98,7 +98,7 @@ def test_the_command_serves_it():
     [
         (("--plane", "1,2"), "--plane: '1,2' is not 6 numbers with commas"),
         (("--listen", "5"), "--listen: '5' is not HOST:PORT"),
-        (("--drive", "no"), "--drive: 'no' is none; allowed: dynamic, ideal"),
+        (("--drive", "no"), "--drive: 'no' is unknown; allowed: dynamic, ideal"),
         (("--fault", "no"), "there is no fault 'no'"),
     ],
 )

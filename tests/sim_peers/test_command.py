@@ -211,8 +211,8 @@ class TestSomebodyElsesPeer:
         [
             (("--at", "nowhere"), "--at: 'nowhere' is not HOST:PORT, as ::1:80"),
             (("--at", "x:65536"), "--at: 'x:65536' is not HOST:PORT"),
-            (("--colour", "pink"), "--colour: 'pink' is none; allowed: red, blue"),
-            (("--size", "huge"), "--size: 'huge' is none; allowed: big, small"),
+            (("--colour", "pink"), "--colour: 'pink' is unknown; allowed: red, blue"),
+            (("--size", "huge"), "--size: 'huge' is unknown; allowed: big, small"),
             (("--slot", "1"), "--slot: '1' is not 2 numbers with commas"),
             (("--slot", "1,two"), "--slot: '1,two' is not 2 numbers with commas"),
         ],

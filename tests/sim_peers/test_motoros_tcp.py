@@ -289,7 +289,7 @@ def test_the_command_serves_it(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--plant", "no"), "--plant: 'no' is none; allowed: ideal, paper"),
+        (("--plant", "no"), "--plant: 'no' is unknown; allowed: ideal, paper"),
         (("--fault", "no"), "there is no fault 'no'"),
         (("--fault", "split=2"), "fault split: 2 is not in 0 to 1"),
         (("--log", "/nowhere/at/all", "--base-port", "0"), "log: '/nowhere/at/all'"),

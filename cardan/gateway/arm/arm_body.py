@@ -39,34 +39,34 @@ from cardan.types import (
 )
 
 PREFERRED = (CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE)
-"""What a robot is sent, best first: joint positions leave nothing to anybody else's kinematics."""
+"""Commands by preference: joint positions do not depend on the kinematics of other controllers."""
 
 APPROACH_SHARE = 0.1
-"""Of the joints' speeds, at most, while commanded joints are brought back to measured ones: no
-operator steers that motion."""
+"""Share of the joints' speed limits, at most, with which commanded joints are brought back to
+measured ones: no operator steers that motion."""
 
 CORRECTION_SHARE = 0.2
-"""Of the joints' speeds that a robot of velocities may be corrected with: an arm that was pushed
-away comes back, it does not spring."""
+"""Share of the joints' speed limits for corrections of a velocity-controlled robot's position: an
+arm that was pushed away returns slowly."""
 
 VELOCITY_GAIN_1_S = 10.0
-"""Of the position error of a robot that only takes velocities. It is what keeps such an arm from
-sinking under its own weight; higher gains ring with the delay of real velocity loops."""
+"""Gain on the position error of a velocity-controlled robot. It keeps such an arm from sinking
+under its own weight; higher gains oscillate with the delay of real velocity loops."""
 
 POSE_TCP_TOLERANCE_M, JOINT_TCP_TOLERANCE_M = 0.002, 0.02
-"""Most that the robot's own TCP may differ from the model's. A robot that is sent poses would go to
-wrong ones; one that is sent joints goes right, but walls, obstacles and figures would be off."""
+"""Largest difference between the robot's own TCP and the model's. Beyond it, commanded poses would
+be wrong; with joint commands, workspace, obstacles and figures would be."""
 
 TCP_TOLERANCE_RAD = 0.02
 
 LEAP_SHARE = 2.0
-"""Of the joints' speeds that a measured joint may move with before it is not believed."""
+"""Share of each joint's speed limit above which a measured joint is rejected as implausible."""
 
 LEAP_NOISE_RAD = 0.05
-"""Allowed beside that (m for a prismatic joint): a reading may be late, and the next one early."""
+"""Tolerance added to that (m for a prismatic joint): readings may come late or early."""
 
 AT_LIMIT_RAD = 0.02
-"""A joint so near to the end of its range (rad, or m) is what ends a motion."""
+"""Distance to the end of a joint's range (rad, or m) within which it is said to end a motion."""
 
 AT_REST_RAD_S = 2e-4
 """All joints slower than this can stop within one period."""
@@ -133,12 +133,12 @@ class ArmBody(Body):
         return self.servo.status()
 
     def keep_sent_as(self, kinematics: Kinematics) -> None:
-        """Whatever tool the servo's TCP gets from now on, the robot's controller goes on with
-        that of `kinematics`, which is the caller's no more."""
+        """Send poses by the tool of `kinematics`, which this body owns from now on, whatever tool
+        the servo gets: the robot's controller knows only that one."""
         self._sent_as = kinematics
 
     def gate_limits(self, capabilities: RobotCapabilities) -> GateLimits:
-        """What commands of this body may be: its joints' limits, and its robot's of the TCP."""
+        """Limits of this body's commands: those of its joints, and its robot's for the TCP."""
         bounds = self.servo.kinematics
         return GateLimits(
             capabilities.linear_speed_m_s or FASTEST_TCP_M_S,
@@ -260,7 +260,7 @@ class ArmBody(Body):
         self._set_velocities(v)
 
     def catch(self, q: FloatArray, velocities: FloatArray) -> None:
-        """Take over an arm that moves at `velocities` from `q` without being led by positions."""
+        """Take over at `q` an arm that moves at `velocities` and was not commanded by position."""
         self.servo.place(q)
         self._lag.reset()
         self._set_velocities(np.clip(velocities, -self._highest, self._highest))
@@ -329,7 +329,7 @@ class ArmBody(Body):
     ) -> RobotCommand:
         servo = self.servo
         self._lag.note(servo.q, state.stamp_s)
-        # One that is commanded by velocities would keep its distance for ever.
+        # A velocity-controlled one would keep its error for ever.
         v = self._still if approaching else servo.v
         if self.kind is CommandKind.JOINT:
             return JointCommand(tuple(servo.q.tolist()), tuple(v.tolist()))
@@ -347,7 +347,7 @@ class ArmBody(Body):
     def _velocities(
         self, state: RobotState | None, wanted: FloatArray, dt_s: float, approaching: bool
     ) -> FloatArray:
-        """`wanted` and what brings the robot back to its positions, within limits."""
+        """`wanted` plus the correction of the robot's position, within limits."""
         servo, highest = self.servo, self._highest
         most = CORRECTION_SHARE * highest
         v = wanted

@@ -18,19 +18,19 @@ VERBS = "verbs"
 """The verbs and nameless streams of this process."""
 
 LEASE_S = 2.0
-"""For which a source that does not renew keeps its authority: longer than any network's pause that
-an operator would sit out, shorter than anybody waits for a colleague's forgotten window."""
+"""Default time for which a source that does not renew its authority keeps it: longer than any
+network's pause that an operator would sit out, short enough for others to wait for."""
 
 
 class AuthorityPolicy(enum.Enum):
-    """Who may take the authority from whom. Stop needs none."""
+    """Which source may take the authority from which. Stop needs none."""
 
     HAND = "hand"
-    """The operator device's deliberate act takes it from anybody; others when it is free."""
+    """The operator device's deliberate act takes it from any source; others when it is free."""
     FIRST = "first"
-    """Everybody takes it when it is free, the operator device too."""
+    """Any source takes it when it is free, the operator device too."""
     NAMED = "named"
-    """Only the source that is named may have it, and whom it hands it to."""
+    """Only the named source may have it, and the one that this hands it over to."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class AuthorityOptions:
     named: str = ""
     """The source that may have it, where `policy` is NAMED."""
     lease_s: Annotated[float, AUTHORITY_LEASE_S] = LEASE_S
-    """For which a source that does not renew keeps it."""
+    """How long a source that does not renew keeps it, s."""
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -54,7 +54,7 @@ class AuthorityOptions:
 
 
 class AuthorityState(NamedTuple):
-    """Who has the authority, since when, and whom it was refused to last."""
+    """The source that has the authority, since when, and the last refusal."""
 
     owner: str
     """Empty: no source."""
@@ -72,8 +72,8 @@ class Authority:
         self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
         self._owner = ""
         self._since_s = self._renewed_s = NEVER_S
-        self._entrusted = ""
-        """Whom the authority was handed to, who has not used it yet."""
+        self._handed_to = ""
+        """Source that the authority was handed over to, until it uses it."""
         self._refused = ""
 
     @property
@@ -93,7 +93,7 @@ class Authority:
         if busy:
             self._renewed_s = now_s
         elif now_s - self._renewed_s > self.lease_s:
-            self._owner = self._entrusted = ""
+            self._owner = self._handed_to = ""
 
     def refuses(self, source: str) -> str:
         """Why `source` may not take it now; empty when it may."""
@@ -101,29 +101,29 @@ class Authority:
             return ""
         if self._owner and not (self.policy is AuthorityPolicy.HAND and source == HAND):
             return f"{self._owner!r} has authority over the arm"
-        if self.policy is AuthorityPolicy.NAMED and source not in (self.named, self._entrusted):
+        if self.policy is AuthorityPolicy.NAMED and source not in (self.named, self._handed_to):
             return f"authority over the arm is reserved for {self.named!r}"
         return ""
 
     def take(self, source: str, now_s: float) -> str:
-        """Give it to `source`, or renew it; answers why not, or ""."""
+        """Give it to `source`, or renew it; returns why not, or ""."""
         refusal = self.refuses(source)
         if refusal:
             self._refused = f"{source}: {refusal}"
             return refusal
         if source != self._owner:
-            self._owner, self._since_s, self._entrusted = source, now_s, ""
+            self._owner, self._since_s, self._handed_to = source, now_s, ""
         self._renewed_s = now_s
         return ""
 
     def hand_over(self, source: str, to: str, now_s: float) -> str:
-        """Pass it from `source`, who has it, on to `to`; answers why not, or ""."""
+        """Pass it from `source`, its owner, to `to`; returns why not, or ""."""
         if source != self._owner:
             return f"{source!r} has no authority over the arm to hand over"
-        self._owner, self._since_s, self._renewed_s, self._entrusted = to, now_s, now_s, to
+        self._owner, self._since_s, self._renewed_s, self._handed_to = to, now_s, now_s, to
         return ""
 
     def release(self, source: str) -> None:
         """`source` needs it no more; without effect where it has none."""
         if source == self._owner:
-            self._owner = self._entrusted = ""
+            self._owner = self._handed_to = ""

@@ -1,4 +1,4 @@
-"""What carries out motions and makes the robot's commands of them.
+"""Carries out motions, and makes the robot's commands of them.
 
 A robot whose arm has a model is moved joint by joint (:mod:`cardan.gateway.arm.arm_body`); one
 that is sent poses and has no model moves as a free pose.
@@ -41,18 +41,18 @@ if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do
     from cardan.gateway.servo.servo import ServoStatus
 
 FARTHEST_M = 100.0
-"""No TCP is farther from its base, the longest gantries included: such a reading is no position."""
+"""Largest plausible distance of a TCP from its base, the longest gantries included."""
 
 FASTEST_TCP_M_S = 5.0
 FASTEST_TCP_RAD_S = 15.0
-"""No industrial arm's TCP is faster, with or without a person who pushes it. A reading that moves
-faster is a mistake, or of another tool or frame."""
+"""Largest plausible speed of an industrial arm's TCP, also when a person pushes it. A faster
+reading is a mistake, or of another tool or frame."""
 
 READING_NOISE_M, READING_NOISE_RAD = 0.01, 0.05
-"""Allowed beside the speed: a reading may be late, and the next one early."""
+"""Tolerance added to the way at that speed: a reading may be late, and the next one early."""
 
 SHORTEST_S = 1e-4
-"""Readings closer in time have no speed in common."""
+"""Shortest time between two readings from which a speed is computed."""
 
 APPROACH_TIME_S = 0.2
 """Time constant with which a command that lost its robot is brought back to it."""
@@ -110,7 +110,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def twist(self) -> Twist:
-        """With which the commanded TCP moved in the last period, base axes."""
+        """Velocity of the commanded TCP in the last period, base axes."""
 
     @property
     @abstractmethod
@@ -139,7 +139,7 @@ class Body(ABC):
 
     @abstractmethod
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
-        """What moved farther in `time_s` than an arm can; empty when nothing did."""
+        """Message about what moved farther in `time_s` than an arm can; empty when nothing did."""
 
     @abstractmethod
     def place(
@@ -176,7 +176,7 @@ class Body(ABC):
 
     @abstractmethod
     def halt(self) -> None:
-        """Be at rest at once: for a robot that obeys no command any more."""
+        """Set the commanded motion to rest at once: the robot obeys no command any more."""
 
     @abstractmethod
     def approach(self, state: RobotState, dt_s: float) -> None:
@@ -192,12 +192,12 @@ class Body(ABC):
     ) -> RobotCommand:
         """What the robot is sent for this period of `dt_s`.
 
-        `approaching`: it is not to go along with the motion. `blind`: what `state` measures
-        counts for nothing.
+        `approaching`: the robot is not to follow the motion. `blind`: the measurements in `state`
+        are ignored.
         """
 
     def status(self) -> ServoStatus | None:
-        """What the servo met in the last tick; None without an arm's model."""
+        """Numbers of the servo's last tick; None without an arm's model."""
         return None
 
     def held_by(self) -> str:
@@ -234,12 +234,12 @@ class FreeBody(Body):
         if pose is None:
             return "the robot reports no pose"
         (x, y, z), (w, i, j, k), _ = pose
-        # One comparison for all: what is not a number is not below anything.
+        # One comparison for all: a NaN is not below anything.
         if x * x + y * y + z * z + w * w + i * i + j * j + k * k < FARTHEST_M * FARTHEST_M:
             return ""
         if not is_finite((x, y, z, w, i, j, k)):
             return "the robot reports a pose that is not numbers"
-        return f"the robot reports a TCP {norm(pose.position):.3g} m away, farther than any is"
+        return f"the robot reports a TCP {norm(pose.position):.3g} m away, farther than any reach"
 
     def measured(self, state: RobotState) -> Pose:
         assert state.pose is not None
@@ -256,7 +256,7 @@ class FreeBody(Body):
         x, y, z = x - u, y - v, z - s
         farthest_m = READING_NOISE_M + FASTEST_TCP_M_S * time_s
         half_rad = 0.5 * (READING_NOISE_RAD + FASTEST_TCP_RAD_S * time_s)
-        # The cosine of half the angle, by its series: to be exact about so much is no use.
+        # The cosine of half the angle, by its series, which is accurate enough.
         if (
             x * x + y * y + z * z <= farthest_m * farthest_m
             and abs(w * a + i * b + j * c + k * d) >= 1.0 - 0.5 * half_rad * half_rad

@@ -17,10 +17,10 @@ Workspace = tuple[
 ]
 
 LARGEST_NUMBER = 1e4
-"""m, rad, m/s, N or N·m: more is a mistake of units, and overflows somewhere."""
+"""Largest accepted m, rad, m/s, N or N·m: more is a mistake of units, and could overflow."""
 
 UNIT_TOLERANCE = 1e-3
-"""A quaternion whose length is farther from 1 is a mistake and not rounding."""
+"""Largest deviation of a quaternion's length from 1 that can be rounding."""
 
 
 def six_numbers(verb: str, values: Sequence[float]) -> Six:
@@ -48,9 +48,9 @@ def checked_pose(verb: str, target: Target) -> Pose:
     if isinstance(target, Pose):
         position, orientation = target.position, target.orientation
         if not is_finite((*position, *orientation)):
-            raise MotionRefusedError(f"{verb}: the pose has numbers that are none: {target}")
+            raise MotionRefusedError(f"{verb}: the pose has values that are not numbers: {target}")
         if max(map(abs, position)) > LARGEST_NUMBER:
-            raise MotionRefusedError(f"{verb}: the position {tuple(position)} is beyond any arm")
+            raise MotionRefusedError(f"{verb}: no arm reaches the position {tuple(position)}")
         length = math.sqrt(sum(c * c for c in orientation))
         if abs(length - 1.0) > UNIT_TOLERANCE:
             raise MotionRefusedError(

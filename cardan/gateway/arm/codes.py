@@ -21,7 +21,7 @@ def vocab_text(code: int) -> str:
 
 
 class Generic(enum.IntEnum):
-    """Words that answer or introduce others."""
+    """Codes that answer or introduce others."""
 
     OK = vocab("ok")
     FAIL = vocab("fail")

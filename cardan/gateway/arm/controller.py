@@ -1,9 +1,9 @@
 """The controller of one arm: robot state in, command out, one `tick`.
 
-Whatever moves the arm (an operator device, a verb, a stream) is a source that asks; here it is
-decided. A tick goes through once: the robot is looked at (:mod:`supervision`), the operator
+Whatever moves the arm (an operator device, a verb, a stream) is a source that asks; the controller
+decides. A tick goes through once: the robot's state is judged (:mod:`supervision`), the operator
 device's state becomes a request (:mod:`cardan.gateway.hand.source`), one activity moves the
-commanded arm, and the gate looks at the command. Nothing here reads a clock, a socket or a file:
+commanded arm, and the gate checks the command. Nothing here reads a clock, a socket or a file:
 time comes in with the states, so tests run it in virtual time.
 
 The rule: nothing moves unless a fresh command from a live operator says so. Whatever interrupts
@@ -46,23 +46,23 @@ that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the op
 a leash further on. Gravity sag is far below it and never creeps in."""
 
 NEAR_SHARE = 0.1
-"""Of the leash, and of the joints' following error that trips: near enough to end that."""
+"""Share of the leash, and of the joints' following-error limit, within which a recovery ends."""
 
 BEHIND_SHARE = 0.5
-"""Of the following error that trips, beyond which no pose and no clutch is taken up."""
+"""Share of the following error's limit beyond which no pose and no clutch is accepted."""
 
 COASTS_S = 0.5
-"""No robot goes on for longer at the speed it was told last."""
+"""Longest time for which a robot goes on at the speed it was commanded last."""
 
 TAUT_SHARE = 0.9
-"""Of the leash, from which an operator is told that the robot does not follow."""
+"""Share of the leash above which the message says that the robot does not follow."""
 
 HELD_SHARE = 0.5
-"""Of the asked speed, below which an operator is told what holds the arm."""
+"""Share of the asked speed below which the message says what holds the arm."""
 
 
 class Listener(Protocol):
-    """Hears what becomes of the activities that it began. Called under the controller's lock."""
+    """Gets the outcome of the activities that it began. Called under the controller's lock."""
 
     def void(self, reason: str) -> None:
         """Whatever was under way or planned is over, for this reason."""
@@ -88,7 +88,7 @@ class ArmController:
         period_s: float = 0.0,
         gate: GateLimits | None = None,
     ) -> None:
-        """`limits` are those of a hand's motion; `period_s` is the robot's; 0: unknown."""
+        """`limits` are those of the operator's motion; `period_s` is the robot's; 0: unknown."""
         self.body = body
         self.hand = hand
         self.authority = authority or Authority()
@@ -100,23 +100,23 @@ class ArmController:
         self.robot: RobotState | None = None
         """The newest state."""
         self.generation = 0
-        """Counts what makes a plan void: loss of the robot, trips, stops, another's hand."""
+        """Counts what voids plans: loss of the robot, trips, stops, the operator taking over."""
         self.listener: Listener | None = None
-        """Who else but the operator device begins activities."""
+        """What begins activities beside the operator device."""
         self._period_s = period_s
         self.not_ready = "nothing was heard of the robot yet"
         """Why the robot cannot be commanded now; empty when it can."""
         self._gate = Gate(gate or limits_of_free_body(limits))
         self.advanced_s = 0.0
-        """By how much the last tick advanced: lost time is not in it."""
+        """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
         self._braking = False
         self._engaged = False
-        """Whether the robot is commanded; else it is told to hold."""
+        """Whether the robot is commanded; else it is sent a hold."""
         self._armed = False
         """Whether the operator device may move the arm without another deliberate act."""
         self._claimed = False
-        """Whether it does, or holds it by a button."""
+        """Whether it moves the arm, or claims it by a button that is held."""
         self._request = NO_REQUEST
         self._phase = Phase.NO_ROBOT
         self._message = "waiting for the robot"
@@ -124,16 +124,16 @@ class ArmController:
         self._trips = 0
         self._tripped = False
         """Whether this tick ended a motion of some source, or placed the arm."""
-        self._unmet = ""
-        """Why the command and its robot are apart and stay so, until a deliberate act."""
+        self._apart_reason = ""
+        """Why the command and its robot stay apart until a deliberate act; empty: they do not."""
         self._recover = False
         """Whether the command is to be brought back to its robot as soon as it rests."""
-        self._went = NO_WAY
-        """How far commands were brought back to their robot since the last deliberate act."""
-        self._left_alone = False
+        self._recovered_way = NO_WAY
+        """Length of recoveries since the last deliberate act."""
+        self._recovery_cancelled = False
         """Whether a button ended a recovery, so that none begins until motion is asked for."""
-        self._strange = False
-        """Whether the robot was elsewhere when it became ready, and is placed by the act."""
+        self._ready_elsewhere = False
+        """Whether the robot became ready elsewhere than commanded, and is placed by the act."""
         self._disengage_reason = self._held_off = ""
         self._stop_reason = ""
         self._suspended = False
@@ -203,7 +203,7 @@ class ArmController:
 
     @property
     def following(self) -> bool:
-        """True while the operator's hand moves the arm: armed, dead-man held, clutched in."""
+        """True while the operator device moves the arm: armed, dead-man held, clutched in."""
         return self._armed and self._request.following
 
     @property
@@ -212,9 +212,8 @@ class ArmController:
         return self._request
 
     def hand_map(self) -> WorldMap | None:
-        """Where the TCP is told to go for any place of the hand, as things stand after the last
-        tick, within the workspace; None while no hand's pose is followed, or through axes that
-        mirror."""
+        """Map from the hand's position to the commanded TCP's after the last tick, within the
+        workspace; None while no pose is followed, or through axes that mirror."""
         return None if self.hand is None or not self.following else self.hand.hand_map()
 
     def status(self) -> ArmStatus:
@@ -259,7 +258,7 @@ class ArmController:
                 self._disarm()
             self.generation += 1
             if self.recovering:
-                self._leave_apart(f"and stays so: {reason}")
+                self._require_act(f"and stays so: {reason}")
             self._end_activity(reason)
 
     def trip(self, reason: str) -> None:
@@ -272,26 +271,26 @@ class ArmController:
         self._held_off = reason
 
     def suspend(self) -> None:
-        """In the next tick the operator asks for no motion, whatever the hand does; after it, the
-        hand is followed as before."""
+        """Ignore the operator's motion in the next tick; after it, teleoperation goes on as
+        before."""
         self._suspended = True
 
     def acknowledge(self) -> str:
-        """The deliberate act after a reading that was not believed, or a recovery that was given
-        up; answers why it is too early, or ""."""
+        """The deliberate act after implausible readings, or after a recovery that was given up;
+        returns why it is too early, or ""."""
         with self.lock:
             if self.supervision.distrust and not self.supervision.trustworthy:
                 return f"{self.supervision.distrust}; wait until the readings rest"
             if self.supervision.distrust:
                 self.supervision.trust()
-                if self._strange and self.robot is not None and not self.not_ready:
+                if self._ready_elsewhere and self.robot is not None and not self.not_ready:
                     self._place(self.robot)
-                self._strange = False
-            if self._unmet and self.supervision.watchdogs.recovery:
+                self._ready_elsewhere = False
+            if self._apart_reason and self.supervision.watchdogs.recovery:
                 # One more leash's length towards the robot, where it is not near already.
                 self._recover = self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE)
-            self._unmet = ""
-            self._went = NO_WAY
+            self._apart_reason = ""
+            self._recovered_way = NO_WAY
             return ""
 
     @property
@@ -300,9 +299,9 @@ class ArmController:
         if self._stop_reason or self._held_off:
             return self._stop_reason or self._held_off
         if self.supervision.distrust:
-            return f"{self.supervision.distrust}: it is not believed"
-        if self._unmet:
-            return self._unmet
+            return f"{self.supervision.distrust}: the reading is rejected"
+        if self._apart_reason:
+            return self._apart_reason
         if self.recovering:
             return f"coming back to the arm, {self._trip_reason}"
         return ""
@@ -311,7 +310,7 @@ class ArmController:
         """Start an activity on an arm at rest."""
         with self.lock:
             self._activity, self._braking = activity, False
-            self._went = NO_WAY
+            self._recovered_way = NO_WAY
 
     def drop(self) -> None:
         """Forget an activity that rests."""
@@ -364,23 +363,23 @@ class ArmController:
             if (disengage_reason := self._disengage_reason or self._held_off) and self._driven:
                 self._trip(disengage_reason)
             self._disengage_reason = ""
-            if self.recovering and (why := self._why_still):
-                self._give_up(why)
+            if self.recovering and (why := self._why_no_recovery):
+                self._cancel_recovery(why)
             if self.hand is not None and device is not None:
-                self._hear(self.hand, robot, device, events, dt_s)
-            self.authority.expire(robot.stamp_s, self._claimed or self._occupied)
+                self._read_operator(self.hand, robot, device, events, dt_s)
+            self.authority.expire(robot.stamp_s, self._claimed or self._keeps_authority)
             self._move(robot, dt_s)
             self._settle(robot)
             return self._command(robot, dt_s)
 
     @property
-    def _why_still(self) -> str:
-        """Why not even a command is brought back to its robot now."""
+    def _why_no_recovery(self) -> str:
+        """Why not even a recovery may move the command now."""
         alarm = "" if self.robot is None else self.robot.alarm
         return self._stop_reason or self._held_off or alarm
 
     @property
-    def _occupied(self) -> bool:
+    def _keeps_authority(self) -> bool:
         """Whether a motion is under way whose source need not renew its authority."""
         activity = self._activity
         if activity is None or activity.recovers:
@@ -411,7 +410,7 @@ class ArmController:
             self._place(robot)
         elif cause is Cause.RETURNED:
             if self.supervision.distrust:
-                self._strange = self._strange or not self._engaged
+                self._ready_elsewhere = self._ready_elsewhere or not self._engaged
             else:
                 self._place(robot, self._before(robot))
         elif cause is Cause.NEW_SESSION:
@@ -424,19 +423,19 @@ class ArmController:
             else:
                 self._place(robot, self._before(robot))
         elif cause is Cause.LEAPT:
-            self._strange = self._strange or self._phase is Phase.NO_ROBOT
+            self._ready_elsewhere = self._ready_elsewhere or self._phase is Phase.NO_ROBOT
             self._trip_if_driven(reason)
             self._disarm()
             self._recover = False
             self._end_activity(reason)
         elif cause is Cause.HELD:
-            if self._unmet or self.recovering:
+            if self._apart_reason or self.recovering:
                 return
             self._trip(reason)
             if self.supervision.watchdogs.recovery:
                 self._recover = True
             else:
-                self._unmet = f"{reason}; recovery is switched off"
+                self._apart_reason = f"{reason}; recovery is switched off"
         elif cause is Cause.ALARM and self._driven:
             self._trip(reason)
         elif cause is Cause.SILENT:
@@ -477,7 +476,7 @@ class ArmController:
             self._trip_if_driven(reason)
         self._disarm()
         self._recover = False
-        self._unmet = ""
+        self._apart_reason = ""
         self._phase, self._message = Phase.NO_ROBOT, reason
         self.not_ready = reason
         if self.hand is not None and device is not None:
@@ -507,10 +506,10 @@ class ArmController:
     def _place(self, robot: RobotState, before: RobotState | None = None) -> None:
         """Start from where the robot is; with a state `before`, from the speed that it has."""
         self.generation += 1
-        self._recover, self._unmet, self._strange = False, "", False
-        self._went = NO_WAY
+        self._recover, self._apart_reason, self._ready_elsewhere = False, "", False
+        self._recovered_way = NO_WAY
         self._tripped = True
-        self._end_activity("the arm was placed anew")
+        self._end_activity("the command was restarted from the measured position")
         self._activity, self._braking = None, False
         self.body.place(robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s)
         self._gate.reset()
@@ -570,7 +569,7 @@ class ArmController:
 
     # -- the operator device ---------------------------------------------------------------------
 
-    def _hear(
+    def _read_operator(
         self,
         hand: HandSource,
         robot: RobotState,
@@ -578,7 +577,7 @@ class ArmController:
         events: Sequence[ButtonEvent],
         dt_s: float,
     ) -> None:
-        """Turn the device's state into a request, once, and see who drives."""
+        """Turn the device's state into a request, once, and see which source drives."""
         reference, activity = self.reference, self._activity
         free = activity is None or (
             (activity.follows_hand or activity.recovers) and not self._braking
@@ -617,9 +616,9 @@ class ArmController:
         elif self._armed and not request.armed:
             self._armed = False
             self.authority.release(HAND)
-            self._end_activity("the clutch was let go")
+            self._end_activity("the clutch was released")
         elif request.armed and not self._armed:
-            self._armed, self._trip_reason, self._went = True, "", NO_WAY
+            self._armed, self._trip_reason, self._recovered_way = True, "", NO_WAY
             if claims:
                 self._take_over(robot.stamp_s)
         elif request.acts and barred and not recovering:
@@ -636,10 +635,10 @@ class ArmController:
         self._claimed = claims and self._armed
         if recovering and request.pressed and self._armed and not request.asks:
             # A regrip goes on from where the command is; what is left of the way is left.
-            self._left_alone = True
+            self._recovery_cancelled = True
             self._end_activity("it was ended by a button")
         elif recovering and request.pressed and not self._armed:
-            self._give_up("it was ended by a button")
+            self._cancel_recovery("it was ended by a button")
 
     def _why_barred(self, robot: RobotState) -> str:
         """Why the operator's deliberate act arms nothing now."""
@@ -648,26 +647,26 @@ class ArmController:
         return self.barred or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
     def _take_over(self, now_s: float) -> None:
-        """The operator's hand gets the arm; what moved before is braked first."""
-        self._trip_reason, self._went = "", NO_WAY
+        """The operator device takes the arm; what moved before is braked first."""
+        self._trip_reason, self._recovered_way = "", NO_WAY
         self.authority.take(HAND, now_s)
         self.generation += 1
-        reason, activity = "the operator's hand took over", self._activity
+        reason, activity = "the operator device took over", self._activity
         if activity is None or not (activity.follows_hand or activity.recovers):
             self._end_activity(reason)
         elif self.listener is not None:
             self.listener.void(reason)
 
-    def _give_up(self, why: str) -> None:
-        self._leave_apart(f"and stays so: {why}")
+    def _cancel_recovery(self, why: str) -> None:
+        self._require_act(f"and stays so: {why}")
         self._end_activity(why)
         self._disarm()
 
-    def _leave_apart(self, why: str) -> None:
-        """Command and robot stay as they are until a deliberate act; `why` ends the sentence."""
+    def _require_act(self, why: str) -> None:
+        """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
         self._recover = False
-        self._unmet = (
-            "the robot does not come together with its reference: "
+        self._apart_reason = (
+            "the reference was not brought back to the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
         )
 
@@ -697,7 +696,7 @@ class ArmController:
             return
         if isinstance(activity, Recover):
             if self._armed and request.asks:
-                self._activity = None  # The hand goes on from wherever the command is.
+                self._activity = None  # The operator goes on from the commanded position.
                 self._braking = False
                 self.reference.place(self.body.pose)
                 activity = None
@@ -722,7 +721,7 @@ class ArmController:
                 self._begin_recovery()
                 return
             if request.asks:
-                self._went, self._left_alone = NO_WAY, False
+                self._recovered_way, self._recovery_cancelled = NO_WAY, False
             activity.aim(request.twist, request.rates, request.following)
 
     @property
@@ -731,9 +730,9 @@ class ArmController:
         return (
             self.hand is not None
             and self._engaged
-            and not self._unmet
-            and not self._why_still
-            and not self._left_alone
+            and not self._apart_reason
+            and not self._why_no_recovery
+            and not self._recovery_cancelled
             and self.supervision.watchdogs.recovery
             and not self.body.moving
             and self.reference.leash_used > EASE_ABOVE
@@ -751,7 +750,7 @@ class ArmController:
         assert self.robot is not None
         reference.observe(self.body.measured(self.robot))
         error = self.body.following_error(self.robot, reference)
-        self._activity = Recover(self.body, reference, near, error, self._went)
+        self._activity = Recover(self.body, reference, near, error, self._recovered_way)
         self._braking = False
 
     def _finish(self, activity: Activity, reason: str) -> None:
@@ -760,17 +759,17 @@ class ArmController:
         if isinstance(activity, Brake) and self.hand is None:
             self._engaged = False
         if isinstance(activity, Recover):
-            self._went = activity.went
-            if not activity.near and not self._unmet and not self._left_alone:
-                self._leave_apart("still")
+            self._recovered_way = activity.went
+            if not activity.near and not self._apart_reason and not self._recovery_cancelled:
+                self._require_act("still")
                 if self._armed:
-                    self._trip("the robot goes along when its reference is brought back to it")
+                    self._trip("the robot moves along while its reference is brought back to it")
         if self.listener is not None:
             self.listener.finished(reason)
 
     def _command(self, robot: RobotState, dt_s: float, blind: bool = False) -> RobotCommand:
         body = self.body
-        apart = self.supervision.distrust or self._unmet
+        apart = self.supervision.distrust or self._apart_reason
         if not self._engaged or (apart and not body.moving):
             body.halt()
             self._gate.reset()
@@ -784,11 +783,11 @@ class ArmController:
         wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command
-        self._trip(f"a command was held back at the last gate: {wrong}")
+        self._trip(f"an invalid command was not sent: {wrong}")
         self._disengage(self._trip_reason)
         self._phase, self._message = Phase.DISARMED, self._trip_reason
         if self.supervision.distrust:
-            self._strange = True
+            self._ready_elsewhere = True
         elif body.obstacle(robot, False) == "":
             self._place(robot)
         return HoldCommand()
@@ -825,7 +824,7 @@ class ArmController:
             self._message = self._what_to_do(robot)
 
     def _held(self, request: HandRequest) -> str:
-        """What keeps the arm from what the operator asks for."""
+        """What keeps the arm from following the operator."""
         activity, reference = self._activity, self.reference
         if not request.asks or not isinstance(activity, FollowHand):
             return ""
@@ -849,11 +848,11 @@ class ArmController:
             return f"{why}bringing the reference back to the robot; any button ends it"
         act = "" if self.hand is None else f": {self.hand.act_words()} to go on"
         if self.supervision.distrust:
-            return f"{self.supervision.distrust}; it is not believed, the arm holds{act}"
-        if self._unmet:
+            return f"{self.supervision.distrust}; the reading is rejected, the arm holds{act}"
+        if self._apart_reason:
             return (
-                f"{why}{self._unmet}: see what holds the arm or whether it is measured right, then "
-                f"{act.removeprefix(': ') or 'acknowledge it'}"
+                f"{why}{self._apart_reason}: check what holds the arm and whether it is measured "
+                f"right, then {act.removeprefix(': ') or 'acknowledge it'}"
             )
         if self.hand is None:
             return why.removesuffix("; ")
@@ -862,7 +861,7 @@ class ArmController:
 
 
 def limits_of_free_body(limits: ReferenceLimits) -> GateLimits:
-    """What the commands of a robot without an arm's model may be."""
+    """Limits of the commands of a robot without an arm's model."""
     return GateLimits(
         limits.linear_speed_m_s,
         limits.linear_acceleration_m_s2,

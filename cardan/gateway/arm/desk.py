@@ -1,4 +1,4 @@
-"""Where verbs are asked for by name: what takes time is waited for, beside the loop."""
+"""Carries out verbs by name, and waits for what takes time, beside the loop."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class VerbDesk:
             change()
 
     def wait(self, timeout_s: float) -> bool:
-        """Until the last movj, relj or movl has ended; True when it arrived."""
+        """Wait until the last movj, relj or movl has ended; True when it arrived."""
         verbs = self.verbs
         motion = verbs.waited_for
         if motion is None or not motion.ends:

@@ -21,7 +21,7 @@ from cardan.gateway.kinematics.collision import Obstacle
 from cardan.robots import ArmModel, BodyShape, load_arm
 
 START_TIMEOUT_S = 5.0
-"""For which open() waits until the robot is heard, and close() until the loop has ended."""
+"""How long open() waits for the robot's first state, and close() for the end of the loop."""
 
 
 def digital_output_gripper(robot: RobotDriver) -> Callable[[Action], None]:

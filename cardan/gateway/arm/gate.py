@@ -1,4 +1,4 @@
-"""The last gate in front of every robot driver: a command that no limit allows does not pass.
+"""The last check in front of every robot driver: commands beyond a limit are not sent.
 
 Limits are met by construction before this. The gate is for what construction did not foresee: an
 overflow, a mistake of ours, a filter or a plugin that computes nonsense.
@@ -23,21 +23,21 @@ from cardan.types import (
 )
 
 SLACK = 1.05
-"""Of every limit: what rounding and servo tolerances may take beyond it."""
+"""Factor on every limit, for rounding and servo tolerances."""
 
 NOISE_M_S, NOISE_RAD_S = 1e-3, 5e-3
 """Speeds and changes of speed that are rounding, whatever the limits are."""
 
 STILL = 1e-6
-"""m or rad: what rounding may move while no time passes."""
+"""Largest motion, m or rad, in which no time passes: rounding."""
 
 UNEVEN = 1.25
-"""Speeds of joints are means over periods, which the servo takes in steps of equal length: between
-the means of two periods lies at most this much of the longer one."""
+"""Most time between two joint speeds, as a factor on the longer of their periods: each is the mean
+over a period, which the servo takes in steps of equal length."""
 
 
 class GateLimits(NamedTuple):
-    """What may be sent: of the TCP, and of each joint."""
+    """Limits of what may be sent: of the TCP, and of each joint."""
 
     linear_speed_m_s: float
     linear_acceleration_m_s2: float
@@ -68,12 +68,12 @@ class Gate:
         ]
         """Speed, acceleration and range of each joint; empty where one of them is not known."""
         self._speeds: list[float] | None = None
-        """Of the joints, from the last two commands."""
+        """Speeds of the joints, from the last two commands."""
         self._dt_s = 0.0
-        """The period that those are means over."""
+        """The period that those speeds are means over."""
 
     def reset(self) -> None:
-        """The robot is elsewhere, or was not commanded: the next command is only to be finite."""
+        """Forget the last command (the robot moved without it): the next need only be finite."""
         self._last = self._speeds = None
 
     def violation(self, command: RobotCommand, dt_s: float) -> str:
@@ -91,7 +91,7 @@ class Gate:
             self._speeds = None
             return ""
         else:
-            wrong = f"a command of {command.kind.value}, which nothing here limits"
+            wrong = f"a command of {command.kind.value}, for which no limits are known"
         if not wrong:
             self._last = command
         return wrong
@@ -142,7 +142,7 @@ class Gate:
         if dt_s == 0.0:
             for index, (now, then) in enumerate(zip(q, last.positions, strict=True)):
                 if abs(now - then) > STILL:
-                    return f"a step of joint {index + 1} by {now - then:.3g} rad in no time"
+                    return f"a step of joint {index + 1} by {now - then:.3g} rad in zero time"
             return ""
         before: Sequence[float] | None = self._speeds
         speeds: list[float] = []

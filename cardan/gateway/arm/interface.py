@@ -26,7 +26,7 @@ class CartesianArm(Openable):
     """
 
     source = VERBS
-    """As whom this asks: who gets the authority over the arm."""
+    """Name under which this asks, and gets the authority over the arm."""
 
     @abstractmethod
     def open(self) -> None:
@@ -107,25 +107,25 @@ class CartesianArm(Openable):
     # -- streams ---------------------------------------------------------------------------------
 
     def pose(self, x: Target, *, owner: str = "", sequence: int | None = None) -> str:
-        """Go to the pose `x` now. Answers why not, or ""."""
+        """Go to the pose `x` now. Returns why not, or ""."""
         return self._stream("pose", x, owner, sequence)
 
     def jog(self, dx: Target, *, owner: str = "", sequence: int | None = None) -> str:
-        """Move the pose that is gone to by `dx`. Answers why not, or ""."""
+        """Move the pose that is gone to by `dx`. Returns why not, or ""."""
         return self._stream("jog", dx, owner, sequence)
 
     def twist(self, xdot: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
-        """Move with the twist `xdot` now. Answers why not, or ""."""
+        """Move with the twist `xdot` now. Returns why not, or ""."""
         return self._stream("twist", xdot, owner, sequence)
 
     def wrench(self, w: Sequence[float], *, owner: str = "", sequence: int | None = None) -> str:
-        """Exert the wrench `w` now. Answers why not, or ""."""
+        """Exert the wrench `w` now. Returns why not, or ""."""
         return self._stream("wrench", w, owner, sequence)
 
     def joints(
         self, rates: Sequence[float], *, owner: str = "", sequence: int | None = None
     ) -> str:
-        """Move the joints at `rates` (rad/s or m/s) now. Answers why not, or ""."""
+        """Move the joints at `rates` (rad/s or m/s) now. Returns why not, or ""."""
         return self._stream("joints", rates, owner, sequence)
 
     def _stream(self, verb: str, value: Any, owner: str, sequence: int | None) -> str:
@@ -135,12 +135,12 @@ class CartesianArm(Openable):
     # -- authority -------------------------------------------------------------------------------
 
     def acknowledge(self) -> None:
-        """Confirm, after measured joints were implausible or the command did not come together with
-        its robot, that the arm may move again. Raises MotionRefusedError while it is too early."""
+        """Confirm, after implausible measured joints, or a recovery that did not bring the command
+        to its robot, that the arm may move again. Raises MotionRefusedError while too early."""
         self._ask("acknowledge")
 
     def hand_over(self, to: str) -> None:
-        """Pass the authority over the arm on to the source `to`: "hand", or who streams.
+        """Pass the authority over the arm to the source `to`: "hand", or a stream's owner.
 
         Raises MotionRefusedError where it is not ours.
         """

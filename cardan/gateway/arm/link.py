@@ -1,4 +1,4 @@
-"""Where threads meet the loop of an arm: its ticks, work for it to do, and its end."""
+"""Connects threads with the loop of an arm: its ticks, work for it to do, and its end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from cardan.errors import DriverError, MotionLoopError
 
 POLL_S = 0.05
-"""Longest time between two looks at whether the loop still runs."""
+"""Longest time between two checks of whether the loop still runs."""
 
 
 class LoopLink:
@@ -82,7 +82,7 @@ class LoopLink:
                 self._listeners -= 1
 
     def do(self, errand: Callable[[], None]) -> None:
-        """Have the loop's thread do it; raises what `errand` raises, or MotionLoopError."""
+        """Have the loop's thread call `errand`; raises what that raises, or MotionLoopError."""
         answer: list[Exception | None] = []
         self._errands.append((errand, answer))
         while not answer:

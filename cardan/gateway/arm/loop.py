@@ -29,8 +29,8 @@ class ArmLoop:
         self.robot, self.controller, self.device = robot, controller, device
 
     def cycles(self) -> Iterator[Cycle]:
-        """Answer each of the robot's states, then yield it: what is done with it there delays
-        no command but the next."""
+        """Answer each of the robot's states, then yield it: work in the loop's body delays only the
+        next command."""
         robot, controller, device = self.robot, self.controller, self.device
         tick, send = controller.tick, robot.send
         if device is None:

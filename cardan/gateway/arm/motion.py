@@ -1,4 +1,4 @@
-"""What a verb started and how it stands; what the verbs answer."""
+"""Motions that verbs start, and what the verbs return."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # Imports Pinocchio, which who only asks does without.
 
 
 class Outcome(enum.Enum):
-    """How a motion stands."""
+    """State of a motion."""
 
     WAITING = "waiting"
     """Accepted; what moved before is still coming to rest."""
@@ -28,12 +28,12 @@ class Outcome(enum.Enum):
 
 
 class Motion:
-    """What a verb started."""
+    """A motion that a verb started."""
 
     def __init__(self, verb: str, ends: bool, source: str = VERBS) -> None:
         self.verb = verb
         self.source = source
-        """Who asked for it."""
+        """The source that asked for it."""
         self.ends = ends
         """True for movj, relj and movl, which `wait` waits for."""
         self.outcome = Outcome.WAITING
@@ -47,7 +47,7 @@ class Motion:
 
     @property
     def over(self) -> bool:
-        """True when nothing more will come of it."""
+        """True once the motion has ended, or will not begin."""
         return self.outcome not in (Outcome.WAITING, Outcome.RUNNING)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What motions by verbs and streams may do, beside the parameters that their users set."""
+"""Limits and options of motions by verbs and streams, beside the parameters that users set."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STEP_RAD = bounds.Range(0.0, math.pi, "rad", "no two orientations are farther ap
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerOptions:
-    """What a motion may do, beside the parameters that its users set. Raises OptionError."""
+    """Limits and options of motions, beside the parameters that users set. Raises OptionError."""
 
     drive: CommandKind | None = None
     """The command that motions are sent as; None: the best of those that the robot takes."""
@@ -32,10 +32,10 @@ class ControllerOptions:
     """Speed and acceleration of the TCP that no verb exceeds, whatever the parameters ask for;
     None: the parameters alone bound movj, relj, movl and movv."""
     streams: ReferenceLimits = STREAM_LIMITS
-    """Of streams and movv; the workspace is that of all verbs."""
+    """Limits of streams and movv; their workspace holds for all verbs."""
     stream_prediction_s: Annotated[float, bounds.SHARE_OR_NONE] = 0.0
-    """For how long the reference of streamed poses goes on as the last ones went, at most; the
-    period of the stream takes its delay away. 0: it only ever goes to the newest pose."""
+    """How far ahead streamed poses are extrapolated, at most: one period of the stream removes its
+    delay. 0: the reference only goes to the newest pose."""
     stream_step_m: Annotated[float, bounds.LENGTH_M] = 0.2
     """Farthest that a streamed pose may be from where the TCP is commanded to be."""
     stream_step_rad: Annotated[float, STEP_RAD] = 1.0

@@ -36,9 +36,7 @@ Value = float | int | str | enum.IntEnum
 
 
 GAIN = Range(0.0, 10.0, "", "with cmcPeriodMs = 50 that is 200 1/s: no robot's own loop is stiffer")
-DURATION_S = Range(
-    0.0, 3600.0, "s", "nobody waits longer for one motion", zero="from speed and acceleration"
-)
+DURATION_S = Range(0.0, 3600.0, "s", "no motion takes longer", zero="from speed and acceleration")
 PERIOD_MS = Range(0.1, 10_000.0, "ms", "the end of a motion is seen by then")
 DAMPING = Range(0.1, 1.0, "", "at less the arm hardly follows")
 
@@ -55,7 +53,7 @@ class ParameterRule(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Of its value; "code" for a code."""
+        """Unit of its value; "code" for a code."""
         return self.accepted.unit if isinstance(self.accepted, Range) else "code"
 
     @property

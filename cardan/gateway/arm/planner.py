@@ -1,4 +1,4 @@
-"""What is worked out before a motion starts: where it ends, and that all of the way is free.
+"""Plans motions before they start: where they end, and that all of the way is free.
 
 It has kinematics of its own and takes milliseconds, so it runs beside the control loop.
 """
@@ -29,11 +29,10 @@ from cardan.types import Pose, Twist
 
 REACHED_M = 1e-4
 REACHED_RAD = 1e-3
-"""How near an arm with too few joints for any pose has to come, so that the pose counts as one
-of its own."""
+"""Tolerance within which a pose counts as reached by an arm with too few joints for every pose."""
 
 WAY_TOLERANCE_M = 1e-3
-"""How far from a line such an arm may be between its ends."""
+"""Largest distance from a line of such an arm between the line's ends."""
 
 LINE_STEP_M = 0.005
 LINE_STEP_RAD = 0.02
@@ -42,7 +41,7 @@ LINE_STEP_RAD = 0.02
 MOST_SAMPLES = 2000
 
 LARGEST_JUMP_RAD = 0.5
-"""Of a joint between two samples of a line: more is a change of branch, no motion."""
+"""Largest step of a joint between two samples of a line: more is a change of branch."""
 
 WORKSPACE_SAMPLES = 32
 
@@ -85,7 +84,7 @@ class DryRun(NamedTuple):
 
 
 SPARE_RESTARTS = 12
-"""Of the inverse for streams of arms with joints to spare; it finds nearly all within five."""
+"""Restarts of the inverse for streams of redundant arms; it finds nearly all within five."""
 
 
 class Planner:

@@ -1,4 +1,4 @@
-"""What the motions of the verbs are made of: from numbers and parameters to an activity."""
+"""Makes the verbs' activities of numbers and parameters."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ from cardan.types import CommandKind, Frame, Pose, RobotCapabilities, Twist, Vec
 ALREADY_THERE_RAD = 1e-6
 
 SPEED_SAMPLES = 33
-"""Of a joint motion, at which the TCP's speed is looked at: every 6 degrees of half a turn."""
+"""Samples of a joint motion at which the TCP's speed is checked: every 6 degrees of half a turn."""
 
 _STILL = 1e-9
 
 
 class Plan(NamedTuple):
-    """A motion that was worked out. No activity: the arm is there already."""
+    """A planned motion. No activity: the arm is there already."""
 
     activity: Activity | None
     duration_s: float
@@ -55,7 +55,7 @@ class Plan(NamedTuple):
 
 
 class Plans:
-    """Works motions out, with the parameters as they are now. May take milliseconds."""
+    """Plans motions with the parameters as they are now. May take milliseconds."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class Plans:
         return Plan(FollowJoints(self.servo, path, self.deceleration), path.duration_s, note)
 
     def _share_of_speed(self, start: FloatArray, goal: FloatArray, speeds: FloatArray) -> float:
-        """Of the joints' `speeds`, with which the TCP stays within its own on the whole way."""
+        """Share of the joints' `speeds` at which the TCP keeps its speed limit on the whole way."""
         limits = self.options.limits
         if limits is None:
             return 1.0
@@ -249,7 +249,7 @@ class Plans:
 
     @property
     def _accelerations(self) -> tuple[float, float]:
-        """Of lines and movv: as the parameters say, within the limits."""
+        """Accelerations of lines and movv: as the parameters say, within the limits."""
         linear = self.parameters[Parameter.TRAJECTORY_ACCELERATION]
         angular = self.parameters[Parameter.ROTATION_ACCELERATION]
         limits = self.options.limits

@@ -1,4 +1,4 @@
-"""What a controller says of itself: for views, recorders, and the Cartesian interface."""
+"""Status of a controller: for views, recorders, and the Cartesian interface."""
 
 from __future__ import annotations
 

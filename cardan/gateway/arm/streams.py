@@ -45,7 +45,7 @@ against ours, waited in a queue: it is dropped, not executed late."""
 
 
 class Sender(NamedTuple):
-    """Who sent a streamed command, and which of theirs it is."""
+    """Sender, number and times of a streamed command."""
 
     owner: str
     """Empty: nameless."""
@@ -57,7 +57,7 @@ class Sender(NamedTuple):
 
 
 class _Link:
-    """Who streams, and how far it has come."""
+    """The sender of the present stream, and the newest command from it."""
 
     def __init__(self, kind: Stream) -> None:
         self.kind = kind
@@ -87,7 +87,7 @@ class Streams:
 
     @property
     def owner(self) -> str:
-        """Who streams; empty before the first command, or without a name."""
+        """The owner of the stream; empty before the first command, or without a name."""
         return "" if self._link is None else self._link.owner or ""
 
     @property
@@ -208,11 +208,11 @@ class Streams:
             waited_s = controller.stamp_s - sender.heard_s
             if waited_s > activity.silence_s:
                 raise MotionRefusedError(
-                    f"{verb}: it waited for {waited_s:.2f} s until it was worked out; that is too "
+                    f"{verb}: it waited for {waited_s:.2f} s until it was planned; that is too "
                     "late to act on"
                 )
             activity.aim(target, controller.stamp_s)
-            self._hear(activity, sender)
+            self._note_command(activity, sender)
 
     def _check_step(self, now: Pose, target: Pose) -> None:
         options = self._plans.options
@@ -235,7 +235,7 @@ class Streams:
             frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
             asked = any((*linear, *angular))
             activity.target = Twist(linear, angular, frame) if asked else ZERO_TWIST
-            self._hear(activity, sender)
+            self._note_command(activity, sender)
 
     def wrench(self, w: Sequence[float], sender: Sender) -> None:
         """Exert the wrench `w` (N, N·m, at the TCP) on the world now."""
@@ -245,7 +245,7 @@ class Streams:
             assert isinstance(activity, TorqueMotion)
             frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
             activity.set_wrench(Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), frame))
-            self._hear(activity, sender)
+            self._note_command(activity, sender)
 
     def joints(self, rates: Sequence[float], sender: Sender) -> None:
         """Move the joints at `rates` (rad/s or m/s, one a joint) now. Too fast ones are slowed."""
@@ -262,7 +262,7 @@ class Streams:
             activity = self._streaming(Stream.JOINT, sender)
             assert isinstance(activity, FollowJointStream)
             self.scaled += activity.aim(values)
-            self._hear(activity, sender)
+            self._note_command(activity, sender)
 
     # -- who may stream --------------------------------------------------------------------------
 
@@ -314,7 +314,7 @@ class Streams:
                 "too late to act on"
             )
 
-    def _hear(self, activity: Activity, sender: Sender) -> None:
+    def _note_command(self, activity: Activity, sender: Sender) -> None:
         owner, sequence, stamp_s, _ = sender
         link, now_s = self._link, self._controller.stamp_s
         assert link is not None

@@ -1,10 +1,10 @@
 """Why an arm is stopped: everything that is watched, in one place.
 
-Once a tick, before anybody's request is looked at, `look` judges what the robot reports: whether a
-command acts, whether the robot is where it was, whether it follows. What it finds is one
-:class:`Finding`, the gravest; the controller acts on it in one place. The operator device is
-judged by its own source (:mod:`cardan.gateway.hand.source`), the streams by their silence limit.
-All by local monotonic time.
+Once a tick, before any request, `look` judges what the robot reports: whether a command acts,
+whether the robot is where it was, whether it follows. The result is one :class:`Finding`, the
+gravest; the controller acts on it in one place. The operator device is judged by its own source
+(:mod:`cardan.gateway.hand.source`), the streams by their silence limit. All by local monotonic
+time.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from cardan.options import CODE_ONLY, check_options
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
-"""Of the robot's period: the longest that one tick advances. A datagram that is lost, or two that
+"""Periods of the robot by which one tick advances at most. A datagram that is lost, or two that
 come at once, are made up for, as the robot itself went on meanwhile; time beyond that is lost."""
 
 TRUST_AFTER_S = 0.5
-"""For which readings must have been plausible before a confirmation accepts them again."""
+"""How long readings must have been plausible before a confirmation accepts them again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ class Watchdogs:
     """rad or m; between commanded and measured joints, where joints are commanded. At the full
     speed of an arm's wrist a position loop lags by 0.3 rad."""
     heartbeat_s: Annotated[float, bounds.BLIND_S] = field(default=0.5, metadata=CODE_ONLY)
-    """Longest silence of the process that supervises a session's own."""
+    """Longest silence of the process that supervises a session."""
     recovery: bool = True
     """Whether a command that lost its robot is brought back to it, slowly and within the leash."""
 
@@ -69,13 +69,13 @@ class Cause(enum.Enum):
     NEW_SESSION = "the controller started a new session"
     STALLED = "this computer stood still"
     LEAPT = "the robot was measured where it cannot be"
-    ALARM = "the driver says that nobody should be driving"
+    ALARM = "the driver reports an alarm: the robot must not be driven"
     HELD = "the robot is not where it is commanded to be"
     SILENT = "the source of the stream fell silent"
 
 
 class Finding(NamedTuple):
-    """What was found, and the reason, for people."""
+    """A finding, and the reason for the operator."""
 
     cause: Cause
     reason: str
@@ -96,7 +96,7 @@ class Supervision:
         self.previous: RobotState | None = None
         """The one before."""
         self.acted = True
-        """Whether commands acted all the time from there to `newest`, for all that was heard."""
+        """Whether commands acted without a pause from there to `newest`, as far as was reported."""
         self.gap_s = 0.0
         """Time between the last two ticks."""
         self._ticked_s = NEVER_S
@@ -113,7 +113,7 @@ class Supervision:
         return self._ticked_s - self._plausible_s >= TRUST_AFTER_S
 
     def trust(self) -> None:
-        """Believe the readings again: after a deliberate act."""
+        """Accept the readings again: after a deliberate act."""
         self.distrust = ""
 
     def look(self, state: RobotState, body: Body) -> Finding | None:

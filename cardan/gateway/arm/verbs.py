@@ -60,7 +60,7 @@ _Prepare = Callable[[FloatArray], Plan]
 
 
 class ArmVerbs:
-    """The verbs of the Cartesian interface for one arm, a source beside the others.
+    """The verbs of the Cartesian interface for one arm: one source of motion among others.
 
     Positions in m, angles in rad; `frame` (parameter cpf) means the same in every verb: base, or
     relative to the TCP. A verb that is refused raises MotionRefusedError and changes nothing; a
@@ -79,8 +79,8 @@ class ArmVerbs:
         tool_shapes: Iterable[BodyShape] = (),
         gripper: Callable[[Action], None] | None = None,
     ) -> None:
-        """For a controller that exists; `alone` makes one. `gripper` passes an action on; without
-        it `act` is refused."""
+        """For an existing controller; `alone` makes one. `gripper` passes an action on; without it
+        `act` is refused."""
         self.options = options = options or ControllerOptions()
         self.controller, self.body, self.model = controller, body, model
         self.servo = body.servo
@@ -418,8 +418,8 @@ class ArmVerbs:
             self.controller.authority.release(source)
 
     def acknowledge(self) -> None:
-        """The deliberate act after measured joints were not believed, or the command did not come
-        together with its robot: go on from here. Raises MotionRefusedError while it is too early.
+        """The deliberate act after implausible measured joints, or after a recovery that did not
+        reach the robot: go on from here. Raises MotionRefusedError while it is too early.
         """
         with self._counted():
             why = self.controller.acknowledge()
@@ -626,7 +626,7 @@ class ArmVerbs:
         robot = self.controller.robot
         if generation != self.controller.generation or robot is None or not robot.ready:
             why = self.controller.not_ready or self._voided or "the robot is not ready"
-            raise MotionRefusedError(f"overtaken while it was worked out: {why}")
+            raise MotionRefusedError(f"overtaken while it was planned: {why}")
         self._require_authority(verb, source)
 
 

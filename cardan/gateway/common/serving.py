@@ -15,7 +15,7 @@ from types import FrameType
 from cardan.errors import AddressError
 
 PROBE_S = 1.0
-"""How long to wait for whoever may serve at a path: a busy program takes its time to answer."""
+"""Longest wait for an answer of a program that may serve at a path: it can be busy."""
 
 
 @contextlib.contextmanager
@@ -40,7 +40,7 @@ def interruptible() -> Iterator[threading.Event]:
 def make_room(path: str, kind: socket.SocketKind, other: str) -> None:
     """Remove a socket at `path` that nobody serves.
 
-    `other` names who may serve there. Raises AddressError for anything else at the path.
+    `other` describes what may serve there. Raises AddressError for anything else at the path.
     """
     try:
         mode = os.stat(path, follow_symlinks=False).st_mode

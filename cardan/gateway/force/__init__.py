@@ -1,7 +1,7 @@
-"""What the hand feels: virtual fixtures, and forces that are measured where the robot is.
+"""Force feedback: virtual fixtures, and forces measured at the robot.
 
-`tables` is the configuration, `fixtures` makes geometry of it, `sources` say where a force comes
-from, `conditioning` makes of a raw force one for the hand, `input` minds its age, `enabling` asks
-the haptic device to let force out, `guard` watches that it does, and `rendering` hands all that to
-the device in every cycle. `link` and `service` are the way to a force node in a process of its own.
+`tables` is the configuration, `fixtures` makes geometry of it, `sources` give readings of a force,
+`conditioning` makes of a reading a force for the hand, `input` checks its age, `enabling` enables
+the device's force, `guard` disengages teleoperation when it is lost, and `rendering` commands the
+device in every cycle. `link` and `service` connect a force node in another process.
 """

@@ -1,4 +1,4 @@
-"""From what a sensor says to what a hand may feel: tare, dead band, axes, scale, low-pass filter.
+"""From a sensor's reading to a force for the hand: tare, dead band, axes, scale, low-pass filter.
 
 Pure values in, pure values out; time comes with the readings.
 """
@@ -19,18 +19,18 @@ TARE_S = 0.5
 """How long the readings at rest are averaged for zero: noise of 0.3 N at 250 Hz leaves 0.03 N."""
 
 TARE_READINGS = 10
-"""And at least so many: a slow sensor has few."""
+"""Least number of readings averaged, for slow sensors."""
 
 TARE_SPREAD_N = 5.0
-"""Readings that differ by more are not of a tool at rest: the tare begins anew."""
+"""Largest difference between readings of a tool at rest: beyond it the tare begins anew."""
 
 TARE_REASON = f"its zero is being taken: leave the robot at rest, clutched out, for {TARE_S} s"
 
 FORGET_AFTER_S = 0.1
-"""A filter that heard nothing for so long begins anew."""
+"""Longest time between two values after which the filter begins anew."""
 
 EXTRAPOLATED_S = 0.008
-"""So long a device goes on with the rate of a force, at most."""
+"""Longest time for which a device extrapolates a force by its rate."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,29 +88,29 @@ class Tare:
 
 
 def without_band(value: float, band: float) -> float:
-    """`value` less a dead band around zero: continuous, so that nothing chatters at its edge."""
+    """`value` less a dead band around zero: continuous, without steps at its edge."""
     if value > band:
         return value - band
     return value + band if value < -band else 0.0
 
 
 class LowPass:
-    """First order, for readings at any instants; gives the rate of what it lets through, too."""
+    """First-order filter for values at irregular times; also gives the rate of its output."""
 
     def __init__(self, cutoff_hz: float) -> None:
         self._omega = 2.0 * math.pi * cutoff_hz
         self._stamp_s = NEVER_S
         self.value = ZERO3
         self.rate = ZERO3
-        """Of the last two values, per s."""
+        """Rate of the filter's output, per s, from its last two values."""
 
     @property
     def stamp_s(self) -> float:
-        """Of the newest value."""
+        """Time of the newest value."""
         return self._stamp_s
 
     def add(self, new: Vector3, stamp_s: float) -> None:
-        """Take a value; one that is not newer than the last is none."""
+        """Take a value; one that is not newer than the last is ignored."""
         dt_s = stamp_s - self._stamp_s
         if dt_s <= 0.0:
             return
@@ -126,7 +126,7 @@ class LowPass:
 
 
 class Conditioner:
-    """The whole way of a force: `contact` is what touches the tool, `filtered` what is felt."""
+    """All steps for one force: `contact` is the force on the tool, `filtered` the rendered one."""
 
     def __init__(
         self, options: Conditioning, *, rests_at_zero: bool = False, shaped: bool = False
@@ -140,12 +140,12 @@ class Conditioner:
         """N at the tool, along the sensor's axes, without the tare."""
         self._shaped = shaped
         self.reason = ""
-        """Why a reading was not taken, in words."""
+        """Why a reading was rejected."""
 
     @property
     def rate(self) -> Vector3:
-        """N/s in the hand, world axes: so much that a device that goes on with it for as long as it
-        may at most doubles the force, or ends it."""
+        """N/s in the hand, world axes; limited so that the device's extrapolation at most doubles
+        the force, or ends it."""
         filtered = self.filtered
         return limit_norm(filtered.rate, norm(filtered.value) / EXTRAPOLATED_S)
 

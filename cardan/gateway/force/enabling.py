@@ -1,4 +1,4 @@
-"""Asks a haptic device to let force out when the hand takes hold, and again while it refuses."""
+"""Enables the force of a haptic device at the clutch-in, and retries while the device refuses."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from cardan.haptics import OperatingState
 from cardan.types import NEVER_S
 
 ENABLE_PERIOD_S = 0.05
-"""How often a device that was not ready at the clutch-in is asked to let force out."""
+"""How often enabling is retried with a device that was not ready at the clutch-in."""
 
 
 class ForceEnabling:
-    """From one clutch-in to its clutch-out."""
+    """Enables force from one clutch-in to its clutch-out."""
 
     def __init__(self, device: HapticDevice) -> None:
         self._device = device
         self.refusal = ""
-        """Why the device lets no force out, in words."""
+        """Why the device renders no force."""
         self._again = False
-        """Whether it is to be asked again: what stands in the way may pass."""
+        """Whether to retry: the cause of the refusal may pass."""
         self._tried_s = NEVER_S
         self._faults = 0
-        """How many the device had told of when it was asked."""
+        """Number of faults that the device had reported at the last attempt."""
 
     def engage(self, now_s: float) -> None:
-        """The operator took hold: let force out, after a latched fault too."""
+        """Clutch-in: enable the force, after a latched fault too."""
         self.refusal, self._again = "", False
         told = self._device.haptics()
         if told.state not in (OperatingState.DISABLED, OperatingState.FAULT):
@@ -39,7 +39,7 @@ class ForceEnabling:
             self.refusal = f"no force: {error}"
 
     def retry(self, now_s: float) -> None:
-        """What refused the clutch-in may have passed. A fault of after it needs another one."""
+        """Retry where the cause may have passed. A fault since then needs a new clutch-in."""
         if self._again and now_s - self._tried_s >= ENABLE_PERIOD_S:
             if self._device.haptics().faults == self._faults:
                 self.engage(now_s)
@@ -47,5 +47,5 @@ class ForceEnabling:
                 self._again = False
 
     def release(self) -> None:
-        """The operator let go."""
+        """Clutch-out."""
         self._again = False

@@ -1,4 +1,4 @@
-"""Figures of what the hand felt and of what the tool touched, for a session's summary."""
+"""Figures of the rendered force and of the tool's contact, for a session's summary."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cardan.spatial import norm, subtract
 from cardan.types import Vector3
 
 CONTACT_CUTOFF_HZ = 10.0
-"""Of the filter on the contact force before it is judged: 0.3 N of noise leave 0.1 N."""
+"""Cut-off of the filter on the contact force before it is judged: 0.3 N of noise leave 0.1 N."""
 
 CONTACT_FROM_N, CONTACT_UNTIL_N = 1.0, 0.5
 """Contact begins above the first, and ends below the second."""
 
 LONGEST_PERIOD_S = 0.1
-"""A reading stands for no more time than this."""
+"""Longest time that one reading stands for."""
 
 PATH_STEP_M = 0.0005
 """The path drawn is counted in steps of this length, so that noise at rest draws nothing."""
@@ -38,7 +38,7 @@ class ContactFigures:
         self._corner: Vector3 | None = None
 
     def add(self, force: Vector3, stamp_s: float, place: Vector3 | None) -> None:
-        """Take the contact force (N, at the tool) of one reading, and where the TCP is."""
+        """Take the contact force (N, at the tool) of one reading, and the TCP's position."""
         period_s = min(max(stamp_s - self._force.stamp_s, 0.0), LONGEST_PERIOD_S)
         self._force.add(force, stamp_s)
         now_n = self.force_n = norm(self._force.value)
@@ -59,7 +59,7 @@ class ContactFigures:
             self._corner = place
 
     def lift(self) -> None:
-        """There is no force to be had: contact is not known of."""
+        """No force is measured: whether there is contact is unknown."""
         self.touching, self.force_n, self._corner = False, 0.0, None
 
     @property
@@ -68,7 +68,7 @@ class ContactFigures:
         return self._sum / self.time_s if self.time_s else 0.0
 
     def rms_error_n(self, target_n: float | None) -> float:
-        """Of the contact force about `target_n`, or about its own mean without one."""
+        """RMS error of the contact force about `target_n`, or about its own mean without one."""
         if not self.time_s:
             return 0.0
         mean = self.mean_n
@@ -77,7 +77,7 @@ class ContactFigures:
         return math.sqrt(max(0.0, square))
 
     def report(self, target_n: float | None) -> dict[str, Any]:
-        """The figures of a snapshot, by the names that they have there."""
+        """The figures of a snapshot, by the snapshot's names."""
         return {
             "contact_force_n": self.force_n,
             "contact_s": self.time_s,
@@ -89,15 +89,15 @@ class ContactFigures:
 
 
 class FeltFigures:
-    """What the device gave to the hand: force and energy at most, and how old forces were."""
+    """What the device rendered: largest force and energy, and the ages of forces."""
 
     def __init__(self) -> None:
         self.peak_n = 0.0
-        """In any tick."""
+        """Largest force in any tick, N."""
         self.given_peak_j = 0.0
-        """Most energy that the hand was given, net, within one engagement: at most."""
+        """Largest net energy given to the hand within one engagement, an upper bound."""
         self.fixture_age = LatencyHistogram()
-        """Age of the place that fixtures are evaluated at: the longest tick of each look."""
+        """Age of the position that fixtures are evaluated at: longest tick of each snapshot."""
         self.measured_age = LatencyHistogram()
         self.newest = HapticState()
 
@@ -112,7 +112,7 @@ class FeltFigures:
             self.measured_age.add(state.force_age_s)
 
     def report(self) -> dict[str, Any]:
-        """The figures of a snapshot, by the names that they have there."""
+        """The figures of a snapshot, by the snapshot's names."""
         state = self.newest
         return {
             "haptic_state": state.state.value,

@@ -1,4 +1,4 @@
-"""Fixtures: made of their tables, put where the TCP is, and evaluated.
+"""Fixtures: made of their tables, placed at the TCP, and evaluated.
 
 In a session the device's own loop evaluates them, 1000 times a second on the place of the stylus.
 The evaluation here is for a force node, which does it on the robot's TCP as the paper of 2026 has
@@ -30,7 +30,7 @@ from cardan.spatial import add, dot, limit_norm, norm, rotate, scale, subtract
 from cardan.types import ZERO3, Quaternion, Vector3
 
 UP = Vector3(0.0, 0.0, 1.0)
-"""Where a body pushes whose very centre the point is in: every direction is as near."""
+"""Direction of the push at a body's very centre, where every direction is as near."""
 
 
 def matrix_of(q: Quaternion) -> Matrix3:
@@ -78,16 +78,16 @@ class FixtureTable(ABC):
 
     @property
     def moment(self) -> str:
-        """When it is put where the TCP is; empty: it has a place of its own."""
+        """Event at which it is placed at the TCP; empty: its position is configured."""
         return ""
 
     @abstractmethod
     def made(self, tcp: Vector3 = ZERO3) -> Fixture:
-        """The fixture; one without a place of its own stands where `tcp` is."""
+        """The fixture; one without a configured position stands at `tcp`."""
 
 
 class FixtureSet:
-    """The fixtures of a session, those with `at` where the TCP was when their moment came."""
+    """The fixtures of a session, those with `at` placed at the TCP when that event comes."""
 
     def __init__(self, tables: Sequence[FixtureTable]) -> None:
         self._tables = tuple(tables)
@@ -95,11 +95,11 @@ class FixtureSet:
             None if table.moment else table.made() for table in tables
         ]
         self.fixtures: tuple[Fixture, ...] = ()
-        """Those whose place is known. The same object until that changes."""
+        """Those whose position is known. The same object until that changes."""
         self._gather()
 
     def place(self, moment: str, tcp: Vector3) -> None:
-        """Put those whose moment this is at `tcp`."""
+        """Place those with the event `moment` at `tcp`."""
         if not any(table.moment == moment for table in self._tables):
             return
         for index, table in enumerate(self._tables):

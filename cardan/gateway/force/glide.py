@@ -1,8 +1,8 @@
-"""The map that forces are rendered by, without its leaps.
+"""Removes jumps from the map that forces are rendered by.
 
-When both references are taken anew (`recapture`), a place of the hand means another place of the
-TCP from one cycle to the next, and a wall stands elsewhere under a hand that did not move. So the
-map that is rendered glides to the one that is true. Time is an argument.
+When both references are captured anew (`recapture`), the same position of the hand means another
+position of the TCP from one cycle to the next, and a wall would jump onto a hand that did not move.
+So the rendered map approaches the true one slowly. Time is an argument.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from cardan.spatial import add, limit_norm, norm, scale, subtract
 from cardan.types import NEVER_S, ZERO3, Vector3
 
 GLIDE_M_S = 0.01
-"""A wall of 300 N/m that comes upon a hand at rest so fast grows by 3 N/s: about as fast as force
-comes in when the hand clutches in, and slow enough to yield to."""
+"""Speed of that approach. A wall of 300 N/m grows by 3 N/s then under a hand at rest: about as fast
+as force begins at a clutch-in, and slow enough to yield to."""
 
 LONGEST_STEP_S = 0.05
-"""More time than this does not count at once: a session that stood still makes no leap of it."""
+"""Longest time step: a session that stalled must not make a jump."""
 
 NOTHING_M = 1e-9
-"""Less is rounding."""
+"""Offsets below this are rounding."""
 
 
 class MapGlide:
@@ -28,20 +28,20 @@ class MapGlide:
 
     def __init__(self) -> None:
         self.left = ZERO3
-        """m in the world: how far what is rendered is from where it is true."""
+        """Offset of the rendered map from the true one, m, world axes."""
         self._map: WorldMap | None = None
         self._hand = ZERO3
         self._seen_s = NEVER_S
 
     def release(self) -> None:
-        """The hand is let go: the next engagement begins with its own map at once."""
+        """Clutch-out: the next engagement begins with its own map at once."""
         self._map, self.left = None, ZERO3
 
     def follow(self, world: WorldMap, hand: Vector3, now_s: float) -> WorldMap:
-        """What to render where `world` is true and the hand is at `hand` (m, device axes).
+        """The map to render where `world` is the true one, for a hand at `hand` (m, device axes).
 
-        Beyond GLIDE_M_S the rendered place moves by what the hand moves alone: as far as that goes,
-        the map may slip and be held at an edge.
+        Apart from GLIDE_M_S the rendered position moves only as far as the hand does: by so much
+        the map may slip, or stop at the workspace's edge.
         """
         before = self._map
         if before is not None:

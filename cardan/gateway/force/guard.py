@@ -1,9 +1,9 @@
-"""Whether the force that the hand leans on is still there; if not, the robot stops following.
+"""Disengages teleoperation when the force that an operator leans on is lost.
 
 A hand that presses on a force falls forward when the force vanishes, and a robot that goes on
-following presses on what it touches with all that the hand has. So the session stops following, and
-going on takes a new clutch-in. A hand falls 10 mm in the twentieth of a second, so the robot waits
-even before it is known whether the force comes back. Control logic only: time is an argument.
+following presses on its surroundings with the hand's whole force. So the session disengages, and
+going on takes a new clutch-in. A hand falls 10 mm in 50 ms, so the robot waits even before it is
+known whether the force comes back. Control logic only: time is an argument.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ from cardan.spatial import norm
 from cardan.types import NEVER_S
 
 FORCE_LOST_S = 0.15
-"""So long a force may be gone that was there: a busy computer holds up a loop for less."""
+"""Longest interruption of a force: a busy computer delays a loop for less."""
 
 IN_DOUBT_S = 0.01
-"""After so long without it the robot waits for the force, or for the end of it."""
+"""Interruption after which the robot waits until the force is back, or lost."""
 
 SHARE_FORGIVEN = 0.25
-"""Of the time with force, so much makes up for time without: a force that flickers is lost, too."""
+"""Share of the time with force that makes up for time without: a flickering force is lost, too."""
 
 BEGINS_WITHIN_S = 1.0
-"""A force that has not begun so long after the clutch-in will not."""
+"""Longest time from a clutch-in until force begins."""
 
 SOURCE_LOST_S = 0.1
-"""How long after the age at which a measured force is not felt any more the hand is taken off."""
+"""How long after `max_age_s`, the age at which a measured force is not rendered, it is lost."""
 
 LEAST_DERATING = 0.2
-"""Share of the device's largest force, below which what spares the motors leaves nothing to lean
+"""Share of the device's largest force below which the thermal limiter leaves too little to lean
 on."""
 
 DERATED, LET_OUT = 0.4, 0.8
-"""Where it leaves less than the first of the largest force, and of what is asked for less than the
-second is sent, the hand is falling in. Without warm motors it leaves 0.88 N in the end, and so
-never less than 0.44 of the 2 N that `clamp_n` is by default; of 3.3 N it leaves 0.27."""
+"""The force is lost, too, where the limiter leaves less than the first share of the largest force
+and less than the second of the commanded one is sent. Without warm motors it leaves 0.88 N in the
+end, so never less than 0.44 of the 2 N that `clamp_n` is by default; of 3.3 N it leaves 0.27."""
 
 IN_A_FIXTURE_N = 0.1
 
@@ -43,20 +43,20 @@ class ForceGuard:
     """Watches the force of one engagement after the other, from clutch-in to clutch-out."""
 
     def __init__(self, max_age_s: float) -> None:
-        """`max_age_s`: a measured force that is older is not felt."""
+        """`max_age_s`: a measured force that is older is not rendered."""
         self._source_lost_s = max_age_s + SOURCE_LOST_S
         self.rendered = False
-        """Whether force was let out in this engagement."""
+        """Whether force was rendered in this engagement."""
         self.in_doubt = False
-        """Whether the robot is to wait: force has not begun, or is gone for the moment."""
+        """Whether the robot is to wait: force has not begun, or is interrupted."""
         self.heard = False
         """Whether the device's newest snapshot is of this engagement."""
         self.losses = 0
         """How often teleoperation was disengaged."""
         self.out_s = 0.0
-        """How long, in all, a hand was followed without the force that it had had before."""
+        """Total time in which teleoperation went on without the force that it had had before."""
         self.lost_reason = ""
-        """Why force was gone the last time, in words."""
+        """Why force was lost the last time."""
         self._engaged = False
         self._sequence = 0
         self._begun_s = self._seen_s = NEVER_S
@@ -65,34 +65,34 @@ class ForceGuard:
         self._disengage_reason = ""
 
     def engage(self, sequence: int, now_s: float) -> None:
-        """The hand is taken up; the command `sequence` is the first that says so."""
+        """Clutch-in; the command `sequence` is the first that engages."""
         self.release()
         self._engaged, self._sequence = True, sequence
         self._begun_s = self._seen_s = now_s
 
     def release(self) -> None:
-        """The hand is followed no more."""
+        """Clutch-out."""
         self._engaged = self.rendered = self.heard = self.in_doubt = False
         self._missing_s = self._derated_s = 0.0
         self._given_s = NEVER_S
         self._disengage_reason = ""
 
     def give(self, stamp_s: float) -> None:
-        """A measured force of `stamp_s` goes to the device."""
+        """A measured force of `stamp_s` is sent to the device."""
         self._given_s = stamp_s
 
     def disengage_reason(
         self, state: HapticState, now_s: float, *, fixtures: bool, refusal: str, source: str
     ) -> str:
-        """Why teleoperation must be disengaged, in words; empty while it need not.
+        """Why teleoperation must be disengaged; empty while it need not.
 
-        `state` is the device's newest snapshot; `refusal` says why it does not take what it is
-        told, `source` why there is no measured force.
+        `state` is the device's newest snapshot; `refusal` says why it rejects commands, `source`
+        why there is no measured force.
         """
         if not self._engaged:
             return ""
         dt_s, self._seen_s = now_s - self._seen_s, now_s
-        # Before that the snapshot is of what was before the clutch-in.
+        # Before that the snapshot is older than the clutch-in.
         self.heard = state.command_sequence >= self._sequence
         if state.rendering and self.heard:
             self.rendered = True
@@ -125,7 +125,7 @@ class ForceGuard:
             return f"the force is lost: {why}"
         if not self.rendered:
             if now_s - self._begun_s <= BEGINS_WITHIN_S:
-                return ""  # What stands in the way may pass, and the robot waits.
+                return ""  # The cause may pass, and the robot waits.
             if off:
                 return f"there is no force: {why}"
             asked_n = norm(state.force_commanded)

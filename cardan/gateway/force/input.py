@@ -14,16 +14,16 @@ from cardan.spatial import scale
 from cardan.types import NEVER_S, Pose, RobotState, Vector3
 
 FADE_IN_S = 0.5
-"""A measured force grows within so long once the device lets force out, and so does one that comes
-while the hand is engaged (a sensor that is back, a force node that connects). Before that it is
-zero: a device begins with a small force only, and a tool that presses already would not be felt."""
+"""How long a measured force takes to fade in once the device renders force, or when it comes back
+during an engagement (a sensor, a force node). Before that it is zero: a device begins with a small
+force only, so that of a tool in contact would not be rendered."""
 
 MeasuredTcp = Callable[[RobotState], Pose | None]
 """The measured TCP of a state, base frame; None where it is not known."""
 
 
 class ForceInput:
-    """One source of measured forces, in a session with a hand."""
+    """One source of measured forces, in a session with a haptic device."""
 
     def __init__(
         self,
@@ -34,8 +34,8 @@ class ForceInput:
         stiffness_n_m: float = 0.0,
         contact_target_n: float | None = None,
     ) -> None:
-        """A force older than `max_age_s` is not felt. `stiffness_n_m`: how much it grows with the
-        hand's motion between two of them. `contact_target_n`: the contact force that is wanted."""
+        """A force older than `max_age_s` is not rendered. `stiffness_n_m`: its growth with the
+        hand's motion until the next one. `contact_target_n`: the contact force that is wanted."""
         self.source = source
         self.conditioner = conditioner
         self.contact = ContactFigures()
@@ -43,15 +43,15 @@ class ForceInput:
         self._stiffness_n_m = stiffness_n_m
         self._contact_target_n = contact_target_n
         self._read_s = NEVER_S
-        self._sound = False
+        self._valid = False
         """Whether the source's newest reading gave a force."""
         self._stale = False
         self._share = 0.0
-        """How much of the force is let through."""
+        """Share of the force that is faded in."""
 
     @property
     def reason(self) -> str:
-        """Why there is no force, in words; empty when there is one."""
+        """Why there is no force; empty when there is one."""
         return self.source.reason or self.conditioner.reason
 
     def take(
@@ -62,10 +62,10 @@ class ForceInput:
         at_rest: bool,
         rendered: bool,
     ) -> bool:
-        """Take what this cycle of the robot brings; False while there is no force to be felt.
+        """Take the readings of this robot cycle; False while there is no force to render.
 
         `world` is None while clutched out; `at_rest`: nothing is commanded to move; `rendered`: the
-        device lets force out.
+        device renders force.
         """
         known = tcp(state) if self.source.needs_tcp else None
         self.source.publish(state, known, world, state.stamp_s)
@@ -75,7 +75,7 @@ class ForceInput:
         return felt
 
     def force(self, world: WorldMap, hand: Vector3) -> MeasuredForce:
-        """The force of now, for a hand at `hand`."""
+        """The present force, with the hand at `hand`."""
         filtered, share = self.conditioner.filtered, self._share
         return MeasuredForce(
             scale(turned_back(world.rotation, filtered.value), share),
@@ -89,23 +89,23 @@ class ForceInput:
         source, conditioner, contact = self.source, self.conditioner, self.contact
         reading = source.read(state, known)
         if reading is None:
-            self._sound = self._stale = False
+            self._valid = self._stale = False
             contact.lift()
             return False
         if reading.stamp_s > self._read_s:
             self._read_s = reading.stamp_s
             place = tcp(state)
-            self._sound = conditioner.add(reading, at_rest, place)
-            if self._sound and not source.shaped:
+            self._valid = conditioner.add(reading, at_rest, place)
+            if self._valid and not source.shaped:
                 position = None if place is None else place.position
                 contact.add(conditioner.contact, reading.stamp_s, position)
         self._stale = state.stamp_s - self._read_s > self._max_age_s
         if self._stale:
             contact.lift()
-        return self._sound and not self._stale
+        return self._valid and not self._stale
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way of a force, in words."""
+        """What prevents a force."""
         words = list(self.source.diagnosis())
         if self.conditioner.reason and not self.source.reason:
             words.append(f"no measured force: {self.conditioner.reason}")
@@ -116,7 +116,7 @@ class ForceInput:
         return tuple(words)
 
     def report(self) -> dict[str, Any]:
-        """The figures of a snapshot, by the names that they have there."""
-        felt = self._sound and not self._stale
+        """The figures of a snapshot, by the snapshot's names."""
+        felt = self._valid and not self._stale
         found = {"measured_force_n": list(self.conditioner.filtered.value) if felt else None}
         return found if self.source.shaped else found | self.contact.report(self._contact_target_n)

@@ -1,4 +1,4 @@
-"""Who may command the force, and which of its forces count. No I/O; time is an argument."""
+"""Which node may command the force, and which of its forces count. No I/O; time is an argument."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from cardan.gateway.force.link import ForceMessage
 from cardan.types import NEVER_S
 
 LEASE_S = 1.0
-"""A node that says nothing for so long may be replaced by another."""
+"""Silence after which another node may take a node's place."""
 
 FUTURE_S = 0.1
-"""A stamp farther in the future is of another clock."""
+"""A stamp farther in the future is of another clock; such a force is dropped."""
 
 
 class Lease:
@@ -22,12 +22,12 @@ class Lease:
         self.dropped = 0
         """Forces that were stale, out of order, or of the future."""
         self.refused = 0
-        """Nodes that came while there was another."""
+        """Nodes that were refused while another was connected."""
         self._heard_s = NEVER_S
         self._stamp_s = NEVER_S
 
     def ask(self, number: int, now_s: float) -> str:
-        """Let `number` own the force. Returns why not, in words; empty when it owns it now."""
+        """Let `number` own the force. Returns why not; empty when it owns it now."""
         if self.owner is not None and now_s - self._heard_s < LEASE_S:
             self.refused += 1
             return "another force node is connected: end it first; only one commands the force"
@@ -36,7 +36,7 @@ class Lease:
         return ""
 
     def leave(self, number: int) -> None:
-        """`number` is gone; its force with it."""
+        """`number` has disconnected; its force is dropped."""
         if number == self.owner:
             self.owner = self.newest = None
 

@@ -1,4 +1,4 @@
-"""What a session and a force node say to each other: one small packet for each message.
+"""The packets between a session and a force node, one for each message.
 
 Both run on one computer, so numbers are little-endian as they lie there and times are of the
 monotonic clock that the system's processes share. Every packet begins with the magic b"CDNF", the
@@ -13,7 +13,7 @@ kind   who         what follows
 3      session     Refusal: 0 u16, why, UTF-8
 =====  ==========  ==========================================================================
 
-Decoding never raises: what is no message is None.
+Decoding never raises: bytes that are not a message give None.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ MAX_PACKET_BYTES = 1024
 HAS_POSE, HAS_WRENCH, WRENCH_IN_TOOL, HAS_MAP, READY = 1, 2, 4, 8, 16
 
 MAX_FORCE_N = 1000.0
-"""No force for a hand is larger: what claims to be is garbage."""
+"""Largest force for a hand: a message with more is rejected."""
 
 _NO_POSE = (0.0,) * 7
 _NO_WRENCH = (0.0,) * 6
@@ -49,7 +49,7 @@ _NO_MAP = (0.0,) * 21
 
 
 class StateMessage(NamedTuple):
-    """What the session knows of its robot at one control instant."""
+    """The robot at one control instant, as the session knows it."""
 
     sequence: int
     """Counts the session's messages."""
@@ -59,10 +59,10 @@ class StateMessage(NamedTuple):
     pose: Pose | None
     wrench: Wrench | None
     world: WorldMap | None
-    """How the hand's place maps to the TCP's; None while clutched out."""
+    """Map from the hand's position to the TCP's; None while clutched out."""
 
     def robot_state(self) -> RobotState:
-        """As a robot's state, for what takes one."""
+        """As a RobotState."""
         return RobotState(
             stamp_s=self.stamp_s,
             link=RobotLink.LIVE,
@@ -81,15 +81,15 @@ class ForceMessage(NamedTuple):
     """A force for the hand."""
 
     sequence: int
-    """Counts the node's messages; a session drops what does not go up."""
+    """Counts the node's messages; a session drops one that does not increase."""
     stamp_s: float
-    """Of the state, or of the sensor's reading, that it was made from."""
+    """Of the robot's state, or of the sensor's reading, that it was made from."""
     force: Vector3
-    """N as the hand is to feel it, along the axes of the robot's base."""
+    """N, as rendered to the hand, along the axes of the robot's base."""
 
 
 class RefusalMessage(NamedTuple):
-    """Why a node is not taken; the connection ends."""
+    """Why a node is refused; the connection ends."""
 
     reason: str
 
@@ -130,7 +130,7 @@ def encode_refusal(message: RefusalMessage) -> bytes:
 
 
 def decode(packet: bytes) -> Message | None:
-    """The message in `packet`; None when it is none, or has numbers that are none."""
+    """The message in `packet`; None where it is none, or has values that are not numbers."""
     if len(packet) < _REFUSAL_AT:
         return None
     magic, version, kind = _HEAD.unpack_from(packet)
@@ -149,7 +149,7 @@ def _force(packet: bytes) -> ForceMessage | None:
     if len(packet) != FORCE_BYTES:
         return None
     _, _, _, sequence, stamp_s, x, y, z = _FORCE.unpack(packet)
-    # Not a number is not below the limit either.
+    # A NaN is not below the limit either.
     if not (math.isfinite(stamp_s) and x * x + y * y + z * z <= MAX_FORCE_N * MAX_FORCE_N):
         return None
     return ForceMessage(sequence, stamp_s, Vector3(x, y, z))

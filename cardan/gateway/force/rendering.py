@@ -1,9 +1,9 @@
-"""What the haptic device is told in each cycle of the robot, and what it tells back.
+"""Commands the haptic device in each cycle of the robot, and reads its snapshot.
 
-Fixtures go to the device as geometry, together with the map from the hand's place to the TCP's, so
-that its own loop evaluates them. A measured force (`input`) goes with its rate and its stamp. The
-operator takes hold of both by clutching in: before the first time the device is not even enabled
-(`enabling`). Should the force vanish that the hand leans on, teleoperation is disengaged (`guard`).
+Fixtures go to the device as geometry, together with the map from the hand's position to the TCP's,
+so that its own loop evaluates them. A measured force (`input`) goes with its rate and its stamp.
+Both are rendered from a clutch-in on: before the first one the device is not even enabled
+(`enabling`). If the force is lost that the hand leans on, teleoperation is disengaged (`guard`).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from cardan.haptics import HapticCommand, MeasuredForce, WorldMap
 from cardan.types import NEVER_S, DeviceState, Pose, RobotState
 
 LOOK_PERIOD_S = 0.01
-"""How often the device's own snapshot is looked at while the hand is not followed, for the figures;
-while it is, in every cycle."""
+"""How often the device's snapshot is read for the figures while clutched out; while clutched in it
+is read in every cycle."""
 
 NO_MAP = WorldMap()
 
 
 class ForceRenderer:
-    """The force's share of a session. One for each run."""
+    """The force feedback of a session. One for each run."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class ForceRenderer:
     ) -> None:
         """Without `rendering` the device is never commanded: only its figures are kept.
 
-        `max_age_s`: a measured force that is older is not felt.
+        `max_age_s`: a measured force that is older is not rendered.
         """
         self.device = device
         self.fixtures = fixtures
@@ -58,13 +58,13 @@ class ForceRenderer:
         self._tcp_of: MeasuredTcp = lambda state: state.pose
         self._tcp_state: RobotState | None = None
         self._tcp_pose: Pose | None = None
-        """The measured TCP, and the state that it is of: an arm's model takes its time."""
+        """The last measured TCP and its state: an arm's model takes time to compute it."""
         self._started = False
         self._engaged = False
         self._sequence = 0
         self._look_s = NEVER_S
         self._rejection = ""
-        """Why the device did not take the last command, in words."""
+        """Why the device rejected the last command."""
 
     def start(self, tcp: MeasuredTcp) -> None:
         """The device is open, and nothing was commanded yet; `tcp` gives a state's measured TCP."""
@@ -72,7 +72,7 @@ class ForceRenderer:
         self._sequence = self.device.haptics().command_sequence
 
     def stop(self) -> None:
-        """Nothing is felt any more, by ramp. Never raises."""
+        """Ramp all forces to zero. Never raises."""
         if not self._rendering:
             return
         with contextlib.suppress(DriverError):
@@ -88,7 +88,7 @@ class ForceRenderer:
         """Render what this cycle of the robot brings.
 
         `world` is None while clutched out; `at_rest`: nothing is commanded to move. Returns why
-        teleoperation must be disengaged, in words; empty while it need not.
+        teleoperation must be disengaged; empty while it need not.
         """
         if self._rendering:
             self._render(state, hand, world, at_rest)
@@ -161,7 +161,7 @@ class ForceRenderer:
             self._rejection = ""
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way of a force, or of a good one."""
+        """What prevents a force, or a good one."""
         words = [each for each in (self._enabling.refusal, self._rejection) if each]
         newest = self.felt.newest
         if self.guard.heard and newest.reason:
@@ -171,7 +171,7 @@ class ForceRenderer:
         return (*words, *self._warnings)
 
     def report(self) -> dict[str, Any]:
-        """The figures of a snapshot, by the names that they have there."""
+        """The figures of a snapshot, by the snapshot's names."""
         return {
             **self.felt.report(),
             "force_losses": self.guard.losses,

@@ -1,4 +1,4 @@
-"""The session's end of the way to a force node: a Unix socket, looked at once in each cycle."""
+"""The session's socket for a force node: a Unix socket, polled once in each cycle."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from cardan.haptics import WorldMap
 from cardan.types import NEVER_S, Frame, Pose, RobotLink, RobotState
 
 ACCEPT_PERIOD_S = 0.05
-"""How often somebody who knocks is looked for."""
+"""How often new connections are accepted."""
 
 TAKEN_AT_MOST = 16
-"""Packets of a node taken in one cycle, whatever it sends."""
+"""Most packets of a node that are read in one cycle."""
 
 SEND_BUFFER_BYTES = 4096
-"""Room for a few states: a node that sleeps finds new ones soon, and holds nobody up."""
+"""Room for a few states: a node that was asleep gets new ones soon; the session never blocks."""
 
 
 class RemoteSource(ForceSource):
-    """Forces of a node in another process; it is told the robot's state in every cycle."""
+    """Forces of a node in another process, which gets the robot's state in every cycle."""
 
     needs_tcp = True
     rests_at_zero = True
@@ -43,7 +43,7 @@ class RemoteSource(ForceSource):
         self._path = path
         self.lease = Lease(max_age_s)
         self.unreadable = 0
-        """Packets that were no message."""
+        """Packets that were malformed."""
         self._listener: socket.socket | None = None
         self._identity = (0, 0)
         self._node: socket.socket | None = None
@@ -54,12 +54,12 @@ class RemoteSource(ForceSource):
         self.reason = "no force node is connected"
 
     def open(self) -> None:
-        """Offer the socket. Raises AddressError where that cannot be."""
+        """Create the socket. Raises AddressError where that is impossible."""
         path = self._path
         make_room(path, socket.SOCK_SEQPACKET, "another session")
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with contextlib.suppress(OSError):
-            # On Linux the node is made with the mode of its descriptor: nobody slips in.
+            # On Linux the node is made with its descriptor's mode: no other user gets in.
             os.fchmod(listener.fileno(), 0o600)
         try:
             listener.bind(path)
@@ -88,7 +88,7 @@ class RemoteSource(ForceSource):
     def publish(
         self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
     ) -> None:
-        """Tell the node the robot's state, if it has room for it."""
+        """Send the robot's state to the node, if its buffer has room."""
         if now_s - self._accept_s >= ACCEPT_PERIOD_S:
             self._accept_s = now_s
             self._accept(now_s)
@@ -100,7 +100,7 @@ class RemoteSource(ForceSource):
         try:
             node.send(encode_state(message))
         except BlockingIOError:
-            pass  # It sleeps; what it finds when it wakes is a few states old, then new ones.
+            pass  # It does not read; later it gets a few old states, then new ones.
         except OSError:
             self._drop()
 
@@ -125,7 +125,7 @@ class RemoteSource(ForceSource):
         if lease.dropped:
             words.append(f"{lease.dropped} forces of a node dropped: stale, or out of order")
         if self.unreadable:
-            words.append(f"{self.unreadable} packets to the force socket were no message")
+            words.append(f"{self.unreadable} packets to the force socket were malformed")
         return tuple(words)
 
     def _accept(self, now_s: float) -> None:

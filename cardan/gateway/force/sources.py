@@ -1,6 +1,6 @@
-"""Where a force comes from: the robot itself, a sensor at its flange, or a contact in thought.
+"""Sources of force readings: the robot itself, a sensor at its flange, virtual contact surfaces.
 
-A source is asked once in every cycle and gives its newest reading, or says why there is none.
+A source is asked once in every cycle and gives its newest reading, or the reason for having none.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ STICK_SPEED_M_S = 0.005
 """Friction of a computed contact grows with speed below this, and is Coulomb's above it."""
 
 VELOCITY_CUTOFF_HZ = 20.0
-"""Of the filter on the velocity that is made of two places of the TCP."""
+"""Cut-off of the filter on the velocity that is computed from two positions of the TCP."""
 
 LONGEST_STEP_S = 0.1
-"""Two places of the TCP that are farther apart in time say nothing of its velocity."""
+"""Longest time between two positions of the TCP from which a velocity is computed."""
 
 FASTEST_M_S = 10.0
-"""What moved faster is not the same robot any more."""
+"""A TCP that seems to move faster was placed anew: its velocity is not computed."""
 
 LARGEST_READING_N = 1000.0
-"""No tool that a hand guides presses harder: what says more is broken, and is not cut to size but
-refused. Through the filter it would be felt long after."""
+"""No tool in teleoperation presses harder: a larger reading is a fault and is rejected, not
+limited, because the filter would render it long after."""
 
 FUTURE_S = 0.1
-"""A stamp farther in the future is of another clock. Believed, it would make every reading that
-comes after it an old one."""
+"""Farthest that a stamp may be in the future: beyond, it is of another clock, and every reading
+after it would seem to be older."""
 
 
 class Reading(NamedTuple):
@@ -49,7 +49,7 @@ class Reading(NamedTuple):
     force: Vector3
     """N, of the world on the tool."""
     frame: Frame
-    """The axes that `force` is along."""
+    """Axes of `force`."""
 
 
 class ForceSource(Openable):
@@ -59,10 +59,10 @@ class ForceSource(Openable):
     """Whether `read` needs the measured TCP."""
 
     rests_at_zero = False
-    """True: what it reads without contact is zero by itself, and no tare is taken."""
+    """True: without contact the readings are zero, so no tare is taken."""
 
     shaped = False
-    """True: forces are as the hand is to feel them, but for the axes."""
+    """True: forces are scaled for the hand already; only their axes are turned."""
 
     reason = ""
 
@@ -81,34 +81,34 @@ class ForceSource(Openable):
     def publish(
         self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
     ) -> None:
-        """Tell the robot's state to a process that makes the force, before each `read`."""
+        """Send the robot's state to a process that makes the force, before each `read`."""
         return
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way, in plain words."""
+        """What prevents a reading."""
         return (f"no measured force: {self.reason}",) if self.reason else ()
 
 
 class Sieve:
-    """Lets through of an instrument's readings those that can be true.
+    """Rejects implausible readings of an instrument.
 
-    One that cannot counts as none: the last one that could stands until it is too old.
+    After a rejected one the last plausible reading stands until it is too old.
     """
 
     def __init__(self, instrument: str) -> None:
         self.refused = 0
         self.reason = ""
-        """Why the newest one was refused; empty when it was not."""
+        """Why the newest one was rejected; empty when it was not."""
         self._instrument = instrument
         self._last: Reading | None = None
         self._refused_s = math.nan
 
     def forget(self) -> None:
-        """There is no reading at all."""
+        """Forget the last reading."""
         self._last, self.reason = None, ""
 
     def take(self, reading: Reading, now_s: float) -> Reading | None:
-        """`reading`, or in its place the last one; None where there is none. It is `now_s`."""
+        """`reading`, or if it is rejected the last one; None where there is none. Now: `now_s`."""
         force_n = math.hypot(*reading.force)
         if force_n <= LARGEST_READING_N and reading.stamp_s <= now_s + FUTURE_S:
             self.reason, self._last = "", reading
@@ -121,21 +121,21 @@ class Sieve:
         elif not force_n <= LARGEST_READING_N:
             self.reason = (
                 f"{self._instrument} gives {force_n:.3g} N; more than {LARGEST_READING_N:g} N "
-                "are not believed"
+                "is rejected"
             )
         else:
             self.reason = (
-                f"{self._instrument} gives a time that is {reading.stamp_s - now_s:.3g} s to come"
+                f"{self._instrument} gives a time {reading.stamp_s - now_s:.3g} s in the future"
             )
         return self._last
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What was refused, in words."""
+        """How many were rejected."""
         return (f"readings of a force refused: {self.refused}",) if self.refused else ()
 
 
 class _Instrument(ForceSource):
-    """What measures a wrench."""
+    """Base of sources that measure a wrench."""
 
     def __init__(self, name: str, felt: bool) -> None:
         self._sign = 1.0 if felt else -1.0
@@ -155,15 +155,15 @@ class _Instrument(ForceSource):
         return reading
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Why there is no force, and what was refused."""
+        """Why there is no force, and what was rejected."""
         return (*super().diagnosis(), *self._sieve.diagnosis())
 
 
 class MeasuredSource(_Instrument):
-    """What the robot itself reports (EGM's measuredForce)."""
+    """The robot's own measurement (EGM's measuredForce)."""
 
     def __init__(self, *, felt: bool = False) -> None:
-        """`felt`: its numbers are what the tool feels; else what it exerts."""
+        """`felt`: the wrench is that of the world on the tool; else of the tool on the world."""
         super().__init__("the robot", felt)
 
     def read(self, state: RobotState, tcp: Pose | None) -> Reading | None:
@@ -173,10 +173,10 @@ class MeasuredSource(_Instrument):
 
 
 class SensorSource(_Instrument):
-    """A force-torque sensor with a driver of its own (JR3), along the tool's axes."""
+    """A force-torque sensor with its own driver (JR3), along the tool's axes."""
 
     def __init__(self, device: OperatorDevice, *, felt: bool = True, zero: bool = False) -> None:
-        """`felt`: its numbers are what the tool feels; `zero`: it takes zero when opened."""
+        """`felt`: the wrench is that of the world on the tool; `zero`: zero it when opened."""
         super().__init__("the sensor", felt)
         self.device = device
         self._zero = zero
@@ -202,13 +202,13 @@ class SensorSource(_Instrument):
         return self._reading(sensed.wrench, sensed.stamp_s, state.stamp_s, why_none)
 
     def diagnosis(self) -> tuple[str, ...]:
-        """Why there is no force, and what the sensor says."""
+        """Why there is no force, and the sensor's own diagnosis."""
         lines = (line for line in self.device.diagnosis() if line != self.reason)
         return (*super().diagnosis(), *(f"force sensor: {line}" for line in lines))
 
 
 class PointVelocity:
-    """The velocity of a point, from its places."""
+    """The velocity of a point, from its positions."""
 
     def __init__(self) -> None:
         self._place: Vector3 | None = None
@@ -250,7 +250,7 @@ class ContactTable(ABC):
 
 
 def contact_force(contact: ContactTable, place: Vector3, velocity: Vector3) -> Vector3:
-    """What `contact` does to a TCP at `place` that moves at `velocity`: N, world axes.
+    """The force of `contact` on a TCP at `place` that moves at `velocity`: N, world axes.
 
     Stiffness · depth, damped and never pulling, and friction against the sliding.
     """

@@ -1,8 +1,8 @@
 """Whether a force loop can be stable, by the rule of Gil, Hulin and others: K < (b + B)/(T/2 + t).
 
-K is the stiffness that the hand feels, b the damping of hand and device, B that which the device
-renders, T the period at which the force is computed, t the delay from the hand's motion to the
-force of it. A rule of thumb for a linear loop: it says what will not do, and proves nothing.
+K is the stiffness that the hand feels, b the damping of hand and device, B the damping that the
+device renders, T the period at which the force is computed, t the delay from the hand's motion to
+its force. A rule of thumb for a linear loop: it finds unstable settings, and proves none stable.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 HAND_DAMPING_N_S_M = 5.0
-"""A hand that holds the stylus loosely, and the stylus itself: 2 to 8 in the literature. One that
-nobody holds has 0.1, and no stiffness is safe that needs a hand."""
+"""Damping of a hand that holds the stylus loosely, with the stylus: 2 to 8 in the literature. A
+stylus that is not held has 0.1, too little for any stiffness."""
 
 FIXTURE_STIFFNESS_N_M = 500.0
-"""What a held Omni renders cleanly in its own loop; its mechanism and encoders allow no more."""
+"""Largest stiffness that a held Omni's mechanism and encoders render cleanly in its own loop."""
 
 
 def stable_stiffness_n_m(damping_n_s_m: float, period_s: float, delay_s: float) -> float:
@@ -32,7 +32,7 @@ def loop_warning(
     delay_s: float,
     cutoff_hz: float,
 ) -> str:
-    """What is wrong with a loop over a measured force, with its numbers; empty: nothing.
+    """The warning about a loop over a measured force, with its numbers; empty: none.
 
     The delay of the low-pass filter, 1/(2π·cutoff), and one period more come on top of `delay_s`.
     """
@@ -52,7 +52,7 @@ def loop_warning(
 
 
 def fixture_warning(index: int, motion_scale: float, stiffness_n_m: float) -> str:
-    """What is wrong with a fixture's stiffness; empty: nothing."""
+    """The warning about a fixture's stiffness; empty: none."""
     felt = motion_scale * stiffness_n_m
     if felt <= FIXTURE_STIFFNESS_N_M:
         return ""

@@ -1,1 +1,1 @@
-"""What an operator's hand asks for; it decides nothing about the robot."""
+"""The operator's input: what an operator device asks for. It decides nothing about the robot."""

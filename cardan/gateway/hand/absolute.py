@@ -1,6 +1,6 @@
 """Absolute control: the TCP goes where the hand is.
 
-A place of the hand means a place of the TCP, whenever it is taken up. Taking it up moves the TCP
+Each position of the hand stands for one position of the TCP. Pressing the clutch moves the TCP
 there, at an approach speed until it has arrived; from then on it follows as in position control.
 """
 
@@ -23,16 +23,16 @@ from cardan.spatial import (
 from cardan.types import ZERO3, Frame, Pose, Quaternion, Twist, Vector3
 
 ARRIVED_M, ARRIVED_RAD = 0.001, 0.01
-"""So near to its target the TCP has arrived in any case. It has before, where it would go no faster
-than at the approach speed anyway."""
+"""Distance to its target at which the TCP has arrived in any case. It has arrived before where it
+would go no faster than at the approach speed anyway."""
 
 BEYOND_WALL_M = 0.0005
-"""How far beyond the workspace's edge a target may be: enough for the reference to say that it is
-held there, and too little to slow it along the edge."""
+"""How far beyond the workspace's edge a target may be: enough for the reference to report that it
+is held there, and too little to slow it along the edge."""
 
 
 class AbsoluteMapping(HandMapping):
-    """The TCP is where the hand is, by a fixed map between their places."""
+    """The TCP goes where the hand is, by a fixed map between their positions."""
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         super().__init__(options, limits)
@@ -42,19 +42,19 @@ class AbsoluteMapping(HandMapping):
         roll, pitch, yaw = (math.radians(angle) for angle in options.hand_to_tool_rpy_deg)
         self._tool_in_hand = from_euler_zyx(roll, pitch, yaw)
         self.arrived = False
-        """Whether the TCP has been where the hand was since it was taken up or was too far."""
+        """Whether the TCP has reached the hand since the clutch was pressed, or it was too far."""
         self.outside = False
-        """Whether the hand was outside the workspace at the last look."""
+        """Whether the hand was outside the workspace at the last call."""
 
     @property
     def remark(self) -> str:
-        """What keeps the TCP from where the hand is, in words."""
+        """What keeps the TCP from where the hand is."""
         if self.outside:
             return "the hand is outside the workspace: the TCP stays at its edge"
         return "" if self.arrived else "the TCP is on its way to where the hand is"
 
     def release(self) -> None:
-        """The clutch was let go."""
+        """The clutch was released."""
         super().release()
         self.arrived = self.outside = False
 
@@ -95,7 +95,7 @@ class AbsoluteMapping(HandMapping):
         return multiply(in_base, self._tool_in_hand)
 
     def _inside(self, position: Vector3) -> Vector3:
-        """The place in the workspace that is nearest to `position`."""
+        """The position in the workspace that is nearest to `position`."""
         held = []
         for value, bounds in zip(position, self.limits.workspace_m, strict=True):
             if bounds is not None:

@@ -1,7 +1,7 @@
-"""What the hand is given back through the device's light and its motor.
+"""Feedback to the operator through the device's light and its motor.
 
 Rumble is what devices without force feedback have: Łukawski, Victores and Balaguer 2023 name it
-for the Wiimote. Graded 0..1; the driver makes of it what its motor can do.
+for the Wiimote. Strength 0..1; the driver renders it as its motor can.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from cardan.spatial import norm
 from cardan.types import DeviceFeedback, RobotState
 
 FEEDBACK_PERIOD_S = 0.05
-"""A hand feels no faster change of a motor that needs 50 ms to start and to stop."""
+"""Shortest time between changes: a motor needs 50 ms to start and to stop."""
 
 RENEW_S = 0.4
-"""Rumble is repeated so often while it lasts: drivers end it by themselves after 1 s without."""
+"""How often lasting rumble is repeated: drivers end it by themselves after 1 s without."""
 
 TRIP_PULSE_S = 0.5
-"""How long the loss of the robot is felt."""
+"""Duration of the rumble after a trip."""
 
 LIMIT_LEVEL = 0.4
 
 LEASH_FROM = 0.3
-"""Share of the leash below which nothing is felt: gravity sag and servo lag take that much."""
+"""Share of the leash below which nothing rumbles: gravity sag and servo lag take that much."""
 
 STEP = 0.05
-"""Smaller changes are not passed on."""
+"""Smallest change of strength that is sent."""
 
 RumbleSource = Literal["trip", "limit", "leash", "force"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class FeedbackOptions:
-    """``[feedback]``: what the hand is told, and how."""
+    """``[feedback]``: what the operator device shows and renders."""
 
     led: bool = True
-    """The device's light says that the hand is on the robot."""
+    """The device's light is on while teleoperation is engaged."""
     rumble: tuple[RumbleSource, ...] = ("trip", "limit")
-    """What is felt: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
+    """What rumbles: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
     leash, how far the robot is behind; force, what its sensor measures. The strongest counts."""
     full_force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 20.0
     """Measured force that rumbles at full strength."""
@@ -52,14 +52,14 @@ class FeedbackOptions:
 
 
 class Felt(NamedTuple):
-    """What of the arm's state an operator may be told."""
+    """The part of the arm's state that feedback renders."""
 
     engaged: bool
-    """Whether the operator's hand is on the robot."""
+    """Whether teleoperation is engaged."""
     trips: int
-    """How often it was taken off."""
+    """How often it was disengaged by a watchdog or fault."""
     limited: bool
-    """Whether the operator asks for what the workspace or the arm does not give."""
+    """Whether the operator asks for what the workspace or the arm cannot do."""
     leash_used: float
 
 
@@ -77,11 +77,11 @@ class HandFeedback:
 
     @property
     def useful(self) -> bool:
-        """False when the device has nothing to feel or to see, or nothing is wanted."""
+        """False when the device has no light or motor that is to be used."""
         return bool(self._sources) or self._led_wanted
 
     def due(self, now_s: float) -> bool:
-        """Whether `update` has something to look at."""
+        """Whether `update` may have something new."""
         return now_s >= self._due_s
 
     def update(self, felt: Felt, robot: RobotState, now_s: float) -> DeviceFeedback | None:
@@ -101,7 +101,7 @@ class HandFeedback:
         return None if led is None and rumble is None else DeviceFeedback(led, rumble)
 
     def last(self) -> DeviceFeedback | None:
-        """What leaves the device quiet and dark at the end; None: nothing to send."""
+        """What turns light and motor off at the end; None: nothing to send."""
         led = False if self._led else None
         rumble = 0.0 if self._rumble > 0.0 else None
         self._led, self._rumble = (False if led is not None else self._led), 0.0

@@ -1,9 +1,9 @@
-"""From the axes, the pose and the buttons of a device to what the operator asks of the robot.
+"""Maps the axes, the pose and the buttons of a device to what the operator asks of the robot.
 
 Pure values in and out: no clock, no hardware. The mappings are those of Łukawski, Victores and
 Balaguer 2023, Table 1: rate control in the base frame (SpaceNavigator), which is the default, rate
 control in the tool frame (Wiimote), and position control in the base frame (Leap Motion). The
-buttons that toggle the clutch and take the references anew are those of the Phantom Omni in
+buttons that toggle the clutch and recapture the references are those of the Phantom Omni in
 "Bilateral haptic teleoperation", 2026.
 """
 
@@ -32,35 +32,35 @@ from cardan.types import (
 )
 
 ENABLE_WITHIN_S = 0.5
-"""Older presses of the enable button do not count: this computer may have stood still."""
+"""Longest time since a press of the enable button that counts: this computer may have stalled."""
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 """Names of the device axes and of the twist components they drive, in order."""
 
 
 class Mode(enum.Enum):
-    """What a hand's motion means."""
+    """What the motion of a device or hand means."""
 
     RATE = "rate"
     """Deflections are velocities."""
     POSITION = "position"
-    """What the hand moved since the clutch was pressed, the TCP moves."""
+    """The TCP moves by as much as the hand since the clutch was pressed."""
     ABSOLUTE = "absolute"
-    """Where the hand is, the TCP goes."""
+    """The TCP goes where the hand is."""
 
 
 class Orientation(enum.Enum):
-    """What the hand's orientation means, where its pose is followed."""
+    """What the hand's orientation means where its pose is followed."""
 
     FOLLOW_BASE = "follow-base"
-    """What the hand turned since the clutch was pressed, about its device's axes, the TCP turns
-    about those of the base."""
+    """The TCP turns about the base's axes as the hand has turned about its device's axes since the
+    clutch was pressed."""
     FOLLOW_TOOL = "follow-tool"
-    """What the hand turned about its own axes, the TCP turns about the tool's."""
+    """The TCP turns about the tool's axes as the hand has turned about its own."""
     FIXED = "fixed"
     """The TCP keeps its orientation."""
     ABSOLUTE = "absolute"
-    """The tool stands as the hand does; mode absolute only."""
+    """The tool has the hand's orientation; mode absolute only."""
 
 
 class GripperAction(enum.Enum):
@@ -159,13 +159,13 @@ class MappingOptions:
 
     @property
     def deadman_buttons(self) -> tuple[str, ...]:
-        """The buttons of which one is held."""
+        """The buttons of which one must be held."""
         if isinstance(self.deadman, str):
             return (self.deadman,) if self.deadman else ()
         return self.deadman
 
     def _rules(self) -> tuple[tuple[str, object, str], ...]:
-        """What must fit the mode: a key, whether it is wrong, and why."""
+        """Conditions by mode: a key, whether it is wrong, and why."""
         mode, only = f'mode = "{self.mode.value}"', 'only mode = "absolute" has one'
         rate, absolute = self.mode is Mode.RATE, self.mode is Mode.ABSOLUTE
         whole = self.orientation is Orientation.ABSOLUTE
@@ -223,7 +223,7 @@ class MappingOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class GripperOptions:
-    """``[gripper]``: buttons, and what travels to the robot's program."""
+    """``[gripper]``: buttons, and the output to the robot's program."""
 
     toggle: str = ""
     close: str = ""
@@ -274,7 +274,7 @@ class TwistMapping:
         self.gripper_closed = False
 
     def twist(self, axes: Sequence[float]) -> Twist:
-        """The twist asked for by six deflections, along the axes of `options.frame`."""
+        """The twist of six deflections, along the axes of `options.frame`."""
         v = [axes[index] * gain for index, gain in self._sources]
         linear, angular = Vector3(v[0], v[1], v[2]), Vector3(v[3], v[4], v[5])
         if self._turned:
@@ -283,7 +283,7 @@ class TwistMapping:
         return Twist(linear, angular, self.options.frame)
 
     def joint_rates(self, axes: Sequence[float]) -> dict[str, float]:
-        """What is asked of joints by name, rad/s or m/s."""
+        """The wanted speeds of joints by name, rad/s or m/s."""
         return {joint: axes[index] * gain for index, joint, gain in self._joints}
 
     @property
@@ -292,7 +292,7 @@ class TwistMapping:
         return bool(self._joints)
 
     def deadman_held(self, device: DeviceState) -> bool:
-        """True while the operator says that motion is wanted."""
+        """True while a dead-man button is held, or none is configured."""
         return not self._deadman or not device.buttons.isdisjoint(self._deadman)
 
     @property
@@ -303,8 +303,8 @@ class TwistMapping:
     def asks_to_enable(
         self, device: DeviceState, events: Iterable[ButtonEvent], now_s: float
     ) -> bool:
-        """True when the operator asks for the robot, with nothing deflected and no dead-man held:
-        what is made ready must not begin to move. A press that waited is no wish any more."""
+        """True when the operator asks to enable the robot, with nothing deflected and no dead-man
+        held: a robot that was just enabled must not begin to move. An old press does not count."""
         return (
             any(
                 event.pressed

@@ -40,23 +40,23 @@ from cardan.types import IDENTITY, NEVER_S, ZERO3, Frame, Pose, Quaternion, Twis
 
 FOLLOW_TIME_S = 0.04
 """Time constant with which a small distance is closed: ten control cycles of EGM. Shorter, the
-noise of a hand sensor shows in the arm; longer, the hand feels it."""
+noise of a hand sensor shows in the arm; longer, the operator notices the delay."""
 
 HAND_SPEED_M_S, HAND_SPEED_RAD_S = 3.0, 15.0
-"""No hand that guides a robot is faster: what is, is another hand or a sensor's mistake."""
+"""Largest plausible speed of a hand: faster is another hand or a fault of the sensor."""
 
 HAND_NOISE_M, HAND_NOISE_RAD = 0.01, 0.1
-"""Allowed beside the speed: two reports may come close together."""
+"""Tolerance added to the way at that speed: two reports may come close together."""
 
 LONGEST_GAP_S = 0.1
-"""Between two reports; what stamps claim beyond is not believed."""
+"""Longest time between two reports; a longer one by their stamps counts as this."""
 
 FARTHEST_M = 10.0
-"""No hand is farther from its sensor."""
+"""Largest plausible distance of a hand from its sensor."""
 
 
 def is_pose(pose: Pose | None) -> bool:
-    """Whether a device's pose can be one: finite, near the device, a unit quaternion."""
+    """Whether a device's pose is plausible: finite, near the device, a unit quaternion."""
     return (
         pose is not None
         and is_finite(pose.position)
@@ -69,7 +69,7 @@ def is_pose(pose: Pose | None) -> bool:
 def resting_pose(reference: Reference) -> Pose:
     """Where `reference` comes to rest when it brakes as hard as it may.
 
-    A hand that is taken up there draws nothing back that moved on while it braked.
+    A clutch pressed there draws nothing back that moved on while the reference braked.
     """
     pose, limits = reference.pose, reference.limits
     assert pose is not None
@@ -129,17 +129,17 @@ def _turning_sources(options: MappingOptions) -> list[Source] | None:
 
 
 def mirrors(options: MappingOptions) -> bool:
-    """Whether `options.axes` and `.scale` make of the hand's directions what no rotation does: a
-    mirror, or one axis that drives several components. Forces have no way back through that."""
+    """Whether `options.axes` and `.scale` are no rotation for the hand's directions: a mirror, or
+    one axis that drives several components. Forces cannot be mapped back then."""
     return _turning_sources(options) is None
 
 
 LEAST_FOLLOWED = 0.001
-"""Of the hand's way: what follows by less does not follow."""
+"""Share of the hand's motion below which the TCP does not count as following."""
 
 
 def unfollowed(options: MappingOptions) -> tuple[str, ...]:
-    """Which of x, y, z of the TCP no place of the hand moves, along the mapping's axes."""
+    """Those of x, y, z of the TCP that the hand does not move, along the mapping's axes."""
     return tuple(
         axis
         for axis, (index, gain) in zip(AXES, _sources(options)[:3], strict=False)
@@ -148,7 +148,7 @@ def unfollowed(options: MappingOptions) -> tuple[str, ...]:
 
 
 class HandMapping(ABC):
-    """Follows one hand from one press of the clutch to its release."""
+    """Follows the device's pose from one press of the clutch to its release."""
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         self.options = options
@@ -176,11 +176,11 @@ class HandMapping(ABC):
     @property
     @abstractmethod
     def remark(self) -> str:
-        """What the operator should know of the last look; empty: all is well."""
+        """A message about the last call for the operator; empty: all is well."""
 
     def engage(self, hand: Pose, stamp_s: float, tcp: Pose) -> None:
-        """The clutch was pressed: from here on `hand` (device axes) is followed by the TCP, which
-        is told to be at `tcp` (base axes). Again, without release(): all begins anew."""
+        """The clutch was pressed: from here on the TCP, commanded to be at `tcp` (base axes),
+        follows `hand` (device axes). Called again without release(): all begins anew."""
         frame = self.options.frame
         follows_base = self._orientation is Orientation.FOLLOW_BASE
         self._linear_axes = tcp.orientation if frame is Frame.TOOL else self._yaw
@@ -191,11 +191,11 @@ class HandMapping(ABC):
             self._rotation_map = self._matrix(self._turning_sources)
 
     def release(self) -> None:
-        """The clutch was let go."""
+        """The clutch was released."""
         self._hand = self._target = None
 
     def leaps(self, hand: Pose, stamp_s: float) -> bool:
-        """Whether `hand`, measured at `stamp_s`, is too far from where it was to be the same."""
+        """Whether `hand`, measured at `stamp_s`, is implausibly far from the pose before."""
         if self._hand is None:
             return False
         time_s = min(max(0.0, stamp_s - self._hand_s), LONGEST_GAP_S)
@@ -208,13 +208,13 @@ class HandMapping(ABC):
 
     @abstractmethod
     def twist(self, hand: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
-        """The twist (base axes) that brings the reference at `tcp` to what `hand` wants."""
+        """The twist (base axes) that brings the reference at `tcp` to the target of `hand`."""
 
     def world_map(self) -> WorldMap | None:
-        """Where the TCP is told to go for any place of the hand, as things stand.
+        """Map from the hand's position to the commanded position of the TCP at present.
 
-        Along an axis of the workspace beyond whose end the hand is, that is the end, wherever the
-        hand moves on to. None while released, and for axes that mirror.
+        Along an axis on which the hand is beyond the workspace, it gives the workspace's edge,
+        whatever the hand does. None while released, and for axes that mirror.
         """
         if self._hand is None or self._turning_sources is None:
             return None
@@ -227,11 +227,11 @@ class HandMapping(ABC):
 
     @abstractmethod
     def _map_offset(self) -> Vector3:
-        """What the linear map leaves between a place of the hand and the target."""
+        """The offset of the map, beside its linear part."""
 
     def _moved(self, hand: Pose) -> Sequence[float]:
-        """What the hand did since the last look: a displacement and a rotation vector, both along
-        the axes of the mapping's frame (the turn about its own where the tool follows)."""
+        """Motion of the hand since the last call: a displacement and a rotation vector, both along
+        the axes of the mapping's frame (the rotation about its own where the tool follows)."""
         assert self._hand is not None
         before, after = self._hand.orientation, hand.orientation
         way = subtract(hand.position, self._hand.position)
@@ -242,12 +242,12 @@ class HandMapping(ABC):
         return (*rotate(self._aligned, way), *rotate(self._aligned, turn))
 
     def _to_base(self, moved: Sequence[float], sources: Sequence[Source]) -> Vector3:
-        """The displacement of the TCP, base axes, that comes of what the hand did."""
+        """The displacement of the TCP, base axes, for a motion of the hand."""
         (i, a), (j, b), (k, c) = sources[:3]
         return rotate(self._linear_axes, Vector3(moved[i] * a, moved[j] * b, moved[k] * c))
 
     def _turned(self, moved: Sequence[float], orientation: Quaternion) -> Quaternion:
-        """`orientation` of the target, turned on by what the hand did."""
+        """`orientation` of the target, turned by the motion of the hand."""
         kind = self._orientation
         if kind is Orientation.FIXED:
             return orientation
@@ -258,7 +258,7 @@ class HandMapping(ABC):
         return multiply(from_rotation_vector(rotate(self._angular_axes, turn)), orientation)
 
     def _matrix(self, sources: Sequence[Source]) -> Matrix3:
-        """What `_to_base` does to places of the hand."""
+        """The matrix of `_to_base` for positions of the hand."""
         x, y, z = (
             self._to_base((*rotate(self._aligned, unit), *ZERO3), sources)
             for unit in (Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0))
@@ -273,7 +273,7 @@ class HandMapping(ABC):
 
 
 def _held(world: WorldMap, axis: int, at_m: float) -> WorldMap:
-    """`world` with all that it leads to at `at_m` along the base's `axis`."""
+    """`world` with all its results at `at_m` along the base's `axis`."""
     linear, offset = list(world.linear), list(world.offset)
     linear[3 * axis : 3 * axis + 3] = ZERO3
     offset[axis] = at_m
@@ -284,34 +284,34 @@ def _held(world: WorldMap, axis: int, at_m: float) -> WorldMap:
 class PositionMapping(HandMapping):
     """The TCP moves as the hand has moved since the clutch was pressed.
 
-    What the hand does from one report to the next moves the target, so that no turn is too long and
-    a target that slips stays where it slipped to.
+    Each motion of the hand between two reports moves the target, so that no rotation is too long
+    and a target that slips stays where it slipped to.
     """
 
     def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
         super().__init__(options, limits)
         self.slips = False
-        """Whether the hand was too far ahead at the last look."""
+        """Whether the hand was too far ahead at the last call."""
 
     @property
     def remark(self) -> str:
-        """Whether the clutch slips, in words."""
+        """Whether the clutch slips, for the operator."""
         return "the hand is too far ahead of the TCP: the clutch slips" if self.slips else ""
 
     def engage(self, hand: Pose, stamp_s: float, tcp: Pose) -> None:
-        """From here on `hand` (device axes) means `tcp` (base axes)."""
+        """From here on `hand` (device axes) corresponds to `tcp` (base axes)."""
         super().engage(hand, stamp_s, tcp)
         self.slips = False
 
     def release(self) -> None:
-        """The clutch was let go."""
+        """The clutch was released."""
         super().release()
         self.slips = False
 
     def twist(self, hand: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
-        """The twist (base axes) that brings the reference at `tcp` to what `hand` wants.
+        """The twist (base axes) that brings the reference at `tcp` to the target of `hand`.
 
-        A hand too far ahead is not chased: the clutch slips, and the target stays near.
+        A hand too far ahead is not followed: the clutch slips, and the target stays near.
         """
         assert self._target is not None
         moved = self._moved(hand)

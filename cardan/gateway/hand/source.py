@@ -1,9 +1,9 @@
 """An operator device as a source of motion: its states in, one request per control tick out.
 
-The rule of arming lives here: going on after an interruption takes a deliberate act, which is the
-device at rest and, where one is configured, the dead-man button let go and pressed anew, or a press
-of the button that toggles the clutch. Where the hand's pose is followed, its deflections mean
-nothing, and nothing is at rest or not. What the robot does about a request is decided elsewhere.
+The rule of arming is here: going on after an interruption takes a deliberate act, which is the
+device at rest and, where one is configured, the dead-man button released and pressed anew, or a
+press of the button that toggles the clutch. Where the hand's pose is followed, deflections mean
+nothing and need not be at rest. The controller decides what the robot does about a request.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from cardan.types import (
 NO_DEFLECTION = (0.0,) * 6
 
 CLUTCH_WITHIN_S = 0.5
-"""Older presses of the clutch begin nothing: this computer may have stood still. They still end."""
+"""Oldest press that engages the clutch: this computer may have stalled. Older ones still end."""
 
 NO_RATES: Mapping[str, float] = {}
 
 
 class HandView(NamedTuple):
-    """What a request depends on, of the arm that is to be moved."""
+    """The state of the arm that a request depends on."""
 
     robot: RobotState
     """With the measured pose by the arm's model, where there is one."""
     dt_s: float
-    """By which this tick advances, s."""
+    """Time by which this tick advances, s."""
     tcp: Pose | None
     """Where the TCP is commanded to be, base frame; None before the robot was ready."""
     resting: Pose | None
@@ -51,17 +51,17 @@ class HandView(NamedTuple):
     armed: bool
     """Whether this device has the authority to move the arm."""
     free: bool
-    """Whether the arm is not still being braked for somebody else."""
+    """Whether the arm is not still braking a motion of another source."""
     barred: str = ""
-    """Why no deliberate act arms now, in words, whatever the device does."""
+    """Why no deliberate act arms now, whatever the device reports."""
     behind: str = ""
-    """Why no pose and no clutch is taken up now, in words: the robot is not where it must be."""
+    """Why no pose and no clutch is accepted now: the robot is not at its command."""
     tripped: bool = False
-    """Whether somebody's motion was ended in this tick, so that no press in it is deliberate."""
+    """Whether another motion was ended in this tick, so that no press in it is deliberate."""
     void: bool = False
-    """Whether what is held or pressed in this tick counts for nothing: the robot is not ready."""
+    """Whether buttons in this tick are ignored: the robot is not ready."""
     suspended: bool = False
-    """Whether the operator is taken to ask for no motion in this tick."""
+    """Whether the operator's motion is ignored in this tick."""
 
 
 class HandRequest(NamedTuple):
@@ -74,19 +74,19 @@ class HandRequest(NamedTuple):
     acts: bool
     """Whether the deliberate act was made in this tick, accepted or not."""
     claims: bool
-    """Whether the operator moves the arm, or holds it by a button, or would if it were free."""
+    """Whether the operator moves the arm, or claims it by a button, or would if it were free."""
     following: bool
     """Whether the operator's motion moves the arm now: armed, and the dead-man held."""
     twist: Twist
-    """What is asked of the TCP, after the filters."""
+    """The twist asked for, after the filters."""
     rates: Mapping[str, float]
-    """What is asked of joints by name, rad/s or m/s."""
+    """Joint speeds asked for by name, rad/s or m/s."""
     pressed: bool
     """Whether any button went down."""
     fault: str
-    """Why an armed device must not drive any longer, in words; empty when all is well."""
+    """Why an armed device must not drive any longer; empty when all is well."""
     filter_fault: str
-    """Why the filters give nothing to follow, in words; empty when all is well."""
+    """Why the filters give nothing to follow; empty when all is well."""
 
     @property
     def asks(self) -> bool:
@@ -117,21 +117,21 @@ class HandSource:
         self.filters = tuple(filters)
         self._device_age_s = device_age_s
         self._position: HandMapping | None = None
-        """How the hand's pose is followed; None in rate mode."""
+        """The mapping of the device's pose; None in rate mode."""
         if mapping.options.mode is Mode.POSITION:
             self._position = PositionMapping(mapping.options, limits)
         elif mapping.options.mode is Mode.ABSOLUTE:
             self._position = AbsoluteMapping(mapping.options, limits)
         self._holds = bool(mapping.options.deadman_buttons or mapping.options.clutch)
-        """Whether an operator who moves nothing still says by a button that the arm is theirs."""
+        """Whether an operator without motion still claims the arm, by a button."""
         self._deadman_was_up = False
-        """Whether the dead-man was seen up, the device at rest, since the last interruption."""
+        """Whether the dead-man was released, the device at rest, since the last interruption."""
         self._clutch_was_up = self._was_live = False
-        """Whether the button that toggles the clutch was seen up, and the device live, before."""
+        """Whether the button that toggles the clutch was released, and the device live, before."""
         self._was_deflected = False
-        """Whether the device was deflected since `barred`, where nothing else is an act."""
+        """Whether the device was deflected since `barred`, where no button is configured."""
         self._refusal = ""
-        """Why the deliberate act was made in vain."""
+        """Why the last deliberate act was refused."""
         self._device: DeviceState | None = None
 
     # -- one control tick ------------------------------------------------------------------------
@@ -161,7 +161,7 @@ class HandSource:
             if events and (options.clutch or options.recapture):
                 armed, pressed, recapture = self._take_presses(device, events, armed, fault, view)
                 acts, engages = acts or pressed, engages or (armed and not view.armed)
-        self._see_clutch(device)
+        self._note_clutch(device)
         if events and armed and held:
             self.mapping.take_gripper(events)
         following = armed and held and view.free
@@ -189,22 +189,22 @@ class HandSource:
         )
 
     def disarm(self) -> None:
-        """What is held now counts no more: the deliberate act is needed anew."""
+        """Ignore what is held now: the deliberate act is needed anew."""
         self._deadman_was_up = self._was_deflected = False
         self._refusal = ""
         if self._position is not None:
             self._position.release()
 
     def hand_map(self) -> WorldMap | None:
-        """Where the TCP is told to go for any place of the hand, as things stand, within the
-        workspace; None while no hand's pose is followed, or through axes that mirror."""
+        """Map from the hand's position to the commanded position of the TCP, within the workspace;
+        None while no pose is followed, or through axes that mirror."""
         return None if self._position is None else self._position.world_map()
 
     # -- words -----------------------------------------------------------------------------------
 
     @property
     def remark(self) -> str:
-        """What an operator who drives by pose should know; empty: all is well."""
+        """A message for an operator who drives by pose; empty: all is well."""
         return "" if self._position is None else self._position.remark
 
     def filter_words(self) -> tuple[str, ...]:
@@ -212,7 +212,7 @@ class HandSource:
         return tuple(words for each in self.filters if (words := each.status()))
 
     def advice(self, why: str) -> str:
-        """What the operator has to do to go on, after `why` it came to this ("" or "...; ")."""
+        """How to go on, after `why` the operator has to ("" or "...; ")."""
         device, options, position = self._device, self.mapping.options, self._position
         if device is None:
             return why
@@ -220,7 +220,7 @@ class HandSource:
             reason = device.reason or f"the device is {device.link.value}"
             return why + reason if reason not in why else reason
         if self._refusal:
-            why = f"the clutch was not taken: {self._refusal}; "
+            why = f"the clutch was not engaged: {self._refusal}; "
         deadman = " or ".join(repr(button) for button in options.deadman_buttons)
         deflected = position is None and device.axes != NO_DEFLECTION
         if options.clutch:
@@ -238,7 +238,7 @@ class HandSource:
         return f"{why}let go of the device and of {deadman}, then press {deadman} to go on"
 
     def act_words(self) -> str:
-        """The deliberate act, in words."""
+        """The deliberate act, as an instruction."""
         options = self.mapping.options
         if options.clutch:
             return f"press {options.clutch!r}"
@@ -250,7 +250,7 @@ class HandSource:
     # -- faults ----------------------------------------------------------------------------------
 
     def _fault(self, device: DeviceState, now_s: float) -> str:
-        """Why this device must not drive any longer, in words."""
+        """Why this device must not drive any longer."""
         if device.link is not DeviceLink.LIVE:
             return device.reason or f"the device is {device.link.value}"
         position = self._position
@@ -258,7 +258,7 @@ class HandSource:
             return "the device gives values that are not numbers"
         age_s = now_s - device.stamp_s
         if age_s < -self._device_age_s:
-            return f"the device gives a time that is {-age_s:.1f} s to come"
+            return f"the device gives a time {-age_s:.1f} s in the future"
         old = age_s > self._device_age_s
         if position is None:
             if device.axes != NO_DEFLECTION and old:
@@ -266,24 +266,24 @@ class HandSource:
         elif self.mapping.deadman_held(device):
             pose = device.pose
             if pose is None or not is_pose(pose):
-                return "the hand is followed, but the device gives no pose"
+                return "the device gives no pose to follow"
             if position.leaps(pose, device.stamp_s):
-                return "the hand leapt: it is another one, or the sensor lost it"
+                return "the hand's pose jumped: another hand, or the sensor lost it"
             if old:
-                return f"the hand is followed, but the device is silent for {age_s:.2f} s"
+                return f"the device is silent for {age_s:.2f} s while its pose is followed"
         return ""
 
     def _deflected(self, device: DeviceState) -> bool:
         return self._position is not None or device.axes != NO_DEFLECTION
 
     def _unusable(self, device: DeviceState, now_s: float) -> bool:
-        """Whether nothing that the device says can be a deliberate act."""
+        """Whether nothing that the device reports can be a deliberate act."""
         return device.link is not DeviceLink.LIVE or (
             self._position is None and bool(self._fault(device, now_s))
         )
 
     def _why_not_taken(self, device: DeviceState, view: HandView) -> str:
-        """Why hand or robot are not as they must be to take the hand up, in words."""
+        """Why the clutch cannot be engaged with the present poses of hand and robot."""
         if view.behind:
             return view.behind
         if self._position is not None:
@@ -299,7 +299,7 @@ class HandSource:
     # -- the deliberate act ----------------------------------------------------------------------
 
     def _arm(self, device: DeviceState, held: bool, view: HandView) -> tuple[bool, bool]:
-        """Whether the act by the dead-man, or by rest alone, was made; and whether it is taken."""
+        """Whether the act by the dead-man, or by rest alone, was made; and whether it counts."""
         if self._unusable(device, view.robot.stamp_s):
             self._deadman_was_up = False
             return False, False
@@ -331,8 +331,8 @@ class HandSource:
         fault: str,
         view: HandView,
     ) -> tuple[bool, bool, bool]:
-        """The edges of the buttons that toggle the clutch and take the references anew: whether
-        the device is armed after them, a deliberate press was made, and references are taken."""
+        """Handle the buttons that toggle the clutch and recapture the references: whether the
+        device is armed after them, a deliberate press was made, and references are captured."""
         options = self.mapping.options
         acts = recapture = False
         for event in events:
@@ -369,9 +369,9 @@ class HandSource:
         deadman = self.mapping.options.deadman_buttons
         return any(event.button in deadman and not event.pressed for event in events)
 
-    def _see_clutch(self, device: DeviceState) -> None:
-        """Note whether the button that toggles the clutch is up. Held through a loss, it is not
-        pressed anew."""
+    def _note_clutch(self, device: DeviceState) -> None:
+        """Note whether the button that toggles the clutch is released. Held through a loss, it is
+        not pressed anew."""
         self._was_live = device.link is DeviceLink.LIVE
         self._clutch_was_up = self._was_live and self.mapping.options.clutch not in device.buttons
 
@@ -398,8 +398,8 @@ class HandSource:
         return ZERO_TWIST if view.suspended else wanted
 
     def _filtered(self, wanted: Twist, robot: RobotState) -> tuple[Twist, str]:
-        """What the filters make of `wanted`, and why nothing; none can start a motion, or go on
-        when it fails."""
+        """The filters' result for `wanted`, and the fault if there is none; no filter can start a
+        motion, or continue it when it fails."""
         if not self.filters:
             return wanted, ""
         fault = ""

@@ -21,15 +21,15 @@ from cardan.types import IDENTITY_POSE, Pose
 TURN = 2.0 * math.pi
 
 CHARACTERISTIC_LENGTH_M = 0.3
-"""Weighs rad against m: 1 rad of tool orientation counts as 0.3 m. About the forearm of the arms
-this is for; half or twice of it changes convergence little."""
+"""Weight of rad against m: 1 rad of tool orientation counts as 0.3 m, about the forearm of the arms
+that this is for; half or twice of it changes convergence little."""
 
 POSITION_TOLERANCE_M = 1e-6
 ROTATION_TOLERANCE_RAD = 1e-6
-"""An inverse is found when it is this near: a hundredth of any arm's repeatability."""
+"""Error at which an inverse is found: a hundredth of any arm's repeatability."""
 
 MAX_ITERATIONS = 40
-"""Of one descent. Those that converge need 5 to 15; the rest is caught in a local minimum."""
+"""Iterations of one descent. Those that converge need 5 to 15; others are in a local minimum."""
 
 MAX_RESTARTS = 40
 """Descents from other configurations before the pose counts as out of reach."""
@@ -39,8 +39,8 @@ PATIENCE = 4
 
 
 DAMPING = 0.02
-"""Of a descent, times its squared error. Five times more costs a fifth more time; much less lets it
-leap between branches."""
+"""Damping of a descent, times its squared error. Five times more costs a fifth more time; much less
+lets it jump between branches."""
 
 
 _WEIGHTS_ONE_ROW = np.array((1.0, 1.0, 1.0, *(CHARACTERISTIC_LENGTH_M,) * 3))

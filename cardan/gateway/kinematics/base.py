@@ -26,7 +26,7 @@ class Kinematics(Protocol):
     acceleration: FloatArray
     continuous: npt.NDArray[np.bool_]
     placement: SE3
-    """Of the TCP in the base, where `update` was last called."""
+    """Placement of the TCP in the base, where `update` was last called."""
     jacobian: FloatArray
     """6×n: twist of the TCP along its own axes, linear part first, a column a joint."""
 

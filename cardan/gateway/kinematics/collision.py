@@ -1,4 +1,4 @@
-"""Distances between the bodies of an arm and to what stands around it, on Coal.
+"""Distances between the bodies of an arm and to obstacles around it, on Coal.
 
 Capsules, spheres, boxes and half-spaces only: the distance of two meshes costs 500 times more
 than that of two capsules, and the loop has 50 µs for all of them.
@@ -23,11 +23,11 @@ from cardan.spatial import norm, scale, subtract
 from cardan.types import IDENTITY, Pose, Vector3
 
 ADVANCE_STOP = 1e-3
-"""Conservative advancement that gains less of the way than this has arrived at a contact."""
+"""Smallest gain of way by conservative advancement: with less it has arrived at a contact."""
 
 
 LEAST_ROOM_M = 5e-4
-"""What a pair in contact may move to show which way it goes."""
+"""Distance that a pair in contact may move to show whether it separates."""
 
 
 _MIN_DISTANCE = operator.attrgetter("min_distance")
@@ -103,7 +103,7 @@ class CollisionModel:
             self._data.distanceRequests[index].enable_signed_distance = True
         self._results = [self._data.distanceResults[index] for index in range(len(pairs))]
         self.distances: list[float] = [math.inf] * len(pairs)
-        """Of each pair where `update` was last called, m."""
+        """Distance of each pair where `update` was last called, m."""
 
     def _add(self, name: str, body: int, shape: Shape | HalfSpace) -> None:
         geometry, placement = _coal_shape(shape)

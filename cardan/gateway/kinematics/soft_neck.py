@@ -4,7 +4,7 @@ Constant curvature: the link bends into an arc of its own length, and the platfo
 its end. The three tendons are as many as the inclination (two numbers) and the co-contraction
 (what all three are pulled beyond the arc's geometry), so each triple of them has one shape. This is
 the corrected model of TEO's neck; the public source (SoftNeckControl of the group's
-humasoft-yarp-devices) has sin² where cos² is meant, and its platform rotation is none.
+humasoft-yarp-devices) has sin² where cos² is meant, and its platform matrix is no rotation.
 
 Inclination is calculated with as a vector: its length the angle in rad, its direction the azimuth
 in the base towards which the platform leans. Nothing is divided by its length, so straight up is a
@@ -36,10 +36,10 @@ else:
 _FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
 SOFT_NECKS = ("teo_soft_neck",)
-"""Those of ours."""
+"""Names of the soft necks in `cardan/robots`."""
 
 FOLD_SHARE = 0.75
-"""Of the inclination at which the anchors on the inside of the bend meet. There the map from
+"""Share of the inclination at which the anchors on the inside of the bend meet. There the map from
 tendons to shapes folds; up to this share it is one to one."""
 
 ROTATION_Z_TOLERANCE_RAD = 1e-6
@@ -176,7 +176,7 @@ class SoftNeck:
     """What it can be asked to follow: where the platform leans; the rest is a consequence."""
 
     def __init__(self, data: SoftNeckData | None = None) -> None:
-        """Of TEO's neck where no other is given."""
+        """Of TEO's neck by default."""
         data = load_soft_neck() if data is None else data
         self.data = data
         self.joints = 3

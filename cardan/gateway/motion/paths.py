@@ -34,7 +34,7 @@ FloatArray = npt.NDArray[np.float64]
 ProfileName = Literal["trapezoid", "jerk"]
 
 _NO_WAY = 1e-12
-"""A way (m or rad) below this is none: it is left out of the limits, which it could not reach."""
+"""Ways (m or rad) below this count as none: limits that they could not reach are left out."""
 
 _HALF_TURN_RAD = 1e-9
 """Nearer than this to pi, both ways round are the same and the axis is chosen by its sign."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 
 class ProfileState(NamedTuple):
-    """Where a profile is at one time."""
+    """State of a profile at one time."""
 
     s: float
     """Way along the path."""

@@ -38,7 +38,7 @@ from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceLimits:
-    """What the reference may do; Euclidean norms, so the same in every direction."""
+    """Limits of the reference; Euclidean norms, so the same in every direction."""
 
     linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 0.25
     """ISO 10218's reduced speed beside a person, and the default for that reason."""
@@ -46,8 +46,8 @@ class ReferenceLimits:
     angular_speed_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 1.0
     angular_acceleration_rad_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_RAD_S2] = 4.0
     linear_jerk_m_s3: Annotated[float, bounds.LINEAR_JERK_M_S3] | None = None
-    """Of what the operator asks; braking for a fault, a wall or the leash does not wait for it.
-    None: unbounded."""
+    """Limit on the motion that the operator asks for; braking for a fault, a wall or the leash is
+    not limited by it. None: unbounded."""
     angular_jerk_rad_s3: Annotated[float, bounds.ANGULAR_JERK_RAD_S3] | None = None
     leash_m: Annotated[float, bounds.LEASH_M] = 0.05
     """How far the reference may run ahead of the measured position."""
@@ -92,7 +92,7 @@ def _leashed(
 
 
 def _towards(now: Vector3, target: Vector3, most: float) -> Vector3:
-    """`target`, or what of the way to it is no longer than `most`."""
+    """`target`, or of the way to it the part that is no longer than `most`."""
     x, y, z = now
     u, v, w = target
     u, v, w = u - x, v - y, w - z
@@ -119,7 +119,7 @@ class Reference:
         """Angle from the orientation last observed to the reference."""
         self.at_workspace_limit = False
         self._ahead = self._turned_ahead = ZERO3
-        self._walled = any(limits.workspace_m)
+        self._has_workspace = any(limits.workspace_m)
         self._smooth_linear = self._smooth_angular = None
         if limits.linear_jerk_m_s3 is not None:
             self._smooth_linear = JerkLimitedVector(
@@ -238,7 +238,7 @@ class Reference:
         """The velocity nearest to `target` that acceleration and workspace allow."""
         budget = self.limits.linear_acceleration_m_s2 * dt_s
         now = self.linear
-        if not self._walled:
+        if not self._has_workspace:
             return _towards(now, target, budget)
         # Walls first: what braking at each wall demands is taken from the budget before the
         # rest. A third of the squared budget for each axis, so that a corner is no worse.

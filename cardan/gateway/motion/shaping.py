@@ -32,7 +32,7 @@ _KEPT_WAY_RAD = 0.2
 """How far past half a turn a rotation keeps the way round it has chosen."""
 
 _FORMED = 0.98
-"""Share of the jerk that plans use; the rest pays for directions that rounding leaves open."""
+"""Share of the jerk that plans use; the rest covers directions that rounding leaves open."""
 
 
 def damping_time_s(damping: float) -> float:
@@ -214,7 +214,7 @@ def _follow(
 
 @dataclass(frozen=True, kw_only=True)
 class PoseShaperLimits:
-    """What the reference of a pose may do; norms, translation and rotation each by its own."""
+    """Limits of a pose's reference; norms, translation and rotation each by its own."""
 
     linear_speed_m_s: float = 0.25
     linear_acceleration_m_s2: float = 1.0

@@ -1,8 +1,8 @@
-"""What a robot that is behind its command by design may be measured to do.
+"""Expected position of a robot that lags behind its command in normal operation.
 
-Industrial controllers filter what they are commanded: a GP8 is 0.3 s late, and in good order. To
-supervise it, it must be compared with where it was commanded to be within that time, not with where
-it is commanded to be now; else fast motion looks like an arm that is held.
+Industrial controllers filter their commands: a GP8 normally lags by 0.3 s. For supervision its
+position must be compared with the commands within that time, not with the present one; else fast
+motion looks like an arm that is blocked.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy.typing as npt
 from cardan.gateway.kinematics.base import FloatArray
 
 _ROWS = 17
-"""Of the past that is kept. At 0.3 s they are 19 ms apart, 5 mm at 0.25 m/s."""
+"""Number of past commands that are kept. At 0.3 s they are 19 ms apart, 5 mm at 0.25 m/s."""
 
 
 class ResponseLag:
-    """Keeps where the joints were commanded to be during the last `lag_s`."""
+    """Keeps the commanded joints of the last `lag_s`."""
 
     def __init__(self, lag_s: float, continuous: npt.NDArray[np.bool_]) -> None:
         """`continuous` marks joints whose whole turns make no difference."""
@@ -29,7 +29,7 @@ class ResponseLag:
 
     @property
     def late(self) -> bool:
-        """False where the joints are where they are commanded to be in good order."""
+        """Whether the robot normally lags; False: joints are where they are commanded to be."""
         return self._spacing_s > 0.0
 
     def reset(self) -> None:

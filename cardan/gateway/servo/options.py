@@ -1,4 +1,4 @@
-"""What can be set about the servo."""
+"""Options of the servo."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 class Policy(enum.Enum):
-    """What to give up where an arm cannot follow: no controller can keep both."""
+    """What is given up where an arm cannot follow: line or pace; no controller can keep both."""
 
     PATH = "path"
     """Hold the line: slow along it, and wait where it cannot be continued."""
@@ -17,23 +17,23 @@ class Policy(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class ServoOptions:
-    """How the servo weighs and limits."""
+    """Weights, gains and limits of the servo."""
 
     policy: Policy = Policy.PATH
     length_m: float = 0.3
-    """Weighs rad against m, so that nothing depends on the unit of length."""
+    """Weight of rad against m, so that nothing depends on the unit of length."""
     gain_1_s: float = 60.0
-    """Of the pose error; the reference is our own and without noise, so it can be high."""
+    """Gain on the pose error; the reference is our own and without noise, so it can be high."""
     linear_speed_m_s: float = 1.0
-    """Most that the feedback may ask for."""
+    """Largest speed that the feedback may ask for."""
     angular_speed_rad_s: float = 3.0
     linear_deceleration_m_s2: float = 2.0
-    """With which the feedback expects to stop, so that it does not overshoot."""
+    """Deceleration with which the feedback expects to stop, so that it does not overshoot."""
     angular_deceleration_rad_s2: float = 8.0
     joint_gain_1_s: float = 60.0
-    """Of the error of a joint target."""
+    """Gain on the error of a joint target."""
     speed_share: float = 1.0
-    """Of the arm's joint speeds that may be used."""
+    """Share of the arm's joint speeds that may be used."""
     acceleration_share: float = 1.0
     damping: float = 0.005
     """Largest damping, at a singularity, as the singular value it stands for."""
@@ -41,11 +41,11 @@ class ServoOptions:
     """Smallest singular value (length-weighed) below which damping sets in."""
     damping_floor: float = 1e-7
     path_stiffness: float = 0.1
-    """How dearly slowing along the path is paid under Policy.PATH: the share of the commanded
-    speed that may be lost sideways before all of the pace is given up, squared."""
+    """Cost of slowing along the path under Policy.PATH: the share of the commanded speed that may
+    be lost sideways before all of the pace is given up, squared."""
     posture_gain_1_s: float = 3.0
     posture_weight: float = 1e-3
-    """Of the preferred posture where the task leaves freedom, against damping and obstacles."""
+    """Weight of the preferred posture, against damping and obstacles, where the task is free."""
     safety_distance_m: float = 0.01
     """Obstacles are kept this far away."""
     self_distance_m: float = 0.005
@@ -54,4 +54,4 @@ class ServoOptions:
     influence_distance_m: float = 0.1
     """Pairs nearer than this, or than they need to stop, are watched in the programme."""
     closing_deceleration_m_s2: float = 2.0
-    """With which bodies that close in are expected to be stopped, if the joints can brake so."""
+    """Deceleration that is expected of bodies that close in, if the joints can brake so."""

@@ -31,7 +31,7 @@ from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.robots import SixWeights
 
 UNBOUNDED = 1e30
-"""What daqp takes for infinity."""
+"""daqp's infinity."""
 
 SOFT = 8
 """daqp's mark of a constraint that may be violated rather than leave no solution."""
@@ -40,28 +40,28 @@ MAX_ROWS = 16
 """Closing pairs in one programme, the most urgent first: more cannot act on seven joints."""
 
 CLOSING_LEVER_M = 0.13
-"""Turns the acceleration of the slowest joint into what bodies can be stopped with: a lever shorter
+"""Lever that turns the acceleration of the slowest joint into a deceleration of bodies: shorter
 than those that move a TCP fast."""
 
 AT_REST = 1e-5
-"""rad/s or m/s: the tail of an exponential approach that no drive resolves. Also the pace below
-which nothing is asked to move."""
+"""Speed, rad/s or m/s, that counts as rest: the tail of an exponential approach, which no drive
+resolves. Also the pace below which nothing is asked to move."""
 
 POSTURE_FULL_AT_M_S = 0.02
-"""Length-weighed speed of the TCP from which the posture pulls with its full gain."""
+"""Length-weighed speed of the TCP from which the posture has its full gain."""
 
 SLOWED = 0.9
-"""Share of the asked speed below which an arm is worth a word."""
+"""Share of the asked speed below which the status says what slows the arm."""
 
 SINGULAR = 0.03
 """Smallest singular value below which a slow arm is called singular."""
 
 TIGHT_M_S = 1e-4
-"""A pair this near to its closing speed is what ends the motion."""
+"""Closing speed below its limit by less than this is what ends the motion."""
 
 LONGEST_SERVO_STEP_S = 0.005
-"""A tick that is longer is taken in steps: near a singularity the servo is only as good as its
-linear model. At 20 ms a GP8 whose elbow is stretched goes to and fro by 30 mm for ever."""
+"""A longer tick is taken in steps: near a singularity the servo is only as good as its linear
+model. At 20 ms a GP8 whose elbow is stretched would oscillate by 30 mm for ever."""
 
 FREE_DIRECTION = 1e-9
 """Regularises projections onto what an arm can do; far below any real direction."""
@@ -77,7 +77,7 @@ class ServoStatus(NamedTuple):
     limiting_joints: tuple[str, ...]
     """Joints at a bound of speed, acceleration or range."""
     distance_m: float
-    """Of the nearest pair of bodies; infinite without any."""
+    """Distance of the nearest pair of bodies; infinite without any."""
     nearest_pair: tuple[str, str]
     active_pairs: int
     error_m: float
@@ -87,7 +87,7 @@ class ServoStatus(NamedTuple):
     """Part of the commanded motion that this arm cannot do anywhere, for want of joints."""
     unreachable_rad_s: float
     failures: int
-    """Ticks so far without a solution, or whose step would have struck something; each braked."""
+    """Ticks so far without a solution, or whose step would have collided; each braked."""
 
     def in_words(self) -> list[str]:
         """What limits the arm now, for people; empty while nothing does."""
@@ -104,7 +104,7 @@ class ServoStatus(NamedTuple):
         if self.distance_m < 0.0:
             first, second = self.nearest_pair
             found.append(
-                f"{first} and {second} overlap by {self.distance_m * -1e3:.0f} mm: only ways out"
+                f"{first} and {second} overlap by {self.distance_m * -1e3:.0f} mm: move apart"
             )
         if self.unreachable_m_s > 1e-3 or self.unreachable_rad_s > 1e-2:
             found.append(
@@ -143,12 +143,12 @@ class Servo:
         self.v: FloatArray = np.zeros(n)
         """Commanded joint velocities, rad/s or m/s."""
         self._moves: bool | None = None
-        """Whether `v` is a motion; None: not looked at since it changed."""
+        """Whether `v` is a motion; None: not checked since it changed."""
         self.posture: FloatArray | None = None
-        """Where joints should be as far as the task leaves them free; None: nowhere."""
+        """Preferred joint positions where the task leaves freedom; None: none."""
         self.policy = options.policy
         self.twist: FloatArray = np.zeros((2, 3))
-        """By which the reference moves in this period: linear, angular; base axes."""
+        """Motion of the reference in this period: linear, angular; base axes."""
         self.path_speed = 1.0
         self.reachable: SE3 | None = None
         """The goal of the last tick without what the arm cannot do for want of joints, whose error
@@ -157,7 +157,7 @@ class Servo:
         self._weights = np.array(weights) * (1.0, 1.0, 1.0, length, length, length)
         self._column_weights = self._weights[:, None]
         # Priorities among directions must not make an arm look singular.
-        self._alike = len({w for w in weights if w}) == 1 and max(weights) == 1.0
+        self._equal_weights = len({w for w in weights if w}) == 1 and max(weights) == 1.0
         self._scales = (self._weights != 0.0) * np.array((1.0, 1.0, 1.0, length, length, length))
         rank = min(int(np.count_nonzero(self._weights)), n)
         self._full_rank = rank == 6
@@ -183,7 +183,7 @@ class Servo:
         self._lambda = 0.0
         self._error_m = self._error_rad = 0.0
         self._unreachable = (0.0, 0.0)
-        # Errors so small that the gain alone counts: not fast, and far from overshooting.
+        # For errors so small the gain alone counts: not fast, and far from overshooting.
         gain = options.gain_1_s
         self._small_m = min(
             0.5 * options.linear_deceleration_m_s2 / gain**2, options.linear_speed_m_s / gain
@@ -275,7 +275,7 @@ class Servo:
         pace = math.sqrt(weighed.dot(weighed))
         np.multiply(weighed, -1.0 / pace if pace > AT_REST else 0.0, out=self._task_of_path)
         np.dot(task.T, task, out=normal)
-        if self._alike:
+        if self._equal_weights:
             self._singular.compute(self._joint_block)
         else:
             scaled = jacobian * self._scales[:, None]
@@ -354,7 +354,7 @@ class Servo:
         self._step(v[:n], dt_s)
 
     def status(self) -> ServoStatus:
-        """What the last tick met."""
+        """Numbers of the last tick."""
         n, collision = self.joints, self.collision
         distance, pair = (math.inf, ("", "")) if collision is None else collision.closest()
         limiting = self.bounds.limiting(self._lowest[:n], self._highest[:n], self.v)
@@ -402,7 +402,7 @@ class Servo:
         )
 
     def _limit_feedback(self, dt_s: float) -> None:
-        """From the pose error in `_feedback` to the velocity that takes it away and can stop."""
+        """The velocity that removes the pose error in `_feedback` and can still stop."""
         options, feedback = self.options, self._feedback
         x, y, z, rx, ry, rz = feedback.tolist()
         error = self._error_m = math.sqrt(x * x + y * y + z * z)
@@ -472,7 +472,7 @@ class Servo:
         """Pull towards the posture, and what is asked of joints, where the task leaves freedom.
 
         Only along the null space: a cost on all of v would be paid with the task's pace. And only
-        while the TCP is asked to move, because an arm whose hand rests must rest.
+        while the TCP is asked to move, because an arm whose TCP rests must rest.
         """
         options = self.options
         free = self._singular.eigenvectors()[:, : self._smallest]
@@ -481,7 +481,7 @@ class Servo:
             pull += share * options.posture_gain_1_s * (self.posture - self.q)
         if joint_rate is not None:
             pull += joint_rate
-        # A slow task pays little for being slowed, so it must not be outbid.
+        # A slow task is slowed at little cost, so the posture must cost less.
         weight = options.posture_weight * share * share
         self._joint_block += (weight * free).dot(free.T)
         self._linear[: self.joints] -= weight * free.dot(free.T.dot(pull))
@@ -525,7 +525,7 @@ class Servo:
             and collision.fastest_closing(step) > self._nearest_m
             and self._strikes(collision, step)
         ):
-            # The soft rows have given way; what is left is to be slower.
+            # The soft rows are violated; what is left is to be slower.
             self._failures += 1
             v = np.minimum(
                 np.maximum(0.0, self._lowest[: self.joints]), self._highest[: self.joints]
@@ -538,8 +538,8 @@ class Servo:
     def _strikes(self, collision: CollisionModel, step: FloatArray) -> bool:
         """True when this step would bring a pair into contact.
 
-        Pairs that cannot meet within the step are told apart by how far their bodies can move;
-        so nothing is missed between two ticks, however thin.
+        Pairs that cannot meet within the step are excluded by how far their bodies can move; so
+        nothing is missed between two ticks, however thin.
         """
         before = np.array(collision.distances)
         moved = collision.sweep(step)

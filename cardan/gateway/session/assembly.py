@@ -1,6 +1,6 @@
 """Makes the parts of a session as its configuration has them; nothing is opened.
 
-Here a configuration meets what devices, robots, filters and arms can do: every error names the key.
+The configuration is compared with what devices, robots, filters and arms can do: errors name keys.
 """
 
 from __future__ import annotations
@@ -77,14 +77,14 @@ if TYPE_CHECKING:
 Part = TypeVar("Part", ServedConfig, ForceConfig)
 
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
-"""What a robot must take, one of them, for a session to drive it by the model of its arm."""
+"""Commands of which a robot must take one for a session to drive it by the model of its arm."""
 
 OWN_BODY_SHARE = 0.5
-"""Of the safety distance, that a planned way keeps between parts of the arm itself: they are where
-the model has them, and a home position may have them near."""
+"""Share of the safety distance that a planned way keeps between parts of the arm itself: their
+positions are known exactly, and a home position may have them near."""
 
 FREE_JOINTS = 6
-"""An arm with more joints has a posture to choose; it is drawn to its home."""
+"""Joints of an arm without redundancy. One with more has a posture to choose: its home."""
 
 
 def make_driver(table: DriverTable, key: str) -> Driver:
@@ -99,7 +99,7 @@ def make_driver(table: DriverTable, key: str) -> Driver:
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
     """The operator device that is configured, not opened yet."""
     if config.device is None:
-        raise ConfigurationError("device", "is missing: which driver reads the operator's hand?")
+        raise ConfigurationError("device", "is missing: which driver reads the operator device?")
     device = make_driver(config.device, "device")
     if not isinstance(device, OperatorDevice):
         raise ConfigurationError(
@@ -144,7 +144,7 @@ def make_robot(config: SessionConfig) -> RobotDriver:
 
 
 def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
-    """The controller of a session's arm, with its operator device's share where there is one."""
+    """The controller of a session's arm, with its operator device where there is one."""
     limits, watchdogs = config.limits, config.watchdogs
     arm = make_arm(config, robot)
     body: Body = FreeBody(limits) if arm is None else arm
@@ -164,7 +164,7 @@ def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
 
 
 def why_no_verbs(config: SessionConfig) -> str:
-    """Why no verbs and streams can move a session's arm, in words; empty where they can."""
+    """Why no verbs and streams can move a session's arm; empty where they can."""
     if config.arm is None:
         return "verbs and streams need an [arm], with the model of the arm; this session has none"
     from cardan.gateway.kinematics.soft_neck import SOFT_NECKS
@@ -252,7 +252,7 @@ def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
 
 
 def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
-    """The arm's share of a session; None without an ``[arm]`` table.
+    """The body of a session's arm; None without an ``[arm]`` table.
 
     Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
     imported here: sessions without an arm's model start without it.
@@ -338,13 +338,13 @@ def make_source(table: ForceTable) -> ForceSource | None:
         )
     if table.zero_sensor and not hasattr(sensor, "zero"):
         raise ConfigurationError(
-            "force.zero_sensor", f"{table.sensor.driver!r} takes no zero: leave it out"
+            "force.zero_sensor", f"{table.sensor.driver!r} cannot be zeroed: leave it out"
         )
     return SensorSource(sensor, felt=table.sense == "felt", zero=table.zero_sensor)
 
 
 def make_conditioner(table: ForceTable, source: ForceSource | None) -> Conditioner:
-    """What makes of the source's readings a force for the hand."""
+    """Turns the source's readings into a force for the hand."""
     if source is None:
         return Conditioner(table)
     return Conditioner(table, rests_at_zero=source.rests_at_zero, shaped=source.shaped)
@@ -353,7 +353,7 @@ def make_conditioner(table: ForceTable, source: ForceSource | None) -> Condition
 def make_force(
     config: SessionConfig, device: OperatorDevice, robot: RobotDriver
 ) -> ForceRenderer | None:
-    """The force's share of a session, nothing opened yet; None for a device without force."""
+    """The force feedback of a session, not opened yet; None for a device without force."""
     if not isinstance(device, HapticDevice):
         if config.gives_force:
             name = config.device.driver if config.device else "no device"
@@ -366,13 +366,13 @@ def make_force(
     if config.gives_force and mirrors(config.mapping):
         raise ConfigurationError(
             "mapping.axes",
-            "these axes and signs are no rotation (a mirror, or one axis twice): a force has no "
-            "way back through them",
+            "these axes and signs are not a rotation (a mirror, or one axis twice): a force "
+            "cannot be mapped back through them",
         )
     if config.gives_force and (still := unfollowed(config.mapping)):
         raise ConfigurationError(
             "mapping.scale" if "fixed" not in config.mapping.axes[:3] else "mapping.axes",
-            f"the TCP's {' and '.join(still)} does not follow the hand's place: a force along it "
+            f"the TCP's {' and '.join(still)} does not follow the hand: a force along it "
             "pushes the hand, and no motion of the hand ends it; let x, y and z follow, or leave "
             "[force] and [[fixtures]] out",
         )
@@ -400,7 +400,7 @@ def make_force(
 def _force_warnings(
     config: SessionConfig, device: HapticDevice, robot: RobotDriver
 ) -> tuple[str, ...]:
-    """What the numbers alone say against a force that the hand can hold."""
+    """Warnings about a force loop, from its numbers alone."""
     if not config.gives_force:
         return ()
     mapping, table, period_s = config.mapping, config.force, robot.capabilities.period_s
@@ -467,7 +467,7 @@ def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
         if most is not None and asked > most:
             raise ConfigurationError(
                 f"limits.{name}",
-                f"{asked:g} is more than the robot's driver lets out ({most:g}): lower it, or "
+                f"{asked:g} is more than the robot's driver allows ({most:g}): lower it, or "
                 "raise the driver's own limit in [robot]",
             )
 

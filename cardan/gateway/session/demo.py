@@ -32,28 +32,28 @@ EXIT_INCOMPLETE = 4
 CARDAN = (sys.executable, "-m", "cardan")
 
 READY_WITHIN_S = 20.0
-"""A peer that is not serving by then has failed; importing takes a second on a slow machine."""
+"""Longest time for a peer to serve; importing takes a second on a slow machine."""
 
 WELL_FOLLOWED_M = 0.02
-"""The simulated arm keeps within this of its reference at the demo's speeds: servo delay and
+"""Largest distance of the simulated arm from its reference at the demo's speeds: servo delay and
 filter account for about 8 mm at 0.25 m/s."""
 
 MISSED_SHARE = 0.01
-"""More than this of all cycles missed is no longer the hiccup of a machine that has other work to
-do and does not grant real-time scheduling; a real controller would not mind it either."""
+"""Largest share of missed cycles: more is not explained by a machine with other work to do that
+does not grant real-time scheduling; a real controller would tolerate it as well."""
 
 HELD_SHARE = 0.25
-"""Of the target, the contact force may be away from it in the root mean square. The stylus's own
-friction of 0.26 N hides more than a third of what the hand holds while it stands still, and less
-while it slides; coming down and lifting count, too."""
+"""Largest RMS deviation of the contact force, as a share of its target. The stylus's own friction
+of 0.26 N hides more than a third of the hand's force while it stands still, and less while it
+slides; approach and lifting count, too."""
 
 OUT_SHARE = 0.01
-"""Of the time, the force may have been out while the hand was followed: a computer that grants no
-real-time scheduling holds its loop up now and then."""
+"""Largest share of the time with teleoperation but without force: a computer that grants no
+real-time scheduling delays its loop now and then."""
 
 FORCE_AGE_S = 0.010
-"""One EGM cycle between two forces, and 2 ms at most to the hand, on a machine that keeps up; on
-one that grants no real-time scheduling the hiccups of 1 % of the time are longer."""
+"""Largest age of a force: one EGM cycle between two forces, and 2 ms at most to the hand, on a
+machine that keeps up; on one without real-time scheduling 1 % of the delays are longer."""
 
 
 @contextlib.contextmanager
@@ -121,7 +121,7 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
 
 
 def find_problems(last: Snapshot, device_options: Any = None) -> list[str]:
-    """What was not as it should be in a demo, by its last snapshot; empty when all was.
+    """The problems of a demo, by its last snapshot; empty when there were none.
 
     `device_options` are those of the device: a haptic one's force is held against its limits.
     """
@@ -145,7 +145,7 @@ def find_problems(last: Snapshot, device_options: Any = None) -> list[str]:
 
 
 def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
-    """What was not as it should be with the force at the hand."""
+    """The problems of the force feedback."""
     found = []
     if last.contact_target_n is not None:
         allowed_n = HELD_SHARE * last.contact_target_n
@@ -157,9 +157,9 @@ def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
                 f"target of {last.contact_target_n:g} N (expected: {allowed_n:.1f} N)"
             )
     if last.force_peak_n == 0.0:
-        found.append("the hand felt nothing")
+        found.append("no force was rendered to the hand")
     if last.force_peak_n > limits.clamp_n * (1.0 + 1e-6):
-        found.append(f"the hand felt {last.force_peak_n:.2f} N, above {limits.clamp_n:g} N")
+        found.append(f"the force was {last.force_peak_n:.2f} N, above {limits.clamp_n:g} N")
     if last.energy_given_peak_j > limits.energy_budget_j:
         found.append(
             f"the hand was given up to {last.energy_given_peak_j * 1e3:.1f} mJ in one engagement "
@@ -169,7 +169,7 @@ def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
         found.append(f"{last.force_losses} times there was no force: {last.force_lost_reason}")
     elif last.force_out_s > OUT_SHARE * last.elapsed_s:
         found.append(
-            f"the hand was followed without force for {last.force_out_s:.2f} s: "
+            f"teleoperation went on without force for {last.force_out_s:.2f} s: "
             f"{last.force_lost_reason}"
         )
     if last.measured_age_p99_s is not None and last.measured_age_p99_s > FORCE_AGE_S:
@@ -183,7 +183,7 @@ def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
 
 
 def _success(demo: Demo, last: Snapshot, device_options: Any) -> str:
-    """What there is to say of a demo that went well."""
+    """The message of a demo without problems."""
     if not isinstance(device_options, TickLimits):
         return demo.success_message
     return (

@@ -57,10 +57,10 @@ class Demo(BaseModel):
     description: str
     """What is joined to what."""
     success_message: str
-    """What there is to say when all went as it should."""
+    """The message when all went well."""
     launch: tuple[str, ...] = ()
-    """``cardan`` with these words, one process each, started in this order before the session, in
-    a folder of their own. Each prints READY once it serves, and takes ``--seconds``."""
+    """``cardan`` with these words, one process each, started in this order before the session, in a
+    folder of their own. Each prints READY once it serves, and takes ``--seconds``."""
     launcher: str = ""
     """``cardan`` with these words, and "--", runs the session with its simulated device inside."""
     files: tuple[str, ...] = ()
@@ -113,7 +113,7 @@ class Demo(BaseModel):
 
 
 def read_demo(file: Path) -> Demo | None:
-    """The demo that an example says it is; None: it says nothing. Raises ConfigurationError."""
+    """The demo that an example declares; None: it declares none. Raises ConfigurationError."""
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -154,7 +154,7 @@ def find_demos() -> dict[str, Demo]:
 
 
 def free_ports(count: int = 1) -> int:
-    """The first of `count` ports in a row that nobody has now, neither by TCP nor by UDP."""
+    """The first of `count` consecutive ports that are free, both by TCP and by UDP."""
     for _ in range(100):
         with contextlib.ExitStack() as probes:
             try:

@@ -1,10 +1,9 @@
-"""The force node: a process of its own that makes forces of a session's robot states.
+"""The force node: a process of its own that computes forces from a session's robot states.
 
-So the paper of 2026 has it: one node drives the robot, another renders force. Fixtures are
-evaluated here on the robot's measured TCP, in each of its cycles, which is what the paper does and
-what makes stiff ones oscillate: a session's own ``[[fixtures]]`` are evaluated at 1 kHz where the
-hand is. The node is not trusted with more: the session filters its forces, drops stale ones, and
-the device bounds what is left.
+As in the paper of 2026, one node drives the robot, another renders force. Fixtures are evaluated
+here on the robot's measured TCP, in each of its cycles, which is why stiff ones oscillate: a
+session's own ``[[fixtures]]`` are evaluated by the haptic device at 1 kHz. The session filters the
+node's forces and drops stale ones, and the device bounds what is left.
 """
 
 from __future__ import annotations
@@ -34,18 +33,18 @@ from cardan.spatial import add, norm
 from cardan.types import ZERO3
 
 CONNECT_WITHIN_S = 10.0
-"""How long a session may take to offer its socket: both may be started at once."""
+"""Longest wait for a session's socket: both may be started at once."""
 
 RETRY_S = 0.1
 
 LOOK_S = 0.2
-"""How soon an idle node sees that it shall end."""
+"""How soon an idle node checks whether it shall end."""
 
 SAY_S = 5.0
-"""How soon a new remark follows another."""
+"""Shortest time between two messages of the node."""
 
 REST_M_S = 0.005
-"""A TCP that is slower rests, for the tare."""
+"""Speed below which a TCP is at rest, for the tare."""
 
 
 class ForceNode:
@@ -62,7 +61,7 @@ class ForceNode:
 
     @property
     def reason(self) -> str:
-        """Why no measured force is sent, in words; empty when it is, or there is to be none."""
+        """Why no measured force is sent; empty when it is, or none is configured."""
         if self._source is None:
             return ""
         return self._source.reason or self._conditioner.reason
@@ -110,7 +109,7 @@ def run_force_node(config: ForceConfig, path: str, seconds: float | None = None)
         if source is not None:
             opened.enter_context(source)
         session = opened.enter_context(_connect(path, ended, end_s))
-        # A socket with a timeout would wait even where a call is told not to.
+        # A socket with a timeout would wait even in a call that must not.
         session.setblocking(False)
         ask_for_real_time()
         print(f"READY {path}", flush=True)
@@ -138,9 +137,9 @@ def _serve(session: socket.socket, node: ForceNode, ended: threading.Event, end_
             session.send(encode_force(node.force(message)))
             sent += 1
         except BlockingIOError:
-            pass  # The session stands still; what it would find is too old by then.
+            pass  # The session has stalled: this force would be too old by then.
         except OSError:
-            continue  # It is gone, or refuses: the next packet says which.
+            continue  # The session has ended, or refuses: the next packet says which.
         if node.reason != said and now_s >= say_s:
             said, say_s = node.reason, now_s + SAY_S
             print(said or "the measured force is there", flush=True)
@@ -156,7 +155,7 @@ def _newest(session: socket.socket) -> bytes:
         except OSError:
             return packet
         if not newer:
-            # What was said last counts: it may be why.
+            # The last packet counts: it may be the reason.
             return packet if isinstance(decode(packet), RefusalMessage) else b""
         packet = newer
     return packet

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 BEAT_PERIOD_S = 0.1
-"""How often a supervisor beats: it may miss four beats before the session's arm is stopped."""
+"""Period of a supervisor's beats: it may miss four before the session's arm is stopped."""
 
 BEAT = b"beat"
 
@@ -21,11 +21,11 @@ class Heartbeat:
         self._heard_s = now_s
 
     def fault(self, now_s: float) -> str:
-        """Why the arm must not be moved, in words; empty while the supervisor beats."""
+        """Why the arm must not be moved; empty while the supervisor beats."""
         age_s = now_s - self._heard_s
         if age_s <= self._silence_s:
             return ""
         return (
-            f"the program that shows this session has not answered for {age_s:.1f} s: nobody could "
-            "see or stop the arm"
+            f"the process that supervises this session was silent for {age_s:.1f} s: it could "
+            "neither show nor stop the arm"
         )

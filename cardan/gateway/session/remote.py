@@ -1,7 +1,6 @@
 """The Cartesian interface of a session in a process of its own.
 
-The session's loop shares its interpreter with nobody: what its user's program does beside costs
-the arm nothing.
+The session's loop has its own interpreter: what the user's program does beside does not delay it.
 """
 
 from __future__ import annotations
@@ -39,10 +38,10 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import Outcome, SessionProcess
 
 ANSWER_TIMEOUT_S = 30.0
-"""Longest that a verb may plan and wait for rest; then nobody answers any more."""
+"""Longest time for a verb to plan and wait for rest; beyond, the session does not answer."""
 
 STOP_TIMEOUT_S = 2.0
-"""Longest for `stop`, which is done at once."""
+"""Longest time for `stop`, which is done at once."""
 
 
 class _Pending:
@@ -66,16 +65,16 @@ class RemoteArm(CartesianArm):
 
     While this process is stopped or gone, the arm brakes and holds, and verbs have to be asked for
     anew. An operator device in the configuration moves the arm beside the verbs, and takes it from
-    them as [authority] says. A motion tells how it stands without being asked.
+    them as [authority] says. A Motion is updated without being asked.
     """
 
     def __init__(self, config: SessionConfig | Path | str, *, source: str = VERBS) -> None:
-        """`source`: as whom to ask, which is who gets the authority. Raises ConfigurationError."""
+        """`source`: name of this source, which gets the authority. Raises ConfigurationError."""
         self.config = config if isinstance(config, SessionConfig) else load_config(Path(config))
         if why := why_no_verbs(self.config):
             raise ConfigurationError("arm", why)
         if not source or source == HAND:
-            raise ConfigurationError("source", f"{source!r} is none: {HAND!r} is the device's")
+            raise ConfigurationError("source", f"{source!r} is not allowed; {HAND!r} is the device")
         self.source = source
         self._process: SessionProcess | None = None
         self._reader: threading.Thread | None = None
@@ -89,7 +88,7 @@ class RemoteArm(CartesianArm):
 
     @property
     def snapshot(self) -> Snapshot:
-        """The newest of the session, a tenth of a second old at most while it runs."""
+        """The newest snapshot of the session, a tenth of a second old at most while it runs."""
         return self._snapshot
 
     # -- open and close --------------------------------------------------------------------------
@@ -127,7 +126,7 @@ class RemoteArm(CartesianArm):
         self._ended = "the arm is not open"
 
     def _read(self, process: SessionProcess) -> None:
-        """Beat, and take what the session says, until it ends."""
+        """Send beats, and handle the session's packets, until it ends."""
         why = ""
         try:
             self._outcome = outcome = process.follow(self._take)
@@ -142,7 +141,7 @@ class RemoteArm(CartesianArm):
             return self._snapshot
         with self._lock:
             if isinstance(answer, MotionNote):
-                self._hear(answer)
+                self._update(answer)
             elif answer.id is not None and answer.id in self._pending:
                 self._answer(self._pending.pop(answer.id), answer)
         return None
@@ -152,13 +151,13 @@ class RemoteArm(CartesianArm):
         try:
             if reply.error is None:
                 result = result_of(pending.verb, reply.result)
-                pending.result = self._hear(result) if isinstance(result, MotionNote) else result
+                pending.result = self._update(result) if isinstance(result, MotionNote) else result
         except PacketError as error:
             pending.error = error
         pending.done.set()
 
-    def _hear(self, note: MotionNote) -> Motion:
-        """Keep the motion that a note is about as it stands."""
+    def _update(self, note: MotionNote) -> Motion:
+        """Update the motion that a note is about."""
         motion = self._motions.get(note.id)
         if motion is None:
             motion = self._motions[note.id] = Motion(note.verb, note.ends, note.source)
@@ -168,7 +167,7 @@ class RemoteArm(CartesianArm):
         return motion
 
     def _end(self, why: str) -> None:
-        """Nothing more will come."""
+        """End all requests and motions: the session has ended."""
         reason = f"the session has ended: {why}" if why else "the session has ended"
         with self._lock:
             self._ended = reason
@@ -227,7 +226,7 @@ class RemoteArm(CartesianArm):
 
 
 def _why_it_ended(outcome: Outcome) -> CardanError:
-    """What the session's own process raised, as far as its end tells."""
+    """The error that the session's own process raised, as far as its end shows."""
     words = outcome.last.error
     if outcome.exit_code == EXIT_CONFIGURATION:
         key, _, rest = words.partition(": ")

@@ -2,7 +2,7 @@
 
 A request is ``{"id": 7, "source": "pendant", "verb": "movl", "value": [...]}``, for streams with an
 optional ``"sequence"``. Its reply is ``{"reply": 7, "result": ...}`` or ``{"reply": 7, "error":
-{"kind": ..., "message": ..., ...}}``; what becomes of a motion follows as ``{"motion": ...}``. A
+{"kind": ..., "message": ..., ...}}``; the states of a motion follow as ``{"motion": ...}``. A
 packet that is no request is answered, too, with the `id` that it has, or null. Nothing here opens
 anything, and no bytes raise anything but :class:`PacketError`.
 """
@@ -25,20 +25,20 @@ from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
 MAX_REQUEST_BYTES = 4096
-"""Of any request: the longest, all parameters at once, has a quarter of it."""
+"""Largest size of a request: the longest, all parameters at once, has a quarter of it."""
 
 MAX_TEXT = 64
 """Characters of a name."""
 
 MAX_NUMBERS = 32
-"""Of a list: no arm has more joints."""
+"""Longest list: no arm has more joints."""
 
 LARGEST_ID = 1 << 53
-"""The largest integer that every reader of JSON keeps."""
+"""The largest integer that every reader of JSON keeps exactly."""
 
 
 class PacketError(CardanError):
-    """A packet that is no request, or no reply; `request` is the id that it has, if any."""
+    """A packet that is no request, or no reply; `request` is its id, if it has one."""
 
     def __init__(self, message: str, request: int | None = None) -> None:
         super().__init__(message)
@@ -46,7 +46,7 @@ class PacketError(CardanError):
 
 
 class Request(NamedTuple):
-    """What a source asks for."""
+    """A request of a source."""
 
     id: int
     source: str
@@ -57,7 +57,7 @@ class Request(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """What came of a request; `error` is None where it was carried out."""
+    """The result of a request; `error` is None where it was carried out."""
 
     id: int | None
     result: Any
@@ -65,10 +65,10 @@ class Reply(NamedTuple):
 
 
 class MotionNote(NamedTuple):
-    """How a motion stands."""
+    """State of a motion."""
 
     id: int
-    """Of its own, from the reply that told of it first."""
+    """The motion's own id, from the first reply about it."""
     verb: str
     source: str
     ends: bool
@@ -78,7 +78,7 @@ class MotionNote(NamedTuple):
     duration_s: float
 
     def update(self, motion: Motion) -> None:
-        """Make `motion`, which stands for it here, tell the same."""
+        """Bring `motion`, which stands for it here, to the same state."""
         motion.outcome, motion.reason, motion.note = self.outcome, self.reason, self.note
         motion.duration_s = self.duration_s
 
@@ -102,7 +102,7 @@ def _number(verb: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         _refuse(verb, f"takes numbers, not {_shown(value)}")
     if not -LARGEST_ID <= value <= LARGEST_ID:
-        _refuse(verb, f"{_shown(value)} is beyond any number that it takes")
+        _refuse(verb, f"{_shown(value)} is too large a number")
     return float(value)
 
 
@@ -186,7 +186,7 @@ def _values_in(verb: str, value: Any) -> dict[prm.Key, prm.Value]:
 
 
 class _Argument(NamedTuple):
-    """How the argument of a verb travels; both raise where it is not one."""
+    """Encoder and decoder of a verb's argument; both raise where it is not one."""
 
     out: Callable[[str, Any], Any]
     back: Callable[[str, Any], Any]
@@ -271,7 +271,7 @@ def _request(number: int, table: dict[str, Any]) -> Request:
     if verb in SEQUENCED:
         sequence = table.pop("sequence", None)
         if sequence is not None and not _is_id(sequence):
-            _refuse(verb, f"the sequence number {_shown(sequence)} is none")
+            _refuse(verb, f"the sequence number {_shown(sequence)} is not valid")
     if table:
         _refuse(verb, f"takes no {', '.join(map(_shown, table))}")
     return Request(number, source, verb, value, sequence)
@@ -316,19 +316,18 @@ _FIELDS: dict[type[CardanError], tuple[str, ...]] = {
     PacketError: (),
     CardanError: (),
 }
-"""The errors that travel as themselves, and what they carry; others come as the nearest that they
-are."""
+"""The errors that are encoded by name, and their fields; others are sent as their nearest base."""
 
 _KINDS = {kind.__name__: kind for kind in _FIELDS}
 
 
 def encode_reply(number: int | None, result: Any) -> bytes:
-    """That a request was carried out; `result` is what its verb answers, a motion as its note."""
+    """That a request was carried out; `result` is the verb's result, a motion as its note."""
     return _packed({"reply": number, "result": _plain(result)})
 
 
 def encode_error(number: int | None, error: CardanError) -> bytes:
-    """That it was not, and why."""
+    """That a request was refused, and why."""
     kind = next(each for each in type(error).__mro__ if each in _FIELDS)
     told = {"kind": kind.__name__, "message": str(error)}
     told |= {name: _plain(getattr(error, name)) for name in _FIELDS[kind]}
@@ -336,12 +335,12 @@ def encode_error(number: int | None, error: CardanError) -> bytes:
 
 
 def encode_note(note: MotionNote) -> bytes:
-    """How a motion stands."""
+    """State of a motion."""
     return _packed({"motion": _plain(note)})
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it; numbers that are not finite as words, which float() understands."""
+    """In JSON's types; numbers that are not finite as strings, which float() reads."""
     if isinstance(value, enum.Enum):
         return value.value
     if isinstance(value, float):

@@ -58,20 +58,20 @@ from cardan.types import (
 )
 
 SNAPSHOT_PERIOD_S = 0.1
-"""A person reads no faster; at 250 Hz one tick in 25 pays for it, after its answer has left."""
+"""A person reads no faster; at 250 Hz one tick in 25 bears the cost, after its answer was sent."""
 
 LISTEN_PERIOD_S = 0.025
-"""How often the supervisor is listened to while it only beats: a call of the system, spared in most
-cycles. Once it has asked for anything, it is listened to in each."""
+"""Period of reading the channel while the supervisor only beats: a system call, saved in most
+cycles. After its first request the channel is read in each cycle."""
 
 PACKETS_AT_ONCE = 16
-"""Most that are taken from the channel in one cycle: a flood of them costs no deadline."""
+"""Most packets read from the channel in one cycle: a flood of them costs no deadline."""
 
 STOPPED_ON_REQUEST = "stopped on request"
-"""How a session ends whose supervisor asked it to, for a Ctrl-C above all."""
+"""The ending of a session whose supervisor asked for it, as after a Ctrl-C."""
 
 BRAKE_TIMEOUT_S = 5.0
-"""Longest a stopping session waits for its robot to come to rest before it lets go."""
+"""Longest wait of a stopping session for its robot to come to rest."""
 
 
 _IN_MOTION = (Phase.MOVING, Phase.BRAKING)
@@ -89,7 +89,7 @@ class Session:
         channel: socket.socket | None = None,
         force: ForceRenderer | None = None,
     ) -> None:
-        """`channel`: where the supervisor beats and asks; `force`: what a haptic device renders."""
+        """`channel`: the supervisor's beats and requests; `force`: what a haptic device renders."""
         self.device = device
         self.robot = robot
         self.controller = controller
@@ -164,7 +164,7 @@ class Session:
                 self._end_requests()
                 gc.enable()
                 gc.unfreeze()
-                self._give(self._feedback.last())
+                self._send_feedback(self._feedback.last())
         return self.snapshot
 
     def _end_requests(self) -> None:
@@ -184,7 +184,7 @@ class Session:
         known = device.capabilities.buttons
         if options.enable and type(self.robot).enable is RobotDriver.enable:
             raise ConfigurationError(
-                "mapping.enable", "this robot is made ready at its own controller; leave it out"
+                "mapping.enable", "this robot is enabled at its own controller; leave it out"
             )
         check_mode(self._mapping, device)
         for key, button in (
@@ -225,7 +225,7 @@ class Session:
                 tick_cost(now_s - state.stamp_s)
                 snapshot.cycles += 1
                 if controller.phase in _IN_MOTION:
-                    self._account(state)
+                    self._update_figures(state)
             if requests is not None and requests.busy:
                 requests.attend()
             if mapping is not None and hand is not None:
@@ -244,7 +244,7 @@ class Session:
                     spnav.offer(hand, events)
                 if hand_feedback.useful and hand_feedback.due(now_s):
                     felt = felt_of(controller.status())
-                    self._give(hand_feedback.update(felt, state, now_s))
+                    self._send_feedback(hand_feedback.update(felt, state, now_s))
             if heartbeat is not None and now_s >= next_listen_s:
                 self._listen(heartbeat, now_s)
                 asked = requests is not None and requests.busy
@@ -265,7 +265,7 @@ class Session:
             self._publish(state, hand, monotonic() - start_s)
 
     def _listen(self, heartbeat: Heartbeat, now_s: float) -> None:
-        """Take the supervisor's beats and requests; without beats nobody moves the arm."""
+        """Take the supervisor's beats and requests; without beats no source moves the arm."""
         channel, requests = self._channel, self._requests
         if channel is not None and requests is not None and not requests.full:
             try:
@@ -293,8 +293,8 @@ class Session:
             return state.pose
         return body.reported(state) if state.ready else None
 
-    def _account(self, state: RobotState) -> None:
-        """Keep the figures of the summary: path, and how well the robot is where it is told."""
+    def _update_figures(self, state: RobotState) -> None:
+        """Keep the figures of the summary: path, and following error."""
         controller = self.controller
         reference, body = controller.reference, controller.body
         if not isinstance(body, FreeBody):
@@ -312,7 +312,7 @@ class Session:
         snapshot.moving_s += state.period_s
 
     def _act(self, action: Action) -> None:
-        """What a verb wants of the gripper, from any thread."""
+        """Act on the gripper for a verb, from any thread."""
         if action is Action.STOP:
             raise CommandError("a gripper on an output of the robot cannot stop half way")
         closed = action is Action.CLOSE
@@ -335,9 +335,9 @@ class Session:
             values[table.output] = table.closed_value if closed else table.open_value
             self.robot.set_outputs(values=values)
 
-    def _give(self, feedback: DeviceFeedback | None) -> None:
-        """To the hand. A light or motor that fails is no reason to stop: the link itself is
-        watched elsewhere."""
+    def _send_feedback(self, feedback: DeviceFeedback | None) -> None:
+        """Send feedback to the device. A light or motor that fails is no reason to stop: the link
+        itself is watched elsewhere."""
         if feedback is not None and self.device is not None:
             with contextlib.suppress(DriverError):
                 self.device.feedback(feedback)
@@ -414,7 +414,7 @@ def make_session(config: SessionConfig, channel: socket.socket | None = None) ->
 
 
 def felt_of(status: ArmStatus) -> Felt:
-    """What the operator's hand may feel of `status`."""
+    """The feedback to the operator for `status`."""
     asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
     held = status.arm is not None and bool(status.arm.in_words())
     return Felt(

@@ -1,4 +1,4 @@
-"""What a session tells the world about itself, a few times a second.
+"""The state of a session, published a few times a second.
 
 A snapshot is one JSON object in one packet, so that a user interface in any process can read it.
 The session publishes decimated snapshots, the latest wins, and it never waits for a reader.
@@ -17,7 +17,7 @@ MAX_SNAPSHOT_BYTES = 65536
 
 @dataclass
 class Snapshot:
-    """One look at a session. Lengths in m, angles in rad, times in s, shares in 0..1."""
+    """State of a session. Lengths in m, angles in rad, times in s, shares in 0..1."""
 
     elapsed_s: float = 0.0
     finished: bool = False
@@ -28,9 +28,9 @@ class Snapshot:
     message: str = ""
     trips: int = 0
     authority: str = ""
-    """Who may move the arm: "hand", "verbs", or the owner of a stream; empty: nobody."""
+    """Source with authority over the arm: "hand", "verbs", or a stream's owner; empty: none."""
     authority_s: float | None = None
-    """For how long."""
+    """How long it has had it."""
     authority_refused: str = ""
     """The source it was refused to last, and why."""
     device_link: str = ""
@@ -43,15 +43,15 @@ class Snapshot:
     sequence: int = 0
     joints_rad: list[float] = field(default_factory=list)
     pose: list[float] = field(default_factory=list)
-    """Measured: x y z in m, then w x y z."""
+    """Measured TCP: x y z in m, then w x y z."""
     reference: list[float] = field(default_factory=list)
     """Commanded: likewise."""
     twist: list[float] = field(default_factory=list)
-    """Commanded: m/s, then rad/s, base axes."""
+    """Commanded twist: m/s, then rad/s, base axes."""
     leash_used: float = 0.0
     at_workspace_limit: bool = False
     filters: list[str] = field(default_factory=list)
-    """What shared control does to the operator's motion, in words."""
+    """What shared control does to the operator's motion."""
     gripper_closed: bool = False
     utilization: float | None = None
     path_speed: float | None = None
@@ -62,7 +62,7 @@ class Snapshot:
     """Distance of the nearest pair of bodies."""
     nearest_pair: list[str] = field(default_factory=list)
     arm_limits: list[str] = field(default_factory=list)
-    """What limits the arm now, in words; empty while nothing does."""
+    """What limits the arm now; empty while nothing does."""
     scheduling: str = ""
     """How the system runs the loop: "real time", "raised priority" or "ordinary"."""
     cycles: int = 0
@@ -81,20 +81,20 @@ class Snapshot:
     haptic_reason: str = ""
     """Why the force is not what was commanded; empty when it is."""
     force_n: float = 0.0
-    """Felt by the hand now."""
+    """Force rendered to the hand now."""
     force_commanded_n: float = 0.0
     """What fixtures and measured force ask for."""
     force_peak_n: float = 0.0
-    """The strongest that was sent, in any tick."""
+    """The largest force sent in any tick."""
     force_losses: int = 0
     """How often teleoperation was disengaged because the force was lost, or did not come."""
     force_out_s: float = 0.0
-    """How long, in all, the hand was followed without the force that it had had before."""
+    """Total time in which teleoperation went on without the force that it had had before."""
     force_lost_reason: str = ""
-    """Why, the last time."""
+    """Why force was lost the last time."""
     measured_force_n: list[float] | None = None
-    """The measured force as the hand would feel it: scaled, filtered, base axes; None: there is
-    none. Where it points is the test of `sense` and of the force's frame."""
+    """The measured force as it would be rendered: scaled, filtered, base axes; None: there is none.
+    Its direction shows whether `sense` and the force's frame are right."""
     force_age_s: float | None = None
     """Age of the measured force that is rendered now; None: none is."""
     fixture_age_p50_s: float | None = None
@@ -104,27 +104,27 @@ class Snapshot:
     """Age of the measured force that was rendered, since its measurement."""
     measured_age_p99_s: float | None = None
     energy_j: float = 0.0
-    """The passivity observer's: below 0, what is rendered has given more than it took."""
+    """By the passivity observer: below 0, the rendered environment has given more than it took."""
     energy_given_j: float = 0.0
-    """Net, from the device to the hand, at most."""
+    """Net energy from the device to the hand, an upper bound."""
     energy_given_peak_j: float = 0.0
-    """The most of that within one engagement, which passivity bounds."""
+    """Largest such energy within one engagement, which passivity bounds."""
     passivity_damping_n_s_m: float = 0.0
-    """What the passivity controller damps with now."""
+    """Present damping by the passivity controller."""
     contact_force_n: float | None = None
-    """At the tool, now; None without a source of measured force."""
+    """Contact force at the tool, now; None without a source of measured force."""
     contact_s: float = 0.0
-    """How long the tool touched something."""
+    """Total time of contact."""
     contact_path_m: float = 0.0
-    """How far the measured TCP went meanwhile."""
+    """Way of the measured TCP in contact."""
     contact_force_mean_n: float = 0.0
     contact_target_n: float | None = None
     contact_force_rms_error_n: float = 0.0
-    """About the target, or about the mean without one."""
+    """Deviation about the target, or about the mean without one."""
     metrics: dict[str, float] = field(default_factory=dict)
     """The robot driver's own figures."""
     diagnosis: list[str] = field(default_factory=list)
-    """What stands in the way, worst first: robot, device, then filters."""
+    """Problems, worst first: robot, device, then filters."""
     error: str = ""
     """Why the session ended, when it did not end as asked."""
 

@@ -1,4 +1,4 @@
-"""Starts a session in a process of its own and hands its snapshots to whoever shows them."""
+"""Starts a session in a process of its own and passes its snapshots to a view."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
 from cardan.types import NEVER_S
 
 KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0
-"""A session that has not left this long after it was asked is ended by force."""
+"""How long after it was asked to end a session is killed."""
 
 
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
-"""SIGTSTP too: Ctrl-Z would leave a moving robot with nobody at the terminal."""
+"""SIGTSTP too: Ctrl-Z would leave a moving robot without an operator at the terminal."""
 
 
 class Outcome(NamedTuple):
@@ -53,8 +53,8 @@ def _on_interrupt(action: Callable[[], None]) -> Iterator[None]:
 class SessionProcess:
     """A session in a process of its own, from its start to its end.
 
-    Whoever reads its packets beats for it meanwhile: one that is stopped, or whose view hangs,
-    falls silent, and the session's arm brakes and holds.
+    While `follow` reads its packets, beats are sent: if this process is stopped, or its view hangs,
+    the session's arm brakes and holds.
     """
 
     def __init__(
@@ -83,11 +83,11 @@ class SessionProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid
 
     def send(self, packet: bytes) -> None:
-        """Send a request. Raises OSError where nobody is there, or nobody reads any more."""
+        """Send a request. Raises OSError where the process has ended, or does not read any more."""
         self._channel.send(packet, socket.MSG_DONTWAIT)
 
     def stop(self) -> None:
@@ -102,7 +102,7 @@ class SessionProcess:
         take: Callable[[bytes], Snapshot | None],
         poll: Callable[[], bool] = lambda: True,
     ) -> Outcome:
-        """Beat until it ends, and see to its end; to be called once.
+        """Beat until it ends, and wait for its end; to be called once.
 
         `take` gets each packet that it sends, and answers with the snapshot where it is one; an
         exception in it asks the session to leave and goes on after. So does `poll`, called several
@@ -121,7 +121,7 @@ class SessionProcess:
         return outcome
 
     def _packets(self, poll: Callable[[], bool]) -> Iterator[bytes]:
-        """Packets until it closes its end, or is to be ended by force."""
+        """Packets until it closes its end, or is to be killed."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError), self._process.stdin as stdin:
             stdin.write(json.dumps(as_table(self._config)).encode())
@@ -149,7 +149,7 @@ class SessionProcess:
                 yield packet
 
     def _reap(self, last: Snapshot) -> Outcome:
-        """Its end, which is forced on it where it does not come."""
+        """How it ended; it is killed where it does not end by itself."""
         process = self._process
         patience_s = min(KILL_AFTER_S, self._give_up_s - time.monotonic())
         with contextlib.suppress(subprocess.TimeoutExpired):

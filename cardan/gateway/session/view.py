@@ -24,7 +24,7 @@ PLAIN_PERIOD_S = 1.0
 """How often a view that is not on a terminal prints a line."""
 
 _DIGITS = re.compile(r"[0-9.,]+")
-"""What may change in a message without its saying anything new."""
+"""Parts of a message that may change without being news."""
 
 _PHASE_STYLES = {
     "moving": "bold green",
@@ -59,14 +59,14 @@ def _link(word: str) -> Text:
     return Text(word or "–", style="green" if word == "live" else "red")
 
 
-def _said(snapshot: Snapshot) -> str:
-    """Messages of controller and filters, and which source was refused authority."""
+def _messages(snapshot: Snapshot) -> str:
+    """Messages of controller and filters, and the source that was refused authority."""
     refused = f"refused: {snapshot.authority_refused}" if snapshot.authority_refused else ""
     return "; ".join(filter(None, (snapshot.message, *snapshot.filters, refused)))
 
 
 def _diagnosis(snapshot: Snapshot) -> list[str]:
-    """The diagnosis, less what the message says already."""
+    """The diagnosis, without what the message says already."""
     return [line for line in snapshot.diagnosis if line not in snapshot.message]
 
 
@@ -141,7 +141,7 @@ def render(snapshot: Snapshot) -> RenderableType:
 
 
 def _force_words(s: Snapshot) -> str:
-    """What the haptic device's force is doing, how old it is, and the energy of it."""
+    """State of the haptic device's force, its age, and its energy."""
     words = [s.haptic_state]
     if s.force_age_s is not None and math.isfinite(s.force_age_s):
         words.append(f"{s.force_age_s * 1e3:.1f} ms old")
@@ -205,7 +205,7 @@ class SessionView:
         self.console = console or Console()
         self._live: Live | None = None
         self._next_line_s = 0.0
-        self._said = ""
+        self._messages = ""
         self._advice: set[str] = set()
 
     def __enter__(self) -> SessionView:
@@ -229,9 +229,9 @@ class SessionView:
             self._live.update(render(snapshot))
             return
         due = snapshot.elapsed_s >= self._next_line_s
-        said = _DIGITS.sub("", _said(snapshot))
-        if due or said != self._said:
-            self._said = said
+        said = _DIGITS.sub("", _messages(snapshot))
+        if due or said != self._messages:
+            self._messages = said
             self._next_line_s = snapshot.elapsed_s + PLAIN_PERIOD_S
             print(plain(snapshot), flush=True)
         advice = {_DIGITS.sub("", line): line for line in _diagnosis(snapshot)}
@@ -254,7 +254,7 @@ def plain(snapshot: Snapshot) -> str:
         text += f", force {s.force_n:.2f} N"
         if s.measured_force_n is not None:
             text += f", for the hand {_newtons(s.measured_force_n)} N"
-    said = _said(s)
+    said = _messages(s)
     return f"{text}  | {said}" if said else text
 
 

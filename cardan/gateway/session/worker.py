@@ -35,16 +35,16 @@ if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do
     from cardan.gateway.arm.verbs import ArmVerbs
 
 MAX_PENDING = 32
-"""Requests that wait for the ones before them: more are refused, for nobody can mean them."""
+"""Largest number of requests that wait for the ones before them: more are refused."""
 
 MAX_WAITS = 8
-"""Requests that wait for a motion's end, each in a thread of its own."""
+"""Largest number of requests that wait for a motion's end, each in a thread of its own."""
 
 STALE_S = 0.3
-"""A streamed command that waited for longer until it is its turn is not acted on any more."""
+"""Longest wait of a streamed command for its turn: after more it is not executed."""
 
 SEND_TIMEOUT_S = 1.0
-"""Longest that a reply waits for a reader; one that is silent for half of it holds the arm."""
+"""Longest wait of a reply for its reader; one that is silent for half of it holds the arm."""
 
 _QUICK = frozenset(
     {"stat", "twist", "wrench", "joints", "acknowledge", "hand_over", "release", "status"}
@@ -60,7 +60,7 @@ class _Job(NamedTuple):
     request: Request
     received_s: float
     stops: int
-    """How often the arm was stopped before the request came."""
+    """Number of the arm's stops when the request came."""
 
 
 class RequestWorker:
@@ -78,12 +78,12 @@ class RequestWorker:
         stop: Callable[[], None],
         clock: Callable[[], float],
     ) -> None:
-        """`make_verbs` is called at the first request, beside the loop; what it raises is the
+        """`make_verbs` is called at the first request, beside the loop; an error of it is the
         answer. `stop` brakes the arm at once; `clock` is that of `offer`."""
         self.malformed = 0
         """Packets that were no requests."""
         self.busy = False
-        """Whether anybody has asked for anything yet."""
+        """Whether there was a request yet."""
         self._channel, self._link = channel, link
         self._make_verbs, self._stop, self._clock = make_verbs, stop, clock
         self._desk: VerbDesk | None = None
@@ -94,7 +94,7 @@ class RequestWorker:
         self._waits = threading.BoundedSemaphore(MAX_WAITS)
         self._stops = 0
         self._motions: dict[int, Motion] = {}
-        """Those that are not over, by the ids that clients know them by."""
+        """Motions that are not over, by their clients' ids."""
         self._ids = itertools.count(1)
         self._telling, self._making = threading.Lock(), threading.Lock()
         self._threads: list[threading.Thread] = []
@@ -103,11 +103,11 @@ class RequestWorker:
 
     @property
     def full(self) -> bool:
-        """Whether packets are better left in the channel for now."""
+        """Whether packets should stay in the channel for now."""
         return self._packets.qsize() >= MAX_PENDING
 
     def offer(self, packet: bytes, now_s: float) -> None:
-        """A packet that is no heartbeat came."""
+        """Take a packet that is no heartbeat."""
         if not self.busy:
             self.busy = True
             for name, work in (("requests", self._receive), ("planning", self._work)):
@@ -117,7 +117,7 @@ class RequestWorker:
         self._packets.put((packet, now_s))
 
     def attend(self) -> None:
-        """Once a cycle: do what the verbs need the loop for, and see which motions are over."""
+        """Once a cycle: do what the verbs need the loop for, and find motions that are over."""
         self._link.attend()
         for motion in tuple(self._motions.values()):
             if motion.over and self._packets.empty():
@@ -125,7 +125,7 @@ class RequestWorker:
                 break
 
     def close(self) -> None:
-        """The loop has ended: all that is under way is answered so, and the threads end."""
+        """The loop has ended: answer all that is under way so, and end the threads."""
         self._packets.put(None)
         self._jobs.put(None)
         for thread in self._threads:
@@ -137,7 +137,7 @@ class RequestWorker:
         while (item := self._packets.get()) is not None:
             packet, received_s = item
             if received_s == NEVER_S:
-                self._tell_of_ends()
+                self._report_ended_motions()
                 continue
             try:
                 request = decode_request(packet)
@@ -197,9 +197,9 @@ class RequestWorker:
                 raise MotionRefusedError(f"{request.verb}: the arm was stopped before it began")
             result = desk.perform(request.verb, request.source, request.value, request.sequence)
             if request.verb in _NEW_MOTION and job.stops != self._stops:
-                self._stop()  # It came between the last look and the beginning.
+                self._stop()  # It came between the last check and the beginning.
         except Exception as error:
-            self._tell_of_ends()
+            self._report_ended_motions()
             told = error if isinstance(error, CardanError) else CardanError(repr(error))
             self._send(encode_error(request.id, told))
             return
@@ -225,7 +225,7 @@ class RequestWorker:
         self._send(encode_error(job.request.id, error))
 
     def _reply(self, request: Request, result: Any) -> None:
-        self._tell_of_ends()
+        self._report_ended_motions()
         if not isinstance(result, Motion):
             self._send(encode_reply(request.id, result))
             return
@@ -235,8 +235,8 @@ class RequestWorker:
             if note.outcome is Outcome.RUNNING:
                 self._motions[note.id] = result
 
-    def _tell_of_ends(self) -> None:
-        """What is answered after a motion's end is heard after it."""
+    def _report_ended_motions(self) -> None:
+        """Report motions that are over; an answer that was sent before arrives before."""
         with self._telling:
             for number, motion in tuple(self._motions.items()):
                 if motion.over:
@@ -250,7 +250,7 @@ class RequestWorker:
             if select.select((), (self._channel,), (), SEND_TIMEOUT_S)[1]:
                 self._send(packet)
         except OSError:
-            pass  # Nobody is there any more; the loop finds out the same.
+            pass  # The supervisor is gone; the loop finds the same.
 
 
 def _note(number: int, motion: Motion) -> MotionNote:
@@ -261,6 +261,5 @@ def _note(number: int, motion: Motion) -> MotionNote:
 
 
 def _cause(error: PacketError) -> CardanError:
-    """What the sender did wrong: an argument that a verb does not take is refused as the verb
-    would."""
+    """The sender's mistake: an argument that a verb does not take is refused as the verb would."""
     return error.__cause__ if isinstance(error.__cause__, CardanError) else error

@@ -18,11 +18,11 @@ from cardan.protocols.spnav import (
 )
 
 QUIET_S = 0.05
-"""A new client gets no events until so long after its last request: libspnav throws away what is
-pending before a request, and takes the next record for the answer."""
+"""How long after its last request a new client gets no events: libspnav throws away what is pending
+before a request, and takes the next record for the answer."""
 
 NEW_FOR_S = 2.0
-"""A client that asks on and on is not new any more after this."""
+"""How long a client counts as new, however often it asks."""
 
 UNREAD_EDGES = 256
 """Button and device events a client may leave unread before it is given up."""
@@ -32,7 +32,7 @@ UNREAD_REPLIES = 4096
 
 
 class _Motion:
-    """A motion that waits, and grows into the next one until the client takes it."""
+    """A waiting motion, which is merged with the next ones until the client reads it."""
 
     __slots__ = ("counts", "period_ms")
 
@@ -55,7 +55,7 @@ class SpnavClient:
         self.name = ""
         self.strings = StringAssembler()
         self._pressed: set[int] = set()
-        """Buttons that it takes for pressed, once it has read all."""
+        """Buttons that are pressed for the client once it has read all events."""
         self._connected_s = now_s
         self._quiet_until_s = now_s + QUIET_S
         self._replies: deque[bytes] = deque()
@@ -63,7 +63,7 @@ class SpnavClient:
         self._edges = 0
         self._sending = b""
         self.failure = ""
-        """Why the client is to be closed; empty while it is not."""
+        """Why the client is to be disconnected; empty while it is not."""
 
     def shake_hands(self, version: int) -> None:
         """The client speaks `version` from now on."""
@@ -77,7 +77,7 @@ class SpnavClient:
             self._quiet_until_s = min(now_s + QUIET_S, end_s)
 
     def reply(self, record: bytes) -> None:
-        """Queue an answer."""
+        """Queue a reply."""
         if len(self._replies) >= UNREAD_REPLIES:
             self.failure = f"it left {UNREAD_REPLIES} replies unread"
             return
@@ -98,7 +98,7 @@ class SpnavClient:
         self.event(encode_button(number, pressed))
 
     def hold(self, numbers: set[int]) -> None:
-        """Queue the edges that lead to just these buttons being pressed, releases first."""
+        """Queue the edges after which exactly these buttons are pressed, releases first."""
         for number in sorted(self._pressed - numbers):
             self.button(number, False)
         for number in sorted(numbers - self._pressed):
@@ -127,12 +127,12 @@ class SpnavClient:
         return self._sending
 
     def sent(self, size: int) -> None:
-        """`size` bytes of what `outgoing` gave are on their way."""
+        """`size` bytes of `outgoing` were sent."""
         self._sending = self._sending[size:]
 
     @property
     def due_s(self) -> float:
-        """When held-back events are to go out; inf: nothing waits for a time to come."""
+        """When delayed events are to be sent; inf: there are none."""
         if self._sending or not self._events:
             return math.inf
         return self._quiet_until_s

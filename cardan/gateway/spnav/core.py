@@ -1,7 +1,7 @@
 """The spacenavd-compatible server without any I/O and in the caller's time.
 
-Programs that know spacenavd (Blender, FreeCAD, ROS and others) get the hand's deflection from it,
-from any operator device. It speaks versions 0 and 1 of the protocol; see
+Programs that know spacenavd (Blender, FreeCAD, ROS and others) get the deflection of any operator
+device from it. It speaks versions 0 and 1 of the protocol; see
 :mod:`cardan.protocols.spnav`. The settings of spacenavd that Cardan does not have are answered
 where they have a plain value, and refused (status -1) where a program wants to change them.
 """
@@ -43,18 +43,18 @@ from cardan.protocols.spnav import (
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
 
 MOTION_PERIOD_S = 0.008
-"""A changing deflection is sent this often at most."""
+"""Shortest period of sending a changing deflection."""
 
 REPEAT_PERIOD_S = 0.016
-"""A constant deflection is sent this often: programs may take silence for a loss."""
+"""Period of sending a constant deflection: programs may take silence for a loss."""
 
 STALE_AFTER_S = 0.1
-"""Deflection and buttons that nobody offers anew for so long do not count any more."""
+"""Longest time without a new state after which deflection and buttons count as released."""
 
 MAX_CLIENTS = 32
 
 SENSITIVITIES = (0.001, 1000.0)
-"""What a program may have its motion multiplied by, either sign."""
+"""Accepted factors on a program's motion, either sign."""
 
 TWO_BUTTONS = ("left", "right")
 """Buttons of a device that does not list its own: 0 and 1, whichever is pressed first."""
@@ -86,7 +86,7 @@ class SpnavServerCore:
         check_value("full_scale", full_scale, Annotated[float, COUNTS] | None)
         self._numbers: dict[str, int] = {}
         self._taken: set[int] = set()
-        """The numbers of buttons that are given."""
+        """Numbers that are assigned to buttons."""
         self._button_count = 0
         """One more than the highest of them."""
         self._listed = False
@@ -147,7 +147,7 @@ class SpnavServerCore:
                 self._set_sensitivity(client, value.value)
             else:
                 self._counts["malformed"] += 1
-        self._look_at(number, client)
+        self._drop_if_unread(number, client)
 
     def outgoing(self, number: int, now_s: float) -> bytes:
         """What to send to a program next, in one call; empty when there is nothing (yet)."""
@@ -161,14 +161,14 @@ class SpnavServerCore:
             client.sent(size)
 
     def give_up(self, number: int, reason: str) -> None:
-        """A program cannot be served: `given_up` is to name it."""
+        """Disconnect a program that cannot be served, and report it by `given_up`."""
         client = self._clients.get(number)
         if client is not None:
             client.failure = reason
-            self._look_at(number, client)
+            self._drop_if_unread(number, client)
 
     def given_up(self) -> list[tuple[int, str]]:
-        """Programs to be disconnected since the last call, each with the reason in words."""
+        """Programs to be disconnected since the last call, each with the reason."""
         given_up = self._given_up
         self._given_up = []
         return given_up
@@ -186,7 +186,7 @@ class SpnavServerCore:
         return self._present
 
     def identify(self, identity: DeviceIdentity) -> None:
-        """What programs are told of the device from now on, best while it is not there."""
+        """Set what programs are told of the device, best while it is absent."""
         self._identity = identity
         linear, angular = (
             identity.full_scales if self._full_scale is None else (self._full_scale,) * 2
@@ -201,7 +201,7 @@ class SpnavServerCore:
         for button in buttons:
             self._number(button)
         if self._present and self._button_count > before:
-            self._tell_of_device()
+            self._announce_device()
 
     def offer(self, state: DeviceState, events: Sequence[ButtonEvent], now_s: float) -> None:
         """The device's newest state, and its button edges since the last offer."""
@@ -220,7 +220,7 @@ class SpnavServerCore:
         self._move(now_s)
 
     def advance(self, now_s: float) -> None:
-        """Time has passed: repeat a deflection, or end one that is not offered any more."""
+        """Advance the time: repeat a deflection, or end a stale one."""
         held = self._target is not _REST or self._held
         if held and now_s - self._offered_s > STALE_AFTER_S:
             self._counts["stale_offers"] += 1
@@ -229,7 +229,7 @@ class SpnavServerCore:
         self._move(now_s)
 
     def next_due_s(self) -> float:
-        """When `advance` or `outgoing` has something to do, unless something comes before."""
+        """When `advance` or `outgoing` has work next, unless something comes before."""
         due_s = min((client.due_s for client in self._clients.values()), default=math.inf)
         if self._shown != _REST and self._clients:
             due_s = min(due_s, self._motion_s + REPEAT_PERIOD_S)
@@ -242,7 +242,7 @@ class SpnavServerCore:
         return {"clients": len(self._clients), **self._counts}
 
     def diagnosis(self) -> list[str]:
-        """What deserves attention, in plain words."""
+        """What deserves attention."""
         words = [f"{self._counts[key]} {_COUNTERS[key]}" for key in _TELLING if self._counts[key]]
         if self._last_failure:
             words.append(f"the last program given up: {self._last_failure}")
@@ -285,7 +285,7 @@ class SpnavServerCore:
                 client.motion(target, period_ms)
 
     def _number(self, button: str) -> int | None:
-        """The number of `button`, now given where it had none; None: there is none left."""
+        """The number of `button`, assigned where it had none; None: no number is left."""
         number = self._numbers.get(button)
         if number is None:
             number = None if self._listed else _usual_number(button)
@@ -306,7 +306,7 @@ class SpnavServerCore:
             self._counts["unnumbered_buttons"] += 1
             return
         if self._present and self._button_count > before:
-            self._tell_of_device()
+            self._announce_device()
         if event.pressed is (number in self._held):
             return
         if event.pressed:
@@ -328,10 +328,10 @@ class SpnavServerCore:
             self._target = _REST
             self._release_all()
             self._move(now_s)
-        self._tell_of_device()
+        self._announce_device()
 
-    def _tell_of_device(self) -> None:
-        """The device came or went, or has more buttons than were known."""
+    def _announce_device(self) -> None:
+        """Report that the device came or went, or has more buttons than were known."""
         identity = self._identity
         change = DeviceChange(
             self._present,
@@ -340,23 +340,23 @@ class SpnavServerCore:
             identity.vendor_id,
             identity.product_id,
         )
-        self._tell(EventMask.DEVICE, encode_device(change))
+        self._queue_for_all(EventMask.DEVICE, encode_device(change))
 
     def _tell_edge(self, number: int, pressed: bool) -> None:
         for client_number, client in tuple(self._clients.items()):
             if client.mask & EventMask.BUTTON:
                 client.button(number, pressed)
-                self._look_at(client_number, client)
+                self._drop_if_unread(client_number, client)
 
-    def _tell(self, kind: EventMask, record: bytes) -> None:
+    def _queue_for_all(self, kind: EventMask, record: bytes) -> None:
         """Queue an event that must not be lost for every program that wants its kind."""
         for number, client in tuple(self._clients.items()):
             if client.mask & kind:
                 client.event(record)
-                self._look_at(number, client)
+                self._drop_if_unread(number, client)
 
-    def _look_at(self, number: int, client: SpnavClient) -> None:
-        """Give a program up that does not read."""
+    def _drop_if_unread(self, number: int, client: SpnavClient) -> None:
+        """Disconnect a program that does not read."""
         if client.failure and self._clients.pop(number, None) is not None:
             self._counts["given_up_clients"] += 1
             name = client.name or f"client {number}"
@@ -377,7 +377,7 @@ class SpnavServerCore:
                 client.reply(record)
         elif code == Code.GCFG_SERDEV:
             client.reply(encode_string(word, "")[0])
-        elif code != Code.SCFG_SERDEV:  # it wants no answer
+        elif code != Code.SCFG_SERDEV:  # it has no reply
             answer = self._reply_data(client, code, data)
             if answer is None:
                 client.reply(encode_reply(word, data[:AXES], FAILED))
@@ -429,7 +429,7 @@ class SpnavServerCore:
             client.name = name
 
     def _set_mask(self, client: SpnavClient, mask: int) -> None:
-        """What the program left out until now may have ended meanwhile: tell it how things are."""
+        """Send the program what changed in the events that it left out until now."""
         wanted = mask & ~client.mask
         client.mask = mask
         if wanted & EventMask.MOTION:
@@ -438,10 +438,10 @@ class SpnavServerCore:
             client.hold(self._held)
 
     def _set_sensitivity(self, client: SpnavClient, sensitivity: float) -> bool:
-        """Whether `sensitivity` was taken.
+        """Whether `sensitivity` was accepted.
 
         libspnav's `spnav_sensitivity` sends half of a double in version 1, which is zero or far
-        from anything meant: it would leave the program without motion.
+        from what is meant: it would leave the program without motion.
         """
         low, high = SENSITIVITIES
         if not low <= abs(sensitivity) <= high:
@@ -458,7 +458,7 @@ class SpnavServerCore:
             self._led_mode = LedMode(data[0])
             self._show_led()
             change = ConfigChange(Code.GCFG_LED, (self._led_mode, 0, 0, 0, 0, 0))
-            self._tell(EventMask.CONFIG, encode_config(change))
+            self._queue_for_all(EventMask.CONFIG, encode_config(change))
         return (self._led_mode,)
 
     def _show_led(self) -> None:
@@ -472,7 +472,7 @@ class SpnavServerCore:
 
 
 def _usual_number(button: str) -> int | None:
-    """The number of a button of a device that does not list its own; None: any."""
+    """The usual number of a button of a device that does not list its own; None: any."""
     if button in TWO_BUTTONS:
         return TWO_BUTTONS.index(button)
     digits = button.removeprefix("button-")
@@ -485,15 +485,15 @@ def _usual_number(button: str) -> int | None:
 _COUNTERS: Mapping[str, str] = MappingProxyType(
     {
         "served_clients": "programs have connected",
-        "refused_clients": f"programs turned away: {MAX_CLIENTS} were connected",
+        "refused_clients": f"programs refused: {MAX_CLIENTS} were connected",
         "given_up_clients": "programs disconnected because they did not read",
-        "malformed": "requests that mean nothing",
-        "bad_axes": "states of the device with numbers that are none",
+        "malformed": "requests that were malformed",
+        "bad_axes": "states of the device with values that are not numbers",
         "unnumbered_buttons": f"edges of buttons beyond the {MAX_BUTTONS} that have a number",
-        "stale_offers": f"times the hand did not count: no state was offered for {STALE_AFTER_S} s",
+        "stale_offers": f"times the axes were ignored: no state was offered for {STALE_AFTER_S} s",
     }
 )
-"""What is counted, and the words for it."""
+"""Description of each counter."""
 
 _TELLING = tuple(key for key in _COUNTERS if key != "served_clients")
 
@@ -507,4 +507,4 @@ _SETTINGS: Mapping[int, tuple[int, ...]] = MappingProxyType(
         Code.GCFG_REPEAT: (round(1000.0 * REPEAT_PERIOD_S),),
     }
 )
-"""Answers that are always the same: what these settings of spacenavd amount to here."""
+"""Fixed answers: these settings of spacenavd as they are here."""

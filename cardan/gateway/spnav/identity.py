@@ -1,4 +1,4 @@
-"""What programs are told of the device that is served: name, type and USB id of its model."""
+"""What programs get to know of the served device: name, type and USB id of its model."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from cardan.drivers.spnav.core import usual_full_scales
 from cardan.protocols.spnav import UNKNOWN_DEVICE
 
 DEFAULT_NAME = "Cardan"
-"""What a device is called whose model nobody knows."""
+"""Name of a device whose model is unknown."""
 
 
 class DeviceIdentity(NamedTuple):
-    """What programs are told of the device."""
+    """What programs get to know of the device."""
 
     name: str = DEFAULT_NAME
     path: str = ""
@@ -46,7 +46,7 @@ class KnownModel(Protocol):
 
 
 def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
-    """The identity of `device`, under `name` if there is one.
+    """The identity of `device`, with `name` where that is not empty.
 
     A driver that knows the model of a 3Dconnexion device has it in `model`, from when it is open;
     of all other devices there is only a name.
@@ -92,7 +92,7 @@ _USB_TYPES: Mapping[tuple[int, int], int] = MappingProxyType(
         (0x256F, 0xC63A): 0x20C,
     }
 )
-"""Device types by USB id. A Universal Receiver's is that of its puck, which nobody knows."""
+"""Device types by USB id. A Universal Receiver has that of its puck, which is unknown."""
 
 _SERIAL_TYPES: Mapping[str, int] = MappingProxyType(
     {

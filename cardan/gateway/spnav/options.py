@@ -1,4 +1,4 @@
-"""What can be set about the spacenavd-compatible socket."""
+"""Options of the spacenavd-compatible socket."""
 
 from __future__ import annotations
 

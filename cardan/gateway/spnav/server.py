@@ -1,4 +1,4 @@
-"""The spacenavd-compatible socket: thin shells around the core."""
+"""The spacenavd-compatible socket: the I/O around the core."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from cardan.realtime import ask_for_real_time
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 
 POLL_PERIOD_S = 0.004
-"""How often a served device is asked while a program is connected."""
+"""How often a served device is read while a program is connected."""
 
 IDLE_PERIOD_S = 0.05
-"""How often the device, and the ask to stop, are looked at while nobody is connected."""
+"""How often device and stop request are checked while no program is connected."""
 
 READS_PER_STEP = 8
 """Reads from all programs together in one step of some ms: a flood of requests, of up to 16 a
@@ -37,8 +37,8 @@ JOIN_TIMEOUT_S = 2.0
 _REQUESTS_BYTES = 512
 _BACKLOG = 8
 _SMALLEST_BUFFER = 1
-"""Makes the kernel keep as little as it can (about six records): newer motion waits with us,
-where it grows into one."""
+"""Makes the kernel buffer as little as it can (about six records): newer motion waits here, where
+it is merged."""
 
 _MODES = {"owner": 0o600, "everybody": 0o666}
 
@@ -61,7 +61,7 @@ class SpnavServer(Openable):
         return self._options.socket
 
     def open(self) -> None:
-        """Create the socket, in place of one that nobody serves any more. Opening twice is fine.
+        """Create the socket, in place of an abandoned one. Opening twice is fine.
 
         Raises AddressError when another program serves there, or it cannot be created.
         """
@@ -73,7 +73,7 @@ class SpnavServer(Openable):
         make_room(path, socket.SOCK_STREAM, "another program (spacenavd?)")
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         mode = _MODES[self._options.access]
-        # On Linux the node is made with the mode of its descriptor: nobody slips in before chmod.
+        # On Linux the node is made with its descriptor's mode: no other user gets in before.
         with contextlib.suppress(OSError):
             os.fchmod(listener.fileno(), mode)
         try:
@@ -117,7 +117,7 @@ class SpnavServer(Openable):
                 reads += 1
 
     def close(self) -> None:
-        """Disconnect everybody and remove the socket. Never raises; closing twice is fine."""
+        """Disconnect all programs and remove the socket. Never raises; closing twice is fine."""
         for sock in tuple(self._numbers):
             self._drop(sock)
         if self._selector is not None:
@@ -168,7 +168,7 @@ class SpnavServer(Openable):
             self._core.give_up(number, f"what it asked for failed: {error!r}")
 
     def _flush(self, now_s: float) -> None:
-        """Send what clients have room for."""
+        """Send what the clients' buffers have room for."""
         core = self._core
         for number, _ in core.given_up():
             if number in self._sockets:

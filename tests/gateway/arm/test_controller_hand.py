@@ -351,7 +351,7 @@ def test_no_recovery_goes_farther_than_the_leash_without_a_deliberate_act():
     leash_m = ReferenceLimits().leash_m
     stays(rig, 5.0, away)
     assert rig.core.phase is Phase.DISARMED
-    assert "does not come together" in rig.status.message
+    assert "was not brought back to the robot" in rig.status.message
     start = rig.core.body.pose.position
     assert stays(rig, 5.0, away) == 0.0  # Not by itself, however long it takes.
     for _ in range(4):

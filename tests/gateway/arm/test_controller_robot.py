@@ -202,14 +202,14 @@ def test_a_command_that_no_limit_allows_is_held_back_and_said(nonsense, words):
     rig.run()
     assert rig.command == HoldCommand()
     assert rig.core.phase is Phase.DISARMED
-    assert "held back at the last gate" in rig.status.message
+    assert "an invalid command was not sent" in rig.status.message
     assert words in rig.status.message
     assert rig.status.trips == 1
     body.nonsense = None
     rig.run(0.3)
     assert rig.core.at_rest
     assert rig.core.phase is Phase.DISARMED
-    assert "held back at the last gate" in rig.status.message
+    assert "an invalid command was not sent" in rig.status.message
     rig.drive()
 
 
@@ -316,7 +316,7 @@ def test_with_the_policy_hand_the_act_takes_the_arm_from_a_stream():
     world.tick(20)
     world.act()
     assert world.owner == HAND
-    assert "the operator's hand took over" in world.verbs.stream("twist", DOWN, owner="a")
+    assert "the operator device took over" in world.verbs.stream("twist", DOWN, owner="a")
     with pytest.raises(MotionRefusedError, match="'hand' has authority over the arm"):
         world.verbs.movl(world.moved(0.0, 0.0, -0.05))
 
@@ -336,7 +336,7 @@ def test_a_hand_that_lets_go_keeps_its_authority_for_a_lease_and_takes_it_again(
     world.hand(REST, "left")
     world.tick()
     assert world.owner == HAND
-    assert "the operator's hand took over" in motion.reason
+    assert "the operator device took over" in motion.reason
 
 
 def test_a_stop_frees_the_authority_of_a_hand():
@@ -415,7 +415,7 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
         if rests and world.verbs.servo.moving:
             break
     assert motion.outcome is Outcome.ABORTED
-    assert motion.reason == "the operator's hand took over"
+    assert motion.reason == "the operator device took over"
     assert world.owner == HAND
     assert rests
     # From rest, along the hand's direction; `World` checks every joint's acceleration.

@@ -100,7 +100,7 @@ def test_a_command_for_another_number_of_joints_does_not_pass(command):
 
 
 def test_a_kind_of_command_that_nothing_limits_does_not_pass():
-    assert "nothing here limits" in Gate(LIMITS).violation(TwistCommand(Twist(ZERO3, ZERO3)), DT_S)
+    assert "no limits are known" in Gate(LIMITS).violation(TwistCommand(Twist(ZERO3, ZERO3)), DT_S)
 
 
 # -- what leaps ----------------------------------------------------------------------------------

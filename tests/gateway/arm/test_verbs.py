@@ -626,7 +626,7 @@ def test_a_held_arm_trips_and_the_command_comes_back():
         assert not world.verbs.servo.moving
         if not world.verbs.controller.barred:
             break
-        with pytest.raises(MotionRefusedError, match="does not come together"):
+        with pytest.raises(MotionRefusedError, match="was not brought back to the robot"):
             world.verbs.movl(world.moved(0.0, 0.0, -0.1))
         world.verbs.acknowledge()
     assert np.abs(world.verbs.servo.q - world.q).max() < 0.05

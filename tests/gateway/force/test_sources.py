@@ -59,8 +59,8 @@ def test_a_sensor_is_opened_zeroed_and_closed_with_its_source():
 @pytest.mark.parametrize(
     ("stamp_s", "force", "words"),
     [
-        (60.0, (0.0, 0.0, 50.0), "the sensor gives a time that is 49.9 s to come"),
-        (10.1, (0.0, 0.0, 1e30), "the sensor gives 1e+30 N; more than 1000 N are not believed"),
+        (60.0, (0.0, 0.0, 50.0), "the sensor gives a time 49.9 s in the future"),
+        (10.1, (0.0, 0.0, 1e30), "the sensor gives 1e+30 N; more than 1000 N is rejected"),
         (10.1, (800.0, 800.0, 0.0), "more than 1000 N"),
         (10.1, (math.inf, 0.0, 0.0), "no number"),
     ],
@@ -77,7 +77,7 @@ def test_a_reading_that_cannot_be_true_is_none_and_the_one_before_stands(stamp_s
     sensor.measure(stamp_s + 0.001, *force)
     for k in range(3):
         assert source.read(robot_state(10.101 + k * PERIOD_S), None) is good
-    assert words in source.reason or "s to come" in source.reason
+    assert words in source.reason or "s in the future" in source.reason
     assert "readings of a force refused: 2" in source.diagnosis()
     sensor.measure(10.2, 1.0, 0.0, 0.0)
     assert source.read(robot_state(10.2), None).force == (1.0, 0.0, 0.0)
@@ -97,7 +97,7 @@ def test_a_robot_that_reports_a_huge_force_is_not_believed():
     source = MeasuredSource(felt=True)
     assert source.read(robot_state(1.0, force=(0.0, 0.0, 1e300)), None) is None
     assert source.diagnosis() == (
-        "no measured force: the robot gives 1e+300 N; more than 1000 N are not believed",
+        "no measured force: the robot gives 1e+300 N; more than 1000 N is rejected",
         "readings of a force refused: 1",
     )
 

@@ -125,7 +125,7 @@ def test_sources_are_made_with_their_sense(monkeypatch):
         ({"driver": "abb_egm"}, r"force\.sensor\.driver: 'abb_egm' is a robot"),
         ({"driver": "nothing"}, r"force\.sensor\.driver: there is no driver 'nothing'"),
         ({"driver": "jr3_can", "nod_id": 1}, r"force\.sensor\.nod_id: there is no such key"),
-        ({"driver": "keyboard"}, r"force\.zero_sensor: 'keyboard' takes no zero"),
+        ({"driver": "keyboard"}, r"force\.zero_sensor: 'keyboard' cannot be zeroed"),
     ],
 )
 def test_a_sensor_is_checked_before_anything_opens(table, words):

@@ -341,7 +341,7 @@ def test_a_press_in_the_tick_that_trips_does_not_arm():
     rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
     rig.put_hand(displaced(x=0.6)).press("button_2").run()
     assert not rig.core.following
-    assert rig.message.startswith("stopped before: the hand leapt")
+    assert rig.message.startswith("stopped before: the hand's pose jumped")
     rig.run(1.0)
     assert rig.core.at_rest
 
@@ -375,7 +375,7 @@ def test_a_clutch_that_is_not_taken_says_why(change, words, held):
     rig.device = good._replace(**change)
     rig.press(button).run()
     assert not rig.core.following
-    assert f"the clutch was not taken: {words}; let go of '{button}', then" in rig.message
+    assert f"the clutch was not engaged: {words}; let go of '{button}', then" in rig.message
     rig.device, rig.fresh = good._replace(buttons=rig.device.buttons), True
     rig.run(0.2)
     assert not rig.core.following
@@ -399,7 +399,7 @@ def test_no_hand_is_taken_up_while_the_robot_is_far_behind(held):
     assert not rig.core.following
     rig.press(button).run()
     assert not rig.core.following
-    assert "the clutch was not taken: the robot is" in rig.message
+    assert "the clutch was not engaged: the robot is" in rig.message
     assert "behind its reference" in rig.message
     rig.run(2.0)
     rig.stuck = False

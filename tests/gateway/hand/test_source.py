@@ -220,7 +220,7 @@ def test_a_press_at_a_bad_moment_begins_nothing_and_nothing_later(tick):
         (REST, {"link": DeviceLink.LOST}, "the device is lost"),
         ((math.nan, 0.0, 0.0, 0.0, 0.0, 0.0), {}, "not numbers"),
         (FORWARD, {"age_s": 0.11}, "deflected but silent for 0.11 s"),
-        (REST, {"age_s": -0.2}, "0.2 s to come"),
+        (REST, {"age_s": -0.2}, "0.2 s in the future"),
     ],
 )
 def test_a_fault_disarms_and_takes_the_act_anew(axes, tick, words):
@@ -245,7 +245,7 @@ def test_a_hand_whose_pose_is_followed_has_to_give_one():
     asked.tick(pose=HAND)
     asked.tick(REST, "left")
     assert not asked.armed
-    assert "the clutch was not taken: the device gives no pose" in asked.advice
+    assert "the clutch was not engaged: the device gives no pose" in asked.advice
 
 
 def test_only_an_armed_hand_has_faults():

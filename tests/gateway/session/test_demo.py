@@ -77,8 +77,8 @@ def test_what_any_demo_may_lack(lack, words):
     [
         ({"contact_path_m": 0.0}, "nothing was drawn"),
         ({"contact_force_rms_error_n": HELD_SHARE * 5.6 + 0.1}, "1.5 N RMS away"),
-        ({"force_peak_n": 0.0}, "felt nothing"),
-        ({"force_peak_n": OmniOptions().clamp_n + 0.1}, "felt 2.10 N, above 2 N"),
+        ({"force_peak_n": 0.0}, "no force was rendered"),
+        ({"force_peak_n": OmniOptions().clamp_n + 0.1}, "force was 2.10 N, above 2 N"),
         (
             {"energy_given_peak_j": OmniOptions().energy_budget_j + 0.001},
             "given up to 6.0 mJ in one engagement (bound: 5 mJ)",

@@ -9,7 +9,7 @@ from cardan.gateway.session.heartbeat import BEAT_PERIOD_S, Heartbeat
 def test_it_counts_from_when_the_session_began():
     heartbeat = Heartbeat(0.5, 10.0)
     assert heartbeat.fault(10.5) == ""
-    assert "has not answered for 0.6 s" in heartbeat.fault(10.6)
+    assert "was silent for 0.6 s" in heartbeat.fault(10.6)
 
 
 def test_a_beat_ends_the_fault():
@@ -17,7 +17,7 @@ def test_a_beat_ends_the_fault():
     assert heartbeat.fault(20.0)
     heartbeat.heard(20.0)
     assert heartbeat.fault(20.4) == ""
-    assert "nobody could see or stop the arm" in heartbeat.fault(20.51)
+    assert "it could neither show nor stop the arm" in heartbeat.fault(20.51)
 
 
 def test_four_beats_may_be_missed_with_the_watchdogs_of_a_session():

@@ -160,7 +160,7 @@ def test_the_hand_takes_the_arm_from_a_verb_and_gives_it_back(in_thread):
         assert arm.status().authority.owner == "program"
         Hand.buttons = frozenset({"go"})
         until(lambda: line.over, "the end of the line")
-        assert (line.outcome, line.reason) == (Outcome.ABORTED, "the operator's hand took over")
+        assert (line.outcome, line.reason) == (Outcome.ABORTED, "the operator device took over")
         assert arm.wait() is False
         assert arm.status().authority.owner == "hand"
         with pytest.raises(MotionRefusedError, match="'hand' has authority"):
@@ -297,7 +297,7 @@ def test_a_stop_during_planning_leaves_the_arm_at_rest(in_thread, monkeypatch):
         go_on.set()
         mover.join(TIMEOUT_S)
         assert said
-        assert "overtaken while it was worked out: stopped" in said[0]
+        assert "overtaken while it was planned: stopped" in said[0]
         assert arm.stat().state is State.NOT_CONTROLLING
         assert ThreadProcess.newest.session.controller.idle
 
@@ -486,7 +486,7 @@ def assert_it_rested(at_s, said, seconds):
     for each in resting:
         assert each.phase == "disarmed", each
         assert each.twist == [0.0] * 6
-        assert "has not answered for" in each.message
+        assert "was silent for" in each.message
         assert each.authority != "hand"
     assert while_stopped[0].phase == "moving"
 
@@ -498,7 +498,9 @@ def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
         assert not program.is_moving()
         program.say()
         until(lambda: "STREAM" in program.words)
-        assert program.words["MOTION"].startswith("aborted the program that shows this session")
+        assert program.words["MOTION"].startswith(
+            "aborted the process that supervises this session"
+        )
         assert "choose this streaming command first" in program.words["STREAM"]
         until(program.is_moving, "motion that was asked for anew")
 
@@ -517,7 +519,7 @@ def test_an_arm_moved_by_a_hand_rests_while_its_view_is_stopped(tmp_path):
         until(view.is_moving, "motion")
         at_s, said = view.stop_for(1.6)
         assert_it_rested(at_s, said, 1.6)
-        last_off = max(n for n, each in enumerate(view.snapshots) if "not answered" in each.message)
+        last_off = max(n for n, each in enumerate(view.snapshots) if "was silent" in each.message)
         until(lambda: "moving" in {each.phase for each in view.snapshots[last_off:]}, "an act")
         after = view.snapshots[last_off + 1 :]
         moving = next(n for n, each in enumerate(after) if each.phase == "moving")

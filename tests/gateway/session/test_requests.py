@@ -130,7 +130,11 @@ def test_parameters_that_do_not_exist_are_refused_before_they_leave():
         (b'{"id":1,"source":"a","verb":"movj"}', "takes a list of numbers, not None", 1),
         (b'{"id":1,"source":"a","verb":"movj","value":[1,2]}', "6 or 7 numbers, not 2", 1),
         (b'{"id":1,"source":"a","verb":"movv","value":[1,2,3,4,5,true]}', "not True", 1),
-        (b'{"id":1,"source":"a","verb":"movv","value":[1,2,3,4,5,1' + b"0" * 400 + b"]}", "bey", 1),
+        (
+            b'{"id":1,"source":"a","verb":"movv","value":[1,2,3,4,5,1' + b"0" * 400 + b"]}",
+            "too large",
+            1,
+        ),
         (b'{"id":1,"source":"a","verb":"twist","value":[0,0,0,0,0,0],"sequence":0.5}', "0.5", 1),
         (b'{"id":1,"source":"a","verb":"set_parameters","value":[[1]]}', "pairs", 1),
         (b'{"id":1,"source":"a","verb":"set_parameters","value":[["cpts",1],["cpts",2]]}', "tw", 1),

@@ -395,7 +395,7 @@ def test_too_many_are_turned_away():
     for _ in range(MAX_CLIENTS):
         assert bench.core.connect(bench.now_s) is not None
     assert bench.core.connect(bench.now_s) is None
-    assert "turned away" in " ".join(bench.core.diagnosis())
+    assert "programs refused" in " ".join(bench.core.diagnosis())
 
 
 def test_a_new_program_is_left_in_peace_until_it_has_asked_its_questions():

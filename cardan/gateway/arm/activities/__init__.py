@@ -1,1 +1,1 @@
-"""What an arm can be doing, one at a time. Supervision and limits are never an activity's."""
+"""What an arm can be doing, one at a time. No activity supervises or limits."""

@@ -12,16 +12,16 @@ from cardan.types import RobotCommand, RobotState
 
 
 class Deceleration(NamedTuple):
-    """Of a braking ramp."""
+    """Deceleration of a braking ramp."""
 
     linear_m_s2: float
     angular_rad_s2: float
     joint_share: float
-    """Of the acceleration of each joint."""
+    """Share of each joint's acceleration."""
 
 
 class Progress(NamedTuple):
-    """How an activity stands after a tick."""
+    """State of an activity after a tick."""
 
     over: bool
     reason: str = ""
@@ -46,15 +46,15 @@ class Activity(ABC):
     heard_s = math.inf
     """Time of the newest command of the source, s; infinite where a source need not renew it."""
     silence_s = math.inf
-    """For how long silence may let it go on."""
+    """Longest silence of the source after which the activity may go on."""
     recovers = False
     """Whether it brings the command back to its robot."""
     follows_hand = False
-    """Whether it does what the operator device asks for."""
+    """Whether it follows the operator device."""
     in_one_step = False
     """Whether a long period must not be divided for it."""
     outlives_silence = False
-    """Whether silence only takes away what is driven, and the activity goes on."""
+    """Whether silence of the source only releases what it drives, and does not end the activity."""
 
     @property
     def yields(self) -> bool:
@@ -63,7 +63,7 @@ class Activity(ABC):
 
     @property
     def driven(self) -> bool:
-        """Whether the arm would go on moving if its source fell silent now."""
+        """Whether the arm would continue to move if its source fell silent now."""
         return False
 
     @property

@@ -1,4 +1,4 @@
-"""Follows an operator's hand, by rate, position or absolute, as its newest request asks."""
+"""Follows the operator device in rate, position or absolute mode, as its newest request asks."""
 
 from __future__ import annotations
 

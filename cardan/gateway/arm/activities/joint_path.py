@@ -14,7 +14,7 @@ from cardan.gateway.servo.servo import Servo
 from cardan.types import RobotState
 
 ARRIVED_RAD = 1e-5
-"""A joint motion has arrived when no joint is farther off, rad or m."""
+"""Largest distance of a joint from its goal, rad or m, at which the motion has arrived."""
 
 
 class JointMotionPath(Protocol):

@@ -1,24 +1,24 @@
-"""The clock of a path, and what keeps an arm from following it."""
+"""The clock of a path, and the reasons why an arm cannot follow it."""
 
 from __future__ import annotations
 
 from cardan.gateway.servo.servo import Servo
 
 SETTLE_S = 1.0
-"""Longest time for the last fraction of a millimetre."""
+"""Longest time for the last fraction of a millimetre of a path."""
 
 AT_REST_RAD_S = 2e-4
 """All joints slower than this can stop within one period."""
 
 TOLERANCE_M = 1e-3
 TOLERANCE_RAD = 5e-3
-"""A path that ends farther from its goal than this has failed."""
+"""Largest distance of a joint from its goal, rad or m, at the end of a path that succeeded."""
 
 STUCK_SHARE = 0.01
-"""Of the wanted speed: an arm that gets no more than this is stuck."""
+"""Share of the wanted speed below which an arm counts as stuck."""
 
 STUCK_S = 0.5
-"""For which it has to last."""
+"""How long an arm must be that slow to count as stuck."""
 
 
 class PathClock:
@@ -42,7 +42,7 @@ class PathClock:
 
     @property
     def stuck(self) -> bool:
-        """True when nothing went on for `STUCK_S` although it should."""
+        """True when the path has not progressed for `STUCK_S` although it should."""
         return self._stuck_s >= STUCK_S
 
     def brake(self, time_s: float) -> None:

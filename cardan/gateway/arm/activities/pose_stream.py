@@ -23,17 +23,17 @@ from cardan.spatial import (
 from cardan.types import NEVER_S, ZERO3, ZERO_TWIST, Frame, Pose, RobotState
 
 RESTING_M_S = 1e-6
-"""Or rad/s: what rounding leaves of a reference at rest."""
+"""Speed, m/s or rad/s, below which a reference is at rest: rounding."""
 
 VELOCITY_TIME_S = 0.1
-"""Time constant of the velocity that streamed poses are predicted by: noise of single poses must
-not be thrown forward."""
+"""Time constant of the velocity that poses are extrapolated with: filters the noise of single
+poses."""
 
 LONGEST_BETWEEN_S = 0.3
-"""Poses farther apart in time have no velocity in common."""
+"""Longest time between two poses from which a velocity is estimated."""
 
 HELD_SHARE = 0.95
-"""Of the wanted speed: a reference whose arm gets less goes on from what it got."""
+"""Share of the wanted speed below which the reference goes on from the speed that was reached."""
 
 
 class FollowPoseStream(ReferenceMotion):
@@ -47,8 +47,8 @@ class FollowPoseStream(ReferenceMotion):
         shaper: PoseShaper,
         prediction_s: float = 0.0,
     ) -> None:
-        """With `prediction_s` the reference goes on for so long as the last poses went, so that
-        it is not a whole message late; it may pass a target that stops by what it predicted."""
+        """`prediction_s`: longest extrapolation of the target by the last poses, which removes the
+        delay of a message; a target that stops may be passed by as much."""
         super().__init__(body, reference, deceleration)
         self.target: Pose | None = None
         self._shaper = shaper
@@ -74,7 +74,7 @@ class FollowPoseStream(ReferenceMotion):
         )
 
     def aim(self, target: Pose, now_s: float) -> None:
-        """Go to `target` from now on; between two that are predicted, where they lead to."""
+        """Go to `target` from now on, or, with prediction, to where the last targets lead."""
         if self._prediction_s > 0.0 and self.target is not None:
             since_s = now_s - self._aimed_s
             if 0.0 < since_s < LONGEST_BETWEEN_S:
@@ -94,7 +94,7 @@ class FollowPoseStream(ReferenceMotion):
         return moving and self._since_s < self._prediction_s
 
     def _predicted(self, target: Pose, dt_s: float) -> Pose:
-        """Where the target is going to be, as far as that may be guessed."""
+        """The target, extrapolated by its velocity for `prediction_s` at most."""
         self._since_s += dt_s
         ahead_s = min(self._since_s, self._prediction_s)
         if ahead_s <= 0.0:
@@ -119,7 +119,7 @@ class FollowPoseStream(ReferenceMotion):
         to_turn = rotation_between(here.orientation, target.orientation)
         back = dot(now.linear, to_go) < 0.0 or dot(now.angular, to_turn) < 0.0
         if back and self.share < HELD_SHARE:
-            # Pushed against what holds it, the arm did not gain the speed it would have to lose.
+            # A blocked arm did not gain the speed that the reference would have to brake from.
             shaper.adopt(here, self._body.twist)
         else:
             shaper.adopt(here)

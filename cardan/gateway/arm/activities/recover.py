@@ -17,18 +17,18 @@ from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import RobotState
 
 SETTLING_TIMES = 5.0
-"""Time constants of the approach after which it is near, beside the way at full speed."""
+"""Time constants within which an approach comes near, beside the time of the way at full speed."""
 
 MARGIN_M, MARGIN_RAD = 0.01, 0.05
-"""A command goes no farther than the distance to its robot, and a little: one that goes on chases
-a robot that goes along."""
+"""The command moves by the distance to its robot and at most this much more: beyond, it would chase
+a robot that moves as well."""
 
 MARGIN_SHARE = 1.5
-"""Of that distance, likewise."""
+"""Factor on that distance, for the same reason."""
 
 
 class Way(NamedTuple):
-    """The length of a way of the TCP."""
+    """Length of a motion of the TCP."""
 
     linear_m: float
     angular_rad: float
@@ -40,7 +40,7 @@ NO_WAY = Way(0.0, 0.0)
 class Recover(Activity):
     """The command moves slowly to where the robot is measured; the robot need not move.
 
-    It ends near the robot, or after a leash's length, or when it is told to: then `near` is False.
+    It ends near the robot, or after a leash's length, or by `brake`: then `near` is False.
     """
 
     recovers = True
@@ -53,8 +53,8 @@ class Recover(Activity):
         error: FollowingError,
         went: Way = NO_WAY,
     ) -> None:
-        """Done when the following error, now `error`, is inside `near`. `went`: what such motions
-        went already since somebody asked for any."""
+        """Done when the following error, now `error`, is inside `near`. `went`: length of earlier
+        recoveries since the last deliberate act."""
         self._body = body
         self.reference: Reference = reference
         self._limit = near
@@ -73,7 +73,7 @@ class Recover(Activity):
         self.near = False
         """Whether the command is back at its robot."""
         self.went = went
-        """By this one, too."""
+        """Length of recoveries since the last deliberate act, this one included."""
 
     def brake(self) -> None:
         """End it where it is."""

@@ -1,4 +1,4 @@
-"""What activities share in which the TCP follows a reference point."""
+"""Base of activities in which the TCP follows a reference point."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ReferenceMotion(Activity):
         self.braking = False
         self._resting = False
         self.share = 1.0
-        """Of the wanted speed that the arm managed in the last tick."""
+        """Share of the wanted speed that the arm reached in the last tick."""
 
     def brake(self) -> None:
         """Ramp to zero speed."""

@@ -30,12 +30,12 @@ class TorqueLimits:
     """What torque motions may do. Raises OptionError."""
 
     force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 100.0
-    """Most that a wrench may exert."""
+    """Largest force of a wrench, N."""
     torque_nm: Annotated[float, bounds.ROBOT_TORQUE_NM] = 20.0
     force_slew_n_s: Annotated[float, FORCE_SLEW_N_S] = 500.0
     torque_slew_nm_s: Annotated[float, TORQUE_SLEW_NM_S] = 100.0
     speed_share: Annotated[float, bounds.SHARE] = 0.5
-    """Of each joint's speed: faster, a torque motion runs away and is stopped."""
+    """Share of each joint's speed limit above which a torque motion is stopped as a runaway."""
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -64,7 +64,7 @@ class TorqueMotion(Activity):
         self.limits = limits
         self._body = body
         self._seen: RobotState | None = None
-        """The newest state, and how fast its joints were."""
+        """The newest state, and the speeds of its joints."""
         self._speeds: FloatArray = np.zeros(len(model.joints))
         self._braking = self._caught = False
         self._kinematics = kinematics
@@ -75,7 +75,7 @@ class TorqueMotion(Activity):
         self._force, self._torque = ZERO3, ZERO3
         self._in_tcp_axes = np.zeros(6)
         self.share = 1.0
-        """Of the wrench that the joints' torques allowed in the last tick."""
+        """Share of the wrench that the joints' torques allowed in the last tick."""
 
     @property
     def yields(self) -> bool:
@@ -83,11 +83,11 @@ class TorqueMotion(Activity):
 
     @property
     def driven(self) -> bool:
-        """True while silence would let a wrench go on."""
+        """True while a wrench is exerted, which must not go on when its source falls silent."""
         return self.target.force != ZERO3 or self.target.torque != ZERO3
 
     def brake(self) -> None:
-        """Position first, at the measured speed, so that the arm neither drops nor jerks."""
+        """Brake by position from the measured speed, so that the arm neither drops nor jerks."""
         self._braking = True
         self.command = None
 

@@ -1,9 +1,9 @@
 """The interface of a filter: all that the controller knows about shared control.
 
-A filter stands between the mapping and the reference. It sees what the operator asks for and gives
-what is to be asked instead; every limit, the leash and the workspace come after it, so it can make
-a motion wrong but never unsafe in speed, acceleration or place. Filters are found by name like
-drivers; third parties add theirs through the entry-point group ``cardan.filters``.
+A filter stands between the mapping and the reference. It gets the twist that the operator asks for
+and returns the one to be used; every limit, the leash and the workspace come after it, so it can
+make a motion wrong but never unsafe in speed, acceleration or position. Filters are found by name
+like drivers; third parties add theirs through the entry-point group ``cardan.filters``.
 """
 
 from __future__ import annotations
@@ -16,36 +16,36 @@ from cardan.types import RobotState, Twist
 
 
 class TwistFilter(Driver):
-    """Changes the operator's twist, usually by what a sensor of its own says.
+    """Changes the operator's twist, usually by readings of its own sensor.
 
-    It has a driver's options, open(), close() and diagnosis(). It may be trusted only while its
-    sensor is fresh: what it does without must be safe, and status() must say it.
+    It has a driver's options, open(), close() and diagnosis(). While its sensor is not fresh, what
+    it does must be safe, and status() must say it.
     """
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self.name = type(self).__name__
-        """What people know it by; a session sets the name that its configuration uses."""
+        """Its name in messages; a session sets the name that its configuration uses."""
 
     @abstractmethod
     def apply(self, twist: Twist, robot: RobotState) -> Twist:
         """What to ask for instead of `twist` (base or tool axes), once in every control tick.
 
-        It is called when nobody drives or the robot is silent too, with a twist of zero and
-        perhaps without `robot.pose`, so that the sensor is always read; what it then returns is
-        not used, because a filter cannot start a motion. Now is `robot.stamp_s`. Never blocks,
-        never raises, never gives a value that is not finite: either of the last two disengages
+        It is also called when no operator drives or the robot is silent, with a twist of zero and
+        perhaps without `robot.pose`, so that the sensor is always read; what it then returns is not
+        used, because a filter cannot start a motion. Now is `robot.stamp_s`. Never blocks, never
+        raises, never gives a value that is not finite: either of the last two disengages
         teleoperation.
         """
 
     @abstractmethod
     def status(self) -> str:
-        """What it does to the operator's motion now, in words; empty when it does nothing."""
+        """What it does to the operator's motion now; empty when it does nothing."""
 
     def describe(self) -> str:
         """What it would do as configured, in one line; works without open()."""
         return ""
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, in plain words, worst first."""
+        """What prevents it from working or deserves attention, worst first."""
         return ()

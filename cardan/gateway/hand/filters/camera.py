@@ -1,4 +1,4 @@
-"""Camera-directed motion: the operator gives the advance, a camera on the hand the direction.
+"""Camera-directed motion: the operator gives the advance, a camera on the tool the direction.
 
 The published rule (Łukawski, Victores and Balaguer 2023, after Oña et al. 2020): as long as the
 operator advances along the camera's axis and the camera sees its target, the motion goes along
@@ -20,7 +20,7 @@ from cardan.spatial import dot, from_euler_zyx, rotate, scale
 from cardan.types import NEVER_S, ZERO3, Frame, RobotState, Twist, Vector3
 
 SMALLEST_ADVANCE_M_S = 1e-9
-"""Less than this is what rounding leaves of a motion across the axis, not an advance."""
+"""Smallest speed that is an advance: less is rounding of a motion across the axis."""
 
 _Angle = Annotated[float, bounds.ANGLE_DEG]
 
@@ -54,9 +54,9 @@ class CameraFilter(TwistFilter):
         self.listener = DatagramListener(self.options.host, self.options.port, self._take)
         self._camera = from_euler_zyx(*map(math.radians, self.options.camera_rpy_deg))
         self._axis = rotate(self._camera, Vector3(0.0, 0.0, 1.0))
-        """Where the camera looks, tool axes."""
+        """The camera's viewing direction, tool axes."""
         self._turn = ZERO3
-        """What turns the camera towards the target, rad/s along tool axes."""
+        """Turning speed towards the target, rad/s along tool axes."""
         self._seen_s = NEVER_S
         self._directs = False
 
@@ -65,7 +65,7 @@ class CameraFilter(TwistFilter):
         self.listener.open()
 
     def close(self) -> None:
-        """Stop listening; what was seen counts no more."""
+        """Stop listening and forget the target."""
         self.listener.close()
         self._seen_s, self._directs = NEVER_S, False
 

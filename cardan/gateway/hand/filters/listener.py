@@ -1,4 +1,4 @@
-"""A sensor's datagrams on a UDP port, read from the control tick without ever waiting."""
+"""Reads a sensor's datagrams from a UDP port in the control tick, without waiting."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from cardan.gateway.hand.filters.readings import MAX_DATAGRAM_BYTES, Malformed
 from cardan.types import NEVER_S
 
 MAX_PER_TICK = 8
-"""Datagrams read in one tick, 2000 a second at 250 Hz: work that a flood cannot make longer."""
+"""Datagrams read in one tick, 2000 a second at 250 Hz: bounds the work that a flood makes."""
 
 
 class DatagramListener:
-    """Hands each waiting datagram on, with a time at which it cannot have arrived yet.
+    """Passes on each waiting datagram, with a time of reception that is never too late.
 
-    The tick that reads a datagram may come long after it arrived, when this computer stalled. So
-    a datagram counts as received when the queue was last seen empty: never later than it was, and
-    earlier by no more than a tick. A flood that is never read to its end grows old, too.
+    The tick that reads a datagram may come long after it arrived, when this computer stalled. So a
+    datagram counts as received when the queue was last seen empty: never later than it was, and
+    earlier by no more than a tick. Datagrams of a flood that is never read to its end grow stale.
     """
 
     def __init__(
         self, host: str, port: int, take: Callable[[bytes, float], Malformed | None]
     ) -> None:
         self.address = (host, port)
-        """Where it listens; with port 0 the one it got, once open."""
+        """Where it listens; with port 0 the port that it got, once open."""
         self.heard = 0
         """Datagrams that could be used."""
         self.malformed = 0
@@ -86,14 +86,14 @@ class DatagramListener:
             self.malformed_reason = wrong.reason
 
     def diagnosis(self, sensor: str) -> tuple[str, ...]:
-        """What is wrong with the datagrams of `sensor`, in words."""
+        """What is wrong with the datagrams of `sensor`."""
         found = []
         host, port = self.address
         if self.is_open and not self.heard:
             found.append(f"nothing was heard from the {sensor} on {host}:{port} yet")
         if self.malformed:
             found.append(
-                f"{self.malformed} datagrams from the {sensor} made no sense, the last one "
+                f"{self.malformed} datagrams from the {sensor} are malformed, the last one "
                 f"because {self.malformed_reason}"
             )
         return tuple(found)

@@ -20,10 +20,10 @@ from cardan.spatial import scale
 from cardan.types import NEVER_S, ZERO_TWIST, RobotState, Twist
 
 PEAK_READINGS = 5
-"""Readings that the peak filter remembers."""
+"""Length of the peak filter's history."""
 
 PEAK_FACTOR = 5.0
-"""A value that many times the oldest remembered one is a peak."""
+"""Factor on the oldest value of the history above which a value is a peak."""
 
 
 class PeakFilter:
@@ -102,7 +102,7 @@ class ProximityFilter(TwistFilter):
         self.listener.open()
 
     def close(self) -> None:
-        """Stop listening; what was heard counts no more."""
+        """Stop listening and forget the readings."""
         self.listener.close()
         self._level_s = NEVER_S
 
@@ -141,7 +141,7 @@ class ProximityFilter(TwistFilter):
         return Twist(scale(twist.linear, factor), scale(twist.angular, factor), twist.frame)
 
     def status(self) -> str:
-        """Why the motion is slower than asked, in words."""
+        """Why the motion is slower than asked."""
         result = {0.0: "stopped", 0.5: "half speed"}.get(self._factor(), "")
         if self._stale:
             if self._level_s == NEVER_S:

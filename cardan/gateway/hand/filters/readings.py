@@ -10,7 +10,7 @@ import re
 from typing import NamedTuple
 
 MAX_DATAGRAM_BYTES = 1024
-"""The skin's text has some 460; nothing longer is read."""
+"""Longest datagram that is read; the skin's text has some 460 bytes."""
 
 MAX_VALUES = 256
 """Most plain numbers in one proximity reading."""
@@ -27,7 +27,7 @@ _NUMBER = re.compile(rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})
 
 
 class Malformed(NamedTuple):
-    """A datagram that says nothing, and why."""
+    """A datagram that cannot be decoded, and why."""
 
     reason: str
 
@@ -103,7 +103,7 @@ def _decode_skin(words: list[bytes]) -> tuple[float, ...] | Malformed:
                     sums[index] += value
         boards[board] = sums
     if not any_value:
-        # Read as zeros this would be free space all round, seen by a skin that sees nothing.
+        # As zeros this would be free space all round, from a skin that senses nothing.
         return Malformed("every word of the skin is FFF: no sensor gives a value")
     return tuple(total / 3.0 for board in BOARDS for total in boards[board])
 

@@ -75,7 +75,7 @@ def test_malformed_datagrams_are_counted_and_named(sensor):
     sensor.listener.drain(10.0)
     assert (sensor.listener.heard, sensor.listener.malformed) == (1, 2)
     assert sensor.listener.diagnosis("camera") == (
-        "2 datagrams from the camera made no sense, the last one because it is bad",
+        "2 datagrams from the camera are malformed, the last one because it is bad",
     )
 
 
