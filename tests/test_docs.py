@@ -19,7 +19,6 @@ from cardan.drivers import registry
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import keys_of, read_table
 from cardan.gateway.hand.filters.camera import CameraOptions
 from cardan.gateway.hand.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
@@ -27,6 +26,7 @@ from cardan.gateway.session.examples import Demo
 from cardan.options import hints
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers, spacemouse
+from cardan.tables import keys_of, read_table
 from cardan.types import Pose, Quaternion, Vector3
 from tests.ranges import ranges
 

@@ -10,8 +10,8 @@ from typing import Annotated, ClassVar, Literal
 
 from cardan import bounds
 from cardan.bounds import Angles, Direction, Length
+from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import AtMost, DriverTable, Tag
 from cardan.gateway.force.conditioning import Conditioning
 from cardan.gateway.force.fixtures import FixtureTable, matrix_of, outward_of_round, unit
 from cardan.gateway.force.sources import ContactTable
@@ -26,6 +26,7 @@ from cardan.haptics import (
 )
 from cardan.options import require
 from cardan.spatial import dot, from_euler_zyx, norm, subtract
+from cardan.tables import AtMost, Tag
 from cardan.types import ZERO3, Vector3
 
 Near = Annotated[float, bounds.NEAR_M]

@@ -21,7 +21,6 @@ from cardan.gateway.arm.authority import Authority
 from cardan.gateway.arm.body import Body, FreeBody
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.common.tables import DriverTable, keys_of, read_table
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.fixtures import FixtureSet
 from cardan.gateway.force.input import ForceInput
@@ -61,6 +60,7 @@ from cardan.gateway.session.config import (
 from cardan.options import suggestion
 from cardan.robots import Capsule, load_arm
 from cardan.spatial import norm, scale
+from cardan.tables import keys_of, read_table
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
@@ -87,7 +87,7 @@ FREE_JOINTS = 6
 """An arm with more joints has a posture to choose; it is drawn to its home."""
 
 
-def make_driver(table: DriverTable, key: str) -> Driver:
+def make_driver(table: registry.DriverTable, key: str) -> Driver:
     """The driver of a table, not opened yet; errors name `key`."""
     try:
         driver = registry.load(table.driver)

@@ -15,10 +15,10 @@ from typing import Annotated, Any
 
 from cardan import bounds
 from cardan.bounds import Angles, Coordinate, Direction, Length, Point
+from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.common.tables import DriverTable, FilterTable, read_table
 from cardan.gateway.force.tables import (
     FixtureTables,
     ForceTables,
@@ -28,12 +28,14 @@ from cardan.gateway.force.tables import (
     require_direction,
 )
 from cardan.gateway.hand.feedback import FeedbackOptions
+from cardan.gateway.hand.filters.registry import FilterTable
 from cardan.gateway.hand.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.options import check_options
 from cardan.spatial import from_euler_zyx
+from cardan.tables import read_table
 from cardan.types import Pose, Vector3
 
 if sys.version_info >= (3, 11):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import enum
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
@@ -21,22 +21,6 @@ OTHER_KEYS = {"other_keys": True}
 """Metadata of the field that takes all keys that no other field has."""
 
 Kind = TypeVar("Kind")
-
-
-@dataclass(frozen=True)
-class DriverTable:
-    """A driver's name; all other keys are that driver's options."""
-
-    driver: str
-    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
-
-
-@dataclass(frozen=True)
-class FilterTable:
-    """A filter's name; all other keys are that filter's options."""
-
-    filter: str
-    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
 
 class Tag(NamedTuple):

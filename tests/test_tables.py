@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal
 import pytest
 
 from cardan.bounds import Range
+from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError, OptionError
-from cardan.gateway.common.tables import AtMost, DriverTable, Tag, as_table, keys_of, read_table
 from cardan.options import CODE_ONLY, check_options, require
+from cardan.tables import AtMost, Tag, as_table, keys_of, read_table
 
 LENGTH_M = Range(0.0, 10.0, "m", "no table is longer", above=True)
 
