@@ -4,12 +4,12 @@ A ``Literal`` or an enum lists the choices, a :class:`cardan.bounds.Range` bound
 :class:`cardan.bounds.Text` says what form a text has::
 
     @dataclass(frozen=True, kw_only=True)
-    class Options:
+    class DeviceOptions(Options):
         transport: Literal["hidraw", "socket"] = "hidraw"
         dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.05
 
         def __post_init__(self) -> None:
-            check_options(self)
+            super().__post_init__()
             require(self.dead_zone or self.transport == "hidraw", "dead_zone", 0.0, "above 0")
 """
 
@@ -48,6 +48,16 @@ def check_options(options: Any) -> None:
     allowed_types = hints(options.__class__)
     for field in fields(options):
         check_value(field.name, getattr(options, field.name), allowed_types[field.name])
+
+
+class Options:
+    """Base of dataclasses that are checked by :func:`check_options` as soon as they are made.
+
+    A ``__post_init__`` of one's own calls this one first.
+    """
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 def check_value(key: str, value: object, hint: Any) -> None:
@@ -97,7 +107,7 @@ def refusal(hint: Any, value: object) -> str:
         if value is None and NoneType in inner:
             return ""
         refusals = [refusal(each, value) for each in inner if each is not NoneType]
-        return "" if not all(refusals) else " or ".join(refusals)
+        return "" if not all(refusals) else " or ".join(dict.fromkeys(refusals))
     if hint in _PLAIN:
         kinds, words = _PLAIN[hint]
         good = isinstance(value, kinds) and (hint is bool or not isinstance(value, bool))

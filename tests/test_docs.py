@@ -242,10 +242,9 @@ def test_every_table_of_the_configuration_has_its_section():
 
 def test_every_key_of_a_demo_is_there_with_its_default():
     table = rows(section(text("adding-a-driver.md"), "Keys of a demo"))
-    fields = {name: field for name, field in Demo.model_fields.items() if name != "file"}
     defaults = {
-        name: "must be given" if field.is_required() else written(field.default)
-        for name, field in fields.items()
+        name: "must be given" if field.default is dataclasses.MISSING else written(field.default)
+        for name, field in keys_of(Demo).items()
     }
     defaults["name"] = "the file's, without `-simulated`"
     assert {name: cells[0] for name, cells in table.items()} == defaults

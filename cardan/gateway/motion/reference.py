@@ -18,7 +18,7 @@ from typing import Annotated
 from cardan import bounds
 from cardan.bounds import Bounds
 from cardan.braking import stopping_speed
-from cardan.errors import ConfigurationError
+from cardan.errors import below
 from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.options import check_options, require
 from cardan.spatial import (
@@ -65,13 +65,11 @@ class ReferenceLimits:
 
     def check(self, table: str) -> None:
         """Raise ConfigurationError, of a setting in `table`, for a limit no arm may be given."""
-        try:
+        with below(table):
             check_options(self)
             for axis, walls in zip("xyz", self.workspace_m, strict=True):
                 good = walls is None or walls[0] < walls[1]
                 require(good, f"workspace_{axis}_m", walls, "two ends, lower bound first")
-        except ConfigurationError as error:
-            raise error.below(table) from None
 
 
 def _leashed(

@@ -7,14 +7,12 @@ error names the key, what is wrong with the value, and what is allowed.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from cardan import bounds
-from cardan.bounds import Angles, Coordinate, Direction, Length, Point
+from cardan.bounds import Angles, Coordinate, Direction
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.authority import AuthorityOptions
@@ -34,15 +32,10 @@ from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.options import check_options
+from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx
 from cardan.tables import read_table
 from cardan.types import Pose, Vector3
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 
 LONGEST_STOP_S = 0.5
 """An arm that needs longer to stop goes on for more than its operator expects: at 0.25 m/s it
@@ -88,30 +81,16 @@ class ArmTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObstacleTable:
+class ObstacleTable(SolidTable):
     """One of ``[[obstacles]]``: something solid in the arm's base frame."""
 
-    name: str
-    box: tuple[Point, Point] | None = None
-    """Lowest and highest corner, m."""
-    capsule: tuple[Point, Point, Length] | None = None
-    """Ends and radius, m; the same point twice: a sphere."""
+    FORMS: ClassVar = {**SolidTable.FORMS, "plane": "[normal, offset]"}
+
     plane: tuple[Direction, Coordinate] | None = None
     """Normal out of the solid, and how far along it the surface is, m."""
 
     def __post_init__(self) -> None:
-        check_options(self)
-        given = [n for n in ("box", "capsule", "plane") if getattr(self, n) is not None]
-        if len(given) != 1:
-            raise ConfigurationError(
-                "",
-                f"{self.name!r} has {' and '.join(given) or 'no shape'}; give one of "
-                "box = [corner, corner], capsule = [end, end, radius], plane = [normal, offset]",
-            )
-        if self.box is not None and not all(a < b for a, b in zip(*self.box, strict=True)):
-            raise ConfigurationError(
-                "box", f"of {self.name!r}: lowest corner first, then the highest"
-            )
+        super().__post_init__()
         if self.plane is not None:
             require_direction("plane", self.plane[0])
 
@@ -247,14 +226,3 @@ class SessionConfig:
 def parse_config(table: Mapping[str, Any]) -> SessionConfig:
     """Check a configuration already read; ConfigurationError names the first wrong key."""
     return read_table(SessionConfig, table)
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a file. Raises ConfigurationError."""
-    try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except OSError as error:
-        raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigurationError("", f"{path} is not TOML: {error}") from None
