@@ -1,7 +1,7 @@
 """What a number or a text of a configuration may be: ranges from physics, each with its reason.
 
 A range stands in the annotation of its field, ``Annotated[float, LINEAR_SPEED_M_S]``, and nowhere
-else; :func:`cardan.options.check_options` reads it there. A number beyond is a mistake, and would
+else; :class:`cardan.options.Options` reads it there. A number beyond is a mistake, and would
 not stay finite on the way to a robot.
 """
 

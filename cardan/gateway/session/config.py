@@ -31,7 +31,7 @@ from cardan.gateway.hand.mapping import GripperAction, GripperOptions, MappingOp
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.spnav.options import SpnavServerOptions
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx
 from cardan.tables import read_table
@@ -53,7 +53,7 @@ class LimitsTable(ReferenceLimits):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmTable:
+class ArmTable(Options):
     """``[arm]``: the model by which joints are commanded; without it the robot is sent poses."""
 
     model: str
@@ -70,9 +70,6 @@ class ArmTable:
     tcp_tolerance_m: Annotated[float, bounds.TCP_TOLERANCE_M] | None = None
     """Most that the controller's own TCP may differ from the model's before the arm is not moved;
     None: 2 mm where poses are sent, 20 mm where joints are."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
     def tool(self) -> Pose:
         """The TCP in the model's own."""
@@ -187,7 +184,6 @@ class SessionConfig:
 
     def _check_limits(self) -> None:
         limits, watchdogs = self.limits, self.watchdogs
-        limits.check("limits")
         accepted = limits.i_accept_long_stops
         longest_s = LONGEST_ACCEPTED_STOP_S if accepted else LONGEST_STOP_S
         for key, speed, acceleration in (
