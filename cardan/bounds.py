@@ -73,6 +73,20 @@ class Text:
         return self.words
 
 
+@dataclass(frozen=True)
+class Directed:
+    """A vector that is not zero, for ``Annotated[tuple[...], Directed()]``."""
+
+    shortest: float = 1e-9
+    """A vector that is not longer has no direction that rounding leaves."""
+
+    def __contains__(self, value: object) -> bool:
+        return isinstance(value, (tuple, list)) and math.hypot(*value) > self.shortest
+
+    def __str__(self) -> str:
+        return "a vector that has a direction"
+
+
 # -- speeds and accelerations ----------------------------------------------------------------------
 
 _MAX_LINEAR_SPEED_M_S = 5.0
@@ -147,7 +161,7 @@ Component = Annotated[float, DIRECTION]
 Bounds = tuple[Coordinate, Coordinate]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Angles = tuple[Angle, Angle, Angle]
-Direction = tuple[Component, Component, Component]
+Direction = Annotated[tuple[Component, Component, Component], Directed()]
 
 # -- times for which something may go on unseen ----------------------------------------------------
 
@@ -190,6 +204,7 @@ ENVIRONMENT_STIFFNESS_N_M = Range(
     0.0, 1e7, "N/m", "ten newtons for a micrometre: stiffer than any arm", above=True
 )
 DAMPING_N_S_M = Range(0.0, 10_000.0, "N·s/m", "honey, all round: nothing moves in it")
+DRAG_N_S_M = Range(0.0, 10_000.0, "N·s/m", "honey, all round: nothing moves in it", above=True)
 FRICTION = Range(0.0, 2.0, "", "rubber on rubber has less")
 FORCE_SCALE = Range(0.0, 10.0, "", "a newton at the robot is ten in the hand", above=True)
 FORCE_CUTOFF_HZ = Range(0.1, 200.0, "Hz", "lower is felt seconds late, higher filters nothing")

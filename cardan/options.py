@@ -1,7 +1,8 @@
 """Options are dataclasses whose annotations say what a value may be; errors name the key.
 
 A ``Literal`` or an enum lists the choices, a :class:`cardan.bounds.Range` bounds a number, a
-:class:`cardan.bounds.Text` says what form a text has::
+:class:`cardan.bounds.Text` says what form a text has, a :class:`cardan.bounds.Directed` that a
+vector is not zero::
 
     @dataclass(frozen=True, kw_only=True)
     class DeviceOptions(Options):
@@ -24,7 +25,7 @@ from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from cardan.bounds import Range, Text
+from cardan.bounds import Directed, Range, Text
 from cardan.errors import OptionError
 
 _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
@@ -146,7 +147,10 @@ def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
                 reason = f": {note.reason}" if note.reason else ""
                 return f"{note}{', whole' if whole else ''}{reason}"
             return ""
-    return refusal(inner[0], value)
+    if (allowed := refusal(inner[0], value)) == "":
+        directed = (note for note in inner[1:] if isinstance(note, Directed))
+        allowed = next((str(note) for note in directed if value not in note), "")
+    return allowed
 
 
 def _refused_elements(allowed: tuple[Any, ...], value: object) -> str:

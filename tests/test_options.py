@@ -70,6 +70,7 @@ def test_a_dataclass_is_checked_by_its_annotations(values, words):
 class Checked(Options):
     count: Annotated[int, CLOSED] = 1
     either: Annotated[float, CLOSED] | tuple[Annotated[float, CLOSED], ...] = 1.0
+    axis: bounds.Direction = (0.0, 0.0, 1.0)
 
 
 def test_options_are_checked_when_they_are_made():
@@ -78,6 +79,12 @@ def test_options_are_checked_when_they_are_made():
         Checked(count=3)
     with pytest.raises(OptionError, match=r"it must be 1 to 2 m: so it is$"):
         Checked(either=(1.0, 3.0))
+    with pytest.raises(OptionError, match=r"^axis: .* it must be a vector that has a direction$"):
+        Checked(axis=(0.0, 1e-10, 0.0))
+    with pytest.raises(OptionError, match=r"^axis: .* it must be 3 values$"):
+        Checked(axis=(0.0, 0.0))
+    with pytest.raises(OptionError, match=r"^axis: .* only its direction counts$"):
+        Checked(axis=(0.0, math.nan, 0.0))
 
 
 class Colour(enum.Enum):

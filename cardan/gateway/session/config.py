@@ -23,7 +23,6 @@ from cardan.gateway.force.tables import (
     NoForceTable,
     Place,
     RemoteForceTable,
-    require_direction,
 )
 from cardan.gateway.hand.feedback import FeedbackOptions
 from cardan.gateway.hand.filters.registry import FilterTable
@@ -85,11 +84,6 @@ class ObstacleTable(SolidTable):
 
     plane: tuple[Direction, Coordinate] | None = None
     """Normal out of the solid, and how far along it the surface is, m."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.plane is not None:
-            require_direction("plane", self.plane[0])
 
 
 @dataclass(frozen=True, kw_only=True)
