@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.errors import ConfigurationError, OptionError
-from cardan.options import Options
+from cardan.options import check_options
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
 from cardan.sim_peers.evdev.carriers import Carrier, SocketCarrier, UinputCarrier
@@ -23,7 +23,7 @@ STALL_S = 0.016
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvdevPeerOptions(Options):
+class EvdevPeerOptions:
     """What to simulate and where."""
 
     kind: Literal["gamepad", "keyboard"] = "gamepad"
@@ -48,6 +48,9 @@ class EvdevPeerOptions(Options):
     """Of the noise and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts when the first client connects, not when the peer opens; socket only."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class EvdevPeer(HandPeer):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Protocol
 
 from cardan import bounds
-from cardan.options import Options, require_each
+from cardan.options import check_options, require_each
 from cardan.protocols.jr3_can import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, CanFrame, Six
 from cardan.sim_peers.base import SimulatedPeer, check_faults, load_script
 from cardan.sim_peers.command import option
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Jr3PeerOptions(Options):
+class Jr3PeerOptions:
     """What to simulate and on which bus."""
 
     interface: Annotated[str, bounds.CAN_NAME] = option(
@@ -79,7 +79,7 @@ class Jr3PeerOptions(Options):
     """Of the noise and of the faults' choices."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        check_options(self)
         allowed = f"one of {', '.join(TEO_SENSORS)}"
         require_each(self, ("sensor", self.sensor in TEO_SENSORS, allowed))
         check_faults(self.faults, FAULTS)

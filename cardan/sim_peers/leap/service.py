@@ -21,7 +21,7 @@ from websockets.server import ServerProtocol
 from cardan import bounds
 from cardan.bounds import Range
 from cardan.errors import AddressError
-from cardan.options import Options
+from cardan.options import check_options
 from cardan.protocols.leap import HEARTBEAT_VERSIONS, PORT, ClientOptions, version_of
 from cardan.sim_peers.base import SimulatedPeer, load_script
 from cardan.sim_peers.command import option
@@ -46,7 +46,7 @@ JITTER = Range(0.0, 0.9, "", "a frame comes before the next one")
 
 
 @dataclass(frozen=True)
-class LeapPeerOptions(Options):
+class LeapPeerOptions:
     """What to simulate and where. Raises OptionError for a value that is not allowed."""
 
     host: Annotated[str, bounds.HOST] = option(
@@ -64,6 +64,9 @@ class LeapPeerOptions(Options):
     """Of the jitter and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts when the first client may get frames, not when the peer opens."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class _Link:

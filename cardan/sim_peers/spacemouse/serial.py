@@ -18,7 +18,7 @@ from typing import Annotated
 
 from cardan import bounds
 from cardan.errors import AddressError, OptionError
-from cardan.options import Options
+from cardan.options import check_options
 from cardan.protocols.connexion_serial import SERIAL_MODELS, serial_model_by_key
 from cardan.sim_peers.spacemouse.hand import Hand, Puck
 from cardan.sim_peers.spacemouse.serial_core import simulated_serial_puck
@@ -33,7 +33,7 @@ _LOCK_ROOM = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
-class SerialSpaceMousePeerOptions(Options):
+class SerialSpaceMousePeerOptions:
     """What to simulate and where."""
 
     link: str
@@ -56,6 +56,9 @@ class SerialSpaceMousePeerOptions(Options):
     boot_s: Annotated[float, bounds.NOT_NEGATIVE] | None = None
     """From power, which the open port gives, to the first command that the device hears; None: as
     long as one of its kind takes."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class _WaitingHand:

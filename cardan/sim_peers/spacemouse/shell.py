@@ -14,7 +14,7 @@ from typing import Annotated
 
 from cardan import bounds
 from cardan.errors import OptionError, ScriptError
-from cardan.options import Options
+from cardan.options import check_options
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
@@ -44,7 +44,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PuckOptions(Options):
+class PuckOptions:
     """What to simulate, and who moves it."""
 
     model: str = "spacenavigator"
@@ -61,6 +61,9 @@ class PuckOptions(Options):
     """Of the noise and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts when the first program opens the device, not when the peer opens."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 class HeldPuckPeer(HandPeer):

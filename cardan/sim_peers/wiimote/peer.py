@@ -11,7 +11,7 @@ from typing import Annotated
 
 from cardan import bounds
 from cardan.errors import ConfigurationError
-from cardan.options import Options, require_each
+from cardan.options import check_options, require_each
 from cardan.protocols.wiimote import SET_REPORT_HEADER, WIIMOTE, WIIMOTE_TR
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class WiimotePeerOptions(Options):
+class WiimotePeerOptions:
     """What to simulate and where. Exactly one of `l2cap`, `bluetooth` and `uhid` must be given."""
 
     l2cap: str = option("", "Folder for the Unix seqpacket sockets psm11 and psm13.", metavar="DIR")
@@ -62,7 +62,7 @@ class WiimotePeerOptions(Options):
     """The script starts when the first host connects, not when the peer opens."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        check_options(self)
         good = not self.bluetooth or self.bluetooth in bounds.BLUETOOTH_ADDRESS
         require_each(self, ("bluetooth", good, f"empty or {bounds.BLUETOOTH_ADDRESS}"))
 
