@@ -80,7 +80,7 @@ class ArmTable(Options):
 class ObstacleTable(SolidTable):
     """One of ``[[obstacles]]``: something solid in the arm's base frame."""
 
-    FORMS: ClassVar = {**SolidTable.FORMS, "plane": "[normal, offset]"}
+    FORMS: ClassVar[Mapping[str, str]] = {**SolidTable.FORMS, "plane": "[normal, offset]"}
 
     plane: tuple[Direction, Coordinate] | None = None
     """Normal out of the solid, and how far along it the surface is, m."""
