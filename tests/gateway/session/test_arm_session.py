@@ -225,7 +225,7 @@ def test_a_robot_that_takes_poses_gets_those_of_joints_inside_their_limits():
         ({"arm": {"model": "ur6"}}, "arm.model: there is no arm 'ur6'; allowed: amor"),
         ({"arm": {"model": "asibot"}}, "has 5 joints, the robot as configured 6"),
         ({"arm": {"model": "ur5", "policy": "guess"}}, "arm.policy: .*one of path, reach"),
-        ({"arm": {"model": "ur5", "speed_share": 1.5}}, "arm.speed_share: 1.5 .*0.001 to 1"),
+        ({"arm": {"model": "ur5", "speed_share": 1.5}}, "arm.speed_share: .*0.001 to 1"),
         ({"arm": {"model": "ur5", "sped_share": 1}}, "did you mean 'speed_share'"),
         ({"obstacles": [{"name": "w"}]}, "'w' has no shape; give one of box"),
         ({"obstacles": [{"name": "w", "box": [[0.0, 0.0, 0.0], [1.0, -1.0, 1.0]]}]}, "lowest"),
@@ -430,10 +430,7 @@ def test_some_axes_drive_joints_and_the_others_the_tcp():
     ("mapping", "words"),
     [
         ({"joints": {"rz": "elbow"}}, "mapping.joints.rz: there is no joint 'elbow'; .*did you"),
-        (
-            {"joints": {"yaw": "elbow_joint"}},
-            "mapping.joints: 'yaw' is not allowed; it must be one of x, y, z",
-        ),
+        ({"joints": {"yaw": "elbow_joint"}}, "mapping.joints: 'yaw' .*one of x, y, z"),
         ({"joints": {"rz": "elbow_joint"}}, "the axis drives rz as well"),
     ],
 )
