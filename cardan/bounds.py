@@ -1,7 +1,7 @@
 """Allowed ranges of numbers and forms of texts in a configuration, with physical reasons.
 
 A range stands in the annotation of its field, ``Annotated[float, LINEAR_SPEED_M_S]``, and nowhere
-else; :func:`cardan.options.check_options` reads it there. A number outside is a mistake, and could
+else; :class:`cardan.options.Options` reads it there. A number outside is a mistake, and could
 overflow on its way to a robot.
 """
 
@@ -71,6 +71,20 @@ class Text:
 
     def __str__(self) -> str:
         return self.words
+
+
+@dataclass(frozen=True)
+class Directed:
+    """A vector that is not zero, for ``Annotated[tuple[...], Directed()]``."""
+
+    shortest: float = 1e-9
+    """A vector that is not longer has no direction that rounding leaves."""
+
+    def __contains__(self, value: object) -> bool:
+        return isinstance(value, (tuple, list)) and math.hypot(*value) > self.shortest
+
+    def __str__(self) -> str:
+        return "a vector that has a direction"
 
 
 # -- speeds and accelerations ----------------------------------------------------------------------
@@ -147,7 +161,7 @@ Component = Annotated[float, DIRECTION]
 Bounds = tuple[Coordinate, Coordinate]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Angles = tuple[Angle, Angle, Angle]
-Direction = tuple[Component, Component, Component]
+Direction = Annotated[tuple[Component, Component, Component], Directed()]
 
 # -- times for which something may go on unseen ----------------------------------------------------
 
@@ -190,6 +204,7 @@ ENVIRONMENT_STIFFNESS_N_M = Range(
     0.0, 1e7, "N/m", "ten newtons for a micrometre: stiffer than any arm", above=True
 )
 DAMPING_N_S_M = Range(0.0, 10_000.0, "N·s/m", "nothing moves against more")
+DRAG_N_S_M = Range(0.0, 10_000.0, "N·s/m", "nothing moves against more", above=True)
 FRICTION = Range(0.0, 2.0, "", "rubber on rubber has less")
 FORCE_SCALE = Range(0.0, 10.0, "", "a newton at the robot is ten in the hand", above=True)
 FORCE_CUTOFF_HZ = Range(0.1, 200.0, "Hz", "lower is felt seconds late, higher filters nothing")

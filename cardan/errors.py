@@ -30,6 +30,9 @@ of each when it comes and what to do.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 
 class CardanError(Exception):
     """Base of everything Cardan raises on purpose."""
@@ -63,6 +66,24 @@ class OptionError(ConfigurationError):
 
     def below(self, table: str) -> OptionError:
         return OptionError(super().below(table).key, self.value, self.allowed)
+
+
+@contextlib.contextmanager
+def below(table: str) -> Iterator[None]:
+    """Errors of settings that are raised inside are of settings in `table`."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise error.below(table) from None
+
+
+@contextlib.contextmanager
+def about(what: object) -> Iterator[None]:
+    """A ValueError that is raised inside becomes a ConfigurationError that begins with `what`."""
+    try:
+        yield
+    except ValueError as error:
+        raise ConfigurationError("", f"{what}: {error}") from None
 
 
 class DriverError(CardanError):

@@ -1,15 +1,16 @@
 """Options are dataclasses whose annotations say what a value may be; errors name the key.
 
 A ``Literal`` or an enum lists the choices, a :class:`cardan.bounds.Range` bounds a number, a
-:class:`cardan.bounds.Text` says what form a text has::
+:class:`cardan.bounds.Text` says what form a text has, a :class:`cardan.bounds.Directed` that a
+vector is not zero::
 
     @dataclass(frozen=True, kw_only=True)
-    class Options:
+    class DeviceOptions(Options):
         transport: Literal["hidraw", "socket"] = "hidraw"
         dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.05
 
         def __post_init__(self) -> None:
-            check_options(self)
+            super().__post_init__()
             require(self.dead_zone or self.transport == "hidraw", "dead_zone", 0.0, "above 0")
 """
 
@@ -24,7 +25,7 @@ from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from cardan.bounds import Range, Text
+from cardan.bounds import Directed, Range, Text
 from cardan.errors import OptionError
 
 _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
@@ -48,6 +49,16 @@ def check_options(options: Any) -> None:
     allowed_types = hints(options.__class__)
     for field in fields(options):
         check_value(field.name, getattr(options, field.name), allowed_types[field.name])
+
+
+class Options:
+    """Base of dataclasses that are checked by :func:`check_options` as soon as they are made.
+
+    A ``__post_init__`` of one's own calls this one first.
+    """
+
+    def __post_init__(self) -> None:
+        check_options(self)
 
 
 def check_value(key: str, value: object, hint: Any) -> None:
@@ -97,7 +108,7 @@ def refusal(hint: Any, value: object) -> str:
         if value is None and NoneType in inner:
             return ""
         refusals = [refusal(each, value) for each in inner if each is not NoneType]
-        return "" if not all(refusals) else " or ".join(refusals)
+        return "" if not all(refusals) else " or ".join(dict.fromkeys(refusals))
     if hint in _PLAIN:
         kinds, words = _PLAIN[hint]
         good = isinstance(value, kinds) and (hint is bool or not isinstance(value, bool))
@@ -136,7 +147,10 @@ def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
                 reason = f": {note.reason}" if note.reason else ""
                 return f"{note}{', whole' if whole else ''}{reason}"
             return ""
-    return refusal(inner[0], value)
+    if (allowed := refusal(inner[0], value)) == "":
+        directed = (note for note in inner[1:] if isinstance(note, Directed))
+        allowed = next((str(note) for note in directed if value not in note), "")
+    return allowed
 
 
 def _refused_elements(allowed: tuple[Any, ...], value: object) -> str:

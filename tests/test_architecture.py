@@ -14,6 +14,7 @@ LEAVES = {
     "types",
     "errors",
     "spatial",
+    "tables",
     "braking",
     "histogram",
     "realtime",

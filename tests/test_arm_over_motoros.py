@@ -11,10 +11,10 @@ from cardan.drivers.motoros import Motoros
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verbs import ArmVerbs
-from cardan.gateway.common.tables import as_table
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.assembly import load_config, make_arm, make_controller
 from cardan.robots import load_arm
+from cardan.tables import as_table
 from cardan.types import DeviceLink, DeviceState
 from tests.drivers.motoros_rig import Rig
 

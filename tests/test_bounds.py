@@ -11,10 +11,10 @@ import pytest
 from cardan.bounds import Range
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import keys_of, read_table
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.session.config import SessionConfig
 from cardan.options import check_options, hints
+from cardan.tables import keys_of, read_table
 from tests.ranges import spoilt
 
 HUGE = 10**400

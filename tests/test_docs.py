@@ -19,7 +19,6 @@ from cardan.drivers import registry
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import keys_of, read_table
 from cardan.gateway.hand.filters.camera import CameraOptions
 from cardan.gateway.hand.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
@@ -27,6 +26,7 @@ from cardan.gateway.session.examples import Demo
 from cardan.options import hints
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers, spacemouse
+from cardan.tables import keys_of, read_table
 from cardan.types import Pose, Quaternion, Vector3
 from tests.ranges import ranges
 
@@ -242,10 +242,9 @@ def test_every_table_of_the_configuration_has_its_section():
 
 def test_every_key_of_a_demo_is_there_with_its_default():
     table = rows(section(text("adding-a-driver.md"), "Keys of a demo"))
-    fields = {name: field for name, field in Demo.model_fields.items() if name != "file"}
     defaults = {
-        name: "must be given" if field.is_required() else written(field.default)
-        for name, field in fields.items()
+        name: "must be given" if field.default is dataclasses.MISSING else written(field.default)
+        for name, field in keys_of(Demo).items()
     }
     defaults["name"] = "the file's, without `-simulated`"
     assert {name: cells[0] for name, cells in table.items()} == defaults

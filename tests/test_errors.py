@@ -89,3 +89,18 @@ def test_the_page_says_of_every_error_when_it_comes_and_what_to_do(there):
 
 def test_a_bad_setting_is_a_value_error_too():
     assert issubclass(errors.ConfigurationError, ValueError)
+
+
+def test_errors_of_settings_say_in_which_table_they_are():
+    with pytest.raises(errors.OptionError) as caught, errors.below("cells.1"):
+        raise errors.OptionError("size", 3, "less")
+    assert (caught.value.key, caught.value.value) == ("cells.1.size", 3)
+
+
+def test_errors_say_what_they_are_about():
+    with (
+        pytest.raises(errors.ConfigurationError, match=r"^own\.toml: joint 'j': no limit$"),
+        errors.about("own.toml"),
+        errors.about("joint 'j'"),
+    ):
+        raise ValueError("no limit")

@@ -16,6 +16,7 @@ from cardan.drivers import registry as driver_registry
 from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.options import (
+    Options,
     check_options,
     check_value,
     choices,
@@ -31,7 +32,7 @@ CLOSED = Range(1.0, 2.0, "m", "so it is")
 
 
 @dataclasses.dataclass
-class Options:
+class Plain:
     speed: Annotated[float, LINEAR_SPEED_M_S] = 0.1
     count: Annotated[int, CLOSED] = 1
     corner: tuple[Annotated[float, CLOSED], ...] = ()
@@ -58,11 +59,32 @@ class Options:
 )
 def test_a_dataclass_is_checked_by_its_annotations(values, words):
     if not words:
-        check_options(Options(**values))
+        check_options(Plain(**values))
         return
     with pytest.raises(ValueError, match="allowed") as caught:
-        check_options(Options(**values))
+        check_options(Plain(**values))
     assert str(caught.value).startswith(words)
+
+
+@dataclasses.dataclass(frozen=True)
+class Checked(Options):
+    count: Annotated[int, CLOSED] = 1
+    either: Annotated[float, CLOSED] | tuple[Annotated[float, CLOSED], ...] = 1.0
+    axis: bounds.Direction = (0.0, 0.0, 1.0)
+
+
+def test_options_are_checked_when_they_are_made():
+    assert Checked(count=2).count == 2
+    with pytest.raises(OptionError, match=r"^count: 3 is not allowed; it must be 1 to 2 m"):
+        Checked(count=3)
+    with pytest.raises(OptionError, match=r"it must be 1 to 2 m: so it is$"):
+        Checked(either=(1.0, 3.0))
+    with pytest.raises(OptionError, match=r"^axis: .* it must be a vector that has a direction$"):
+        Checked(axis=(0.0, 1e-10, 0.0))
+    with pytest.raises(OptionError, match=r"^axis: .* it must be 3 values$"):
+        Checked(axis=(0.0, 0.0))
+    with pytest.raises(OptionError, match=r"^axis: .* only its direction counts$"):
+        Checked(axis=(0.0, math.nan, 0.0))
 
 
 class Colour(enum.Enum):
@@ -97,7 +119,7 @@ class Point(NamedTuple):
         (Mapping[str, float], [{}, {"a": 1.0}], [None, (), 1], "values by name"),
         (Mapping[str, float], [], [{"a": "x"}], "a number"),
         (Mapping[str, float], [], [{1: 1.0}], "a text without a NUL"),
-        (Options, [Options()], [None, {}, Colour.RED], "of type Options"),
+        (Plain, [Plain()], [None, {}, Colour.RED], "of type Plain"),
         (Annotated[int, "a note"], [1], ["x"], "a whole number"),
         (Annotated[str, bounds.IPV4], ["127.0.0.1"], ["", "x", "1.2.3", 5], str(bounds.IPV4)),
         (Any, [None, 1, "x"], [], ""),
@@ -144,19 +166,19 @@ def test_choices_are_those_of_a_literal_or_an_enum():
     assert choices(Literal["a", "b"]) == ("a", "b")
     assert choices(Colour) == (Colour.RED, Colour.BLUE)
     assert choices(int) == ()
-    assert hints(Options)["free"] is float
+    assert hints(Plain)["free"] is float
 
 
 def test_require_names_key_value_and_what_is_allowed():
     require(True, "key", 1, "anything")
-    require_each(Options(), ("count", True, "1"), ("free", [0], ""))
+    require_each(Plain(), ("count", True, "1"), ("free", [0], ""))
     with pytest.raises(OptionError) as caught:
         require("", "key", 1, "2 or 3")
     error = caught.value
     assert (error.key, error.value, error.allowed) == ("key", 1, "2 or 3")
     assert str(error) == "key: 1 is not allowed; it must be 2 or 3"
     with pytest.raises(OptionError, match="count: 1 is not allowed; it must be 7"):
-        require_each(Options(), ("free", True, ""), ("count", False, "7"), ("speed", False, ""))
+        require_each(Plain(), ("free", True, ""), ("count", False, "7"), ("speed", False, ""))
 
 
 def test_an_error_below_a_table_stays_what_it_is():

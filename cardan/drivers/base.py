@@ -39,8 +39,8 @@ class Driver(Openable):
 
     Options: ClassVar[type[Any]]
     """A frozen dataclass with a default for every field; the configuration file's table of this
-    driver is checked against it. Its ``__post_init__`` raises OptionError for a bad value, as
-    :func:`cardan.options.check_options` does by the annotations."""
+    driver is checked against it. It raises OptionError for a bad value, as
+    :class:`cardan.options.Options` does by the annotations."""
     summary: ClassVar[str] = ""
     """What it drives, in a few words; lists and tables begin with it."""
     page: ClassVar[str] = ""

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import EntryPoints, entry_points
+from typing import Any
 
 from cardan.drivers.base import Driver
 from cardan.plugins import Finder
+from cardan.tables import OTHER_KEYS
 
 ENTRY_POINT_GROUP = "cardan.drivers"
 
@@ -23,6 +27,14 @@ BUILT_IN = {
     "sim_arm": "cardan.drivers.sim_arm:SimArm",
 }
 """Our own drivers. Other packages add theirs by an entry point of the same form."""
+
+
+@dataclass(frozen=True)
+class DriverTable:
+    """A driver's name; all other keys of the table are that driver's options."""
+
+    driver: str
+    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
 
 def _installed() -> EntryPoints:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.types import NEUTRAL as NEUTRAL, Axes as Axes
 
 Deflections = tuple[float, float, float, float, float, float]
@@ -21,7 +21,7 @@ DOMINANCE_MARGIN = 1.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShapingOptions:
+class ShapingOptions(Options):
     """Options of every driver with deflections. Raises OptionError for what is not allowed."""
 
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.05
@@ -36,9 +36,6 @@ class ShapingOptions:
     """False: rotation is locked at zero."""
     dominant_axis: bool = False
     """Only the axis that is deflected most acts."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 class Shaper:

@@ -9,6 +9,7 @@ from cardan.robots.arm_model import (
     JointKind as JointKind,
     Shape as Shape,
     SixWeights as SixWeights,
+    SolidTable as SolidTable,
     arm_names as arm_names,
     load_arm as load_arm,
     parse_urdf as parse_urdf,

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import enum
 import math
-import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-
-from cardan.errors import ConfigurationError
+from cardan import bounds
+from cardan.bounds import Length, Point, Range
+from cardan.errors import ConfigurationError, about, below
+from cardan.options import Options, require
 from cardan.spatial import (
     add,
     compose,
@@ -29,12 +31,8 @@ from cardan.spatial import (
     subtract,
     transform,
 )
+from cardan.tables import read_table, read_text, read_toml
 from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, Pose, Vector3
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
@@ -103,10 +101,21 @@ class Box(NamedTuple):
     pose: Pose
     size_m: Vector3
 
+    @classmethod
+    def between(cls, low: Vector3, high: Vector3) -> Box:
+        """From its lowest corner to its highest, m, along the axes. Raises ConfigurationError."""
+        size = subtract(high, low)
+        if min(size) <= 0.0:
+            raise ConfigurationError(
+                "", f"lowest corner {tuple(low)} first, then the highest, found {tuple(high)}"
+            )
+        return cls(Pose(scale(add(low, high), 0.5), IDENTITY), size)
+
 
 Shape = Capsule | Box
 Moments = tuple[float, float, float, float, float, float]
-SixWeights = tuple[float, float, float, float, float, float]
+Weight = Annotated[float, bounds.NOT_NEGATIVE]
+SixWeights = tuple[Weight, Weight, Weight, Weight, Weight, Weight]
 
 
 class BodyShape(NamedTuple):
@@ -117,13 +126,18 @@ class BodyShape(NamedTuple):
     shape: Shape
 
 
-class Task(NamedTuple):
-    """Which of the six directions the arm is asked to follow, and how much they count."""
+@dataclass(frozen=True, kw_only=True)
+class Task(Options):
+    """``[task]``: which of the six directions the arm is to follow, and how much they count."""
 
-    in_tcp_axes: bool = True
-    """Axes of the weights: the TCP's, or else the base's."""
+    axes: Literal["tcp", "base"] = "tcp"
+    """Of the weights."""
     weights: SixWeights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     """x y z rx ry rz; 0 leaves a direction free."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(any(self.weights), "weights", self.weights, "six, one at least above 0")
 
 
 class ArmModel(NamedTuple):
@@ -170,65 +184,81 @@ class ArmModel(NamedTuple):
 # ---------------------------------------------------------------------------------------------
 # The TOML beside a URDF
 
-_Number = Annotated[
-    float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER, allow_inf_nan=False, strict=True)
-]
-_Positive = Annotated[float, Field(gt=0, le=LARGEST_NUMBER, allow_inf_nan=False, strict=True)]
-_Weight = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
-_Point = tuple[_Number, _Number, _Number]
-_Weights = tuple[_Weight, _Weight, _Weight, _Weight, _Weight, _Weight]
+_Number = Annotated[float, Range(-LARGEST_NUMBER, LARGEST_NUMBER, "", "")]
+_Positive = Annotated[float, Range(0.0, LARGEST_NUMBER, "", "", above=True)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+@dataclass(frozen=True, kw_only=True)
+class SolidTable(Options):
+    """Something solid: its name, and one of the keys that give it a shape."""
+
+    FORMS: ClassVar[Mapping[str, str]] = {
+        "box": "[corner, corner]",
+        "capsule": "[end, end, radius]",
+    }
+
+    name: str
+    box: tuple[Point, Point] | None = None
+    """Lowest and highest corner, m."""
+    capsule: tuple[Point, Point, Length] | None = None
+    """Ends and radius, m; the same point twice: a sphere."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = [key for key in self.FORMS if getattr(self, key) is not None]
+        if len(given) != 1:
+            name = repr(self.name) if self.name else "it"
+            forms = ", ".join(f"{key} = {form}" for key, form in self.FORMS.items())
+            raise ConfigurationError(
+                "", f"{name} has {' and '.join(given) or 'no shape'}; give one of {forms}"
+            )
+        with below("box"):
+            self.shape()
+
+    def shape(self) -> Shape | None:
+        """The box or the capsule; None where it is neither."""
+        if self.box is not None:
+            return Box.between(*(Vector3(*corner) for corner in self.box))
+        if self.capsule is not None:
+            start, end, radius_m = self.capsule
+            return Capsule(Vector3(*start), Vector3(*end), radius_m)
+        return None
 
 
-class _TaskTable(_Table):
-    axes: Literal["tcp", "base"] = "tcp"
-    weights: _Weights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-
-    @model_validator(mode="after")
-    def _something_to_follow(self) -> _TaskTable:
-        if not any(self.weights):
-            raise ValueError("one weight at least is above 0")
-        return self
-
-
-class _ShapeTable(_Table):
-    """A capsule or a box, fixed to `link` (the base when it is left out)."""
+@dataclass(frozen=True, kw_only=True)
+class ShapeTable(SolidTable):
+    """``[[collision.shape]]``: along the axes of the link that it is fixed to."""
 
     name: str = ""
+    """Empty: the link's."""
     link: str = ""
-    capsule: tuple[_Point, _Point, _Positive] | None = None
-    """Ends and radius, m."""
-    box: tuple[_Point, _Point] | None = None
-    """Lowest and highest corner, m, along the link's axes."""
-
-    @model_validator(mode="after")
-    def _one_shape(self) -> _ShapeTable:
-        if (self.capsule is None) is (self.box is None):
-            raise ValueError("give either capsule = [end, end, radius] or box = [corner, corner]")
-        return self
+    """Empty: the base."""
 
 
-class _CollisionTable(_Table):
-    ignore: list[tuple[str, str]] = []
+@dataclass(frozen=True, kw_only=True)
+class CollisionTable(Options):
+    """``[collision]``"""
+
+    ignore: tuple[tuple[str, str], ...] = ()
     """Pairs of links that always touch, besides neighbours."""
     meshes: Literal["refuse", "ignore"] = "refuse"
-    shape: list[_ShapeTable] = []
+    shape: tuple[ShapeTable, ...] = ()
 
 
-class _ArmFile(_Table):
+@dataclass(frozen=True, kw_only=True)
+class ArmFile(Options):
+    """The whole file."""
+
     urdf: str
     tcp: str = ""
     """Link whose frame is the TCP; default: the last one."""
     flange: str = ""
-    home_deg: list[_Number] | None = None
+    home_deg: tuple[_Number, ...] | None = None
     """Revolute joints in deg, prismatic ones in m."""
-    acceleration_deg_s2: _Positive | list[_Positive] | None = None
+    acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None
     """One for all joints or one each; prismatic ones in m/s²."""
-    task: _TaskTable = _TaskTable()
-    collision: _CollisionTable = _CollisionTable()
+    task: Task = field(default_factory=Task)
+    collision: CollisionTable = field(default_factory=CollisionTable)
 
 
 def arm_names() -> tuple[str, ...]:
@@ -244,10 +274,8 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
     wrong in it, and what is allowed.
     """
     if key:
-        try:
+        with below(key):
             return load_arm(name_or_file)
-        except ConfigurationError as error:
-            raise error.below(key) from None
     if name_or_file in arm_names():
         path = _FOLDER / f"{name_or_file}.toml"
         return _read(path if path.exists() else path.with_suffix(".urdf"))
@@ -261,30 +289,14 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
 
 
 def _read(path: Path) -> ArmModel:
-    try:
-        if path.suffix == ".urdf":
-            return parse_urdf(_text(path))
-        try:
-            file = _ArmFile.model_validate(tomllib.loads(_text(path)))
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigurationError("", f"not TOML: {error}") from None
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            # The alternatives of a union are among its parts, named "constrained-float".
-            key = ".".join(str(part) for part in first["loc"] if "-" not in str(part))
-            message = first["msg"].removeprefix("Value error, ")
-            raise ConfigurationError(key, f"{message}; found {first['input']!r}") from None
-        return _build(_text(path.parent / file.urdf), file)
-    except ConfigurationError as error:
-        raise ConfigurationError("", f"{path.name}: {error}") from None
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text("utf-8")
-    except (OSError, ValueError) as error:
-        # ValueError: not UTF-8, or a path that is none.
-        raise ConfigurationError("", f"{path.name} cannot be read: {error}") from None
+    if path.suffix == ".urdf":
+        text = read_text(path)
+        with about(path):
+            return parse_urdf(text)
+    table = read_toml(path)
+    with about(path):
+        file = read_table(ArmFile, table)
+        return _build(read_text(path.parent / file.urdf), file)
 
 
 def parse_urdf(text: str) -> ArmModel:
@@ -293,84 +305,92 @@ def parse_urdf(text: str) -> ArmModel:
     Raises ConfigurationError for text that is not URDF, branches, lacks a limit, has numbers
     that are none, or has meshes where primitives are needed.
     """
-    return _build(text, _ArmFile(urdf=""))
+    return _build(text, ArmFile(urdf=""))
 
 
 # ---------------------------------------------------------------------------------------------
 # URDF
 
 
-def _build(text: str, file: _ArmFile) -> ArmModel:
+class _Link(NamedTuple):
+    """Where a link is: the body that it is part of, and its frame in that body's."""
+
+    body: int
+    pose: Pose
+
+
+class _Links(dict[str, _Link]):
+    """The links by name, the base first."""
+
+    def get_link(self, name: str, key: str) -> _Link:
+        """ConfigurationError of the setting `key` where there is none of that name."""
+        if name not in self:
+            raise ConfigurationError(key, f"there is no link {name!r}; allowed: {', '.join(self)}")
+        return self[name]
+
+
+def _wrong(message: str) -> ConfigurationError:
+    return ConfigurationError("", message)
+
+
+def _build(text: str, file: ArmFile) -> ArmModel:
     try:
         robot = ET.fromstring(text)
     except (ET.ParseError, ValueError) as error:
-        raise ConfigurationError("", f"the arm's URDF is not XML: {error}") from None
+        raise _wrong(f"the arm's URDF is not XML: {error}") from None
     if robot.tag != "robot":
-        raise ConfigurationError("", f"the arm's URDF is a <{robot.tag}>, not a <robot>")
-    accelerations = file.acceleration_deg_s2
+        raise _wrong(f"the arm's URDF is a <{robot.tag}>, not a <robot>")
     joints: list[ArmJoint] = []
-    links: dict[str, tuple[int, Pose]] = {}
-    weld, chain = IDENTITY_POSE, _chain(robot)
+    weld, chain, moving = IDENTITY_POSE, _chain(robot), [kind.value for kind in JointKind]
     last = _root(chain)
-    links[last] = (0, weld)
+    links = _Links({last: _Link(0, weld)})
     while last in chain:
         element = chain.pop(last)
         last = _link_of(element, "child")
         if last in links:
-            raise ConfigurationError("", f"link {last!r} is reached twice: not one arm")
-        placement = compose(weld, _origin(element, f"joint {element.get('name')!r}"))
-        kind = element.get("type", "")
+            raise _wrong(f"link {last!r} is reached twice: not one arm")
+        name, kind = element.get("name", ""), element.get("type", "")
+        placement = compose(weld, _origin(element, f"joint {name!r}"))
         if kind == "fixed":
             weld = placement
-        elif kind in {k.value for k in JointKind}:
+        elif kind in moving:
             joints.append(_joint(element, JointKind(kind), placement))
             weld = IDENTITY_POSE
         else:
-            raise ConfigurationError(
-                "",
-                f"joint {element.get('name')!r} is {kind!r}; allowed: fixed, "
-                + ", ".join(k.value for k in JointKind),
-            )
-        links[last] = (len(joints), weld)
+            raise _wrong(f"joint {name!r} is {kind!r}; allowed: fixed, {', '.join(moving)}")
+        links[last] = _Link(len(joints), weld)
     if chain:
-        raise ConfigurationError("", f"links {sorted(chain)} are not joined to the base")
+        raise _wrong(f"links {sorted(chain)} are not joined to the base")
     if not joints:
-        raise ConfigurationError("", "the arm's URDF has no moving joint")
+        raise _wrong("the arm's URDF has no moving joint")
     names = [joint.name for joint in joints]
     if len(set(names)) < len(names) or "" in names:
-        raise ConfigurationError("", f"every joint has a name of its own, not {names}")
-    if accelerations is not None:
-        joints = _accelerated(joints, accelerations)
+        raise _wrong(f"every joint has a name of its own, not {names}")
+    if file.acceleration_deg_s2 is not None:
+        joints = _accelerated(joints, file.acceleration_deg_s2)
     frames = {}
     for key, name in (("tcp", file.tcp or last), ("flange", file.flange or file.tcp or last)):
-        if name not in links:
-            raise ConfigurationError(key, f"there is no link {name!r}; {_allowed(links)}")
-        if links[name][0] != len(joints):
+        body, frames[key] = links.get_link(name, key)
+        if body != len(joints):
             raise ConfigurationError(key, f"link {name!r} is not moved by the last joint")
-        frames[key] = links[name][1]
     return ArmModel(
         name=robot.get("name", ""),
         joints=tuple(joints),
-        flange=frames["flange"],
-        tcp=frames["tcp"],
+        **frames,
         inertias=_inertias(robot, links, len(joints)),
         shapes=(*_shapes(robot, links, file.collision), *_own_shapes(links, file.collision)),
         ignored_pairs=_pairs(links, file.collision),
         home=_home(joints, file.home_deg),
-        task=Task(file.task.axes == "tcp", file.task.weights),
+        task=file.task,
         urdf=text,
     )
-
-
-def _allowed(links: dict[str, tuple[int, Pose]]) -> str:
-    return f"allowed: {', '.join(links)}"
 
 
 def _link_of(joint: ET.Element, tag: str) -> str:
     element = joint.find(tag)
     link = "" if element is None else element.get("link", "")
     if not link:
-        raise ConfigurationError("", f"joint {joint.get('name')!r} lacks its parent or child")
+        raise _wrong(f"joint {joint.get('name')!r} lacks its parent or child")
     return link
 
 
@@ -380,7 +400,7 @@ def _chain(robot: ET.Element) -> dict[str, ET.Element]:
     for joint in robot.iterfind("joint"):
         parent = _link_of(joint, "parent")
         if parent in by_parent:
-            raise ConfigurationError("", f"link {parent!r} branches: not one arm")
+            raise _wrong(f"link {parent!r} branches: not one arm")
         by_parent[parent] = joint
     return by_parent
 
@@ -388,7 +408,7 @@ def _chain(robot: ET.Element) -> dict[str, ET.Element]:
 def _root(by_parent: dict[str, ET.Element]) -> str:
     roots = set(by_parent) - {_link_of(joint, "child") for joint in by_parent.values()}
     if len(roots) != 1:
-        raise ConfigurationError("", f"an arm has one base link, not {sorted(roots)}")
+        raise _wrong(f"an arm has one base link, not {sorted(roots)}")
     return roots.pop()
 
 
@@ -401,9 +421,8 @@ def _numbers(element: ET.Element | None, attribute: str, default: Vector3, of: s
     except ValueError:
         x = y = z = math.nan
     if not all(abs(number) <= LARGEST_NUMBER for number in (x, y, z)):
-        raise ConfigurationError(
-            "",
-            f"{attribute} of {of}: {text!r} is not three numbers of at most {LARGEST_NUMBER:g}",
+        raise _wrong(
+            f"{attribute} of {of}: {text!r} is not three numbers of at most {LARGEST_NUMBER:g}"
         )
     return Vector3(x, y, z)
 
@@ -414,9 +433,17 @@ def _origin(element: ET.Element, of: str) -> Pose:
     return Pose(_numbers(origin, "xyz", ZERO3, of), from_euler_zyx(*rpy))
 
 
-def _attribute(element: ET.Element, name: str, default: str | None = None) -> float:
+def _child(element: ET.Element, tag: str) -> ET.Element:
+    """Raises ValueError that names it where there is none."""
+    child = element.find(tag)
+    if child is None:
+        raise ValueError(f"no <{tag}>")
+    return child
+
+
+def _attribute(element: ET.Element | None, name: str, default: str | None = None) -> float:
     """Raises ValueError that names the attribute and what it is."""
-    text = element.get(name, default)
+    text = default if element is None else element.get(name, default)
     if text is None:
         raise ValueError(f"no {name}")
     try:
@@ -426,36 +453,29 @@ def _attribute(element: ET.Element, name: str, default: str | None = None) -> fl
 
 
 def _joint(element: ET.Element, kind: JointKind, placement: Pose) -> ArmJoint:
-    name, limit = element.get("name", ""), element.find("limit")
+    name = element.get("name", "")
     if element.find("mimic") is not None:
-        raise ConfigurationError(
-            "",
-            f"joint {name!r} mimics another: give the arm without it, a gripper's joints as fixed",
+        raise _wrong(
+            f"joint {name!r} mimics another: give the arm without it, a gripper's joints as fixed"
         )
     axis = _numbers(element.find("axis"), "xyz", Vector3(1.0, 0.0, 0.0), f"the axis of {name!r}")
     if norm(axis) < 1e-6:
-        raise ConfigurationError("", f"the axis of joint {name!r} has no direction")
-    try:
-        if limit is None:
-            raise ValueError("no <limit>")
+        raise _wrong(f"the axis of joint {name!r} has no direction")
+    lower, upper = -math.inf, math.inf
+    with about(f"limits of joint {name!r}"):
+        limit, soft = _child(element, "limit"), element.find("safety_controller")
         velocity = _attribute(limit, "velocity")
         effort = _attribute(limit, "effort", "0")
         if not effort >= 0.0:
             raise ValueError(f"effort {effort:g} is not a torque or force")
-        lower, upper = -math.inf, math.inf
         if kind is not JointKind.CONTINUOUS:
             lower, upper = _attribute(limit, "lower"), _attribute(limit, "upper")
-            soft = element.find("safety_controller")
-            if soft is not None and soft.get("soft_lower_limit") is not None:
-                lower = max(lower, _attribute(soft, "soft_lower_limit"))
-            if soft is not None and soft.get("soft_upper_limit") is not None:
-                upper = min(upper, _attribute(soft, "soft_upper_limit"))
+            lower = max(lower, _attribute(soft, "soft_lower_limit", "-inf"))
+            upper = min(upper, _attribute(soft, "soft_upper_limit", "inf"))
             if not -LARGEST_NUMBER <= lower < upper <= LARGEST_NUMBER:
                 raise ValueError(f"lower {lower:g} and upper {upper:g} are no range")
         if not 0.0 < velocity <= LARGEST_NUMBER:
             raise ValueError(f"velocity {velocity:g} is not a speed")
-    except ValueError as error:
-        raise ConfigurationError("", f"limits of joint {name!r}: {error}") from None
     return ArmJoint(
         name,
         kind,
@@ -474,19 +494,19 @@ def _unit(joint: ArmJoint) -> float:
     return 1.0 if joint.kind is JointKind.PRISMATIC else math.pi / 180.0
 
 
-def _each(key: str, values: list[float], joints: list[ArmJoint]) -> list[float]:
+def _each(key: str, values: Sequence[float], joints: list[ArmJoint]) -> list[float]:
     if len(values) != len(joints):
         raise ConfigurationError(key, f"has {len(values)} values for {len(joints)} joints")
     return [value * _unit(joint) for value, joint in zip(values, joints, strict=True)]
 
 
-def _accelerated(joints: list[ArmJoint], given: float | list[float]) -> list[ArmJoint]:
-    values = given if isinstance(given, list) else [given] * len(joints)
+def _accelerated(joints: list[ArmJoint], given: float | tuple[float, ...]) -> list[ArmJoint]:
+    values = given if isinstance(given, tuple) else [given] * len(joints)
     accelerations = _each("acceleration_deg_s2", values, joints)
     return [j._replace(acceleration=a) for j, a in zip(joints, accelerations, strict=True)]
 
 
-def _home(joints: list[ArmJoint], given: list[float] | None) -> tuple[float, ...]:
+def _home(joints: list[ArmJoint], given: tuple[float, ...] | None) -> tuple[float, ...]:
     if given is None:
         return tuple(
             0.0 if joint.lower == -math.inf else 0.5 * (joint.lower + joint.upper)
@@ -503,30 +523,30 @@ def _home(joints: list[ArmJoint], given: list[float] | None) -> tuple[float, ...
     return tuple(home)
 
 
-def _inertias(
-    robot: ET.Element, links: dict[str, tuple[int, Pose]], bodies: int
-) -> tuple[Inertia, ...]:
+def _placed_links(robot: ET.Element, links: _Links) -> Iterator[tuple[ET.Element, str, _Link]]:
+    """Each <link> that is part of the arm, its name, and where it is."""
+    for element in robot.iterfind("link"):
+        name = element.get("name", "")
+        if name in links:
+            yield element, name, links[name]
+
+
+def _inertias(robot: ET.Element, links: _Links, bodies: int) -> tuple[Inertia, ...]:
     """Masses of the links, those of welded links put together; tensors are added as they are
     turned, about their common centre."""
     parts: list[list[Inertia]] = [[] for _ in range(bodies + 1)]
-    for link in robot.iterfind("link"):
+    for link, name, (body, pose) in _placed_links(robot, links):
         element = link.find("inertial")
-        if element is None or link.get("name", "") not in links:
-            continue
-        body, pose = links[link.get("name", "")]
-        parts[body].append(_inertia(element, pose, link.get("name", "")))
+        if element is not None:
+            parts[body].append(_inertia(element, pose, f"the inertial of link {name!r}"))
     return tuple(_joined(each) for each in parts[1:])
 
 
-def _inertia(element: ET.Element, pose: Pose, link: str) -> Inertia:
-    mass, tensor = element.find("mass"), element.find("inertia")
-    try:
-        if mass is None:
-            raise ValueError("no <mass>")
-        mass_kg = _attribute(mass, "value")
+def _inertia(element: ET.Element, pose: Pose, of: str) -> Inertia:
+    with about(of):
+        mass_kg, tensor = _attribute(_child(element, "mass"), "value"), element.find("inertia")
         entries = [
-            0.0 if tensor is None else _attribute(tensor, name, "0")
-            for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+            _attribute(tensor, name, "0") for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         ]
         if not 0.0 <= mass_kg <= LARGEST_NUMBER:
             raise ValueError(f"mass {mass_kg:g} kg is not 0 to {LARGEST_NUMBER:g}")
@@ -534,9 +554,7 @@ def _inertia(element: ET.Element, pose: Pose, link: str) -> Inertia:
             raise ValueError(f"moments {entries} are not numbers of at most {LARGEST_NUMBER:g}")
         if min(entries[0], entries[3], entries[5]) < 0.0:
             raise ValueError(f"moments {entries} have a negative ixx, iyy or izz")
-    except ValueError as error:
-        raise ConfigurationError("", f"the inertial of link {link!r}: {error}") from None
-    placed = compose(pose, _origin(element, f"the inertial of link {link!r}"))
+    placed = compose(pose, _origin(element, of))
     xx, xy, xz, yy, yz, zz = entries
     rows = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     # R·I·Rᵀ: turn the columns, then the rows.
@@ -566,82 +584,69 @@ def _joined(parts: list[Inertia]) -> Inertia:
 # Collision shapes
 
 
-def _shapes(
-    robot: ET.Element, links: dict[str, tuple[int, Pose]], table: _CollisionTable
-) -> list[BodyShape]:
+def _placed(shape: Shape, pose: Pose) -> Shape:
+    """`shape` in the frame that `pose` is in."""
+    if isinstance(shape, Box):
+        return Box(compose(pose, shape.pose), shape.size_m)
+    return Capsule(transform(pose, shape.start), transform(pose, shape.end), shape.radius_m)
+
+
+def _shapes(robot: ET.Element, links: _Links, table: CollisionTable) -> list[BodyShape]:
     found: list[BodyShape] = []
     given = {shape.link for shape in table.shape}
-    for link in robot.iterfind("link"):
-        name = link.get("name", "")
-        if name not in links or name in given:
+    for link, name, (body, pose) in _placed_links(robot, links):
+        if name in given:
             continue
-        body, pose = links[name]
         capsules: list[Capsule] = []
         for element in link.iterfind("collision"):
             origin = _origin(element, f"a collision element of link {name!r}")
-            shape = _shape(element, compose(pose, origin), name, table.meshes)
+            shape = _shape(element, name, table.meshes)
+            if shape is None:
+                continue
+            shape = _placed(shape, compose(pose, origin))
             if isinstance(shape, Capsule):
                 capsules.append(shape)
-            elif shape is not None:
+            else:
                 found.append(BodyShape(name, body, shape))
         found += (BodyShape(name, body, capsule) for capsule in _without_end_caps(capsules))
     return found
 
 
-def _own_shapes(links: dict[str, tuple[int, Pose]], table: _CollisionTable) -> list[BodyShape]:
-    found = []
-    base = next(iter(links))
-    for shape in table.shape:
-        link = shape.link or base
-        if link not in links:
-            raise ConfigurationError(
-                "collision.shape.link", f"there is no link {link!r}; {_allowed(links)}"
-            )
-        body, pose = links[link]
-        name = shape.name or link
-        if shape.capsule is not None:
-            start, end, radius = shape.capsule
-            ends = (transform(pose, Vector3(*start)), transform(pose, Vector3(*end)))
-            found.append(BodyShape(name, body, Capsule(*ends, radius)))
-        elif shape.box is not None:
-            low, high = Vector3(*shape.box[0]), Vector3(*shape.box[1])
-            size = subtract(high, low)
-            if min(size) <= 0.0:
-                raise ConfigurationError(
-                    "collision.shape.box", f"{name}: lowest corner first, then the highest"
-                )
-            centre = Pose(scale(add(low, high), 0.5), IDENTITY)
-            found.append(BodyShape(name, body, Box(compose(pose, centre), size)))
-    return found
+def _own_shapes(links: _Links, table: CollisionTable) -> Iterator[BodyShape]:
+    for each in table.shape:
+        link = each.link or next(iter(links))
+        body, pose = links.get_link(link, "collision.shape.link")
+        if (shape := each.shape()) is not None:
+            yield BodyShape(each.name or link, body, _placed(shape, pose))
 
 
-def _shape(element: ET.Element, pose: Pose, link: str, meshes: str) -> Shape | None:
-    """A cylinder counts as the capsule around it: 500 times cheaper than a mesh, and safe."""
+def _shape(element: ET.Element, link: str, meshes: str) -> Shape | None:
+    """In the frame of the element; None for a mesh that counts as nothing.
+
+    A cylinder counts as the capsule around it: 500 times cheaper than a mesh, and safe.
+    """
     geometry = element.find("geometry")
     primitive = None if geometry is None else next(iter(geometry), None)
     if primitive is None:
-        raise ConfigurationError("", f"a collision element of link {link!r} has no geometry")
-    try:
-        if primitive.tag == "sphere":
-            return Capsule(pose.position, pose.position, _positive(primitive, "radius"))
-        if primitive.tag in ("cylinder", "capsule"):
+        raise _wrong(f"a collision element of link {link!r} has no geometry")
+    tag = primitive.tag
+    with about(f"{tag} of link {link!r}"):
+        if tag == "sphere":
+            return Capsule(ZERO3, ZERO3, _positive(primitive, "radius"))
+        if tag in ("cylinder", "capsule"):
             half = Vector3(0.0, 0.0, 0.5 * _positive(primitive, "length"))
-            ends = (transform(pose, scale(half, -1.0)), transform(pose, half))
-            return Capsule(*ends, _positive(primitive, "radius"))
-    except ValueError as error:
-        raise ConfigurationError("", f"{primitive.tag} of link {link!r}: {error}") from None
-    if primitive.tag == "box":
+            return Capsule(scale(half, -1.0), half, _positive(primitive, "radius"))
+    if tag == "box":
         size = _numbers(primitive, "size", ZERO3, f"the box of link {link!r}")
         if min(size) <= 0.0:
-            raise ConfigurationError("", f"the box of link {link!r} has no size")
-        return Box(pose, size)
-    if primitive.tag == "mesh" and meshes == "ignore":
+            raise _wrong(f"the box of link {link!r} has no size")
+        return Box(IDENTITY_POSE, size)
+    if tag == "mesh" and meshes == "ignore":
         return None
-    raise ConfigurationError(
-        "",
-        f"the collision geometry of link {link!r} is a {primitive.tag}; allowed: sphere, cylinder, "
+    raise _wrong(
+        f"the collision geometry of link {link!r} is a {tag}; allowed: sphere, cylinder, "
         "capsule, box. In the arm's .toml give it a [[collision.shape]], or set "
-        'collision.meshes = "ignore"',
+        'collision.meshes = "ignore"'
     )
 
 
@@ -672,16 +677,9 @@ def _segment_distance(capsule: Capsule, point: Vector3) -> float:
     return norm(subtract(to, scale(along, max(0.0, min(1.0, share)))))
 
 
-def _pairs(
-    links: dict[str, tuple[int, Pose]], table: _CollisionTable
-) -> frozenset[tuple[int, int]]:
+def _pairs(links: _Links, table: CollisionTable) -> frozenset[tuple[int, int]]:
     pairs = set()
     for pair in table.ignore:
-        for name in pair:
-            if name not in links:
-                raise ConfigurationError(
-                    "collision.ignore", f"there is no link {name!r}; {_allowed(links)}"
-                )
-        first, second = sorted(links[name][0] for name in pair)
-        pairs.add((first, second))
+        low, high = sorted(links.get_link(name, "collision.ignore").body for name in pair)
+        pairs.add((low, high))
     return frozenset(pairs)

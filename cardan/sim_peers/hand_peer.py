@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.carriers.base import Carrier, M
 from cardan.sim_peers.scripted import Hand, HeldDevice, play
@@ -20,7 +20,7 @@ D = TypeVar("D", bound=HeldDevice)
 
 
 @dataclass(frozen=True, kw_only=True)
-class HandOptions:
+class HandOptions(Options):
     """What every simulated device takes that a hand moves. Raises OptionError."""
 
     script: str = "demo"
@@ -32,9 +32,6 @@ class HandOptions:
     start_on_connect: bool = True
     """The script starts when the first program opens the device, not when the peer opens. Without
     effect on carriers that cannot tell (uinput, CAN)."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 class HandPeer(SimulatedPeer, Generic[D, M]):

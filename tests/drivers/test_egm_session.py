@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 from hypothesis import given, settings, strategies as st
-from pydantic import TypeAdapter, ValidationError
 
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.abb_egm.states import (
@@ -18,7 +17,7 @@ from cardan.drivers.abb_egm.states import (
     MOTORS_OFF,
     RAPID_STOPPED,
 )
-from cardan.errors import CommandError
+from cardan.errors import CommandError, ConfigurationError
 from cardan.protocols.egm import (
     EgmCollisionInfo,
     EgmHeader,
@@ -34,6 +33,7 @@ from cardan.protocols.egm import (
     decode_from_pc,
 )
 from cardan.spatial import from_rotation_vector, multiply, rotation_between
+from cardan.tables import read_table
 from cardan.types import (
     CommandKind,
     Frame,
@@ -1161,12 +1161,11 @@ class TestOptions:
             AbbEgmOptions(**options)
 
     def test_a_configuration_file_can_be_checked_against_them(self) -> None:
-        adapter = TypeAdapter(AbbEgmOptions)
-        options = adapter.validate_python({"mode": "joint", "output_values": [1, 2]})
+        options = read_table(AbbEgmOptions, {"mode": "joint", "output_values": [1, 2]})
         assert options == AbbEgmOptions(mode="joint", output_values=(1.0, 2.0))
         for table in ({"mode": "fast"}, {"listen_port": 70000}, {"joints": "many"}):
-            with pytest.raises(ValidationError):
-                adapter.validate_python(table)
+            with pytest.raises(ConfigurationError):
+                read_table(AbbEgmOptions, table)
 
     def test_limits_of_a_known_robot(self) -> None:
         session = EgmSession(AbbEgmOptions(mode="joint", robot="gofa_crb15000_5"), 0.0)

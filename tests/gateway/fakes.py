@@ -10,7 +10,7 @@ from typing import Annotated
 from cardan.bounds import Range
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import DeviceNotFoundError
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.types import (
     IDENTITY,
     ButtonEvent,
@@ -32,12 +32,9 @@ PERIOD_S = 0.004
 
 
 @dataclass(frozen=True, kw_only=True)
-class FakeDeviceOptions:
+class FakeDeviceOptions(Options):
     deflection: Annotated[float, Range(-1.0, 1.0, "", "full deflection")] = 1.0
     present: bool = True
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 class FakeDevice(OperatorDevice):

@@ -13,16 +13,17 @@ import pinocchio as pin
 import pytest
 
 from cardan.robots.arm_model import (
+    ArmFile,
     Box,
     Capsule,
+    CollisionTable,
     JointKind,
-    _ArmFile,
-    _CollisionTable,
-    _ShapeTable,
-    _TaskTable,
+    ShapeTable,
+    Task,
     arm_names,
     load_arm,
 )
+from cardan.tables import keys_of
 
 TCP_LINKS = {
     "amor": "tcp",
@@ -780,6 +781,6 @@ def test_the_page_lists_every_arm_and_its_home(name):
 
 def test_the_page_has_every_key_of_the_file():
     named = set(re.findall(r"^\| `(\w+)` \| ", PAGE, re.MULTILINE)) - set(arm_names())
-    tables = (_ArmFile, _TaskTable, _CollisionTable, _ShapeTable)
-    keys = {key for table in tables for key in table.model_fields}
+    tables = (ArmFile, Task, CollisionTable, ShapeTable)
+    keys = {key for table in tables for key in keys_of(table)}
     assert named == keys - {"task", "collision"}

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.options import check_options, require_each
+from cardan.options import Options, require_each
 from cardan.protocols.egm.messages import DNUM_MAX
 from cardan.robots import arm_names, load_arm
 from cardan.types import JointLimits
@@ -29,7 +29,7 @@ EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
 
 
 @dataclass(frozen=True)
-class AbbEgmOptions:
+class AbbEgmOptions(Options):
     """Options of :class:`AbbEgm`. Lengths in m, angles as the controller's own terms: degrees."""
 
     listen_host: Annotated[str, bounds.HOST_OR_IPV4] = "127.0.0.1"
@@ -88,7 +88,7 @@ class AbbEgmOptions:
     """RAPIDtoRobot.dnum at the start; empty: not sent."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         self._check_axes()
         self._check_limits()
         require_each(

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.options import check_options, require
+from cardan.options import Options, require
 from cardan.protocols.jr3_can import MAX_CUTOFF_HZ, MAX_NODE_ID
 
 NODE_ID = Range(1, MAX_NODE_ID, "", "a CANopen bus has no other numbers")
@@ -28,7 +28,7 @@ _NewtonMetre = Annotated[float, TORQUE_FULL_SCALE_NM]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Jr3Options:
+class Jr3Options(Options):
     """Options of :class:`Jr3`. Raises OptionError for a value that is not allowed."""
 
     interface: Annotated[str, bounds.CAN_NAME] = "socketcan"
@@ -86,7 +86,7 @@ class Jr3Options:
     """open() succeeds without a sensor, which is picked up once it answers."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         good = not 0.0 < self.cutoff_hz < 0.01
         require(good, "cutoff_hz", self.cutoff_hz, "0, or 0.01 Hz and more")
 

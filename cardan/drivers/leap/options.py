@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.protocols.leap import PORT
 
 HIGHEST_VERSION = 7
@@ -21,7 +21,7 @@ CUTOFF_RISE_1_M = bounds.Range(
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeapOptions:
+class LeapOptions(Options):
     """Options of :class:`Leap`. Raises OptionError for a value that is not allowed."""
 
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
@@ -49,6 +49,3 @@ class LeapOptions:
     """The tracker is worn on the forehead, looking forward."""
     wait_for_device: bool = False
     """open() succeeds without the service, which is picked up once it runs."""
-
-    def __post_init__(self) -> None:
-        check_options(self)

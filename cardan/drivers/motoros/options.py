@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import LONGEST_BLIND_S, Range
-from cardan.options import check_options, require_each
+from cardan.options import Options, require_each
 from cardan.protocols.simple_message import (
     IO_PORT,
     JOINTS,
@@ -37,7 +37,7 @@ START_TIMEOUT_S = Range(0.1, 60.0, "s", "servos are on and a job is started soon
 
 
 @dataclass(frozen=True)
-class MotorosOptions:
+class MotorosOptions(Options):
     """Options of :class:`Motoros`. Joints in rad, base to tool, as MotoROS sends them."""
 
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
@@ -90,7 +90,7 @@ class MotorosOptions:
     """A CSV file for commands and feedback, written at close; empty: none."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         joints = len(load_arm(self.robot, "robot").joints)
         ipc_ms = 1e3 * self.ipc_s
         longest_queue = LONGEST_BLIND_S / self.ipc_s

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.options import check_options, require, require_each
+from cardan.options import Options, require, require_each
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import (
     FAULTS,
@@ -29,7 +29,7 @@ _Component = Annotated[float, bounds.DIRECTION]
 
 
 @dataclass(frozen=True)
-class SimArmOptions:
+class SimArmOptions(Options):
     """Options of :class:`SimArm`. With transport "udp" the arm's own are the served peer's:
     `robot` and `period_s` must then agree with it, and drive, planes, spheres, payload, start,
     faults and seed must be left alone."""
@@ -63,7 +63,7 @@ class SimArmOptions:
     """Without a state for so long (or three periods, if that is longer) the link is LOST."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         _ = self.address
         joints = len(load_arm(self.robot, "robot").joints)
         try:

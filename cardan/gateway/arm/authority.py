@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 
 from cardan.bounds import AUTHORITY_LEASE_S
 from cardan.errors import ConfigurationError
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.types import NEVER_S
 
 HAND = "hand"
@@ -34,7 +34,7 @@ class AuthorityPolicy(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AuthorityOptions:
+class AuthorityOptions(Options):
     """``[authority]``: which source may move the arm, and which may take it from which."""
 
     policy: AuthorityPolicy = AuthorityPolicy.HAND
@@ -44,7 +44,7 @@ class AuthorityOptions:
     """How long a source that does not renew keeps it, s."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         if (self.policy is AuthorityPolicy.NAMED) is not bool(self.named):
             raise ConfigurationError(
                 "named",

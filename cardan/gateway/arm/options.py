@@ -13,7 +13,7 @@ from cardan.gateway.arm.planner import Margins
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import ServoOptions
-from cardan.options import check_options, require
+from cardan.options import Options, require
 from cardan.types import CommandKind
 
 STREAM_LIMITS = ReferenceLimits(linear_jerk_m_s3=20.0, angular_jerk_rad_s3=80.0)
@@ -23,7 +23,7 @@ STEP_RAD = bounds.Range(0.0, math.pi, "rad", "no two orientations are farther ap
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControllerOptions:
+class ControllerOptions(Options):
     """Limits and options of motions, beside the parameters that users set. Raises OptionError."""
 
     drive: CommandKind | None = None
@@ -50,10 +50,7 @@ class ControllerOptions:
     servo: ServoOptions = field(default_factory=ServoOptions)
 
     def __post_init__(self) -> None:
-        check_options(self)
-        self.streams.check("streams")
+        super().__post_init__()
         for key in ("linear_jerk_m_s3", "angular_jerk_rad_s3"):
             jerk = getattr(self.streams, key)
             require(jerk is not None, f"streams.{key}", jerk, "a number: it shapes streamed poses")
-        if self.limits is not None:
-            self.limits.check("limits")

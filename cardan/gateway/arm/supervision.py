@@ -18,7 +18,7 @@ from cardan import bounds
 from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.motion.reference import Reference
-from cardan.options import CODE_ONLY, check_options
+from cardan.options import CODE_ONLY, Options
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5
@@ -30,7 +30,7 @@ TRUST_AFTER_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watchdogs:
+class Watchdogs(Options):
     """``[watchdogs]``: limits on age and error; each trips into a braking ramp. All by local
     monotonic time."""
 
@@ -48,9 +48,6 @@ class Watchdogs:
     """Longest silence of the process that supervises a session."""
     recovery: bool = True
     """Whether a command that lost its robot is brought back to it, slowly and within the leash."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
     def error_limit(self) -> FollowingError:
         """The following error that trips."""

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from cardan import bounds
 from cardan.gateway.force.sources import Reading
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.spatial import limit_norm, norm, rotate
 from cardan.types import NEVER_S, ZERO3, Frame, Pose, Vector3
 
@@ -34,7 +34,7 @@ EXTRAPOLATED_S = 0.008
 
 
 @dataclass(frozen=True, kw_only=True)
-class Conditioning:
+class Conditioning(Options):
     """How a reading becomes a force for the hand."""
 
     scale: Annotated[float, bounds.FORCE_SCALE] = 0.02
@@ -42,9 +42,6 @@ class Conditioning:
     deadband_n: Annotated[float, bounds.DEADBAND_N] = 0.1
     cutoff_hz: Annotated[float, bounds.FORCE_CUTOFF_HZ] = 40.0
     tare: bool = True
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 class Tare:

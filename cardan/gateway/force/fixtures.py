@@ -25,7 +25,7 @@ from cardan.haptics import (
     Viscous,
     WorldMap,
 )
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.spatial import add, dot, limit_norm, norm, rotate, scale, subtract
 from cardan.types import ZERO3, Quaternion, Vector3
 
@@ -68,13 +68,10 @@ def unit(direction: Sequence[float]) -> Vector3:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FixtureTable(ABC):
+class FixtureTable(Options, ABC):
     """One of ``[[fixtures]]``: geometry in the robot's base frame that pushes the hand."""
 
     cap_n: Annotated[float, bounds.HAND_FORCE_N] = 3.0
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
     @property
     def moment(self) -> str:

@@ -16,7 +16,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
 from cardan.haptics import WorldMap
 from cardan.openable import Openable
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.spatial import add, dot, is_finite, norm, scale, subtract
 from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3, Wrench
 
@@ -234,15 +234,12 @@ class PointVelocity:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactTable(ABC):
+class ContactTable(Options, ABC):
     """One of ``[[force.contact]]``: a virtual contact surface."""
 
     stiffness_n_m: Annotated[float, bounds.ENVIRONMENT_STIFFNESS_N_M]
     damping_n_s_m: Annotated[float, bounds.DAMPING_N_S_M] = 0.0
     friction: Annotated[float, bounds.FRICTION] = 0.0
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
     @abstractmethod
     def depth_at(self, place: Vector3) -> tuple[Vector3, float]:

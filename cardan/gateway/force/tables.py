@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
 from cardan import bounds
 from cardan.bounds import Angles, Direction, Length
+from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import AtMost, DriverTable, Tag
 from cardan.gateway.force.conditioning import Conditioning
 from cardan.gateway.force.fixtures import FixtureTable, matrix_of, outward_of_round, unit
 from cardan.gateway.force.sources import ContactTable
@@ -24,8 +23,8 @@ from cardan.haptics import (
     Spring,
     Viscous,
 )
-from cardan.options import require
-from cardan.spatial import dot, from_euler_zyx, norm, subtract
+from cardan.spatial import dot, from_euler_zyx, subtract
+from cardan.tables import AtMost, Tag
 from cardan.types import ZERO3, Vector3
 
 Near = Annotated[float, bounds.NEAR_M]
@@ -33,16 +32,6 @@ Place = tuple[Near, Near, Near]
 """m"""
 
 MAX_CONTACTS = 8
-
-SHORTEST_DIRECTION = 1e-9
-"""A vector that is shorter has no direction that rounding leaves."""
-
-
-def require_direction(key: str, direction: Sequence[float]) -> None:
-    """Raise ConfigurationError for a vector that is too short to have a direction."""
-    if not norm(Vector3(*direction)) > SHORTEST_DIRECTION:
-        raise ConfigurationError(key, f"{list(direction)} has no direction")
-
 
 # -- [[fixtures]]: geometry in the robot's base frame that pushes the hand -------------------------
 
@@ -104,10 +93,6 @@ class PlaneTable(_PlacedFixtureTable):
     point_m: Place | None = None
     normal: Direction
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_direction("normal", self.normal)
-
     def made(self, tcp: Vector3 = ZERO3) -> Plane:
         return Plane(self._place(tcp), unit(self.normal), *self._material)
 
@@ -138,10 +123,6 @@ class CylinderTable(StiffFixtureTable):
     radius_m: Length
     inside: bool = False
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_direction("axis", self.axis)
-
     def made(self, tcp: Vector3 = ZERO3) -> Cylinder:
         point, axis = Vector3(*self.point_m), unit(self.axis)
         return Cylinder(point, axis, self.radius_m, *self._material, self.inside)
@@ -164,11 +145,7 @@ class ViscousTable(FixtureTable):
     """Drag against every motion."""
 
     shape: Literal["viscous"] = "viscous"
-    damping_n_s_m: Annotated[float, bounds.DAMPING_N_S_M]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require(self.damping_n_s_m, "damping_n_s_m", self.damping_n_s_m, "above 0: it is all drag")
+    damping_n_s_m: Annotated[float, bounds.DRAG_N_S_M]
 
     def made(self, tcp: Vector3 = ZERO3) -> Viscous:
         return Viscous(self.damping_n_s_m, self.cap_n)
@@ -190,10 +167,6 @@ class PlaneContactTable(ContactTable):
     shape: Literal["plane"] = "plane"
     point_m: Place
     normal: Direction
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_direction("normal", self.normal)
 
     @cached_property
     def _outward(self) -> Vector3:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 from cardan import bounds
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.spatial import norm
 from cardan.types import DeviceFeedback, RobotState
 
@@ -36,7 +36,7 @@ RumbleSource = Literal["trip", "limit", "leash", "force"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class FeedbackOptions:
+class FeedbackOptions(Options):
     """``[feedback]``: what the operator device shows and renders."""
 
     led: bool = True
@@ -46,9 +46,6 @@ class FeedbackOptions:
     leash, how far the robot is behind; force, what its sensor measures. The strongest counts."""
     full_force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 20.0
     """Measured force that rumbles at full strength."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 class Felt(NamedTuple):

@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 from cardan import bounds
 from cardan.bounds import Angle, Angles, Point
 from cardan.errors import ConfigurationError
-from cardan.options import check_options, require
+from cardan.options import Options, require
 from cardan.spatial import rotate
 from cardan.types import (
     ZERO3,
@@ -80,7 +80,7 @@ AXES_IN_WORDS = f"{', '.join(AXES)}, each also with a minus in front"
 
 
 @dataclass(frozen=True, kw_only=True)
-class MappingOptions:
+class MappingOptions(Options):
     """``[mapping]``: how a device is turned into a motion of the TCP."""
 
     mode: Mode = Mode.RATE
@@ -137,7 +137,7 @@ class MappingOptions:
     """Button that asks for the robot's drives and program; empty: none."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         require(
             self.deadman == "" or "" not in self.deadman_buttons,
             "deadman",
@@ -222,7 +222,7 @@ class MappingOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GripperOptions:
+class GripperOptions(Options):
     """``[gripper]``: buttons, and the output to the robot's program."""
 
     toggle: str = ""
@@ -232,9 +232,6 @@ class GripperOptions:
     """The digital output, or the index of an analog one."""
     closed_value: Annotated[float, bounds.OUTPUT_VALUE] = 1.0
     open_value: Annotated[float, bounds.OUTPUT_VALUE] = 0.0
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
     @property
     def buttons(self) -> dict[str, GripperAction]:

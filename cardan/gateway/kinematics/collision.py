@@ -15,12 +15,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, below
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_se3
 from cardan.robots import ArmModel, BodyShape, Box, Capsule, JointKind, Shape
 from cardan.spatial import norm, scale, subtract
-from cardan.types import IDENTITY, Pose, Vector3
+from cardan.types import Vector3
 
 ADVANCE_STOP = 1e-3
 """Smallest gain of way by conservative advancement: with less it has arrived at a contact."""
@@ -241,10 +241,5 @@ def _extent(shape: Shape) -> float:
 
 def box_obstacle(name: str, low: Vector3, high: Vector3) -> Obstacle:
     """A box from its lowest to its highest corner, base axes, m."""
-    size = subtract(high, low)
-    if min(size) <= 0.0:
-        raise ConfigurationError(
-            name, f"lowest corner {tuple(low)} first, then the highest, found {tuple(high)}"
-        )
-    middle = Vector3(*(0.5 * (a + b) for a, b in zip(low, high, strict=True)))
-    return Obstacle(name, Box(Pose(middle, IDENTITY), size))
+    with below(name):
+        return Obstacle(name, Box.between(low, high))

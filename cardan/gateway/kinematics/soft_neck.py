@@ -14,7 +14,7 @@ pose as any other.
 from __future__ import annotations
 
 import math
-import sys
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, ClassVar, NamedTuple
@@ -22,16 +22,13 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from cardan.errors import ConfigurationError
+from cardan import bounds
+from cardan.errors import about
 from cardan.gateway.kinematics.base import SE3, FloatArray
+from cardan.options import Options, require
 from cardan.robots import TIME_TO_FULL_SPEED_S, SixWeights
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from cardan.tables import read_table, read_toml
 
 _FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
@@ -52,52 +49,50 @@ _MAX_ITERATIONS = 30
 _STEP_TOLERANCE_RAD = 1e-12
 
 
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
-_Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+_Length = Annotated[float, bounds.LENGTH_M]
+_Speed = Annotated[float, bounds.LINEAR_SPEED_M_S]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Tendon(_Table):
+@dataclass(frozen=True, kw_only=True)
+class Tendon(Options):
     """``[[tendon]]``"""
 
     name: str
-    azimuth_deg: _Finite
+    azimuth_deg: bounds.Angle
     """Of its anchors on both circles, from x towards y."""
 
 
-class TendonLimits(_Table):
+@dataclass(frozen=True, kw_only=True)
+class TendonLimits(Options):
     """``[limits]`` of every tendon; positive travel is shortened."""
 
-    travel_m: _Positive
-    speed_m_s: _Positive
-    reference_speed_m_s: _Positive
-    reference_acceleration_m_s2: _Positive
+    travel_m: _Length
+    speed_m_s: _Speed
+    reference_speed_m_s: _Speed
+    reference_acceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2]
 
 
-class SoftNeckData(_Table):
+@dataclass(frozen=True, kw_only=True)
+class SoftNeckData(Options):
     """A soft neck's file."""
 
-    base_anchor_radius_m: _Positive
-    platform_anchor_radius_m: _Positive
-    link_length_m: _Positive
-    tendon_offset_m: _Finite
+    base_anchor_radius_m: _Length
+    platform_anchor_radius_m: _Length
+    link_length_m: _Length
+    tendon_offset_m: Annotated[float, bounds.NEAR_M]
     """Position of every tendon with the link straight and no co-contraction."""
-    winch_radius_m: _Positive
+    winch_radius_m: _Length
     tendon: tuple[Tendon, Tendon, Tendon]
     limits: TendonLimits
 
-    @model_validator(mode="after")
-    def _spread(self) -> SoftNeckData:
-        azimuths = [math.radians(tendon.azimuth_deg) for tendon in self.tendon]
-        a, b, c = azimuths
-        if abs(math.sin(b - a) + math.sin(c - b) + math.sin(a - c)) < 0.1:
-            raise ValueError("tendon azimuths must be spread around the circle")
-        if len({tendon.name for tendon in self.tendon}) < 3:
-            raise ValueError("tendon names must differ")
-        return self
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        a, b, c = azimuths = [tendon.azimuth_deg for tendon in self.tendon]
+        turns = (math.radians(angle) for angle in (b - a, c - b, a - c))
+        spread = abs(sum(map(math.sin, turns))) >= 0.1
+        require(spread, "tendon", azimuths, "azimuths that are spread around the circle")
+        names = [tendon.name for tendon in self.tendon]
+        require(len({*names}) == 3, "tendon", names, "names that differ")
 
 
 def load_soft_neck(name_or_file: str = "teo_soft_neck") -> SoftNeckData:
@@ -107,21 +102,9 @@ def load_soft_neck(name_or_file: str = "teo_soft_neck") -> SoftNeckData:
     """
     own = not name_or_file.endswith(".toml")
     path = _FOLDER / f"{name_or_file}.toml" if own else Path(name_or_file)
-    try:
-        text = path.read_text("utf-8")
-    except (OSError, ValueError) as error:
-        raise ConfigurationError("", f"{path.name} cannot be read: {error}") from None
-    try:
-        return SoftNeckData.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError("", f"{path.name}: not TOML: {error}") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])
-        message = first["msg"].removeprefix("Value error, ")
-        raise ConfigurationError(
-            "", f"{path.name}: {key}: {message}; found {first['input']!r}"
-        ) from None
+    table = read_toml(path)
+    with about(path):
+        return read_table(SoftNeckData, table)
 
 
 class Shape(NamedTuple):

@@ -18,9 +18,8 @@ from typing import Annotated
 from cardan import bounds
 from cardan.bounds import Bounds
 from cardan.braking import stopping_speed
-from cardan.errors import ConfigurationError
 from cardan.gateway.motion.shaping import JerkLimitedVector
-from cardan.options import check_options, require
+from cardan.options import Options, require
 from cardan.spatial import (
     add,
     dot,
@@ -37,7 +36,7 @@ from cardan.types import ZERO3, Frame, Pose, Twist, Vector3
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReferenceLimits:
+class ReferenceLimits(Options):
     """Limits of the reference; Euclidean norms, so the same in every direction."""
 
     linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 0.25
@@ -63,15 +62,11 @@ class ReferenceLimits:
         """Range of the TCP along each base axis; None: unbounded."""
         return self.workspace_x_m, self.workspace_y_m, self.workspace_z_m
 
-    def check(self, table: str) -> None:
-        """Raise ConfigurationError, of a setting in `table`, for a limit no arm may be given."""
-        try:
-            check_options(self)
-            for axis, walls in zip("xyz", self.workspace_m, strict=True):
-                good = walls is None or walls[0] < walls[1]
-                require(good, f"workspace_{axis}_m", walls, "two ends, lower bound first")
-        except ConfigurationError as error:
-            raise error.below(table) from None
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for axis, walls in zip("xyz", self.workspace_m, strict=True):
+            good = walls is None or walls[0] < walls[1]
+            require(good, f"workspace_{axis}_m", walls, "two ends, lower bound first")
 
 
 def _leashed(

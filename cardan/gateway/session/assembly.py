@@ -16,12 +16,11 @@ import numpy as np
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
-from cardan.errors import ConfigurationError, MotionRefusedError
+from cardan.errors import ConfigurationError, MotionRefusedError, below
 from cardan.gateway.arm.authority import Authority
 from cardan.gateway.arm.body import Body, FreeBody
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.common.tables import DriverTable, keys_of, read_table
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.fixtures import FixtureSet
 from cardan.gateway.force.input import ForceInput
@@ -56,11 +55,11 @@ from cardan.gateway.session.config import (
     ServedConfig,
     SessionConfig,
     parse_config,
-    read_toml,
 )
 from cardan.options import suggestion
-from cardan.robots import Capsule, load_arm
+from cardan.robots import load_arm
 from cardan.spatial import norm, scale
+from cardan.tables import keys_of, read_table, read_toml
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
@@ -87,12 +86,10 @@ FREE_JOINTS = 6
 """Joints of an arm without redundancy. One with more has a posture to choose: its home."""
 
 
-def make_driver(table: DriverTable, key: str) -> Driver:
+def make_driver(table: registry.DriverTable, key: str) -> Driver:
     """The driver of a table, not opened yet; errors name `key`."""
-    try:
+    with below(key):
         driver = registry.load(table.driver)
-    except ConfigurationError as error:
-        raise error.below(key) from None
     return driver(read_table(driver.Options, table.options, key))
 
 
@@ -242,10 +239,8 @@ def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
     made = []
     for index, table in enumerate(config.filters):
         key = f"filters.{index}"
-        try:
+        with below(key):
             kind = filter_registry.load(table.filter)
-        except ConfigurationError as error:
-            raise error.below(key) from None
         made.append(kind(read_table(kind.Options, table.options, key)))
         made[-1].name = table.filter
     return tuple(made)
@@ -445,13 +440,10 @@ def _take_limits(kinematics: Kinematics, robot: RobotCapabilities) -> None:
 
 
 def _obstacle(table: ObstacleTable) -> Obstacle:
-    from cardan.gateway.kinematics.collision import HalfSpace, Obstacle, box_obstacle
+    from cardan.gateway.kinematics.collision import HalfSpace, Obstacle
 
-    if table.box is not None:
-        return box_obstacle(table.name, Vector3(*table.box[0]), Vector3(*table.box[1]))
-    if table.capsule is not None:
-        start, end, radius = table.capsule
-        return Obstacle(table.name, Capsule(Vector3(*start), Vector3(*end), radius))
+    if (solid := table.shape()) is not None:
+        return Obstacle(table.name, solid)
     assert table.plane is not None
     normal = Vector3(*table.plane[0])
     unit = scale(normal, 1.0 / norm(normal))

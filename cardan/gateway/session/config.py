@@ -7,40 +7,34 @@ error names the key, what is wrong with the value, and what is allowed.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from cardan import bounds
-from cardan.bounds import Angles, Coordinate, Direction, Length, Point
+from cardan.bounds import Angles, Coordinate, Direction
+from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.common.tables import DriverTable, FilterTable, read_table
 from cardan.gateway.force.tables import (
     FixtureTables,
     ForceTables,
     NoForceTable,
     Place,
     RemoteForceTable,
-    require_direction,
 )
 from cardan.gateway.hand.feedback import FeedbackOptions
+from cardan.gateway.hand.filters.registry import FilterTable
 from cardan.gateway.hand.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.spnav.options import SpnavServerOptions
-from cardan.options import check_options
+from cardan.options import Options
+from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx
+from cardan.tables import read_table
 from cardan.types import Pose, Vector3
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 
 LONGEST_STOP_S = 0.5
 """An arm that needs longer to stop goes on for more than its operator expects: at 0.25 m/s it
@@ -58,7 +52,7 @@ class LimitsTable(ReferenceLimits):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmTable:
+class ArmTable(Options):
     """``[arm]``: the model by which joints are commanded; without it the robot is sent poses."""
 
     model: str
@@ -76,9 +70,6 @@ class ArmTable:
     """Most that the controller's own TCP may differ from the model's before the arm is not moved;
     None: 2 mm where poses are sent, 20 mm where joints are."""
 
-    def __post_init__(self) -> None:
-        check_options(self)
-
     def tool(self) -> Pose:
         """The TCP in the model's own."""
         x, y, z = (math.radians(angle) for angle in self.tool_rpy_deg)
@@ -86,32 +77,13 @@ class ArmTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObstacleTable:
+class ObstacleTable(SolidTable):
     """One of ``[[obstacles]]``: something solid in the arm's base frame."""
 
-    name: str
-    box: tuple[Point, Point] | None = None
-    """Lowest and highest corner, m."""
-    capsule: tuple[Point, Point, Length] | None = None
-    """Ends and radius, m; the same point twice: a sphere."""
+    FORMS: ClassVar[Mapping[str, str]] = {**SolidTable.FORMS, "plane": "[normal, offset]"}
+
     plane: tuple[Direction, Coordinate] | None = None
     """Normal out of the solid, and how far along it the surface is, m."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
-        given = [n for n in ("box", "capsule", "plane") if getattr(self, n) is not None]
-        if len(given) != 1:
-            raise ConfigurationError(
-                "",
-                f"{self.name!r} has {' and '.join(given) or 'no shape'}; give one of "
-                "box = [corner, corner], capsule = [end, end, radius], plane = [normal, offset]",
-            )
-        if self.box is not None and not all(a < b for a, b in zip(*self.box, strict=True)):
-            raise ConfigurationError(
-                "box", f"of {self.name!r}: lowest corner first, then the highest"
-            )
-        if self.plane is not None:
-            require_direction("plane", self.plane[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +178,6 @@ class SessionConfig:
 
     def _check_limits(self) -> None:
         limits, watchdogs = self.limits, self.watchdogs
-        limits.check("limits")
         accepted = limits.i_accept_long_stops
         longest_s = LONGEST_ACCEPTED_STOP_S if accepted else LONGEST_STOP_S
         for key, speed, acceleration in (
@@ -245,14 +216,3 @@ class SessionConfig:
 def parse_config(table: Mapping[str, Any]) -> SessionConfig:
     """Check a configuration already read; ConfigurationError names the first wrong key."""
     return read_table(SessionConfig, table)
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a file. Raises ConfigurationError."""
-    try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except OSError as error:
-        raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigurationError("", f"{path} is not TOML: {error}") from None

@@ -26,31 +26,25 @@ import importlib.util
 import re
 import shlex
 import socket
-import sys
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
+from cardan import bounds
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError, DriverError
-from cardan.gateway.session.config import read_toml
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from cardan.options import CODE_ONLY, Options
+from cardan.tables import parse_toml, read_table, read_text, read_toml
 
 _BLOCK = re.compile(r"^# /// demo\n((?:#(?: .*)?\n)*?)# ///$", re.MULTILINE)
 _KEY = re.compile(r"\{([\w.]+)\}")
 
 
-class Demo(BaseModel):
+@dataclass(frozen=True, kw_only=True)
+class Demo(Options):
     """An example that runs without hardware, and how: its block of comments."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    file: Path
+    file: Path = field(default=Path(), metadata=CODE_ONLY)
     """The example, which is the session's configuration."""
     name: str
     """As ``cardan demo NAME`` takes it; by default the file's, without "-simulated"."""
@@ -67,7 +61,7 @@ class Demo(BaseModel):
     """Keys of the configuration that are made paths in the demo's own folder."""
     ports: tuple[str, ...] = ()
     """Keys of the configuration that are given free ports, in a row."""
-    shortest_s: float = Field(default=3.0, gt=0.0)
+    shortest_s: Annotated[float, bounds.POSITIVE] = 3.0
     """A shorter run has nothing to show."""
 
     @property
@@ -114,23 +108,13 @@ class Demo(BaseModel):
 
 def read_demo(file: Path) -> Demo | None:
     """The demo that an example declares; None: it declares none. Raises ConfigurationError."""
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError("", f"cannot read {file}: {error}") from None
-    block = _BLOCK.search(text)
+    block = _BLOCK.search(read_text(file))
     if block is None:
         return None
-    toml = "".join(line[2:] + "\n" for line in block[1].splitlines())
-    try:
-        said = {"name": file.stem.removesuffix("-simulated"), **tomllib.loads(toml)}
-        return Demo(file=file, **said)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError(f"{file}: demo", f"is not TOML: {error}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, ("demo", *first["loc"])))
-        raise ConfigurationError(f"{file}: {key}", first["msg"]) from None
+    of = f"{file}: demo"
+    said = parse_toml("".join(line[2:] + "\n" for line in block[1].splitlines()), of)
+    demo = read_table(Demo, {"name": file.stem.removesuffix("-simulated"), **said}, of)
+    return replace(demo, file=file)
 
 
 def example_files() -> list[Path]:

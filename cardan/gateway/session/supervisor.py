@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import NamedTuple
 
-from cardan.gateway.common.tables import as_table
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.gateway.session.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+from cardan.tables import as_table
 from cardan.types import NEVER_S
 
 KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0

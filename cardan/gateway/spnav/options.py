@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.protocols.spnav import DEFAULT_SOCKET
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpnavServerOptions:
+class SpnavServerOptions(Options):
     """Options of the server. Raises OptionError for a value that is not allowed."""
 
     socket: Annotated[str, bounds.SOCKET_PATH] = DEFAULT_SOCKET
@@ -24,6 +24,3 @@ class SpnavServerOptions:
     name: str = ""
     """Name of the device that programs are told; empty: its model's, "Cardan" where that is not
     known."""
-
-    def __post_init__(self) -> None:
-        check_options(self)

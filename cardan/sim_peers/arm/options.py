@@ -10,7 +10,7 @@ from typing import Annotated, Literal, NamedTuple
 from cardan import bounds
 from cardan.bounds import Range
 from cardan.errors import ConfigurationError
-from cardan.options import check_options, require, require_each
+from cardan.options import Options, require, require_each
 from cardan.protocols.joint_stream import MAX_JOINTS
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import FAULTS
@@ -67,7 +67,7 @@ class Ball(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlantOptions:
+class PlantOptions(Options):
     """The arm and what it touches.
 
     Gains and friction are per unit of each joint's own inertia (diagonal of the mass matrix where
@@ -129,7 +129,7 @@ class PlantOptions:
     """The arm's capsules touch too, as rows of spheres; costs time."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         finite = all(map(math.isfinite, self.gravity_m_s2))
         require(finite, "gravity_m_s2", self.gravity_m_s2, "three finite numbers")
         for plane in self.planes:
@@ -141,7 +141,7 @@ class PlantOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatedArmOptions:
+class SimulatedArmOptions(Options):
     """The controller around the plant, and where it listens."""
 
     robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
@@ -168,7 +168,7 @@ class SimulatedArmOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         check_faults(self.faults, FAULTS)
         joints = len(load_arm(self.robot, "robot").joints)
         allowed = f"an arm of at most {MAX_JOINTS} joints"

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.options import check_options, require_each
+from cardan.options import Options, require_each
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.command import numbers, option
 from cardan.sim_peers.egm_controller.arguments import Mode
@@ -68,7 +68,7 @@ _Positive = Annotated[float, bounds.POSITIVE]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EgmControllerOptions:
+class EgmControllerOptions(Options):
     """How the simulated controller is set up. None means: as the script says."""
 
     pc_host: Annotated[str, bounds.HOST] = option(
@@ -184,7 +184,7 @@ class EgmControllerOptions:
         mode: Any = self.mode
         if mode in [each.value for each in Mode]:
             object.__setattr__(self, "mode", Mode(mode))
-        check_options(self)
+        super().__post_init__()
         if self.virtual:
             periods = (REAL_PERIOD_S, VIRTUAL_PERIOD_S)
             allowed = "left out, as virtual is a period, too: give one of them"

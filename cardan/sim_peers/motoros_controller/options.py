@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.options import check_options, require_each
+from cardan.options import Options, require_each
 from cardan.protocols.simple_message import MAX_GROUPS, MOTION_PORT
 from cardan.robots import ArmModel, JointKind, load_arm
 from cardan.sim_peers.base import check_faults
@@ -37,7 +37,7 @@ _GEAR_RATIOS = (100.0, 120.0, 100.0, 80.0, 80.0, 50.0, 60.0, 60.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotorosControllerOptions:
+class MotorosControllerOptions(Options):
     """How the simulated controller is set up."""
 
     robot: str = "gp8"
@@ -96,7 +96,7 @@ class MotorosControllerOptions:
     """Empty: none is kept."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         ms = self.ipc_s * 1000.0
         joints = load_arm(self.robot, "robot").joints
         axes, start = len(joints), self.start

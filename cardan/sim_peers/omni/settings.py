@@ -41,7 +41,7 @@ from typing import Annotated, NamedTuple
 
 from cardan.bounds import Range
 from cardan.errors import ScriptError
-from cardan.options import check_options, require_each
+from cardan.options import Options, require_each
 from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.command import option
 from cardan.types import ZERO3, Vector3
@@ -175,7 +175,7 @@ UNSCALED = Vector3(1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class OmniSettings:
+class OmniSettings(Options):
     """A simulated Omni. `text` is what simConfigure, or the file of CARDAN_OMNI, takes.
 
     Raises OptionError for a value out of range, ScriptError for a fault or a motion that makes no
@@ -219,7 +219,7 @@ class OmniSettings:
     """A row for each tick, at most 50 ms later."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         lines = (("serial", 63), ("device", 63), ("log", 4000))
         require_each(
             self,

@@ -11,7 +11,6 @@ from rich.console import Console
 from cardan.drivers import registry
 from cardan.drivers.base import RobotDriver
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import read_table
 from cardan.gateway.session.assembly import make_device, make_force, make_robot
 from cardan.gateway.session.config import ForceConfig, parse_config
 from cardan.gateway.session.force_node import run_force_node
@@ -19,6 +18,7 @@ from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.view import plain, render, summary
 from cardan.haptics import HapticState, OperatingState
+from cardan.tables import read_table
 from cardan.types import (
     IDENTITY,
     CommandKind,

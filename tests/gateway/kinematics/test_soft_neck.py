@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.base import Kinematics
-from cardan.gateway.kinematics.soft_neck import SoftNeck, SoftNeckData, load_soft_neck
+from cardan.gateway.kinematics.soft_neck import SoftNeck, load_soft_neck
 from cardan.robots import arm_names
 
 NECK = SoftNeck()
@@ -145,17 +146,15 @@ def test_inverse_refuses_what_a_neck_cannot_do(vector):
 
 
 def test_inverse_refuses_what_the_tendons_cannot_reach():
-    table = load_soft_neck().model_dump()
-    table["limits"]["travel_m"] = 0.01
-    neck = SoftNeck(SoftNeckData.model_validate(table))
+    data = load_soft_neck()
+    neck = SoftNeck(replace(data, limits=replace(data.limits, travel_m=0.01)))
     target = pin.SE3(pin.exp3(np.array((0.0, 0.7, 0.0))), np.zeros(3))
     assert neck.inverse(target, np.zeros(3)) is None
     assert NECK.inverse(target, np.zeros(3)) is not None
 
 
 def test_different_anchor_circles():
-    table = load_soft_neck().model_dump() | {"platform_anchor_radius_m": 0.04}
-    neck = SoftNeck(SoftNeckData.model_validate(table))
+    neck = SoftNeck(replace(load_soft_neck(), platform_anchor_radius_m=0.04))
     q = neck.tendons(0.6, 2.0, 0.001)
     assert neck.shape(q) == pytest.approx((0.6, 2.0, 0.001))
     rotation = neck.forward(q).rotation
@@ -213,12 +212,15 @@ def test_a_neck_of_one_s_own(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (OWN.format(length=-1.0, second=120.0), "mine.toml: link_length_m: .*greater than 0"),
-        (OWN.format(length="nan", second=120.0), "link_length_m: .*finite"),
+        (
+            OWN.format(length=-1.0, second=120.0),
+            "mine.toml: link_length_m: -1.0 .*above 0, at most 100 m",
+        ),
+        (OWN.format(length="nan", second=120.0), "link_length_m: nan .*above 0"),
         (OWN.format(length=0.2, second=0.5), "spread around the circle"),
-        (OWN.format(length=0.2, second=120.0).replace('"b"', '"a"'), "names must differ"),
-        ("a = ", "mine.toml: not TOML"),
-        ("", "mine.toml: base_anchor_radius_m: Field required"),
+        (OWN.format(length=0.2, second=120.0).replace('"b"', '"a"'), "tendon: .* that differ"),
+        ("a = ", "mine.toml is not TOML"),
+        ("", "mine.toml: base_anchor_radius_m: is missing"),
     ],
 )
 def test_errors_say_what_is_wrong(tmp_path, text, words):
@@ -229,7 +231,7 @@ def test_errors_say_what_is_wrong(tmp_path, text, words):
 
 
 def test_a_neck_that_is_not_there():
-    with pytest.raises(ConfigurationError, match=r"no_neck\.toml cannot be read"):
+    with pytest.raises(ConfigurationError, match=r"cannot read .*no_neck\.toml: No such file"):
         load_soft_neck("no_neck")
 
 

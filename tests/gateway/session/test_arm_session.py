@@ -229,7 +229,7 @@ def test_a_robot_that_takes_poses_gets_those_of_joints_inside_their_limits():
         ({"arm": {"model": "ur5", "sped_share": 1}}, "did you mean 'speed_share'"),
         ({"obstacles": [{"name": "w"}]}, "'w' has no shape; give one of box"),
         ({"obstacles": [{"name": "w", "box": [[0.0, 0.0, 0.0], [1.0, -1.0, 1.0]]}]}, "lowest"),
-        ({"obstacles": [{"name": "p", "plane": [[0.0, 0.0, 0.0], 0.0]}]}, "no direction"),
+        ({"obstacles": [{"name": "p", "plane": [[0.0, 0.0, 0.0], 0.0]}]}, "has a direction"),
         ({"obstacles": {"name": "p"}}, r"under the heading \[\[obstacles\]\]"),
         (
             {

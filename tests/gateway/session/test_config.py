@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import as_table
 from cardan.gateway.hand.mapping import GripperAction, Orientation
 from cardan.gateway.session.assembly import (
     check_mode,
@@ -17,6 +16,7 @@ from cardan.gateway.session.assembly import (
     make_robot,
 )
 from cardan.gateway.session.config import parse_config
+from cardan.tables import as_table
 from cardan.types import Frame
 
 EXAMPLES = sorted((Path(__file__).parents[3] / "examples").glob("*.toml"))

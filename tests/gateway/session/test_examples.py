@@ -10,7 +10,6 @@ import typer.main
 
 from cardan import cli
 from cardan.errors import ConfigurationError
-from cardan.gateway.common.tables import as_table
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.examples import (
     example_files,
@@ -18,6 +17,7 @@ from cardan.gateway.session.examples import (
     free_ports,
     read_demo,
 )
+from cardan.tables import as_table
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 DEMOS = find_demos()
@@ -121,10 +121,13 @@ def test_keys_become_files_and_ports_of_the_demos_own(tmp_path):
 @pytest.mark.parametrize(
     ("block", "words"),
     [
-        ("description = bread", "toaster-simulated.toml: demo: is not TOML"),
-        (SAID + 'lunch = ["sim toaster"]', "demo.lunch: Extra inputs are not permitted"),
-        ('description = "bread"', "demo.success_message: Field required"),
-        (SAID + 'launch = "sim toaster"', "demo.launch: Input should be a valid tuple"),
+        ("description = bread", "toaster-simulated.toml: demo is not TOML"),
+        (
+            SAID + 'lunch = ["sim toaster"]',
+            "demo.lunch: there is no such key; .*did you mean 'launch'",
+        ),
+        ('description = "bread"', "demo.success_message: is missing"),
+        (SAID + 'launch = "sim toaster"', "demo.launch: .*must be several values"),
         (SAID + 'ports = ["robot.port"]', r"demo: 'robot.port': there is no \[robot\]"),
         (SAID + 'launch = ["sim {device.plug}"]', "demo.launch: no key 'device.plug'"),
     ],

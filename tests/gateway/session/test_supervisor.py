@@ -5,10 +5,10 @@ import signal
 
 import pytest
 
-from cardan.gateway.common.tables import as_table
 from cardan.gateway.session import supervisor
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.supervisor import supervise
+from cardan.tables import as_table
 
 pytestmark = pytest.mark.realtime
 

@@ -15,7 +15,7 @@ from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.codes import State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.robots import ArmModel
 from cardan.spatial import add, is_finite, limit_norm, norm, subtract
 from cardan.types import ZERO3, Frame, RobotState, TorqueCommand, Vector3, Wrench
@@ -26,7 +26,7 @@ TORQUE_SLEW_NM_S = bounds.Range(0.0, 1e6, "N·m/s", _SLEW, above=True)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueLimits:
+class TorqueLimits(Options):
     """What torque motions may do. Raises OptionError."""
 
     force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 100.0
@@ -36,9 +36,6 @@ class TorqueLimits:
     torque_slew_nm_s: Annotated[float, TORQUE_SLEW_NM_S] = 100.0
     speed_share: Annotated[float, bounds.SHARE] = 0.5
     """Share of each joint's speed limit above which a torque motion is stopped as a runaway."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 class TorqueMotion(Activity):

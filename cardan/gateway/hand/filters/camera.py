@@ -15,7 +15,7 @@ from cardan import bounds
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.filters.listener import DatagramListener
 from cardan.gateway.hand.filters.readings import Malformed, decode_centroid
-from cardan.options import check_options
+from cardan.options import Options
 from cardan.spatial import dot, from_euler_zyx, rotate, scale
 from cardan.types import NEVER_S, ZERO3, Frame, RobotState, Twist, Vector3
 
@@ -26,7 +26,7 @@ _Angle = Annotated[float, bounds.ANGLE_DEG]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraOptions:
+class CameraOptions(Options):
     """Options of the filter ``camera``."""
 
     host: Annotated[str, bounds.IPV4] = "127.0.0.1"
@@ -39,9 +39,6 @@ class CameraOptions:
     """Turning speed when the target is at the image's edge."""
     permanence_s: Annotated[float, bounds.TARGET_AGE_S] = 0.5
     """How long a target still counts after it was last seen."""
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 class CameraFilter(TwistFilter):

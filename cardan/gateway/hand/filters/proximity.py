@@ -15,7 +15,7 @@ from cardan import bounds
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.filters.listener import DatagramListener
 from cardan.gateway.hand.filters.readings import Malformed, decode_proximity
-from cardan.options import check_options, require
+from cardan.options import Options, require
 from cardan.spatial import scale
 from cardan.types import NEVER_S, ZERO_TWIST, RobotState, Twist
 
@@ -58,7 +58,7 @@ class PeakFilter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProximityOptions:
+class ProximityOptions(Options):
     """Options of the filter ``proximity``."""
 
     host: Annotated[str, bounds.IPV4] = "127.0.0.1"
@@ -79,7 +79,7 @@ class ProximityOptions:
     """What happens without a reading that counts; half: half speed."""
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         low, high = self.alert_low, self.alert_high
         require(low <= high, "alert_low", low, f"0 to alert_high, which is {high:g}")
 

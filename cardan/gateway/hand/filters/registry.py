@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import EntryPoints, entry_points
+from typing import Any
 
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.plugins import Finder
+from cardan.tables import OTHER_KEYS
 
 ENTRY_POINT_GROUP = "cardan.filters"
 
@@ -14,6 +18,14 @@ BUILT_IN = {
     "camera": "cardan.gateway.hand.filters.camera:CameraFilter",
 }
 """Our own filters. Other packages add theirs by an entry point of the same form."""
+
+
+@dataclass(frozen=True)
+class FilterTable:
+    """A filter's name; all other keys of the table are that filter's options."""
+
+    filter: str
+    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
 
 def _installed() -> EntryPoints:

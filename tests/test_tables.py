@@ -5,14 +5,16 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pytest
 
 from cardan.bounds import Range
+from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError, OptionError
-from cardan.gateway.common.tables import AtMost, DriverTable, Tag, as_table, keys_of, read_table
-from cardan.options import CODE_ONLY, check_options, require
+from cardan.options import CODE_ONLY, Options, require
+from cardan.tables import AtMost, Tag, as_table, keys_of, read_table, read_toml
 
 LENGTH_M = Range(0.0, 10.0, "m", "no table is longer", above=True)
 
@@ -39,7 +41,7 @@ Body = Annotated[Ball | Cube, Tag("shape")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
+class Scene(Options):
     name: str
     size_m: tuple[Annotated[float, LENGTH_M], Annotated[float, LENGTH_M]] = (1.0, 1.0)
     bodies: Annotated[tuple[Body, ...], AtMost(3)] = ()
@@ -51,7 +53,7 @@ class Scene:
     made_s: float = field(default=5.0, metadata=CODE_ONLY)
 
     def __post_init__(self) -> None:
-        check_options(self)
+        super().__post_init__()
         require(self.size_m[0] >= self.size_m[1], "size_m", self.size_m, "longer than wide")
 
 
@@ -170,3 +172,22 @@ def test_options_of_another_package_may_raise_a_value_error():
 def test_what_is_no_table_is_refused(table: Any):
     with pytest.raises(ConfigurationError, match="is not a table"):
         read_table(Scene, table, "scene")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "cannot read .*own.toml: No such file"),
+        (b"\xff", "cannot read .*own.toml: .*utf-8"),
+        (b"a = ", "own.toml is not TOML: "),
+        (b"a = " + b"[" * 5000, "own.toml is not TOML: "),
+    ],
+)
+def test_a_file_that_holds_no_tables_is_named(tmp_path: Path, content: bytes | None, words: str):
+    path = tmp_path / "own.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConfigurationError, match=words):
+        read_toml(path)
+    with pytest.raises(ConfigurationError, match=r"cannot read .*null"):
+        read_toml(tmp_path / "\0.toml")

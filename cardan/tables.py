@@ -9,34 +9,25 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import sys
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 from cardan.errors import ConfigurationError, OptionError
 from cardan.options import CODE_ONLY, choices, hints, refusal, suggestion
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 OTHER_KEYS = {"other_keys": True}
 """Metadata of the field that takes all keys that no other field has."""
 
 Kind = TypeVar("Kind")
-
-
-@dataclass(frozen=True)
-class DriverTable:
-    """A driver's name; all other keys are that driver's options."""
-
-    driver: str
-    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
-
-
-@dataclass(frozen=True)
-class FilterTable:
-    """A filter's name; all other keys are that filter's options."""
-
-    filter: str
-    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
 
 class Tag(NamedTuple):
@@ -54,6 +45,29 @@ class AtMost(NamedTuple):
     """How many tables there may be: ``Annotated[tuple[Fixture, ...], AtMost(8)]``."""
 
     most: int
+
+
+def read_text(path: Path) -> str:
+    """The text of a file. Raises ConfigurationError."""
+    try:
+        return path.read_text("utf-8")
+    except OSError as error:
+        raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
+    except ValueError as error:  # Not UTF-8, or a path that is none.
+        raise ConfigurationError("", f"cannot read {path}: {error}") from None
+
+
+def parse_toml(text: str, of: object) -> dict[str, Any]:
+    """The tables that `text` holds; `of` says in errors where it is from."""
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigurationError("", f"{of} is not TOML: {error}") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a file. Raises ConfigurationError."""
+    return parse_toml(read_text(path), path)
 
 
 def keys_of(kind: type[Any]) -> dict[str, Field[Any]]:
@@ -156,9 +170,9 @@ class _Reader:
                 return self._wrong(key, f"{len(value)} are too many; allowed: at most {note.most}")
             return self._converted(inner[0], value, key)
         if origin in (Union, UnionType):
-            kinds = [each for each in inner if each is not NoneType]
-            if len(kinds) == 1:
-                return None if value is None else self._converted(kinds[0], value, key)
+            if value is None:
+                return None
+            kinds = (each for each in inner if each is not NoneType)
             tried = ((each, self._converted(each, value, key)) for each in kinds)
             return next((found for each, found in tried if not refusal(each, found)), value)
         if is_dataclass(hint):
