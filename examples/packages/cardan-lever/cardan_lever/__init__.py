@@ -1,0 +1,3 @@
+"""A three-axis lever with a trigger at a serial port, as a device of Cardan."""
+
+from cardan_lever.driver import Lever as Lever, LeverOptions as LeverOptions
