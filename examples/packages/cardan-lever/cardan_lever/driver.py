@@ -13,6 +13,7 @@ from cardan.drivers.reading import ReadDevice
 from cardan.drivers.serial_port import SerialPort
 from cardan.drivers.shaping import Shaper, ShapingOptions
 from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceCapabilities, DeviceLink
+
 from cardan_lever.protocol import BAUD, LineReader, Report
 
 SILENCE_S = 0.15
@@ -97,7 +98,6 @@ class Lever(ReadDevice[LeverCore]):
         gives_pose=False, buttons=("trigger",), feedback=frozenset(), battery=False
     )
     options: LeverOptions
-    _kind = "lever"
 
     def __init__(self, options: LeverOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)

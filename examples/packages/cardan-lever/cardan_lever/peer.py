@@ -12,6 +12,7 @@ from cardan.sim_peers.hand_peer import HandOptions, HandPeer
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, moving, setting
 from cardan.sim_peers.strokes import Ramp, VectorMotion
+
 from cardan_lever.protocol import PERIOD_S, Report, encode
 
 FAULTS = (
