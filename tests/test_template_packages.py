@@ -3,7 +3,6 @@ simulated peer serves, its driver reads it, its demo runs, and it keeps to what 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import inspect
 import sys
@@ -13,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 import cardan
-from cardan.drivers import registry as drivers
+from cardan.drivers import base, registry as drivers
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import OptionError
 from cardan.gateway.session.assembly import load_config
@@ -22,7 +21,8 @@ from cardan.sim_peers import registry as peers
 from cardan.types import DeviceLink, RobotLink
 from tests import installed
 from tests.drivers import test_every_device as every_device
-from tests.serving import served
+from tests.drivers.test_taking_states import PATIENCE_S, check_it_wakes_its_reader
+from tests.serving import demo_of, demonstrated
 from tests.test_options import bad_values, with_inside
 
 if sys.version_info >= (3, 11):
@@ -54,16 +54,6 @@ def package(request, tmp_path, monkeypatch):
         demos={name: demo for name, demo in find_demos().items() if home in demo.file.parts},
         examples=sorted((request.param / home / "examples").glob("*.toml")),
     )
-
-
-@contextlib.contextmanager
-def demonstrated(demo, folder):
-    """What a demo launches, and the tables of its session."""
-    tables, launches = demo.prepare(folder)
-    with contextlib.ExitStack() as stack:
-        for words in launches:
-            stack.enter_context(served(*words, "--seconds", "40"))
-        yield tables
 
 
 def test_there_are_packages():
@@ -136,16 +126,17 @@ def test_its_devices_keep_to_what_every_device_keeps_to(package, tmp_path):
 
 
 @pytest.mark.realtime
-def test_its_driver_meets_its_simulated_peer(package, tmp_path):
+def test_its_driver_meets_its_simulated_peer(package, tmp_path, monkeypatch):
     for name, driver in package.drivers.items():
-        demo = next(demo for demo in package.demos.values() if name in demo.drivers)
-        with demonstrated(demo, tmp_path) as tables:
+        with demonstrated(demo_of(name), tmp_path) as tables:
             options = dict(tables["device" if issubclass(driver, OperatorDevice) else "robot"])
             assert options.pop("driver") == name
             if issubclass(driver, OperatorDevice):
                 with cardan.open_device(name, **options) as device:
                     moved = (state for state in device if any(state.axes) or state.pose)
                     assert next(moved).link is DeviceLink.LIVE
+                    monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)
+                    check_it_wakes_its_reader(device)
             else:
                 with cardan.open_robot(name, **options) as robot:
                     heard = (state for state in robot.cycles() if state.link is RobotLink.LIVE)
