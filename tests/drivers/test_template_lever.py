@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cardan.errors import DeviceNotFoundError
 from cardan.types import DeviceLink
 from tests.serving import in_a_thread
 from tests.test_docs import blocks, text
@@ -91,6 +92,12 @@ def test_a_port_at_which_nothing_speaks_is_told(core):
         "no line for 0.15 s: check its cable",
         "1 lines that are none of a lever's, ignored",
     ]
+
+
+def test_a_port_that_is_not_there(module, tmp_path):
+    lever = module("driver").Lever(path=str(tmp_path / "none"))
+    with pytest.raises(DeviceNotFoundError, match=r"cannot open .*none: there is nothing at that"):
+        lever.open()
 
 
 @pytest.mark.realtime
