@@ -6,9 +6,11 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TypeVar
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
 
+from cardan.gateway.session.examples import Demo, find_demos
 from cardan.sim_peers.base import SimulatedPeer
 
 _P = TypeVar("_P", bound=SimulatedPeer)
@@ -43,3 +45,19 @@ def served(*arguments: str) -> Iterator[str]:
             yield endpoint
         finally:
             process.terminate()
+
+
+def demo_of(driver: str) -> Demo:
+    """The demo with that driver that launches the least."""
+    demos = (demo for demo in find_demos().values() if driver in demo.drivers)
+    return min(demos, key=lambda demo: len(demo.launch))
+
+
+@contextmanager
+def demonstrated(demo: Demo, folder: Path) -> Iterator[dict[str, Any]]:
+    """The tables of a demo's session, while what it launches is served; its files in `folder`."""
+    tables, launches = demo.prepare(folder)
+    with ExitStack() as stack:
+        for words in launches:
+            stack.enter_context(served(*words))
+        yield tables

@@ -194,13 +194,16 @@ def test_an_error_below_a_table_stays_what_it_is():
 # -- all that are registered ---------------------------------------------------------------------
 
 
+def with_inside(options: type[Any]) -> list[type[Any]]:
+    """A dataclass of options, and those that it has for fields."""
+    return [options, *(hint for hint in hints(options).values() if dataclasses.is_dataclass(hint))]
+
+
 def kinds() -> Iterator[tuple[str, type[Any]]]:
     """The options of every driver, filter and simulated peer, and the dataclasses inside."""
     for registry in (driver_registry, filter_registry, peer_registry):
         for name in sorted(registry.BUILT_IN):
-            options = registry.load(name).Options
-            inside = [hint for hint in hints(options).values() if dataclasses.is_dataclass(hint)]
-            for kind in (options, *inside):
+            for kind in with_inside(registry.load(name).Options):
                 yield f"{registry.__name__.split('.')[1]}-{name}-{kind.__name__}", kind
 
 

@@ -1,23 +1,19 @@
 """Somebody else's package, installed: its driver, simulated peer and demo are in every list, and
 its demo runs."""
 
-import os
-import subprocess
-import sys
 from textwrap import dedent
 
 import pytest
 
+from tests import installed
+
 pytestmark = pytest.mark.realtime
 
+ENTRY_POINTS = {
+    "cardan.drivers": {"lever": "lever.driver:Lever"},
+    "cardan.sim_peers": {"lever": "lever.peer:LeverCommand"},
+}
 FILES = {
-    "lever-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: lever\nVersion: 1.0\n",
-    "lever-1.0.dist-info/entry_points.txt": """
-        [cardan.drivers]
-        lever = lever.driver:Lever
-        [cardan.sim_peers]
-        lever = lever.peer:LeverCommand
-    """,
     "lever/__init__.py": "",
     "lever/driver.py": """
         import socket
@@ -160,24 +156,17 @@ FILES = {
 @pytest.fixture
 def cardan(tmp_path):
     """The command line, with the package installed; gives what it says."""
+    site = tmp_path / "site"
     for name, text in FILES.items():
-        file = tmp_path / "site" / name
+        file = site / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(dedent(text).lstrip("\n"), encoding="utf-8")
-    path = os.pathsep.join(filter(None, [str(tmp_path / "site"), os.environ.get("PYTHONPATH")]))
-    environment = {**os.environ, "PYTHONPATH": path, "COLUMNS": "200", "NO_COLOR": "1"}
+    installed.add_metadata(site, "lever", ENTRY_POINTS)
 
     def run(*words):
-        done = subprocess.run(
-            [sys.executable, "-m", "cardan", *words],
-            capture_output=True,
-            text=True,
-            timeout=50,
-            env=environment,
-            check=False,
-        )
-        assert done.returncode in (0, 4), done.stdout + done.stderr
-        return done.stdout + done.stderr
+        code, said = installed.cardan(*words, sites=(site,))
+        assert code in (0, 4), said
+        return said
 
     return run
 

@@ -30,7 +30,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     """
 
     _kind: ClassVar[str]
-    """What people call it."""
+    """What people call it; for `_check_open`."""
     _core: C
     """Set by the driver's __init__, from `self.options`."""
 

@@ -1,6 +1,5 @@
 """What the cores of all devices share: link, buttons, counts, and the words about them."""
 
-from pathlib import Path
 from typing import ClassVar
 
 import pytest
@@ -192,22 +191,3 @@ def test_a_core_has_to_say_what_silence_and_loss_mean():
 def test_the_core_that_has_to_be_fast_keeps_its_attributes_in_the_fast_place():
     """See `DeviceCore.__init__`: one more makes each report take an eighth longer."""
     assert len(vars(SpaceMouseCore(SpaceMouseOptions()))) <= 29
-
-
-def test_the_lever_of_the_page_works():
-    page = (Path(__file__).parents[2] / "docs/adding-a-driver.md").read_text(encoding="utf-8")
-    names = {}
-    exec(page.partition("# my_package/lever.py\n")[2].partition("```")[0], names)
-    core = names["LeverCore"]()
-    core.on_opened(1.0)
-    core.on_report(0.0, False, 1.0)
-    core.on_report(0.5, True, 1.01)
-    state = core.state(1.01)
-    assert (state.link, state.axes[0], state.buttons) == (DeviceLink.LIVE, 0.5, {"trigger"})
-    state = core.state(1.2)
-    assert (state.link, state.axes, state.buttons) == (DeviceLink.STALE, REST, frozenset())
-    core.on_report(0.5, True, 1.3)
-    assert core.state(1.3).reason == "it fell silent: let go of the lever once"
-    core.on_report(0.0, False, 1.33)
-    assert core.state(1.33).link is DeviceLink.LIVE
-    assert core.metrics(1.33) == {"silences": 1, "lost_edges": 0}

@@ -3,7 +3,7 @@
 import socket
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import pytest
@@ -14,7 +14,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.errors import NotOpenError
 from cardan.sim_peers.omni import OmniSettings, SimulatedOmni, available, library_path
 from cardan.types import NEUTRAL, DeviceCapabilities, DeviceLink, DeviceState
-from tests.serving import served
+from tests.serving import demo_of, demonstrated, served
 
 PATIENCE_S = 10.0
 
@@ -279,66 +279,44 @@ def test_closing_ends_the_calls(hand):
 
 # -- the devices there are ---------------------------------------------------------------------
 
-HID = ("sim", "spacemouse", "--hid", "{path}", "--script", "wiggle")
-SERVED = {
-    "spacemouse": ([HID], {"transport": "socket", "path": "{path}"}),
-    "spnav": ([HID, ("spnav", "--socket", "{path}.spnav", "{file}")], {"socket": "{path}.spnav"}),
-    "wiimote": (
-        [("sim", "wiimote", "--l2cap", "{path}", "--script", "wiggle")],
-        {"transport": "socket", "path": "{path}"},
-    ),
-    "leap": ([("sim", "leap", "--port", "{port}", "--script", "rest")], {"port": "{port}"}),
-    "gamepad": (
-        [("sim", "gamepad", "--events", "{path}", "--script", "demo")],
-        {"transport": "socket", "path": "{path}"},
-    ),
-    "keyboard": (
-        [("sim", "keyboard", "--events", "{path}", "--script", "taps")],
-        {"transport": "socket", "path": "{path}"},
-    ),
-    "jr3_can": (
-        [("sim", "jr3", "--serve-socketcand", "--port", "{port}", "--script", "wiggle")],
-        {"interface": "socketcand", "host": "127.0.0.1", "port": "{port}"},
-    ),
-    "omni": ([], {"library": str(library_path())}),
-}
-"""How each device is simulated, and the options that lead there."""
+DEVICES = [n for n in registry.BUILT_IN if issubclass(registry.load(n), OperatorDevice)]
 
 
-def test_every_device_is_tried():
-    devices = {n for n in registry.BUILT_IN if issubclass(registry.load(n), OperatorDevice)}
-    assert SERVED.keys() == devices
+def check_it_wakes_its_reader(device):
+    """Who reads a device or has a callback of it gets each new state at once: not only after
+    RECHECK_S, which is to be PATIENCE_S here."""
+    assert base.RECHECK_S == PATIENCE_S
+    states = [device.read(PATIENCE_S / 2) for _ in range(10)]
+    called = threading.Semaphore(0)
+    device.on_state(lambda state: called.release())
+    for _ in range(3):
+        assert called.acquire(timeout=PATIENCE_S)
+    assert None not in states
+    assert len(set(states)) == len(states)
+    assert states[-1].stamp_s > states[0].stamp_s
+
+
+@contextmanager
+def simulated(name, folder):
+    """The options that lead to a simulated device: as its demo has it, where that will do."""
+    if name == "omni":
+        if not available():
+            pytest.skip("the simulated libHD was not compiled")
+        SimulatedOmni(OmniSettings()).hand((0.0, 0.0, 0.0))
+        yield {"library": str(library_path())}
+    elif name == "jr3_can":  # Multicast, as in its demo, is not to be had everywhere.
+        port = free_tcp_port()
+        with served("sim", "jr3", "--serve-socketcand", "--port", str(port), "--script", "wiggle"):
+            yield {"interface": "socketcand", "host": "127.0.0.1", "port": port}
+    else:
+        with demonstrated(demo_of(name), folder) as tables:
+            yield {key: value for key, value in tables["device"].items() if key != "driver"}
 
 
 @pytest.mark.once
 @pytest.mark.realtime
-@pytest.mark.parametrize("name", SERVED)
+@pytest.mark.parametrize("name", DEVICES)
 def test_who_reads_a_device_is_woken_by_its_reader(name, tmp_path, monkeypatch):
     monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)
-    path, port = str(tmp_path / "device"), free_tcp_port()
-    file = tmp_path / "served.toml"
-    file.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{path}"\n')
-
-    def filled(text):
-        return text.format(path=path, port=port, file=file)
-
-    commands, options = SERVED[name]
-    options = {
-        key: int(port) if text == "{port}" else filled(text) for key, text in options.items()
-    }
-    with ExitStack() as stack:
-        if name == "omni":
-            if not available():
-                pytest.skip("the simulated libHD was not compiled")
-            SimulatedOmni(OmniSettings()).hand((0.0, 0.0, 0.0))
-        for command in commands:
-            stack.enter_context(served(*map(filled, command)))
-        device = stack.enter_context(cardan.open_device(name, **options))
-        states = [device.read(PATIENCE_S / 2) for _ in range(10)]
-        called = threading.Semaphore(0)
-        device.on_state(lambda state: called.release())
-        for _ in range(3):
-            assert called.acquire(timeout=PATIENCE_S)
-    assert None not in states
-    assert len(set(states)) == len(states)
-    assert states[-1].stamp_s > states[0].stamp_s
+    with simulated(name, tmp_path) as options, cardan.open_device(name, **options) as device:
+        check_it_wakes_its_reader(device)

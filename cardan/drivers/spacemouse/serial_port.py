@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
-try:
-    from termios import error as TerminalError  # noqa: N812
-except ImportError:  # where there are no terminals
-
-    class TerminalError(Exception):  # type: ignore[no-redef]
-        """Never raised."""
-
-
+from cardan.drivers.serial_port import WAIT_S, SerialPort
 from cardan.drivers.spacemouse.serial_session import SerialSession, device_model
 from cardan.drivers.spacemouse.transports import HidCandidate, Link, Reading, Transport
-from cardan.errors import DeviceAccessError, DriverError
+from cardan.errors import DeviceAccessError
 from cardan.protocols.connexion_serial import SerialModel
 
 BAUD = 9600
-WAIT_S = 0.02
-"""At most so long a read waits, so that what is due is sent in time."""
+STOP_BITS = 2
+"""Suits devices of one stop bit, too."""
 
 
 class SerialTransport(Transport):
@@ -56,7 +47,7 @@ class SerialTransport(Transport):
 
     def open(self, device: HidCandidate) -> Link:
         """Open the port, find out what is there and start it."""
-        port = _open_port(device.path)
+        port = SerialPort(device.path, BAUD, stop_bits=STOP_BITS)
         session = SerialSession(self._model, time.monotonic())
         link = SerialLink(port, session)
         try:
@@ -73,7 +64,7 @@ class SerialTransport(Transport):
 class SerialLink(Link):
     """An open serial port and the conversation with the device there."""
 
-    def __init__(self, port: Any, session: SerialSession) -> None:
+    def __init__(self, port: SerialPort, session: SerialSession) -> None:
         self._port = port
         self._session = session
         self._waiting: deque[Reading] = deque()
@@ -103,24 +94,17 @@ class SerialLink(Link):
 
     def close(self) -> None:
         """Close the port, which takes the device's power."""
-        with contextlib.suppress(OSError, TerminalError):
-            self._port.close()
+        self._port.close()
 
     def _converse(self, timeout_s: float) -> None:
         """Send what is due, and take what comes soon; of a `timeout_s` of 0, what is there.
 
         Raises OSError.
         """
-        session, port = self._session, self._port
-        words = session.send(time.monotonic())
-        try:
-            if words:
-                port.write(words)
-            waiting = port.in_waiting
-            data = port.read(waiting or 1) if waiting or timeout_s > 0.0 else b""
-        except (OSError, TerminalError) as error:
-            # pyserial's own words for it speak of file descriptors.
-            raise OSError(_number_of(error) or errno.ENODEV, "the port is gone") from None
+        session = self._session
+        if words := session.send(time.monotonic()):
+            self._port.write(words)
+        data = self._port.read(wait=timeout_s > 0.0)
         now_s = time.monotonic()
         reports = session.receive(data, now_s) if data else ()
         # A lapse comes first: what was reported before it is gone.
@@ -128,51 +112,3 @@ class SerialLink(Link):
         self._waiting.extend(reports)
         if reason := session.failure(now_s):
             raise OSError(errno.ENODEV, reason)
-
-
-def _open_port(path: str) -> Any:
-    """pyserial's port: powered, ours alone. Raises DriverError."""
-    try:
-        import serial
-    except ImportError as error:
-        raise DriverError(
-            f"the package pyserial cannot be imported ({error}): pip install pyserial"
-        ) from None
-    try:
-        # 8N2 suits devices of one stop bit, too. RTS and DTR, which power the device, go up.
-        # No flow control: CTS is not wired in every cable, and waiting for it would be for ever.
-        return serial.Serial(
-            path,
-            BAUD,
-            stopbits=serial.STOPBITS_TWO,
-            timeout=WAIT_S,  # set once: pyserial asks the system anew at each change
-            write_timeout=0.5,
-            exclusive=True if os.name == "posix" else None,
-        )
-    except (OSError, ValueError, TerminalError) as error:
-        raise DeviceAccessError(f"cannot open {path}: {_words(path, error)}") from None
-
-
-def _number_of(error: Exception) -> int | None:
-    """The system's number of an error; a terminal's has it as its first argument only."""
-    if isinstance(error, TerminalError) and error.args:
-        return int(error.args[0])
-    return getattr(error, "errno", None)
-
-
-def _words(path: str, error: Exception) -> str:
-    number = _number_of(error)
-    if number is None and error.__context__ is not None and error.__context__.args:
-        number = error.__context__.args[0]  # what the terminal's settings were refused for
-    if number in (errno.EACCES, errno.EPERM):
-        return (
-            "no permission: add yourself to the group that owns it (dialout, as a rule), and log "
-            "in again"
-        )
-    if number in (errno.EAGAIN, errno.EBUSY):
-        return "another program has it open: spacenavd, a modem manager or another session"
-    if number in (errno.ENOTTY, errno.EINVAL):
-        return "it is no serial port"
-    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO):
-        return "there is nothing at that port"
-    return str(getattr(error, "strerror", None) or error)

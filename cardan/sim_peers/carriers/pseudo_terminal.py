@@ -38,9 +38,11 @@ class PseudoTerminal(Carrier[bytes]):
 
     Unplugging hangs the port up and removes the link; replugging brings both back. A locked file
     beside the link, its name with ".lock", tells a link in use from one that a killed peer left.
+    `device` is told of power and of what programs write; None: it has power of its own, and takes
+    nothing.
     """
 
-    def __init__(self, link: str, device: SerialDevice) -> None:
+    def __init__(self, link: str, device: SerialDevice | None = None) -> None:
         self._link = link
         self._device = device
         self._lock: int | None = None
@@ -145,7 +147,8 @@ class PseudoTerminal(Carrier[bytes]):
         if self._master is None:
             return
         self.shell.selector.register(self._master, selectors.EVENT_READ, self._read)
-        self._device.power(True)
+        if self._device is not None:
+            self._device.power(True)
 
     def _leave(self) -> None:
         """The last program has closed the port: no more power, and nothing is kept for the next."""
@@ -155,7 +158,8 @@ class PseudoTerminal(Carrier[bytes]):
         self._host = False
         with contextlib.suppress(KeyError):  # it goes while it was being met
             self.shell.selector.unregister(self._master)
-        self._device.power(False)
+        if self._device is not None:
+            self._device.power(False)
         with contextlib.suppress(termios.error):
             tty.setraw(self._master)
             termios.tcflush(self._master, termios.TCIOFLUSH)
@@ -173,7 +177,7 @@ class PseudoTerminal(Carrier[bytes]):
                 raise
             data = b""
         self.shell.catch_up()
-        if data and self._host:
+        if data and self._host and self._device is not None:
             self._device.receive(data)
         elif not data:
             self._leave()

@@ -197,14 +197,18 @@ class ReportClient(PacketClient):
 class ReportSocket(PacketCarrier[bytes, ReportClient]):
     """A socket whose packets are raw HID reports: all programs get all input reports.
 
-    `take` gets each output report and the device's time, s. While the device refuses to be opened
-    its socket exists, but nobody can connect.
+    `take` gets each output report and the device's time, s; without it they mean nothing. While the
+    device refuses to be opened its socket exists, but nobody can connect.
     """
 
     tells_refusal = True
 
     def __init__(
-        self, path: str, take: Callable[[bytes, float], None], *, keep_oldest: bool = False
+        self,
+        path: str,
+        take: Callable[[bytes, float], None] = lambda *_: None,
+        *,
+        keep_oldest: bool = False,
     ) -> None:
         super().__init__(path)
         self._take_output = take

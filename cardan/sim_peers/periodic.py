@@ -1,0 +1,76 @@
+"""The core of a simulated device that reports all the time, whether or not a hand moves it."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Generic
+
+from cardan.sim_peers.base import FaultSwitch, TimedActs, check_faults
+from cardan.sim_peers.carriers.base import M
+
+PERIODIC_FAULTS = (
+    FaultSwitch("unplug", "the device vanishes at VALUE s", 3.0),
+    FaultSwitch("replug", "the device that vanished is back at VALUE s", 4.0, after="unplug"),
+    FaultSwitch("silence", "nothing more is sent from VALUE s on", 3.0),
+    FaultSwitch("refuse", "the device cannot be opened for the first VALUE s", 2.0),
+)
+
+
+class PeriodicDevice(ABC, Generic[M]):
+    """Sends a report, of type M, every `period_s`; times are s from the script's start.
+
+    It has the `PERIODIC_FAULTS`. `switches` are all that the device can have, with its own; raises
+    ScriptError for a fault that is not among them.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        faults: Mapping[str, float],
+        switches: Sequence[FaultSwitch] = PERIODIC_FAULTS,
+    ) -> None:
+        check_faults(faults, switches)
+        self.plugged = True
+        """Whether programs can find it."""
+        self.silent = False
+        """It is there, and sends nothing."""
+        self.next_due_s = 0.0
+        """When it sends next."""
+        self._period_s = period_s
+        self._timed = TimedActs(
+            faults, {"unplug": self.unplug, "replug": self.replug, "silence": self.fall_silent}
+        )
+
+    @abstractmethod
+    def report(self) -> M:
+        """What it sends, as it is held now."""
+
+    def unplug(self) -> None:
+        """It vanishes."""
+        self.plugged = False
+
+    def replug(self) -> None:
+        """It is there again."""
+        self.plugged = True
+
+    def fall_silent(self) -> None:
+        """It sends nothing more."""
+        self.silent = True
+
+    def reports(self, now_s: float) -> list[M]:
+        """What it sends from the last call until `now_s`."""
+        reports = []
+        while self.next_due_s <= now_s:
+            for _, act in self._timed.due(self.next_due_s):
+                act()
+            if self.plugged and not self.silent:
+                reports.append(self.report())
+            self.next_due_s += self._period_s
+        return reports
+
+    def skip_to(self, now_s: float) -> None:
+        """Send nothing for the time before `now_s`: the machine was too busy to simulate it."""
+        missed = math.ceil((now_s - self.next_due_s) / self._period_s)
+        self.next_due_s += max(0, missed) * self._period_s

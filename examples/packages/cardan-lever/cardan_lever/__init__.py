@@ -1,0 +1,4 @@
+"""A three-axis lever with a trigger at a serial port, as a device of Cardan."""
+
+from cardan_lever.driver import Lever as Lever
+from cardan_lever.driver import LeverOptions as LeverOptions

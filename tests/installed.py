@@ -1,0 +1,42 @@
+"""Packages of somebody else's, as if they were installed: what their entry points name is found."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+LARGE_S = 50.0
+"""Longer than any command takes that a test runs."""
+
+
+def add_metadata(site: Path, name: str, entry_points: Mapping[str, Mapping[str, str]]) -> None:
+    """Write what pip leaves of a package in `site`: its name and its entry points by group."""
+    folder = site / f"{name.replace('-', '_')}-1.0.dist-info"
+    folder.mkdir(parents=True)
+    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    lines = []
+    for group, targets in entry_points.items():
+        lines += [f"[{group}]", *(f"{each} = {target}" for each, target in targets.items())]
+    (folder / "entry_points.txt").write_text("\n".join(lines) + "\n")
+
+
+def environment(*sites: Path) -> dict[str, str]:
+    """The environment of a process that has what is in `sites` installed."""
+    path = os.pathsep.join(filter(None, [*map(str, sites), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PYTHONPATH": path, "COLUMNS": "200", "NO_COLOR": "1"}
+
+
+def cardan(*words: str, sites: tuple[Path, ...]) -> tuple[int, str]:
+    """The exit code of ``cardan WORDS`` with `sites`, and what it says."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cardan", *words],
+        capture_output=True,
+        text=True,
+        timeout=LARGE_S,
+        env=environment(*sites),
+        check=False,
+    )
+    return done.returncode, done.stdout + done.stderr
