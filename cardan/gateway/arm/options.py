@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from cardan import bounds
+from cardan.bounds import Bounds
 from cardan.gateway.arm.activities.torque import TorqueLimits
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.planner import Margins
@@ -30,9 +31,9 @@ class ControllerOptions(Options):
     """The command that motions are sent as; None: the best of those that the robot takes."""
     limits: ReferenceLimits | None = None
     """Speed and acceleration of the TCP that no verb exceeds, whatever the parameters ask for;
-    None: the parameters alone bound movj, relj, movl and movv."""
+    None: the parameters alone bound movj, relj, movl and movv. Its leash is not used."""
     streams: ReferenceLimits = STREAM_LIMITS
-    """Limits of streams and movv; their workspace holds for all verbs."""
+    """Limits of streams and movv. Their workspace, and that of `limits`, hold for all verbs."""
     stream_prediction_s: Annotated[float, bounds.SHARE_OR_NONE] = 0.0
     """How far ahead streamed poses are extrapolated, at most: one period of the stream removes its
     delay. 0: the reference only goes to the newest pose."""
@@ -54,3 +55,14 @@ class ControllerOptions(Options):
         for key in ("linear_jerk_m_s3", "angular_jerk_rad_s3"):
             jerk = getattr(self.streams, key)
             require(jerk is not None, f"streams.{key}", jerk, "a number: it shapes streamed poses")
+        if self.limits is not None:
+            x, y, z = map(_common, self.streams.workspace_m, self.limits.workspace_m)
+            streams = replace(self.streams, workspace_x_m=x, workspace_y_m=y, workspace_z_m=z)
+            object.__setattr__(self, "streams", streams)
+
+
+def _common(one: Bounds | None, other: Bounds | None) -> Bounds | None:
+    """The part of two ranges that both have."""
+    if one is None or other is None:
+        return one or other
+    return max(one[0], other[0]), min(one[1], other[1])

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
 
+from cardan.bounds import SAFETY_DISTANCE_M
 from cardan.errors import (
     CollisionError,
     JointLimitError,
@@ -23,6 +24,7 @@ from cardan.gateway.arm.checks import Workspace, check_workspace
 from cardan.gateway.kinematics.arm import CHARACTERISTIC_LENGTH_M, ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.options import Options
 from cardan.robots import ArmModel, BodyShape, JointKind
 from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import Pose, Twist
@@ -64,11 +66,11 @@ class Line(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Margins:
-    """Distances, m, that a planned motion keeps."""
+class Margins(Options):
+    """Distances, m, that a planned motion keeps. Raises OptionError."""
 
-    obstacle_m: float = 0.01
-    own_body_m: float = 0.005
+    obstacle_m: Annotated[float, SAFETY_DISTANCE_M] = 0.01
+    own_body_m: Annotated[float, SAFETY_DISTANCE_M] = 0.005
 
 
 class DryRun(NamedTuple):

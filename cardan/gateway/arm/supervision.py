@@ -25,6 +25,13 @@ LONGEST_STEP_PERIODS = 2.5
 """Periods of the robot by which one tick advances at most. A datagram that is lost, or two that
 come at once, are made up for, as the robot itself went on meanwhile; time beyond that is lost."""
 
+JOINT_ERROR = bounds.Range(
+    0.0,
+    1.5,
+    "rad or m",
+    "a joint a quarter turn off is not following",
+    above=True,
+)
 TRUST_AFTER_S = 0.5
 """How long readings must have been plausible before a confirmation accepts them again."""
 
@@ -41,7 +48,7 @@ class Watchdogs(Options):
     following_error_m: Annotated[float, bounds.LEASH_M] = 0.1
     """Distance between reference and robot beyond which something else holds the arm."""
     following_error_rad: Annotated[float, bounds.LEASH_RAD] = 0.6
-    following_error_joint: float = field(default=0.5, metadata=CODE_ONLY)
+    following_error_joint: Annotated[float, JOINT_ERROR] = field(default=0.5, metadata=CODE_ONLY)
     """rad or m; between commanded and measured joints, where joints are commanded. At the full
     speed of an arm's wrist a position loop lags by 0.3 rad."""
     heartbeat_s: Annotated[float, bounds.BLIND_S] = field(default=0.5, metadata=CODE_ONLY)

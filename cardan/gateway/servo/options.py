@@ -4,6 +4,15 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from typing import Annotated
+
+from cardan import bounds
+from cardan.bounds import Range
+from cardan.options import Options
+
+GAIN_1_S = Range(0.0, 1000.0, "1/s", "at 1 kHz a higher gain overshoots in one tick")
+SINGULAR_VALUE = Range(0.0, 1.0, "", "a length-weighed singular value of an arm is not larger")
+WEIGHT = Range(0.0, 1000.0, "", "against the weight 1 of the task")
 
 
 class Policy(enum.Enum):
@@ -16,42 +25,42 @@ class Policy(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoOptions:
-    """Weights, gains and limits of the servo."""
+class ServoOptions(Options):
+    """Weights, gains and limits of the servo. Raises OptionError."""
 
     policy: Policy = Policy.PATH
-    length_m: float = 0.3
+    length_m: Annotated[float, bounds.LENGTH_M] = 0.3
     """Weight of rad against m, so that nothing depends on the unit of length."""
-    gain_1_s: float = 60.0
+    gain_1_s: Annotated[float, GAIN_1_S] = 60.0
     """Gain on the pose error; the reference is our own and without noise, so it can be high."""
-    linear_speed_m_s: float = 1.0
+    linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 1.0
     """Largest speed that the feedback may ask for."""
-    angular_speed_rad_s: float = 3.0
-    linear_deceleration_m_s2: float = 2.0
+    angular_speed_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 3.0
+    linear_deceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 2.0
     """Deceleration with which the feedback expects to stop, so that it does not overshoot."""
-    angular_deceleration_rad_s2: float = 8.0
-    joint_gain_1_s: float = 60.0
+    angular_deceleration_rad_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_RAD_S2] = 8.0
+    joint_gain_1_s: Annotated[float, GAIN_1_S] = 60.0
     """Gain on the error of a joint target."""
-    speed_share: float = 1.0
+    speed_share: Annotated[float, bounds.SHARE] = 1.0
     """Share of the arm's joint speeds that may be used."""
-    acceleration_share: float = 1.0
-    damping: float = 0.005
+    acceleration_share: Annotated[float, bounds.SHARE] = 1.0
+    damping: Annotated[float, SINGULAR_VALUE] = 0.005
     """Largest damping, at a singularity, as the singular value it stands for."""
-    singular_below: float = 0.06
+    singular_below: Annotated[float, SINGULAR_VALUE] = 0.06
     """Smallest singular value (length-weighed) below which damping sets in."""
-    damping_floor: float = 1e-7
-    path_stiffness: float = 0.1
+    damping_floor: Annotated[float, SINGULAR_VALUE] = 1e-7
+    path_stiffness: Annotated[float, WEIGHT] = 0.1
     """Cost of slowing along the path under Policy.PATH: the share of the commanded speed that may
     be lost sideways before all of the pace is given up, squared."""
-    posture_gain_1_s: float = 3.0
-    posture_weight: float = 1e-3
+    posture_gain_1_s: Annotated[float, GAIN_1_S] = 3.0
+    posture_weight: Annotated[float, WEIGHT] = 1e-3
     """Weight of the preferred posture, against damping and obstacles, where the task is free."""
-    safety_distance_m: float = 0.01
+    safety_distance_m: Annotated[float, bounds.SAFETY_DISTANCE_M] = 0.01
     """Obstacles are kept this far away."""
-    self_distance_m: float = 0.005
+    self_distance_m: Annotated[float, bounds.SAFETY_DISTANCE_M] = 0.005
     """The arm's own bodies are kept this far apart: their capsules contain them with more room
     than that, and some pass each other closely in every posture."""
-    influence_distance_m: float = 0.1
+    influence_distance_m: Annotated[float, bounds.LENGTH_M] = 0.1
     """Pairs nearer than this, or than they need to stop, are watched in the programme."""
-    closing_deceleration_m_s2: float = 2.0
+    closing_deceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 2.0
     """Deceleration that is expected of bodies that close in, if the joints can brake so."""
