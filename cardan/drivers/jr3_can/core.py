@@ -67,8 +67,8 @@ Raw = tuple[int, int, int, int, int, int]
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 STALE_AFTER_S = 0.09
-"""Without a new sample for so long, nothing of what was measured counts. It must not count after
-0.1 s; the rest is for one look of the reader."""
+"""Time without a new sample after which no measurement counts. The limit is 0.1 s; the difference
+is for one cycle of the reader."""
 
 REST_S = 0.1
 """The wrench must be inside the dead bands for so long to count as rest: after zeroing, a board
@@ -78,7 +78,7 @@ ACK_TIMEOUT_S = 0.25
 """A board answers within 2 ms; after this a request is lost."""
 
 TRIES = 3
-"""So often a request is sent before everything is begun again from the ping."""
+"""Times a request is sent before everything begins again from the ping."""
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
 """Pause before a request is sent again, doubled for each ping. It lets a late acknowledgement
@@ -91,20 +91,20 @@ SETTLE_S, SETTLE_TIME_CONSTANTS = 0.1, 5.0
 """From the start to where the board's filter shows what is measured."""
 
 STEADY_WINDOW_S = 0.25
-"""How far back the change of force is looked at before zero is taken."""
+"""Window in which the force must be steady before zero is taken."""
 
 LOOK_AGAIN_S = 0.05
-"""How soon after a look that found it changing."""
+"""Time to the next check after one that found it changing."""
 
 CLOCK_TOLERANCE = 0.02
-"""The board's clock may run so much slower than `SAMPLE_PERIOD_S` says."""
+"""Share by which the board's clock may be slower than `SAMPLE_PERIOD_S` says."""
 
 PROOF_S = 0.1
 """How long a board that answers again is listened to before it is told to start: one that goes on
 sending shows that it has not booted. More than two of the longest periods."""
 
 _COUNTER_TURN_S = COUNTER_MODULUS * SAMPLE_PERIOD_S
-"""The counter begins anew so often."""
+"""Time after which the sample counter wraps."""
 
 LOOK_AT = "check the power of the sensor's board, its node id, bit rate and cables"
 OPENED_REASON = "starting the sensor"
@@ -141,7 +141,7 @@ class _HeldSteady:
         self.overloaded = False
 
     def clear(self, overloaded: bool = False) -> None:
-        """What came before must not count. `overloaded`: until the next value there is none."""
+        """Forget all values. `overloaded`: say so until the next value comes."""
         self._window.clear()
         self.overloaded = overloaded
 
@@ -190,7 +190,7 @@ class Jr3Core(DeviceCore):
         "boots": "times the board came up anew",
         "timeouts": "requests without an answer",
         "refusals": "requests answered with an error",
-        "unexpected_acks": "acknowledgements that nobody waited for",
+        "unexpected_acks": "acknowledgements that were not expected",
         "lost_samples": "samples lost (by the counter)",
         "unpaired_samples": "forces without their moments, or moments without their forces",
         "repeated_samples": "samples that repeat the one before",
@@ -360,7 +360,7 @@ class Jr3Core(DeviceCore):
         return [encode_from_host(Stop(), self._options.node_id)] if self._answered else []
 
     def ask_zero(self, now_s: float) -> int:
-        """Have what is measured now taken for zero; `zeros` reaches the result when it was.
+        """Take the present measurement as zero; `zeros` reaches the result when that is done.
 
         Raises CommandError, and asks for nothing, while the force changes or nothing is measured.
         """
@@ -593,14 +593,14 @@ class Jr3Core(DeviceCore):
             self._not_before_s = min(self._not_before_s, now_s)
 
     def _watch(self, now_s: float) -> None:
-        """Notice a silence."""
+        """Check for silence."""
         if self._believed and now_s - self._stamp_s > STALE_AFTER_S:
             self._believed = False
             self._steady.clear()
             self._fall_silent(self._silence(), now_s)
 
     def _stamp_of(self, counter: int, now_s: float) -> float | None:
-        """When a sample that came at `now_s` was taken at the latest; None: it is of no use."""
+        """Latest time at which a sample that came at `now_s` was taken; None: it is of no use."""
         before = self._counter
         if before is None:
             steps = 0
@@ -686,7 +686,7 @@ class Jr3Core(DeviceCore):
     def _silence(self) -> str:
         """Why there are no new samples, as far as that can be told."""
         if self._options.mode == "sync" and not self._options.send_sync and not self._heard:
-            return "no samples: nobody on the bus sends SYNC; start its master, or set send_sync"
+            return "no samples: no master on the bus sends SYNC; start it, or set send_sync"
         return f"no new sample for {STALE_AFTER_S:g} s: {LOOK_AT}"
 
     def _end(self, link: DeviceLink, reason: str, now_s: float) -> None:

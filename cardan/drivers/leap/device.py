@@ -31,7 +31,7 @@ OPEN_TIMEOUT_S = 1.5
 """From the first packet to the service's version."""
 
 READ_TIMEOUT_S = 0.05
-"""How long a silent service keeps the reader from heartbeats and from closing."""
+"""Longest wait for a message; the reader sends heartbeats and checks for its end in between."""
 
 PING_AFTER_S, DEAD_AFTER_S = 1.0, 3.0
 """Silence after which the service is asked for a sign of life, and after which it is given up."""
@@ -67,7 +67,7 @@ class Leap(ReadDevice[LeapCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """A pose and four buttons that the hand makes; nothing can be given back to it."""
+        """A pose and four buttons that the hand makes; no feedback."""
         return DeviceCapabilities(
             gives_pose=True,
             buttons=BUTTONS,

@@ -1,4 +1,4 @@
-"""Where the arm really is, compared with where its velocities should have brought it.
+"""Compares the arm's measured position with where its commanded velocities should have brought it.
 
 A controller in velocity mode says nothing of the position that it has commanded, and the arm is
 late by design. So what is measured is compared with all that was commanded within the lag: an arm
@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Sequence
 
 _ROWS = 16
-"""Of the way that is kept; between them it is taken for straight."""
+"""Points of the commanded path that are kept; between them it counts as straight."""
 
 
 class ArmWatch:
@@ -63,7 +63,7 @@ class ArmWatch:
         return best if outside else None
 
     def shift(self, by: Sequence[float]) -> None:
-        """The whole way was somewhere else than thought, `by` so much."""
+        """Move the whole path by `by`, rad: its positions were off by that."""
         for _, positions in self._way:
             for i, each in enumerate(by):
                 positions[i] += each

@@ -1,4 +1,4 @@
-"""Plain words for the state of a MotoROS session."""
+"""Messages about the state of a MotoROS session."""
 
 from __future__ import annotations
 

@@ -26,9 +26,8 @@ class SpaceMouseOptions(ShapingOptions):
     """The device's path as ``cardan devices`` lists it, the serial port's or the socket's; empty:
     the first found."""
     model: str = ""
-    """Key of the model to open ("spacemouse-compact"); for a socket, what is behind it, where
-    that matters: labels of its buttons and its full scale. Empty: any; at a serial port it is
-    found out."""
+    """Key of the model to open ("spacemouse-compact"); for a socket, the simulated model, for the
+    labels of its buttons and its full scale. Empty: any; at a serial port it is detected."""
     serial: str = ""
     """Serial number of the device to open; most have none. Empty: any."""
     port: str = ""

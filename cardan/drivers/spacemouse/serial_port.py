@@ -25,11 +25,11 @@ from cardan.protocols.connexion_serial import SerialModel
 
 BAUD = 9600
 WAIT_S = 0.02
-"""At most so long a read waits, so that what is due is sent in time."""
+"""Longest wait of a read, so that what is due is sent in time."""
 
 
 class SerialTransport(Transport):
-    """The serial port at `path`, and the device of `model` there; None: find out which.
+    """The serial port at `path`, and the device of `model` there; None: detect it.
 
     `stopping` is asked while a device is being found, which takes up to some seconds.
     """

@@ -162,7 +162,7 @@ class SimulatedArm:
         self._out.push(now_s, data)
         return self._out.pop(now_s)
 
-    # -- for whoever watches --------------------------------------------------------------------
+    # -- diagnosis ------------------------------------------------------------------------------
 
     @property
     def hold_reason(self) -> str:
