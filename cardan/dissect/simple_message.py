@@ -1,7 +1,7 @@
 """scapy layers of ROS-Industrial's simple message as MotoROS speaks it, with velocity mode.
 
 Positions are rad, speeds rad/s, accelerations rad/s² (m, m/s, m/s² for a linear axis), times s.
-Written from the protocol's description, apart from Cardan's codec.
+Written from the protocol's description, independent of Cardan's codec.
 
 `SimpleMessage(data)` dissects the message `data` begins with to the layer of its type, or to
 SimpleMessageBroken where type or length is none that is known; it never raises. What follows in

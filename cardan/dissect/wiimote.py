@@ -1,8 +1,8 @@
 """scapy layers of the reports of the Wii Remote, its extensions' data and calibration blocks.
 
-Written from descriptions of the protocol, apart from Cardan's codec, so that each can be held
-against the other. Values are raw: accelerometer counts (+X left, +Y tail, +Z up), camera pixels,
-gyroscope counts.
+Written from descriptions of the protocol, independent of Cardan's codec, so that each can be
+checked against the other. Values are raw: accelerometer counts (+X left, +Y tail, +Z up), camera
+pixels, gyroscope counts.
 
 `WiimoteInput(report)` (from the remote) and `WiimoteOutput(report)` (to it) dissect to the layer of
 the report, whose id is the first byte, to UnknownReport for another id, or to BrokenReport when
@@ -259,7 +259,7 @@ class ReadReport(ButtonsReport):
 
 
 class AcknowledgeReport(ButtonsReport):
-    """What became of an output report."""
+    """The result of an output report."""
 
     fields_desc = [
         XByteField("id", 0x22),

@@ -25,7 +25,7 @@ EV_UINPUT = 0x0101
 SYN_REPORT = 0
 """Ends a frame: what came since the last one happened together."""
 SYN_DROPPED = 3
-"""The kernel threw events away, since nobody read them in time: what is known is void."""
+"""The kernel dropped events that were not read in time: the known state is void."""
 MSC_SCAN = 4
 
 KEY_UP, KEY_DOWN, KEY_REPEAT = 0, 1, 2
@@ -43,7 +43,7 @@ class InputEvent(NamedTuple):
 
 
 class Malformed(NamedTuple):
-    """Bytes that say nothing we can use."""
+    """Bytes that are not events."""
 
     reason: str
     """One of a few fixed phrases, fit for counting by."""

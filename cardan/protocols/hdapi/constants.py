@@ -182,7 +182,7 @@ class State(enum.IntEnum):
 
 
 class Info(enum.IntEnum):
-    """What the device is and what it bears. Prefix HD_."""
+    """The device's identity and limits. Prefix HD_."""
 
     VERSION = 0x2500
     """String, of the API."""

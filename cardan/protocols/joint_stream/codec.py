@@ -76,7 +76,7 @@ class ArmState(NamedTuple):
 
 
 class ArmCommand(NamedTuple):
-    """What the arm shall do from now on."""
+    """The command to the arm from now on."""
 
     session: int
     """The session it is meant for; 0 in a hold that asks to be sent states."""

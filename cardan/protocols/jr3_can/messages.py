@@ -44,7 +44,7 @@ class Opcode(enum.IntEnum):
 
 
 class State(enum.IntEnum):
-    """What a board says of itself in every acknowledgement."""
+    """The board's state in every acknowledgement."""
 
     READY = 0
     NOT_INITIALIZED = 1
@@ -83,7 +83,7 @@ class Stop(NamedTuple):
 
 
 class ZeroOffs(NamedTuple):
-    """Take the present filtered value for zero. One sample of zeros follows."""
+    """Take the present filtered value as zero. One sample of zeros follows."""
 
 
 class SetFilter(NamedTuple):
@@ -159,14 +159,14 @@ class Moments(NamedTuple):
 
 
 class Bootup(NamedTuple):
-    """The board has come up and read its sensor; nothing that it was told before holds."""
+    """The board has started and read its sensor; earlier commands are void."""
 
 
 BoardMessage = Ack | Forces | Moments | Bootup
 
 
 class Malformed(NamedTuple):
-    """A frame from a board that says nothing we can use."""
+    """A frame from a board that cannot be decoded."""
 
     reason: str
     """One of a few fixed phrases, fit for counting by."""

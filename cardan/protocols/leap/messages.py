@@ -91,7 +91,7 @@ class TrackingFrame(NamedTuple):
 
 
 class Ignored(NamedTuple):
-    """A well-formed message that means nothing to us."""
+    """A well-formed message that is not used here."""
 
     keys: tuple[str, ...]
 

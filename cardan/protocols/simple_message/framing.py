@@ -9,7 +9,7 @@ HEADER_BYTES = 12
 """Message type, communication type, reply code; counted by the prefix, as the body is."""
 SHORTEST_PREFIX = HEADER_BYTES
 LONGEST_PREFIX = 0xFFFF
-"""Of any message; also what tells the byte orders apart."""
+"""Longest prefix of any message; it also tells the byte orders apart."""
 LONGEST_PREFIX_OF_MOTOROS = 1020
 """The longest message of MotoROS has 544; ROS's own client sends no more than this."""
 

@@ -19,9 +19,9 @@ INPUT_HEADER = 0xA1
 OUTPUT_HEADER = 0xA2
 """First byte on the interrupt channel, host to remote."""
 SET_REPORT_HEADER = 0x52
-"""First byte on the control channel, host to remote: the old way."""
+"""First byte on the control channel, host to remote (for older remotes)."""
 HANDSHAKE_OK = 0x00
-"""What a remote answers on the control channel to a report sent the old way."""
+"""The answer on the control channel to a report sent there."""
 
 
 class Model(NamedTuple):
