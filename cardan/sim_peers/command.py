@@ -118,7 +118,7 @@ class PeerCommand(Generic[OptionsT]):
 
     @classmethod
     def run(cls, options: OptionsT, seconds: float | None) -> int | None:
-        """Be the peer until `seconds` are over (None: until it is interrupted). The command's exit
+        """Run the peer until `seconds` are over (None: until it is interrupted). The command's exit
         code; None: 0."""
         serve(cls.Peer(options), seconds)
         return None

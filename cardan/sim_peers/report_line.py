@@ -1,4 +1,4 @@
-"""What lies between a simulated device and its host: carries reports, late if it is told to."""
+"""The line between a simulated device and its host: carries reports, late where a fault says so."""
 
 from __future__ import annotations
 

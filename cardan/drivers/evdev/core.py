@@ -6,9 +6,8 @@ that of the newest event, is the stamp of the state.
 
 Until a device that was plugged in or opened sends its first frame, the kernel reports all zero,
 whatever is deflected. So that frame has to come first, and buttons that it shows pressed, perhaps
-held all the time, count once they have been let go. When events were lost
-(SYN_DROPPED, garbled packets) the device is asked for all it holds, and has to be seen at rest
-before it counts again.
+held all the time, count once they have been let go. When events were lost (SYN_DROPPED, garbled
+packets) the device is asked for all it holds, and has to be seen at rest before it counts again.
 """
 
 from __future__ import annotations

@@ -56,10 +56,9 @@ class MotorosOptions:
     group: Annotated[int, GROUP] = 0
     """Control group, counted from 0."""
     mode: Literal["auto", "velocity", "stream", "standard"] = "auto"
-    """velocity: joint speeds to a controller with the velocity mode. stream: one endless
-    trajectory with a shallow queue, for any MotoROS. standard: a trajectory of two points for each
-    goal, after the one before has ended. auto: velocity where the controller has it, else
-    stream."""
+    """velocity: joint speeds to a controller with the velocity mode. stream: one endless trajectory
+    with a shallow queue, for any MotoROS. standard: a trajectory of two points for each goal, after
+    the one before has ended. auto: velocity where the controller has it, else stream."""
     enable: Literal["on-request", "at-start"] = "on-request"
     """at-start: motion is enabled once, after the first connection; never by itself again."""
     byte_order: Literal["auto", "little", "big"] = "auto"

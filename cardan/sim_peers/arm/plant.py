@@ -32,7 +32,7 @@ _LOCK = 1e9
 """Rotor inertia that keeps a joint still: one at its stop, or jammed."""
 _CONFIGURATIONS = 64
 _PASSES = 4
-"""How often a step is solved again because a drive saturates or a joint leaves its stop."""
+"""Most times a step is solved again because a drive saturates or a joint leaves its stop."""
 
 
 class DriveMode(enum.Enum):
@@ -59,7 +59,7 @@ class ArmPlant:
         self.step_s = options.step_s
         self.ideal = options.drive == "ideal"
         self.model = build_model(arm, options)
-        """For questions (inverse dynamics in a test); what the plant integrates is a copy."""
+        """For callers (inverse dynamics in a test); the plant integrates a copy."""
         self._solver = pin.Model(self.model)
         self._data = self._solver.createData()
         self._armature: Array = self._solver.armature
@@ -77,7 +77,7 @@ class ArmPlant:
         self._v = np.zeros(n)
         self._a = np.zeros(n)
         self.inertia = inertia = self._largest_inertia()
-        """The most each joint has to turn, rotor included: gains and friction are its multiples."""
+        """Largest inertia of each joint, rotor included: gains and friction are its multiples."""
         h = self.step_s
         bandwidth = options.position_bandwidth_rad_s
         self.stiffness = inertia * bandwidth**2
@@ -520,7 +520,7 @@ class ArmPlant:
     def set_state(
         self, positions: Sequence[float], velocities: Sequence[float] | None = None
     ) -> None:
-        """Put the arm there, for tests; the servo holds it there from now on."""
+        """Place the arm, for tests; the servo holds it there from now on."""
         self._q[:] = np.clip(positions, self._lower, self._upper)
         self._v[:] = 0.0 if velocities is None else velocities
         self._a[:] = 0.0

@@ -22,7 +22,7 @@ class Shell(Protocol):
 
     @property
     def refused_until_s(self) -> float:
-        """Until then nobody can open the device, by the fault ``refuse``; monotonic s."""
+        """Until then no program can open the device, by the fault ``refuse``; monotonic s."""
 
     def begin(self) -> None:
         """A program has opened the device: the script starts, unless it has."""

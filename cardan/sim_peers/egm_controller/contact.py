@@ -1,7 +1,7 @@
 """What the TCP of the simulated arm can touch: a horizontal surface, as a pen meets a sheet.
 
-The arm is position-controlled and does not give way; what gives way is the pen in its holder and
-the sheet on its board, all in the surface's stiffness. Forces are in N, base axes.
+The arm is position-controlled and rigid; the compliance of the pen in its holder and of the sheet
+on its board is the surface's stiffness. Forces are in N, base axes.
 """
 
 from __future__ import annotations

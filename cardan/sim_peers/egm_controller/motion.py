@@ -39,7 +39,7 @@ class ControlLaw:
 
 
 class Servo:
-    """Six axes that are told speeds, keep to their limits, and follow some ms later.
+    """Six speed-controlled axes that keep their limits and follow some ms later.
 
     `planned` is where the controller's reference is, `measured` where the arm is: `delay_s`
     behind. Every limit scales all axes by the same ratio, so that the direction stays.
@@ -73,7 +73,7 @@ class Servo:
         self.place(start)
 
     def place(self, joints: Sequence[float]) -> None:
-        """Stand at `joints` from now on (somebody jogged the arm while nobody looked)."""
+        """Stand at `joints` from now on (the arm was jogged while it was not simulated)."""
         self.planned = list(joints)
         self.speeds = [0.0] * AXES
         self.accelerations = [0.0] * AXES
@@ -183,7 +183,7 @@ class JointMove:
     """A programmed joint movement from standstill to `target`, both ends at rest."""
 
     _SPEED_SHARE = 0.5
-    """Of the joint speeds and accelerations: a programmed move is not the arm's utmost."""
+    """Share of the joint speeds and accelerations: a programmed move uses less than the arm can."""
 
     def __init__(self, servo: Servo, target: Sequence[float], at_least_s: float = 0.0) -> None:
         self._servo = servo

@@ -20,7 +20,7 @@ class EgmControllerPeer(DatagramPeer):
     """Serves an `EgmController` as the real one does: as the client of the PC.
 
     The socket has an ephemeral local port and is connected to the PC's address, so answers from
-    anywhere else are not heard.
+    other addresses are ignored.
     """
 
     def __init__(self, options: EgmControllerOptions | None = None) -> None:

@@ -39,7 +39,7 @@ on top; ``release`` ends both. ``overload`` ramps one component to 1.5 times its
 
 SCRIPTS: Mapping[str, str] = {
     "rest": """
-        # nobody touches the sensor
+        # no load on the sensor
         0    release
     """,
     # The first 2.5 s belong to the host: it waits for the filter, takes zero and sees rest.

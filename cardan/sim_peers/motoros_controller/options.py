@@ -25,7 +25,7 @@ GROUPS = Range(1, MAX_GROUPS, "", "a controller has no more")
 BASE_PORT = replace(bounds.ANY_PORT, highest=65533, reason="two more come after it")
 IPC_S = Range(0.001, 0.016, "s", "no controller interpolates in other steps")
 QUEUE_INCREMENTS = Range(2, 10_000, "", "one is being driven, one waits")
-STATE_PERIOD_S = Range(0.001, 10.0, "s", "later nobody waits for a state")
+STATE_PERIOD_S = Range(0.001, 10.0, "s", "a client gives a silent state port up sooner")
 TAKES_S = Range(0.0, 60.0, "s", "no controller takes longer")
 
 _Takes = Annotated[float, TAKES_S]
@@ -73,7 +73,7 @@ class MotorosControllerOptions:
     """Joints at the start, rad or m; None: the arm's home."""
 
     job_start_s: _Takes = 0.11
-    """START_TRAJ_MODE takes so long with the servos on; from about two thirds of it on motion is
+    """Duration of START_TRAJ_MODE with the servos on; from about two thirds of it on motion is
     possible."""
     servo_on_s: _Takes = 1.0
     """From the order to power the drives until they have it."""

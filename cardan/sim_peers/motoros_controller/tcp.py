@@ -93,7 +93,7 @@ class MotorosControllerPeer(SimulatedPeer):
                 problem = f"cannot listen on {host}:{port}"
                 self._listeners[kind] = opened(host, port, socket.SOCK_STREAM, _listen, problem)
             if self.options.log:
-                # Only now: whoever fails to start does not empty another one's log.
+                # Only now: a peer that fails to start must not empty another one's log.
                 self._log_file = _created(self.options.log)
                 self.controller.log.insert(0, self.controller.log_columns)
         except BaseException:
@@ -236,7 +236,7 @@ class MotorosControllerPeer(SimulatedPeer):
                 with contextlib.suppress(KeyError):
                     selector.unregister(listener)
 
-    # -- what happened ----------------------------------------------------------------------------
+    # -- events -----------------------------------------------------------------------------------
 
     def _report(self) -> None:
         for index, events in enumerate((self.controller.events, self.servers.events)):

@@ -23,7 +23,7 @@ from cardan.types import ZERO3, Vector3
 SAMPLE_S = 0.01
 """Waypoints are this far apart while the hand moves."""
 SHORTEST_S = 0.02
-"""The shortest motion: the hand is a spring and would turn a step into a blow."""
+"""Shortest motion: the hand is a spring, so a step would be a shock."""
 CLICK_S = 0.1
 USUAL_STIFFNESS_N_M = 200.0
 
@@ -234,7 +234,7 @@ class _Flags(NamedTuple):
 
 
 class _Hand:
-    """What the steps of a script make of the hand, axes of the hand."""
+    """The hand's motion by the steps of a script, axes of the hand."""
 
     def __init__(self, stiffness_n_m: float) -> None:
         self.tracks = {
@@ -336,8 +336,8 @@ class _Hand:
             angles,
             *self.flags[index - 1][1],
             to_device(self.tracks["push"].at(time_s)),
-            # The same axes, but a stiffness has no sign to turn; and one that is told to change
-            # again in mid-change may overshoot.
+            # The same axes, but a stiffness has no sign; and one that is changed again during
+            # a change may overshoot.
             Vector3(max(ky, 0.0), max(kz, 0.0), max(kx, 0.0)),
         )
 

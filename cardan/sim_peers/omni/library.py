@@ -1,4 +1,4 @@
-"""The simulated libHD in this process: for tests, benches, and whoever wants to step it.
+"""The simulated libHD in this process: for tests, benches, and programs that step it.
 
 A process has one libHD, as with the real one, so there is one simulated device at a time.
 """
@@ -24,7 +24,7 @@ SETTINGS_VARIABLE = "CARDAN_OMNI"
 LIBRARY_VARIABLE = "CARDAN_LIBHD"
 """Where Cardan's own driver looks for libHD first."""
 LIBRARY_NAMES = ("libHD.so", "libHD.so.3.0", "libHD.so.3.4")
-"""What programs know the real one by."""
+"""Names of the real library."""
 
 
 def library_path() -> Path:
@@ -49,7 +49,7 @@ def available() -> bool:
 
 
 class OmniTruth(NamedTuple):
-    """What the simulated device really does, at the end of its newest tick; hand frame."""
+    """True state of the simulated device at the end of its newest tick; hand frame."""
 
     time_s: float
     """Of the library's clock: monotonic, or virtual from 0."""
@@ -163,7 +163,7 @@ class SimulatedOmni:
         return float(self._library.simNow())
 
     def truth(self) -> OmniTruth:
-        """The device as it is, rather than as it shows itself."""
+        """The device's true state, not the measured one."""
         it = self._truth
         self._library.simTruth(ctypes.byref(it))
         values = list(_read(it))

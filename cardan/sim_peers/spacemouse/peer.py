@@ -41,7 +41,7 @@ from cardan.sim_peers.spacemouse.serial_core import SimulatedSerialPuck, simulat
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
 STATUS_PERIOD_S = 0.1
-"""How often the line for the person at the keyboard is drawn."""
+"""Period at which the user's status line is drawn."""
 SCRIPT_DELAY_S = 1.0
 """From the host's start of a serial device to the script's: the host is to find the cap at rest."""
 BLUETOOTH_MODELS = frozenset({"spacemouse-wireless-bt", "spacemouse-pro-wireless-bt"})
@@ -176,7 +176,7 @@ class SpaceMousePeer(HandPeer[Puck, bytes]):
             self.selector.unregister(self._terminal.fd)
 
     def _draw_status(self) -> None:
-        """Draw the line for the person at the keyboard."""
+        """Draw the user's status line."""
         status = status_line(self.device)
         if status != self._status:
             self._status = status

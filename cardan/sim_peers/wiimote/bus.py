@@ -153,7 +153,7 @@ class MotionPlus(Registers):
         self.mode = 0
         """PASS_NONE, PASS_NUNCHUK or PASS_CLASSIC while active, else 0."""
         self.becomes: int | None = None
-        """The mode it is on its way to; the port is dead meanwhile."""
+        """The mode it is changing to; the port is dead meanwhile."""
         self.ready_s = math.inf
         self._was = 0
         self._own_turn = True
@@ -181,7 +181,7 @@ class MotionPlus(Registers):
             self.ready_s = now_s + SWITCH_S
 
     def arrive(self) -> None:
-        """The way to another address is over."""
+        """The move to another address is over."""
         assert self.becomes is not None
         self._was, self.mode, self.becomes = self.mode or self._was, self.becomes, None
         self.ready_s = math.inf

@@ -88,7 +88,7 @@ _STOLEN_MODE = bytes((DATA_MODE_ID, 0x00, _DEFAULT_MODE))
 
 
 class LogEntry(NamedTuple):
-    """Something the host made the remote do, or that happened to it."""
+    """An action of the remote on the host's request, or an event."""
 
     time_s: float
     what: str
@@ -158,12 +158,12 @@ class SimulatedWiimote:
         self.ir_enabled = [False, False]
         self.speaker = False
         self.ignored_outputs = 0
-        """Output reports that the remote could not make sense of."""
+        """Output reports that are invalid for the remote."""
         self.outputs = 0
         self.log: deque[LogEntry] = deque(maxlen=LOG_ENTRIES)
         """The newest entries."""
         self.logged = 0
-        """How many entries there ever were."""
+        """Number of entries since the start, dropped ones included."""
 
         self._buttons = 0
         self._angles: Vector = ZERO
@@ -294,7 +294,7 @@ class SimulatedWiimote:
         return self.plugged and not self.connected
 
     def connect(self, now_s: float) -> bool:
-        """A host has opened both channels. False: nobody is there."""
+        """A host has opened both channels. False: the remote does not answer."""
         self._produce(now_s)
         if not self.reachable:
             return False
@@ -388,7 +388,7 @@ class SimulatedWiimote:
         return self._link.arrived(now_s)
 
     def skip_to(self, now_s: float) -> None:
-        """Send no data for the time before `now_s`: nobody simulated it."""
+        """Send no data for the time before `now_s`, which was not simulated."""
         if self._tick_due_s < now_s:
             self._tick = math.ceil((now_s - self._connected_s) / TICK_S)
             self._plan_tick()
