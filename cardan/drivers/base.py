@@ -91,7 +91,7 @@ class Driver(Openable):
 
     @abstractmethod
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
 
     def metrics(self) -> dict[str, float]:
         """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""

@@ -73,7 +73,7 @@ class DeviceCore(ABC):
         return self._reason
 
     def _notes(self, now_s: float) -> list[str]:
-        """What else stands in the way or deserves attention, worst first."""
+        """What else deserves attention, worst first."""
         return []
 
     def _figures(self, now_s: float) -> dict[str, float]:
@@ -131,7 +131,7 @@ class DeviceCore(ABC):
         }
 
     def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         words = [reason] if (reason := self.state(now_s).reason) else []
         words += self._notes(now_s)
         if self._buttons.lost_edges:

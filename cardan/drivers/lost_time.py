@@ -37,7 +37,7 @@ class LostTime:
     """The difference in place and speed between a robot and its commands, along some axes.
 
     Units are those of the axes, rad or m. `offset` and `rate` are added to the commands. For
-    positions that are not plain numbers (orientations) a subclass overrides `_way` and `_ahead`.
+    orientations a subclass overrides `_displacement` and `_advanced`.
     """
 
     __slots__ = ("_gap_s", "_interrupted", "_slip", "_went", "offset", "rate", "working")
@@ -97,7 +97,7 @@ class LostTime:
         if asked is None:
             self.reset()
             return target, speeds
-        moved = self._way(asked[0], target)
+        moved = self._displacement(asked[0], target)
         if speeds is None or asked[1] is None:
             self.reset()
             if speeds is None and seen_s > 0.0:
@@ -105,15 +105,15 @@ class LostTime:
             return target, speeds
         self.step(moved, asked[1], speeds, dt_s)
         return (
-            self._ahead(target, self.offset),
+            self._advanced(target, self.offset),
             tuple([v + more for v, more in zip(speeds, self.rate, strict=True)]),
         )
 
-    def _way(self, start: Any, end: Any) -> list[float]:
+    def _displacement(self, start: Any, end: Any) -> list[float]:
         """Displacement from one position to another, along the axes."""
         return [b - a for a, b in zip(start, end, strict=True)]
 
-    def _ahead(self, place: Any, by: Sequence[float]) -> Any:
+    def _advanced(self, place: Any, by: Sequence[float]) -> Any:
         """The position `by` ahead."""
         return tuple([q + way for q, way in zip(place, by, strict=True)])
 

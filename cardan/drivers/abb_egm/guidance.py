@@ -223,11 +223,12 @@ class _Followed(LostTime):
         """
         told = speeds = tuple(self.limiter.velocity)
         if dt_s > 0.0:
-            speeds = tuple([way / dt_s for way in self._way(before, heading)])
+            speeds = tuple([way / dt_s for way in self._displacement(before, heading)])
         went = [
-            way - v * period_s for way, v in zip(self._way(answered, heading), speeds, strict=True)
+            way - v * period_s
+            for way, v in zip(self._displacement(answered, heading), speeds, strict=True)
         ]
-        self.limiter.reset(self._ahead(self.limiter.reference, went), speeds)
+        self.limiter.reset(self._advanced(self.limiter.reference, went), speeds)
         # Differences from the position and speed that its commanded speeds would have given.
         self.passed(
             gap_s,
@@ -242,21 +243,21 @@ class _Followed(LostTime):
         limiter.brake(dt_s)
         self.passed(
             0.0,
-            self._way(place, limiter.reference),
+            self._displacement(place, limiter.reference),
             [now - v for now, v in zip(limiter.velocity, speeds, strict=True)],
         )
 
 
 class _FollowedPoint(_Followed):
-    def _ahead(self, place: Vector3, by: Sequence[float]) -> Vector3:
+    def _advanced(self, place: Vector3, by: Sequence[float]) -> Vector3:
         return add(place, Vector3(*by))
 
 
 class _FollowedTurn(_Followed):
-    def _way(self, start: Quaternion, end: Quaternion) -> list[float]:
+    def _displacement(self, start: Quaternion, end: Quaternion) -> list[float]:
         return list(rotation_between(start, end))
 
-    def _ahead(self, place: Quaternion, by: Sequence[float]) -> Quaternion:
+    def _advanced(self, place: Quaternion, by: Sequence[float]) -> Quaternion:
         if not any(by):
             return place
         return normalized(multiply(from_rotation_vector(Vector3(*by)), place))
@@ -286,7 +287,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         """The command before, if it was a target."""
 
     @abstractmethod
-    def _places(self, state: RobotState) -> Sequence[Any]:
+    def _measured_parts(self, state: RobotState) -> Sequence[Any]:
         """Measured position of each part in `state`."""
 
     @abstractmethod
@@ -320,7 +321,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
             raise wrong_kind(f"EGM in {self._mode}{speed} mode", command, self.kinds)
 
     def reset(self, state: RobotState) -> None:
-        for part, place in zip(self._parts, self._places(state), strict=True):
+        for part, place in zip(self._parts, self._measured_parts(state), strict=True):
             part.limiter.reset(place)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
         self._forget()
@@ -345,7 +346,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         dt_s: float,
         gap_s: float,
     ) -> None:
-        places = map(self._places, (heading, before, answered))
+        places = map(self._measured_parts, (heading, before, answered))
         for part, *each in zip(self._parts, *places, strict=True):
             part.resync(*each, dt_s, gap_s, self._period_s)
         self._externals.resync(heading, before, dt_s)
@@ -395,7 +396,7 @@ class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
         super().__init__(options, self._joints)
         self._plain = count == 6 and not self._externals.count and not self._speed_only
 
-    def _places(self, state: RobotState) -> Sequence[Any]:
+    def _measured_parts(self, state: RobotState) -> Sequence[Any]:
         return (state.joints,)
 
     def _check_target(self, command: JointCommand) -> None:
@@ -489,7 +490,7 @@ class PoseGuidance(_ReferenceGuidance[PoseCommand, TwistCommand]):
         super().__init__(options, self._positions, self._orientations)
         self._plain = not self._externals.count and not self._speed_only
 
-    def _places(self, state: RobotState) -> Sequence[Any]:
+    def _measured_parts(self, state: RobotState) -> Sequence[Any]:
         assert state.pose is not None
         return state.pose[:2]
 

@@ -58,8 +58,7 @@ _ROUNDING = 1e-9
 """Deviation of a quaternion's squared length from 1 that needs no normalisation."""
 
 _REORDERED_MAX = 16
-"""Largest step back in the sequence (64 ms) of a late datagram; a larger one without a clock to
-tell is a restart."""
+"""Largest step back in the sequence (64 ms) of a late datagram that has no clock to tell."""
 _LATE_MAX = 250
 """A larger step back (1 s) is a restart, whatever the datagram's clock says."""
 
@@ -179,7 +178,7 @@ class EgmSession:
             or (self._needs_external and len(external) < self._needs_external)
         ):
             self.counters.malformed["incomplete"] += 1
-            self.last_malformed = self._lack(feedback)
+            self.last_malformed = self._missing_field(feedback)
             return None
         step = 1
         cause = ""
@@ -227,7 +226,7 @@ class EgmSession:
             period_s += superseded.period_s  # that one gets no answer: its time counts here
         self.counters.accepted += 1
         if self._flood:
-            self._abate()
+            self._note_accepted()
         if states != self._controller_states:
             self._enter(states)
         if pose is not None:
@@ -264,7 +263,7 @@ class EgmSession:
         )
         return state
 
-    def _abate(self) -> None:
+    def _note_accepted(self) -> None:
         """Count an accepted datagram against the refused ones; report or end a flood."""
         self._flood = min(self._flood, 2 * FLOOD_DATAGRAMS) - 1
         if self._flood >= FLOOD_DATAGRAMS:
@@ -314,7 +313,7 @@ class EgmSession:
         self._flood += 1
         self.last_malformed = f"{malformed.fault.value}: {malformed.detail}"
 
-    def _lack(self, feedback: EgmFeedback) -> str:
+    def _missing_field(self, feedback: EgmFeedback) -> str:
         """The field that an incomplete message lacks; empty when it is complete."""
         external = len(feedback.external_joints)
         if external < self._needs_external:
@@ -414,7 +413,7 @@ class EgmSession:
             return None
         return state._replace(joints=joints, pose=pose)
 
-    def _take_up(self, state: RobotState, gap_s: float) -> None:
+    def _follow_controller(self, state: RobotState, gap_s: float) -> None:
         """Update the reference for what the controller did by itself in `gap_s`."""
         if gap_s < _COAST_PERIODS * self._nominal_s:
             self._guidance.coast(gap_s)
@@ -491,8 +490,7 @@ class EgmSession:
         if dt_s > _GAP_PERIODS * nominal_s:
             gap_s, dt_s = dt_s - nominal_s, nominal_s
         if state.hold_reason:
-            # Should the commands act nevertheless, brake the robot and do not halt it in one
-            # period.
+            # Should commands act nevertheless, the robot brakes and is not halted in one period.
             obeys = self._said_speed and not self._fresh and guidance.near(state)
             if obeys:
                 guidance.step(None, state, dt_s)
@@ -507,7 +505,7 @@ class EgmSession:
             if now_s - self._replied_s > timeout_s:
                 self.counters.late_commands += 1
             if gap_s:
-                self._take_up(state, gap_s)
+                self._follow_controller(state, gap_s)
             if now_s - state.stamp_s > timeout_s:
                 guidance.step(None, state, dt_s)
             else:
@@ -654,7 +652,7 @@ class EgmSession:
         return figures
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         return diagnose(self, now_s)
 
 

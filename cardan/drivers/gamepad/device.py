@@ -75,7 +75,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
             )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         words = super().diagnosis()
         if self._rumble_failures:
             words += (f"{self._rumble_failures} times the pad would not rumble",)

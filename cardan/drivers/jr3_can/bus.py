@@ -103,7 +103,7 @@ def open_bus(options: Jr3Options) -> CanBus:
 
     Raises DriverError that says what to do.
     """
-    _hush()
+    _silence_warnings()
     try:
         import can
     except ImportError:
@@ -251,7 +251,7 @@ _FRAGMENTS = _Fragments()
 _NOWHERE = logging.NullHandler()
 
 
-def _hush() -> None:
+def _silence_warnings() -> None:
     """Keep python-can's warnings off the terminal, unless the program has set logging up: the
     driver's own messages say what matters. Adding a filter or a handler twice is fine."""
     logging.getLogger("can").addHandler(_NOWHERE)

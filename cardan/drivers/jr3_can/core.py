@@ -82,7 +82,7 @@ TRIES = 3
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
 """Pause before a request is sent again, doubled for each ping. It lets a late acknowledgement
-pass, which could be taken for that of another request."""
+pass, which could be mistaken for that of another request."""
 
 RESTART_AFTER_S = 1.0
 """A board that should send and has been silent for so long is brought up again."""
@@ -99,14 +99,14 @@ LOOK_AGAIN_S = 0.05
 CLOCK_TOLERANCE = 0.02
 """Share by which the board's clock may be slower than `SAMPLE_PERIOD_S` says."""
 
-PROOF_S = 0.1
-"""How long a board that answers again is listened to before it is told to start: one that goes on
+RESTART_CHECK_S = 0.1
+"""How long a board that answers again is observed before the start command: one that goes on
 sending shows that it has not booted. More than two of the longest periods."""
 
 _COUNTER_TURN_S = COUNTER_MODULUS * SAMPLE_PERIOD_S
 """Time after which the sample counter wraps."""
 
-LOOK_AT = "check the power of the sensor's board, its node id, bit rate and cables"
+WIRING_ADVICE = "check the power of the sensor's board, its node id, bit rate and cables"
 OPENED_REASON = "starting the sensor"
 REST_REASON = "not seen at rest yet: take the hand off the sensor"
 RESUMED_REASON = "it fell silent: take the hand off the sensor"
@@ -258,7 +258,7 @@ class Jr3Core(DeviceCore):
         self._running = False
         """Brought up: zeroed where that is asked for."""
         # Samples.
-        self._believed = False
+        self._sample_valid = False
         """What was measured last still counts."""
         self._forces: Forces | None = None
         self._counter: int | None = None
@@ -365,7 +365,7 @@ class Jr3Core(DeviceCore):
         Raises CommandError, and asks for nothing, while the force changes or nothing is measured.
         """
         self._watch(now_s)
-        if not (self._running and self._believed):
+        if not (self._running and self._sample_valid):
             raise CommandError(f"cannot take zero: {self._reason or 'the sensor is not running'}")
         if obstacle := self._steady.obstacle():
             raise CommandError(f"cannot take zero: {obstacle}; take the hand off the sensor")
@@ -385,7 +385,7 @@ class Jr3Core(DeviceCore):
     @property
     def watching(self) -> bool:
         """Whether the force is still to be watched before zero can be asked for."""
-        return self._running and self._believed and not self._steady.full
+        return self._running and self._sample_valid and not self._steady.full
 
     @property
     def zeros(self) -> int:
@@ -439,7 +439,7 @@ class Jr3Core(DeviceCore):
             self._not_before_s = now_s + RETRY_FIRST_S
         else:
             node_id = self._options.node_id
-            self._fail(f"node {node_id} does not answer its {step.name}: {LOOK_AT}", now_s)
+            self._fail(f"node {node_id} does not answer its {step.name}: {WIRING_ADVICE}", now_s)
 
     def _on_ack(self, ack: Ack, now_s: float) -> None:
         step = self._asked
@@ -468,7 +468,7 @@ class Jr3Core(DeviceCore):
             if self._link is DeviceLink.LOST:
                 self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
             if self._has_run and not (self._zero_lost or self._continuous):
-                self._not_before_s = now_s + PROOF_S
+                self._not_before_s = now_s + RESTART_CHECK_S
                 if self._options.mode == "sync" and self._options.send_sync:
                     self._sync_s = now_s
         elif isinstance(step.message, (StartAsync, StartSync)):
@@ -528,7 +528,7 @@ class Jr3Core(DeviceCore):
         """Whether zero may be taken now; if not, says why and when to look again."""
         obstacle = self._steady.obstacle()
         self._not_before_s = now_s + LOOK_AGAIN_S
-        if self._believed and not self._steady.overloaded:
+        if self._sample_valid and not self._steady.overloaded:
             moves = obstacle and self._steady.full
             self._reason = f"{ZEROING_REASON} ({obstacle})" if moves else ZEROING_REASON
             self._cached = None
@@ -549,7 +549,7 @@ class Jr3Core(DeviceCore):
         stamp_s = self._stamp_of(forces.counter, now_s)
         if stamp_s is None:
             return
-        self._heard = self._believed = True
+        self._heard = self._sample_valid = True
         self._stamp_s = stamp_s
         self._cached = None
         if self._link is DeviceLink.STALE:
@@ -594,8 +594,8 @@ class Jr3Core(DeviceCore):
 
     def _watch(self, now_s: float) -> None:
         """Check for silence."""
-        if self._believed and now_s - self._stamp_s > STALE_AFTER_S:
-            self._believed = False
+        if self._sample_valid and now_s - self._stamp_s > STALE_AFTER_S:
+            self._sample_valid = False
             self._steady.clear()
             self._fall_silent(self._silence(), now_s)
 
@@ -643,7 +643,7 @@ class Jr3Core(DeviceCore):
         self._acting = None
 
     def _wrench(self) -> Wrench | None:
-        known = self._running and self._believed and not self._zero_lost
+        known = self._running and self._sample_valid and not self._zero_lost
         return self._at_tcp() if known else None
 
     def _at_tcp(self) -> Wrench:
@@ -687,7 +687,7 @@ class Jr3Core(DeviceCore):
         """Why there are no new samples, as far as that can be told."""
         if self._options.mode == "sync" and not self._options.send_sync and not self._heard:
             return "no samples: no master on the bus sends SYNC; start it, or set send_sync"
-        return f"no new sample for {STALE_AFTER_S:g} s: {LOOK_AT}"
+        return f"no new sample for {STALE_AFTER_S:g} s: {WIRING_ADVICE}"
 
     def _end(self, link: DeviceLink, reason: str, now_s: float) -> None:
         self._halt()

@@ -68,7 +68,7 @@ class Jr3Options:
     sensor_xyz_m: tuple[_Near, _Near, _Near] = (0.0, 0.0, 0.0)
     """Where the sensor's origin is in the tool's frame; torques are given about the TCP."""
     zero_on_open: bool = True
-    """What is measured while opening is taken for zero; false: the board's zero stays."""
+    """The measurement while opening becomes zero; false: the board's zero stays."""
     steady_n_s: Annotated[float, bounds.FORCE_RATE_S] = 10.0
     """Zero is taken only while no force changes faster than this."""
     steady_nm_s: Annotated[float, bounds.FORCE_RATE_S] = 1.0

@@ -54,7 +54,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
         )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         words = super().diagnosis()
         if self._grab_refused:
             words += ("another program has grabbed the keyboard: end it, or set grab = false",)

@@ -98,7 +98,7 @@ class LeapCore(DeviceCore):
 
     def _forget_service(self) -> None:
         self.version: Version | None = None
-        """What the service said it speaks."""
+        """The version that the service reported."""
         self._devices: dict[str, DeviceEvent] = {}
         self._stamp_s = NEVER_S
         self._silent_since_s = 0.0

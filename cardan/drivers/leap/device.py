@@ -109,7 +109,7 @@ class Leap(ReadDevice[LeapCore]):
         )
         self._connection, self._version = connection, version.version
         try:
-            for text in encode_options(_wishes(options, self._version)):
+            for text in encode_options(_client_options(options, self._version)):
                 connection.send(text)
         except OSError:
             # The reader meets the same end at once, and says so.
@@ -155,8 +155,8 @@ class Leap(ReadDevice[LeapCore]):
             connection.close()
 
 
-def _wishes(options: LeapOptions, version: int) -> ClientOptions:
-    """What the service is asked for: frames, whoever else listens."""
+def _client_options(options: LeapOptions, version: int) -> ClientOptions:
+    """The options sent to the service: frames also without the focus."""
     focus = True if version >= FOCUS_SINCE else None
     hmd = options.optimize_hmd if version >= HMD_SINCE else None
     return ClientOptions(focused=focus, background=focus, optimize_hmd=hmd)

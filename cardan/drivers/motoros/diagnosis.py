@@ -298,8 +298,7 @@ def reply_in_words(command: int, result: int, subcode: int) -> str:
 def io_result_in_words(result: int) -> str:
     """What the result of reading or writing an input, output or register says."""
     return _IO_RESULTS.get(
-        result,
-        f"the controller gives the unknown result {result}; look at the pendant",
+        result, f"the controller gives the unknown result {result}; look at the pendant"
     )
 
 

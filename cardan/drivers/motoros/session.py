@@ -375,7 +375,7 @@ class MotorosSession:
         return control.hold_reason
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         feed = self.feed
         quiet = ""
         if not feed.live(now_s):

@@ -276,9 +276,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
         """Render a wrench's force until the next one, or until it times out; its torque cannot be.
-
-        Without effect while the device is not there.
-        """
+        Without effect while the device is not there."""
         if feedback.led is not None:
             self._light(LIGHT_ON if feedback.led else LIGHT_OFF)
         if feedback.wrench is None:

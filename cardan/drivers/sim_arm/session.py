@@ -271,7 +271,7 @@ class SimArmSession:
         }
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """What stands in the way, worst first."""
+        """Problems, worst first."""
         found = []
         if self._newest is None:
             found.append("nothing was heard of the simulated arm; is `cardan sim arm` running?")

@@ -43,7 +43,7 @@ READ_TIMEOUT_S = 0.05
 """Longest wait for a report; the reader serves the LED and checks for its end in between."""
 
 BIND_TIMEOUT_S = 0.004
-"""Wait for each interface of a receiver in turn, until one speaks."""
+"""Wait for each interface of a receiver in turn, until one sends."""
 
 MAX_DRAINED = 64
 """Most reports processed in a row; then other threads can read the state."""
@@ -177,7 +177,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             self._core.rezero(time.monotonic())
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         words = [*super().diagnosis()]
         now_s = time.monotonic()
         with self._lock:

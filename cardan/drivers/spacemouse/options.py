@@ -33,7 +33,7 @@ class SpaceMouseOptions(ShapingOptions):
     port: str = ""
     """USB port of the device to open ("1-2.3", as in /sys/bus/usb/devices). Empty: any."""
     slot: Literal["", "0", "1", "2", "3", "4"] = ""
-    """Interface of a receiver on which the device speaks. Empty: the first that speaks."""
+    """Interface of a receiver on which the device sends. Empty: the first that sends."""
     full_scale: Annotated[float, bounds.COUNTS] | None = None
     """Counts of a full deflection; None: from the report descriptor, else the model's."""
     led: Literal["keep", "on", "off"] = "keep"

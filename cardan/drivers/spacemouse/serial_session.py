@@ -75,7 +75,7 @@ PAUSE_S = 0.05
 REST_AFTER_PERIODS = 3.0
 """A Spaceball that was deflected and answers, but has sent no motion for so long, is at rest: not
 all of them may tell of it."""
-RESTS_TOLD = 2
+REST_ANSWERS = 2
 """Answers in a row that show it, since the first may have been sent before."""
 GONE_AFTER_S = 1.2
 """Silence after which a Magellan or Spaceball, which was asked meanwhile, is gone."""
@@ -489,7 +489,7 @@ class SerialSession:
             counts = self._jumps.refuse()
         else:
             self._heard_s = self._motion_s = now_s
-            self._rests_owed = RESTS_TOLD if any(value[1:]) else 0
+            self._rests_owed = REST_ANSWERS if any(value[1:]) else 0
             counts, garbled = self._jumps.judge(rates)
             if garbled:
                 self._malformed(Malformed(JUMPED, _D), now_s)

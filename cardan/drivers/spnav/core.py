@@ -9,7 +9,7 @@ release, then nothing. So silence counts as rest only after a motion of zero:
 - A deflected device that falls silent for `STALE_AFTER_S` is STALE: the axes are zero and the
   buttons count as released. The daemon tells clients of version 0 nothing else when its device is
   unplugged, and drops zeros and releases for a client that was slow.
-- A client of version 1 is told of unplugging: LOST, until a device is there again.
+- The daemon reports unplugging to a client of version 1: LOST, until a device is there again.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ SETTLE_S = 0.016
 """Motions of zero this soon after a silence may be old ones that had queued up meanwhile."""
 
 HANDSHAKE_TIMEOUT_S = 0.3
-"""A daemon that has not granted version 1 by then speaks version 0, as libspnav takes it."""
+"""A daemon that has not granted version 1 by then has version 0, as in libspnav."""
 
 REPLY_TIMEOUT_S = 0.4
 """A request that is not answered by then counts as refused."""

@@ -29,7 +29,7 @@ AGREE_TIMEOUT_S = 1.0
 """open() waits so long for the protocol's version and the first answers, at most."""
 
 _CONNECT_TIMEOUT_S = 1.0
-_PARTING_TIMEOUT_S = 0.1
+_CLOSE_TIMEOUT_S = 0.1
 _ROOM_BYTES = 4096
 
 
@@ -112,7 +112,7 @@ class Spnav(ReadDevice[SpnavCore]):
             self._exchange(sock, READ_TIMEOUT_S)
         with self._lock:
             self._core.restore_led(time.monotonic())
-        end_s = time.monotonic() + _PARTING_TIMEOUT_S
+        end_s = time.monotonic() + _CLOSE_TIMEOUT_S
         with contextlib.suppress(OSError):
             while not self._core.settled and time.monotonic() < end_s:
                 self._exchange(sock, READ_TIMEOUT_S)

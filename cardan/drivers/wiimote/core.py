@@ -208,7 +208,7 @@ class WiimoteCore(DeviceCore):
             self._session.on_input(value, now_s)
         self._update(now_s)
 
-    # -- what it is told -----------------------------------------------------------------------
+    # -- commands to it ------------------------------------------------------------------------
 
     def set_rumble(self, level: float, now_s: float) -> None:
         """Rumble at `level`, 0..1, until told otherwise, but no longer than `CUT_OFF_S`."""
@@ -307,10 +307,10 @@ class WiimoteCore(DeviceCore):
                 words.append("it is shaken: its tilt cannot be told from that, and counts as none")
             if self._roles.yaw:
                 words.append("tilt to the side turns about z (button 2): press 1 for about x")
-            words += self._about_parts()
+            words += self._part_notes()
         return words
 
-    def _about_parts(self) -> list[str]:
+    def _part_notes(self) -> list[str]:
         session = self._session
         words = []
         if session.calibration_source is CalibrationSource.DEFAULT:
@@ -484,7 +484,7 @@ class WiimoteCore(DeviceCore):
             self._seek_neutral(missing, not self._clutch.isdisjoint(labels), now_s)
         live = self._link is DeviceLink.LIVE
         self._deflected = self._deflections(now_s) if live and self._held else NEUTRAL
-        self._fresh_until_s = STALE_AFTER_S + self._oldest_s()
+        self._fresh_until_s = STALE_AFTER_S + self._oldest_data_s()
         self._cached = None
 
     def _on_buttons(self, pressed: frozenset[str], held: frozenset[str]) -> None:
@@ -518,7 +518,7 @@ class WiimoteCore(DeviceCore):
         )
         return self._shaper(self._roles.axes(hand))
 
-    def _oldest_s(self) -> float:
+    def _oldest_data_s(self) -> float:
         """When the part with the oldest data was heard of."""
         stamps = [self._data_s]
         if self._session.nunchuk is not None:

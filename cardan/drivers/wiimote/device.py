@@ -213,7 +213,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
 
 def _caution(remote: Found) -> str:
-    """What stands in the way of `remote`, or, if nothing does, what will trouble it once open."""
+    """Why `remote` cannot be opened, or, if it can, the problems to expect once it is open."""
     if remote.obstacle:
         return remote.obstacle
     words = []

@@ -21,7 +21,7 @@ STEADY_TURN_RAD_S = math.radians(10.0)
 
 LARGEST_BIAS_RAD_S = math.radians(3.0)
 """Largest shift of the rest point that is accepted. A slower steady turn looks the same as a shift,
-and becomes a turn the other way once the hand stops."""
+and becomes a turn the other way once the remote stops."""
 
 
 class Gyro:

@@ -40,7 +40,7 @@ class WiimoteOptions(ShapingOptions):
     low_pass_hz: Annotated[float, LOW_PASS_HZ] = 7.0
     """Cut-off frequency of the filter on the accelerometer."""
     gyro_full_scale_rad_s: Annotated[float, bounds.HAND_TURN_RAD_S] = 3.0
-    """Turning speed of the hand that is full deflection (roles "gyro")."""
+    """Turning speed of the remote that is full deflection (roles "gyro")."""
     motion_plus: Literal["auto", "on", "off"] = "auto"
     """Whether to use a MotionPlus; auto: where the roles need it."""
     ir: bool = False
