@@ -38,8 +38,7 @@ from cardan.dissect.reader import CUT, PacketLine, ProtocolReader
 from cardan.dissect.statistics import Intervals, Latencies, tallies, tally
 
 HELD_PACKETS = 64
-"""Packets held of a node not known to be a board: the handshake before its first sample, and
-more."""
+"""Packets held of a node not identified yet: the handshake before its first sample, and more."""
 FIRST_OPCODE = 0x100
 """Lower ones are no board's."""
 FORCES_OPCODE, MOMENTS_OPCODE = ForcesFrame.opcode, MomentsFrame.opcode

@@ -1,4 +1,4 @@
-"""scapy layers of ROS-Industrial's simple message as MotoROS speaks it, with velocity mode.
+"""scapy layers of ROS-Industrial's simple message as MotoROS uses it, with velocity mode.
 
 Positions are rad, speeds rad/s, accelerations rad/s² (m, m/s, m/s² for a linear axis), times s.
 Written from the protocol's description, independent of Cardan's codec.

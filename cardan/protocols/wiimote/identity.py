@@ -43,8 +43,8 @@ MODELS: tuple[Model, ...] = (
     Model("balance-board", "Nintendo RVL-WBC-01", 0x0306, 0x002504, True),
     Model("pro-controller", "Nintendo RVL-CNT-01-UC", 0x0330, 0x000508, False),
 )
-"""Everything that speaks this protocol. The last two are not remotes to steer with: they are told
-apart by their names only."""
+"""Every device with this protocol. The last two are not remotes to steer with; only their names
+distinguish them."""
 
 WIIMOTE, WIIMOTE_TR = MODELS[0], MODELS[1]
 
