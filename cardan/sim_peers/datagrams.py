@@ -51,7 +51,7 @@ class DatagramPeer(SimulatedPeer):
     def _transmit(self, data: bytes) -> None:
         """Send a datagram to the other side. Never raises."""
 
-    def _heard(self, somebody: bool) -> None:
+    def _heard(self, answered: bool) -> None:
         """The other side was heard, or the system reports that an earlier datagram was refused."""
 
     def open(self) -> None:

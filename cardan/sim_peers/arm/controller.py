@@ -98,7 +98,7 @@ class SimulatedArm:
         self._bridged = (0, False)
         """How many commands had been taken a cycle ago, and whether one was missing by then."""
         self._ignored: Counter[str] = Counter()
-        jam = ((JAM_AT_S, self._seize),) if "jam" in faults else ()
+        jam = ((JAM_AT_S, self._jam_joint),) if "jam" in faults else ()
         acts = {"estop": self.emergency_stop, "restart": self.restart}
         self._timed = TimedActs(faults, acts, *jam)
         self._silence_s = faults.get("silence", 0.0)
@@ -146,7 +146,7 @@ class SimulatedArm:
         if self._off_until_s is not None or self._start_s is None:
             return ()
         self._watch(now_s)
-        self._bridge()
+        self._extrapolate()
         if self._has_client and now_s - self._heard_s > CLIENT_SILENT_S:
             self._has_client = False
             self.client = None
@@ -239,10 +239,10 @@ class SimulatedArm:
             self._sequence = 0
             self._newest = None
 
-    def _seize(self) -> None:
+    def _jam_joint(self) -> None:
         self.plant.jammed = int(self.options.faults["jam"]) - 1
 
-    def _bridge(self) -> None:
+    def _extrapolate(self) -> None:
         """Go on at the commanded speeds where a command is missing."""
         period_s = self.options.period_s
         if self._taken == self._bridged[0]:

@@ -160,8 +160,7 @@ class SimulatedArmOptions:
     command_timeout_s: Annotated[float, BEYOND_NONE] = 0.1
     """Time without a command after which the arm brakes and holds."""
     following_error_rad: Annotated[float, BEYOND_NONE] = 0.2
-    """Distance of a joint (m for a prismatic one) from its reference that stops the arm as a
-    fault."""
+    """Distance of a joint from its reference that is a fault and stops the arm (prismatic: m)."""
     acknowledge_after_s: Annotated[float, EVER_S] = 2.0
     """An operator clears a fault or an emergency stop after this time; inf: never."""
     faults: Mapping[str, float] = field(default_factory=dict)

@@ -73,7 +73,7 @@ class Carrier(ABC, Generic[M]):
 
     @abstractmethod
     def send(self, messages: Sequence[M]) -> None:
-        """Pass on what the device sends, to whoever has it open."""
+        """Pass on what the device sends to the programs that have it open."""
 
     def close(self) -> None:
         """Unplug the device for good, let go of everything. Never raises; twice is fine."""

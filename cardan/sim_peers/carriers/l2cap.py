@@ -224,11 +224,11 @@ class ChannelCarrier(Carrier[bytes]):
 
     def _lose(self) -> None:
         """The host closed a channel, which ends both."""
-        self._hear_out()
+        self._process_pending()
         self._hang_up()
         self._remote.disconnect(self.shell.device_s())
 
-    def _hear_out(self) -> None:
+    def _process_pending(self) -> None:
         """Take what the host sent before it closed: its last words stop the motor."""
         channel = self._channels.get(INTERRUPT_PSM)
         with contextlib.suppress(OSError):

@@ -161,8 +161,7 @@ class Differential:
 
 
 def pose_error(target: Pose, actual: Pose) -> tuple[float, float, float, float, float, float]:
-    """Difference from `actual` to `target`: translation (m) over rotation vector (rad), base
-    frame."""
+    """From `actual` to `target`: translation (m) over rotation vector (rad), base frame."""
     tx, ty, tz = target.position
     ax, ay, az = actual.position
     rx, ry, rz = rotation_between(actual.orientation, target.orientation)

@@ -60,8 +60,8 @@ class EgmControllerPeer(DatagramPeer):
     def _receive(self, data: bytes, source: Any, now_s: float) -> None:
         self.core.receive(data)
 
-    def _heard(self, somebody: bool) -> None:
-        if somebody:
+    def _heard(self, answered: bool) -> None:
+        if answered:
             self.core.sending_worked()
         else:
             self.core.sending_failed()

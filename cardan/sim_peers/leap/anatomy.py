@@ -83,7 +83,7 @@ class Anatomy:
     def measure(
         self, posture: HandPosture, now_s: float
     ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-        """The hand and its five fingers as the service's newest version tells them."""
+        """The hand and its five fingers as in the service's newest version."""
         palm = posture.palm_mm
         rows = posture.rows
         dt_s = now_s - self._last_s
@@ -250,7 +250,7 @@ _SKELETON_KEYS = frozenset(
 
 
 def as_version(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """The frame as `version` tells it."""
+    """The frame in the form of `version`."""
     if version >= SKELETON_SINCE:
         return document
     return {

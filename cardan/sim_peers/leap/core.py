@@ -220,7 +220,7 @@ class SimulatedLeapService:
             self.hands[side].anatomy = self._anatomy(side)
 
     def set_device(self, attached: bool, streaming: bool) -> None:
-        """The tracker is plugged in or not, and delivers or not; the clients are told."""
+        """The tracker is plugged in or not, and delivers or not; the clients are informed."""
         if (attached, streaming) == (self.attached, self.streaming):
             return
         self.attached, self.streaming = attached, streaming

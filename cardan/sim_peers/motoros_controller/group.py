@@ -200,8 +200,7 @@ class ControlGroup:
         return segment
 
     def _drop_point(self) -> None:
-        """The point is lost where it is; the speed there goes with it, since no next point
-        continues from it."""
+        """Drop the point and its speed where it is, since no next point continues from it."""
         segment = self._segment
         if segment is not None:
             tau = (segment.now_ms - segment.first_ms) * 0.001

@@ -30,7 +30,7 @@ USUAL_STIFFNESS_N_M = 200.0
 _TIME_DECIMALS = 4
 _PACES = {"move": 0.1, "turn": math.pi / 2.0, "push": 2.0, "stiffness": 1000.0}
 """Mean speeds of motions without ``over``: m/s, rad/s, N/s, N/m per s."""
-_SHORTEST_UNTOLD_S = 0.3
+_SHORTEST_DEFAULT_S = 0.3
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "move": "move X Y Z [over SECONDS]",
@@ -262,7 +262,7 @@ class _Hand:
     def go(self, verb: str, start_s: float, goal: Sequence[float], over_s: float | None) -> None:
         track = self.tracks[verb]
         if over_s is None:
-            over_s = max(_SHORTEST_UNTOLD_S, math.dist(track.at(start_s), goal) / _PACES[verb])
+            over_s = max(_SHORTEST_DEFAULT_S, math.dist(track.at(start_s), goal) / _PACES[verb])
         track.go(start_s, goal, over_s)
 
     def draw(self, start_s: float, points: Sequence[tuple[float, float]], over_s: float) -> None:
@@ -284,7 +284,7 @@ class _Hand:
             return
         if over_s is None:
             way_m = math.dist(self.tracks["move"].at(start_s), there)
-            over_s = max(_SHORTEST_UNTOLD_S, way_m / _PACES["move"])
+            over_s = max(_SHORTEST_DEFAULT_S, way_m / _PACES["move"])
         self.go("move", start_s, there, over_s)
         self.go("turn", start_s, ZERO3, over_s)
         self.plan_flags(start_s + over_s, docked=True)

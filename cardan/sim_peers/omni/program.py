@@ -77,7 +77,7 @@ def run_program(words: Sequence[str], settings: OmniSettings, seconds: float | N
     """Run a program and its arguments with the simulated device; its exit code.
 
     Signals go on to it; when this process is killed, it gets SIGTERM, and SIGKILL 5 s later. After
-    `seconds` it is told to end, which counts as 0. A program that a signal ended gives 128 and the
+    `seconds` it gets SIGTERM, which counts as 0. A program that a signal ended gives 128 and the
     signal's number, as in a shell. Main thread only. Raises ConfigurationError when it cannot be
     run or its log cannot be written, DeviceNotFoundError without the library.
     """
@@ -103,8 +103,8 @@ if [ -n "$pid" ]; then
 fi
 rm -rf -- "$1"
 """
-"""For sh. It is told the program's number, then that all is over; the end of its input without
-that is the end of this process, whatever ended it."""
+"""For sh. It reads the program's process id, then a line at the regular end; the end of its input
+without that line means that this process has died."""
 
 
 @contextlib.contextmanager

@@ -94,7 +94,7 @@ class SpaceMousePeerOptions(HandOptions):
     uhid_path: str = UHID_PATH
     """The kernel's file."""
     physical_path: str = "cardan/uhid"
-    """Where the kernel is told that the device of `uhid` is plugged in, to tell several apart."""
+    """Physical location that the kernel gets for the device of `uhid`, to distinguish several."""
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """Address to listen on for USB/IP."""
     bus_id: Annotated[str, BUS_ID] = "1-1"
@@ -109,7 +109,7 @@ class SpaceMousePeer(HandPeer[Puck, bytes]):
     """
 
     def __init__(self, options: SpaceMousePeerOptions) -> None:
-        device, carrier = (_serial if _way(options) == "--serial" else _hid)(options)
+        device, carrier = (_serial if _carrier_option(options) == "--serial" else _hid)(options)
         self._keys: KeyboardHand | None = None
         self._terminal: Terminal | None = None
         self._waiting: tuple[SimulatedSerialPuck, ScriptedHand] | None = None
@@ -184,7 +184,7 @@ class SpaceMousePeer(HandPeer[Puck, bytes]):
             sys.stdout.flush()
 
 
-def _way(options: SpaceMousePeerOptions) -> str:
+def _carrier_option(options: SpaceMousePeerOptions) -> str:
     """The one way to open the device that is given. Raises ConfigurationError."""
     ways = {
         "--hid": bool(options.hid),
@@ -225,7 +225,7 @@ def _hid(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[b
     except KeyError:
         allowed = f"one of {', '.join(model.key for model in MODELS)}"
         raise OptionError("model", key, allowed) from None
-    for name, why in UNFIT_FAULTS.get(_way(options), {}).items():
+    for name, why in UNFIT_FAULTS.get(_carrier_option(options), {}).items():
         if name in options.faults:
             raise ScriptError(f"fault {name}: {why}")
     device = SimulatedSpaceMouse(

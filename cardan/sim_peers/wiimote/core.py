@@ -327,7 +327,7 @@ class SimulatedWiimote:
     def control(self, packet: bytes, now_s: float) -> bytes:
         """Take a packet of the control channel, header first; the answer there, if any."""
         self._produce(now_s)
-        if not self._hears:
+        if not self._can_receive:
             return b""
         if packet[:1] != bytes((SET_REPORT_HEADER,)):
             self.ignored_outputs += 1
@@ -340,7 +340,7 @@ class SimulatedWiimote:
     def output(self, report: bytes, now_s: float) -> None:
         """Take an output report, id first."""
         self._produce(now_s)
-        if not self._hears:
+        if not self._can_receive:
             return
         self.outputs += 1
         if self._faults.get("woken-by-1-2"):
@@ -445,7 +445,7 @@ class SimulatedWiimote:
         self._tick_due_s = self._connected_s + self._tick * TICK_S + jitter_s
 
     def _on_tick(self) -> None:
-        if not self._speaks:
+        if not self._can_send:
             return
         self._check_extension()
         if self._read is not None:
@@ -457,15 +457,15 @@ class SimulatedWiimote:
     # -- what is sent --------------------------------------------------------------------------
 
     @property
-    def _speaks(self) -> bool:
+    def _can_send(self) -> bool:
         return self.interrupt_open and self.in_range and not self._silent
 
     @property
-    def _hears(self) -> bool:
+    def _can_receive(self) -> bool:
         return self.connected and self.in_range and not self._silent
 
     def _carry(self, report: bytes) -> None:
-        if self._speaks:
+        if self._can_send:
             self._link.carry(report, self._now_s)
 
     def _send_status(self) -> None:
@@ -479,8 +479,8 @@ class SimulatedWiimote:
             self.mode = None
 
     def _check_extension(self) -> None:
-        """A change at the port is told unasked, and ends the data until a mode is set."""
-        if self._speaks and self.port.connected != self._reported_extension:
+        """Report a change at the port, which ends the data until a mode is set."""
+        if self._can_send and self.port.connected != self._reported_extension:
             self._send_status()
             self.mode = None
 
@@ -510,7 +510,7 @@ class SimulatedWiimote:
         if self.continuous or self._send_first or report != self._last_data:
             self._send_first = False
             self._last_data = report
-            if self._speaks:
+            if self._can_send:
                 self._link.carry_data(report, self._now_s)
 
     def _data_report(self, mode: int) -> bytes:
