@@ -35,7 +35,7 @@ class IHapticDevice:
         """Held while the mode is read or changed, and while a command is sent."""
 
     def get_position(self) -> Vector3:
-        """Of the gimbal's centre in the frame of the transformation, m.
+        """Position of the gimbal's centre in the frame of the transformation, m.
 
         Raises DriverError while the device cannot tell.
         """
@@ -43,7 +43,7 @@ class IHapticDevice:
         return spatial.add(offset, spatial.rotate(turn, self._device.measured_pose().position))
 
     def get_orientation(self) -> Vector3:
-        """Of the stylus in the frame of the transformation: roll, pitch, yaw, rad.
+        """Orientation of the stylus in the frame of the transformation: roll, pitch, yaw, rad.
 
         Raises DriverError while the device cannot tell.
         """

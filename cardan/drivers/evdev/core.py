@@ -35,8 +35,8 @@ from cardan.protocols.evdev import (
 from cardan.types import NEVER_S, DeviceLink
 
 UNREAD_AFTER_S = 0.09
-"""A deflected device that was not read for so long does not count any more. The limit is 0.1 s; the
-difference is for one cycle of the reader."""
+"""Time without a read after which a deflected device does not count any more. The limit is 0.1 s;
+the difference is for one cycle of the reader."""
 
 LONGEST_FRAME = 256
 """Events between two SYN_REPORT; more than any device has is garbage."""

@@ -44,7 +44,7 @@ class EvdevOptions(Protocol):
 
     @property
     def path(self) -> str:
-        """Of the node or the socket; empty: the first found."""
+        """Path of the node or the socket; empty: the first found."""
 
     @property
     def name(self) -> str:

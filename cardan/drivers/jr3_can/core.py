@@ -71,8 +71,8 @@ STALE_AFTER_S = 0.09
 is for one cycle of the reader."""
 
 REST_S = 0.1
-"""The wrench must be inside the dead bands for so long to count as rest: after zeroing, a board
-sends one sample of zeros whatever it measures."""
+"""Time that the wrench must be inside the dead bands to count as rest: after zeroing, a board sends
+one sample of zeros whatever it measures."""
 
 ACK_TIMEOUT_S = 0.25
 """A board answers within 2 ms; after this a request is lost."""
@@ -85,7 +85,7 @@ RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
 pass, which could be mistaken for that of another request."""
 
 RESTART_AFTER_S = 1.0
-"""A board that should send and has been silent for so long is brought up again."""
+"""Silence after which a board that should send is brought up again."""
 
 SETTLE_S, SETTLE_TIME_CONSTANTS = 0.1, 5.0
 """From the start to where the board's filter shows what is measured."""

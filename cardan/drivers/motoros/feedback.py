@@ -24,7 +24,7 @@ from cardan.protocols.simple_message.codes import MessageType
 from cardan.types import NEVER_S
 
 _ABSURD = 1e3
-"""rad or m; no joint is so far from its zero."""
+"""Position, rad or m, that no joint has."""
 _KINDS_OF_IGNORED = 32
 """Most reasons that are counted separately."""
 
@@ -42,7 +42,7 @@ class StateFeed:
     def __init__(self, options: MotorosOptions) -> None:
         self.joints = options.joints
         self.byte_order: ByteOrder | None = options.known_byte_order
-        """Of the controller; None until it was learnt."""
+        """The controller's byte order; None until it was learnt."""
         self.status: RobotStatus | None = None
         self.status_s = NEVER_S
         self.statuses = 0

@@ -77,7 +77,7 @@ class MotionCounters:
     overwritten: int = 0
     """Velocity commands that a newer one replaced before the controller used them."""
     command_age_s: float = 0.0
-    """Of the newest command that was asked about, when the controller first used it."""
+    """Age of the newest command that was asked about, when the controller first used it."""
 
 
 class MotionRecord:
@@ -132,7 +132,7 @@ class MotionParts(NamedTuple):
     requests: MotionRequests
     feed: StateFeed
     guide: JointGuide
-    """Of the limits that hold for this motion."""
+    """The limiter, with the limits that hold for this motion."""
     counters: MotionCounters
     record: MotionRecord
 

@@ -65,7 +65,7 @@ class MotionRequests:
     def __init__(self, group: int, timeout_s: float = 0.5, slow_timeout_s: float = 12.0) -> None:
         self.group = group
         self.latency = LatencyHistogram()
-        """Of replies, except those that wait for the robot."""
+        """Latencies of replies, except those that wait for the robot."""
         self.results: Counter[int] = Counter()
         """Replies by MotionResult."""
         self._timeout_s, self._slow_timeout_s = timeout_s, slow_timeout_s

@@ -109,7 +109,7 @@ class OmniCore(DeviceCore):
         self._update_due = False
         self._gap_seen_s = NEVER_S
         self.errors = 0
-        """Of the library, as the tick has counted them."""
+        """Errors of the library, as the tick has counted them."""
         self.bad_readings = 0
         """Ticks in which the device could not be read."""
         self._longest_gap_s = 0.0

@@ -67,7 +67,7 @@ NO_PRIORITY = (
 )
 
 LIGHT_ON, LIGHT_OFF = 6, 2
-"""Of the status light: steadily green, slowly blinking green."""
+"""Values of the status light: steadily green, slowly blinking green."""
 
 
 class Omni(ReadDevice[OmniCore], HapticDevice):

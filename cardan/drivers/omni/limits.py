@@ -76,7 +76,7 @@ class TickLimits:
     engage_below_n: Annotated[float, ENGAGE_BELOW_N] = 0.2
     """Before that the commanded force must have been smaller than this, N, ..."""
     engage_ticks: Annotated[int, ENGAGE_TICKS] = 4
-    """... for so many ticks in a row."""
+    """... for this number of ticks in a row."""
     hold_s: Annotated[float, HOLD_S] = 0.020
     """Time that a command is rendered, s; then the force is released."""
     pause_s: Annotated[float, PAUSE_S] = 0.2
@@ -89,7 +89,7 @@ class TickLimits:
     damping_n_s_m: Annotated[float, DAMPING_N_S_M] = 0.5
     """Damping in the tick, of the filtered velocity."""
     velocity_cutoff_hz: Annotated[float, VELOCITY_CUTOFF_HZ] = 30.0
-    """Of the velocity's low-pass filter."""
+    """Cut-off of the velocity's low-pass filter."""
     continuous_n: Annotated[float, CONTINUOUS_N] = 0.88
     """The force's root mean square, exponentially weighted over continuous_window_s as a motor
     warms, stays below this, N."""
@@ -129,7 +129,7 @@ class TickLimits:
     force_error_wait_s: Annotated[float, FORCE_ERROR_WAIT_S, NONE_OR_MORE] = 0.5
     """Time without force after a force error of the library, s; three in 10 s are a FAULT."""
     torque_limit_n_m: Annotated[float, TORQUE_LIMIT_N_M] = 0.35
-    """Of each joint, where the device is driven by joint torques, N·m."""
+    """Largest torque of each joint, where the device is driven by joint torques, N·m."""
     lowest_rate_hz: Annotated[float, LOWEST_RATE_HZ] = 900.0
     """No force while the loop runs slower than this, Hz: a wall would oscillate."""
 

@@ -44,7 +44,7 @@ class OmniOptions(ShapingOptions, TickLimits):
     status_light: bool = True
     """Feedback "led" sets the device's status light, where it has one that can be set."""
     calibration_wait_s: Annotated[float, CALIBRATION_WAIT_S] = 0.0
-    """open() waits at most so long until the device is calibrated, s, and succeeds either way."""
+    """Longest wait of open() for the calibration, s; it succeeds either way."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.02
     """Time without a tick after which the pose does not count any more, s."""
     centre_m: tuple[_Desk, _Desk, _Desk] = (0.0, 0.0, 0.0)

@@ -53,7 +53,7 @@ SLOW_STALE_AFTER_S = 0.1
 GAP_AFTER_S = 3 * REPORT_PERIOD_S
 """Silence of a deflected device beyond this is counted."""
 GAP_PERIODS = 1.5
-"""Or beyond so many periods of a slow one."""
+"""The same for a slow device, in periods."""
 
 SETTLE_S = REPORT_PERIOD_S
 """Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""

@@ -73,8 +73,8 @@ KEYS_TIMEOUT_S = 0.15
 PAUSE_S = 0.05
 """Between two questions: a Magellan takes no more than five bytes in a row."""
 REST_AFTER_PERIODS = 3.0
-"""A Spaceball that was deflected and answers, but has sent no motion for so long, is at rest: not
-all of them may tell of it."""
+"""Periods without motion after which a Spaceball that was deflected, and answers, is at rest: not
+all of them may report it."""
 REST_ANSWERS = 2
 """Answers in a row that show it, since the first may have been sent before."""
 GONE_AFTER_S = 1.2
@@ -204,7 +204,7 @@ class SerialSession:
         self._motion_s = now_s
         self._rests_owed = 0
         self._jumps = JumpGuard(math.inf)
-        """Of a Spaceball, once it is known."""
+        """Plausibility check of a Spaceball's motion, with its limits once the model is known."""
         self._take: dict[str, Callable[[object, SerialModel, float], None]] = {
             "magellan": self._on_magellan,
             "spaceball": self._on_spaceball,

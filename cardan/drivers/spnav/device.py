@@ -26,7 +26,7 @@ READ_TIMEOUT_S = 0.02
 """Longest wait for data; the reader serves the LED and checks for its end in between."""
 
 AGREE_TIMEOUT_S = 1.0
-"""open() waits so long for the protocol's version and the first answers, at most."""
+"""Longest wait of open() for the protocol's version and the first answers."""
 
 _CONNECT_TIMEOUT_S = 1.0
 _CLOSE_TIMEOUT_S = 0.1

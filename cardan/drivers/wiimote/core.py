@@ -401,7 +401,7 @@ class WiimoteCore(DeviceCore):
         self._stick_s = now_s
 
     def _measured_centre(self, x: int, y: int) -> tuple[int, int]:
-        """Of a stick without calibration: the mean while it is first seen near the middle."""
+        """The centre of a stick without calibration: the mean of first samples near the middle."""
         if self._centre is None:
             low, high = 128 - CENTRE_COUNTS, 128 + CENTRE_COUNTS
             if low <= x <= high and low <= y <= high:

@@ -48,7 +48,7 @@ class WiimoteOptions(ShapingOptions):
     led: Annotated[int, LED] = 1
     """The LED, 1 to 4, that is lit from opening until the gateway says otherwise; 0: none."""
     reconnect_after_s: Annotated[float, RECONNECT_AFTER_S] = 0.5
-    """A remote that was silent for so long is opened anew; after 0.1 s it is not trusted anyway."""
+    """Silence after which the remote is opened anew; its input counts for 0.1 s only."""
     wait_for_device: bool = False
     """open() succeeds without a remote, which is picked up once it is there."""
 
