@@ -20,7 +20,7 @@ EV_MAX = 0x1F
 """No event of the kernel's has a higher type."""
 EV_LED, EV_SND, EV_REP, EV_FF = 0x11, 0x12, 0x14, 0x15
 EV_UINPUT = 0x0101
-"""Of a uinput device only: the kernel asks its maker for something."""
+"""Type of uinput devices only: a request of the kernel to the device's program."""
 
 SYN_REPORT = 0
 """Ends a frame: what came since the last one happened together."""

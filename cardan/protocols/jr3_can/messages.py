@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 MAX_NODE_ID = 127
 NODE_MASK = 0x7F
-"""Of an identifier: the node's number; the rest is the operation code."""
+"""Bits of an identifier that are the node's number; the rest is the operation code."""
 
 COUNTER_MODULUS = 1 << 16
 RAW_MIN, RAW_MAX = -32768, 32767
@@ -68,7 +68,7 @@ class StartSync(NamedTuple):
     """Acquire, and send a pair at each SYNC."""
 
     cutoff_centihz: int
-    """Of the board's low-pass filter, 0.01 Hz; 0: unfiltered."""
+    """Cut-off of the board's low-pass filter, 0.01 Hz; 0: unfiltered."""
 
 
 class StartAsync(NamedTuple):
@@ -137,7 +137,7 @@ class Ack(NamedTuple):
     state: int
     """A `State`; others are errors, too."""
     full_scales: tuple[int, int, int] | None = None
-    """Of the two queries only: x, y, z in N or 0.1 N·m."""
+    """Full scales, in answers to the two queries only: x, y, z in N or 0.1 N·m."""
 
 
 class Forces(NamedTuple):

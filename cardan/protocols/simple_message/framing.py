@@ -15,7 +15,7 @@ LONGEST_PREFIX_OF_MOTOROS = 1020
 
 
 class ByteOrder(enum.Enum):
-    """Of integers and reals, that of the controller's CPU; the value is struct's sign."""
+    """Byte order of integers and reals, as the controller's CPU has it; struct's sign."""
 
     LITTLE = "<"
     """DX100, DX200, YRC1000, YRC1000micro."""
