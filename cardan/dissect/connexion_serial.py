@@ -187,7 +187,7 @@ class MagellanText(TextPacket):
 
 
 MAGELLAN_LETTERS = b"vemcnqpzbfl"
-"""Of packets whose content is text."""
+"""Letters of packets whose content is text."""
 
 
 def _magellan_fault(data: bytes) -> str | None:
@@ -242,7 +242,7 @@ UNESCAPED = {code: byte for byte, code in ESCAPED.items()}
 SPACEBALL_BYTES = {b"D": 15, b"K": 3, b".": 3}
 """Decoded, without CR."""
 SPACEBALL_LETTERS = b"@E?CFNPMZ"
-"""Of packets whose content is text."""
+"""Letters of packets whose content is text."""
 PERIOD_UNITS_PER_MS = 16
 
 

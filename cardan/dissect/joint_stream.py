@@ -44,7 +44,7 @@ MOST_JOINTS = 16
 
 HEADER_BYTES = 24
 STATE_BYTES = HEADER_BYTES + 4 + 8 + 8 * 7 + 8 * 6 + 1
-"""Of a state without its joints and its reason."""
+"""Bytes of a state without its joints and its reason."""
 STATE_LISTS = ("positions", "speeds", "torques")
 COMMAND_LISTS: dict[int, tuple[str, ...]] = {
     HOLD: (),

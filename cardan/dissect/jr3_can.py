@@ -33,7 +33,7 @@ TENTHS = 10
 STATES = {0: "ready", 1: "not initialised"}
 COUNTER_MODULUS = 2**16
 SAMPLE_PERIOD_S = 128.5e-6
-"""Of the sensor; the counter counts its samples."""
+"""Sample period of the sensor; the counter counts its samples."""
 
 
 class Jr3Frame(Block):
@@ -141,7 +141,7 @@ class BootupFrame(Jr3Frame):
 
 
 class GripperPwmFrame(Jr3Frame):
-    """Of a gripper on the same board: -100 to 100."""
+    """Duty of a gripper on the same board, percent: -100 to 100."""
 
     opcode, title, least_bytes = 0x780, "GRIPPER_PWM", 4
     fields_desc = [LEFloatField("pwm_percent", 0.0)]

@@ -94,7 +94,7 @@ class Dissector:
     page: ClassVar[str]
     """Where it is described: a page under docs/, or an address."""
     link_types: ClassVar[frozenset[int]]
-    """Of the packets that it is offered (LINKTYPE_ numbers of libpcap)."""
+    """Link types of the packets that it is offered (LINKTYPE_ numbers of libpcap)."""
     always: ClassVar[bool] = False
     """Whether the figures say of every capture how much of it there was, instead of captures with
     one of its link types only."""

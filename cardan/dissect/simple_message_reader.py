@@ -78,7 +78,7 @@ class _Framer:
 
     @property
     def left_bytes(self) -> int:
-        """Of a message that has begun and not ended."""
+        """Bytes of a message that has begun and not ended."""
         return len(self._buffer) + len(self._early)
 
     def take(self, event: tcp.Event) -> Iterator[_Piece]:

@@ -47,7 +47,7 @@ def describe(layer: SimpleMessage) -> str:
 
 
 def message_name(number: int) -> str:
-    """Of a message type or a command."""
+    """Name of a message type or a command."""
     return COMMANDS.get(number) or NAMES.get(number) or str(number)
 
 

@@ -75,7 +75,7 @@ OUTPUTS = {
 }
 DATA_MODES = (*range(0x30, 0x38), 0x3D, 0x3E, 0x3F)
 DATA_BYTES = 16
-"""Of a memory report, used or not."""
+"""Data bytes of a memory report, used or not."""
 MISSING = 0x3FF
 """Both coordinates where the camera sees nothing."""
 CHECKSUM_START = 0x55
