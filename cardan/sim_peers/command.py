@@ -76,7 +76,7 @@ def name_and_unit(field_name: str) -> tuple[str, str]:
 
 
 def numbers(text: str, count: int) -> tuple[float, ...]:
-    """So many numbers with commas between them, as options have them; ValueError."""
+    """Reads `count` numbers with commas between them, as options have them; ValueError."""
     try:
         found = tuple(float(word) for word in text.split(","))
     except ValueError:

@@ -55,7 +55,7 @@ _SETUP = struct.Struct("<BBHHH")
 
 
 class Speed(enum.IntEnum):
-    """Of a USB device, as the kernel numbers them."""
+    """Speeds of a USB device, as the kernel numbers them."""
 
     LOW = 1
     FULL = 2

@@ -58,9 +58,9 @@ class Servo:
         self.period_s = period_s
         self.planned = list(start)
         self.speeds = [0.0] * AXES
-        """Of `planned`, rad/s."""
+        """Speeds of `planned`, rad/s."""
         self.accelerations = [0.0] * AXES
-        """Of `planned`, rad/s²."""
+        """Accelerations of `planned`, rad/s²."""
         self.utilization = 0.0
         """Demanded over possible joint speed of the last cycle; above 1 it was shortened."""
         whole = math.floor(delay_s / period_s)

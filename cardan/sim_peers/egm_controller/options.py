@@ -170,7 +170,7 @@ class EgmControllerOptions:
     force_sense: Literal["exerted", "felt"] = option(
         "exerted", "Force of the tool on the world, or back."
     )
-    """Of contact forces; ABB's manual does not say. Exerted is what `RobotState.wrench` is
+    """Sign of contact forces; ABB's manual does not say. Exerted is what `RobotState.wrench` is
     everywhere here."""
     collision_force_n: _Size = 150.0
     """A contact force at which the motion supervision sees a collision; 0: never. The order of

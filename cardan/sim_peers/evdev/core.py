@@ -94,7 +94,7 @@ _SCAN_CODES = {
         ("left-meta", 0xDB), ("right-meta", 0xDC), ("compose", 0xDD),
     )
 }  # fmt: skip
-"""Of a keyboard's controller, where it is not the key's own number."""
+"""Scan codes of a keyboard's controller that differ from the key's own number."""
 
 
 class InputEvents(NamedTuple):

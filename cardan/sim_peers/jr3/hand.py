@@ -15,7 +15,7 @@ HAND_PERIOD_S = 0.002
 
 COMPONENTS = ("FX", "FY", "FZ", "MX", "MY", "MZ")
 OVERLOAD = 1.5
-"""An overload is so many full scales."""
+"""An overload, in full scales."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "wrench": "wrench FX FY FZ MX MY MZ [over SECONDS]",

@@ -20,7 +20,7 @@ ARM_WIDTH_MM = 60.0
 FOREARM_MM = 250.0
 WRIST: Triple = (2.0, -4.0, 58.0)
 SPHERE_RADII_MM = (80.0, 33.0)
-"""Of the ball that an open hand, and a fist, holds."""
+"""Radii of the ball that an open hand, and a fist, holds."""
 INTERACTION_BOX = {"center": [0.0, 200.0, 0.0], "size": [235.247, 235.247, 147.751]}
 NO_MOTION: dict[str, Any] = {
     "r": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],

@@ -255,7 +255,7 @@ class SimulatedLeapService:
             hand.anatomy = self._anatomy(side)
 
     def break_next(self, frames: int) -> None:
-        """Cut the next so many frames short."""
+        """Cut the next `frames` frames short."""
         self._malformed_left = frames
 
     def _anatomy(self, side: str) -> Anatomy:

@@ -64,8 +64,8 @@ class MotorosControllerOptions:
     queue_increments: Annotated[int, QUEUE_INCREMENTS] = 200
     """Entries of each group's queue."""
     pulses_per_rad: _EachAxis | None = None
-    """Of each axis (per m for a linear one). None: 4096 pulses a turn of the motor behind gears of
-    80 to 120 (wrist roll 50), 32595 to 78228 a rad; makers do not publish them."""
+    """Pulses per rad of each axis (per m for a linear one). None: 4096 pulses a turn of the motor
+    behind gears of 80 to 120 (wrist roll 50), 32595 to 78228 a rad; makers do not publish them."""
     state_period_s: Annotated[float, STATE_PERIOD_S] = 0.025
     feedback_fields: Literal[2, 6] = 6
     """ValidFields of feedback: positions, or positions and speeds."""
@@ -82,9 +82,9 @@ class MotorosControllerOptions:
     """Leaving energy saving."""
 
     acceleration_limits: _EachAxis | None = None
-    """Of each axis in velocity mode, rad/s²; None: the arm model's."""
+    """Highest acceleration of each axis in velocity mode, rad/s²; None: the arm model's."""
     speed_limits: _EachAxis | None = None
-    """Of each axis, rad/s; None: the arm model's."""
+    """Highest speed of each axis, rad/s; None: the arm model's."""
     servo_on: bool = option(False, "Its drives have power from the start.")
     play: bool = True
     """At the start, as the one below."""

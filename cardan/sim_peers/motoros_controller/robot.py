@@ -123,7 +123,7 @@ class MotomanRobot:
         self.velocities_accepted = self.velocities_refused = 0
         """Messages 2040 and 2041 since the start."""
         self.connections: set[str] = set()
-        """Of "motion", "state" and "io", those that have a client; the servers keep it."""
+        """Those of the ports "motion", "state" and "io" that have a client; the servers keep it."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         """Recent events, with their times."""
         self.log: list[tuple[float | int | str, ...]] = []

@@ -21,8 +21,8 @@ from cardan.sockets import opened
 
 _READ_BYTES = 4096
 _BACKLOG_BYTES = 64 * 1024
-"""The kernel keeps so much for a client that does not read, and then so much waits here; with
-more it is dropped."""
+"""Most bytes kept here, beside the kernel's buffer, for a client that does not read; with more its
+connection is dropped."""
 _WAITING_CLIENTS = 8
 _RESET = struct.pack("ii", 1, 0)
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE

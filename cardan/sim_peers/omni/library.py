@@ -52,14 +52,14 @@ class OmniTruth(NamedTuple):
     """True state of the simulated device at the end of its newest tick; hand frame."""
 
     time_s: float
-    """Of the library's clock: monotonic, or virtual from 0."""
+    """Time of the library's clock: monotonic, or virtual from 0."""
     ticks: int
     position_m: Vector3
-    """Of the gimbal's centre, before any encoder."""
+    """True position of the gimbal's centre, before any encoder."""
     velocity_m_s: Vector3
     hand_target_m: Vector3
     hand_force_n: Vector3
-    """Of the hand on the stylus."""
+    """Force of the hand on the stylus."""
     commanded_n: Vector3
     """What the last frame sent."""
     delivered_n: Vector3
@@ -71,9 +71,9 @@ class OmniTruth(NamedTuple):
     lost_j: float
     """Lost in the mechanism's friction, damping and stops."""
     kinetic_j: float
-    """Of the stylus: delivered_j + hand_j = lost_j + kinetic_j."""
+    """Kinetic energy of the stylus: delivered_j + hand_j = lost_j + kinetic_j."""
     temperature: Vector3
-    """Of the three motors; above 1 they are too warm."""
+    """Temperatures of the three motors; above 1 they are too warm."""
     buttons: int
     docked: bool
     gripped: bool
@@ -154,7 +154,7 @@ class SimulatedOmni:
         self.settings = settings
 
     def step(self, ticks: int = 1) -> int:
-        """Run so many ticks here and now; how many were run. Virtual time, started scheduler."""
+        """Run ticks in virtual time, with a started scheduler; returns how many were run."""
         return int(self._library.simStep(ticks))
 
     @property

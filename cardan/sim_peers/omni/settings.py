@@ -87,7 +87,7 @@ FAULTS = (
 
 
 class OmniFault(NamedTuple):
-    """A fault of FAULTS, from so many s after the scheduler's first start."""
+    """A fault of FAULTS, from `from_s` s after the scheduler's first start."""
 
     name: str
     value: float = 1.0
@@ -147,7 +147,7 @@ class Waypoint(NamedTuple):
     push_n: Vector3 = ZERO3
     """Beside the hand's spring."""
     stiffness_n_m: Vector3 = Vector3(200.0, 200.0, 200.0)
-    """Of the spring, along each axis."""
+    """Stiffness of the spring along each axis."""
 
 
 class HandMotion(NamedTuple):

@@ -89,8 +89,8 @@ class SpaceMousePeerOptions(HandOptions):
     jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 1
     """Noise on every axis while deflected, counts."""
     boot_s: Annotated[float, bounds.NOT_NEGATIVE] | None = None
-    """Of a serial device: from power, which the open port gives, to the first command that it
-    hears; None: as long as one of its kind takes."""
+    """Start-up time of a serial device: from power, which the open port gives, to the first command
+    that it receives; None: as long as one of its kind takes."""
     uhid_path: str = UHID_PATH
     """The kernel's file."""
     physical_path: str = "cardan/uhid"
