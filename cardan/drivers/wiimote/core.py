@@ -484,7 +484,7 @@ class WiimoteCore(DeviceCore):
             self._seek_neutral(missing, not self._clutch.isdisjoint(labels), now_s)
         live = self._link is DeviceLink.LIVE
         self._deflected = self._deflections(now_s) if live and self._held else NEUTRAL
-        self._fresh_until_s = STALE_AFTER_S + self._oldest_data_s()
+        self._fresh_until_s = STALE_AFTER_S + self._oldest_s()
         self._cached = None
 
     def _on_buttons(self, pressed: frozenset[str], held: frozenset[str]) -> None:
@@ -518,8 +518,8 @@ class WiimoteCore(DeviceCore):
         )
         return self._shaper(self._roles.axes(hand))
 
-    def _oldest_data_s(self) -> float:
-        """When the part with the oldest data was heard of."""
+    def _oldest_s(self) -> float:
+        """When the part of the remote that was heard of last but all others was heard of."""
         stamps = [self._data_s]
         if self._session.nunchuk is not None:
             stamps.append(self._stick_s)
