@@ -24,7 +24,7 @@ CONNECTION_REQUEST, CONNECTION_RESPONSE = 0x02, 0x03
 DISCONNECTION_REQUEST = 0x06
 ACCEPTED = 0
 MOST_BYTES = 2**16 + 4
-"""Of an L2CAP packet with its header."""
+"""Most bytes of an L2CAP packet with its header."""
 
 
 class Payload(NamedTuple):

@@ -2,8 +2,8 @@
 
 Counts are raw: +X right, +Y towards the user, +Z down, rotations right-handed about them, full
 scale nominally 350. All values are little-endian. Written from public descriptors and captures
-(SpaceNavigator 217-byte report descriptor; Wireless, Pro and Enterprise reports), apart from
-Cardan's codec, so that each can be held against the other.
+(SpaceNavigator 217-byte report descriptor; Wireless, Pro and Enterprise reports), independent of
+Cardan's codec, so that each can be checked against the other.
 
 `ConnexionInput(report)`, `ConnexionOutput(report)` and `ConnexionFeature(report)` dissect to the
 layer of the report, to UnknownReport for another id, or to BrokenReport when bytes are missing;

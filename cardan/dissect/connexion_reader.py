@@ -1,4 +1,4 @@
-"""3Dconnexion reports in a usbmon capture: a line per report, and what each endpoint was like.
+"""3Dconnexion reports in a usbmon capture: a line per report, and figures per endpoint.
 
 A device is known by the device descriptor in the capture (libpcap asks for the descriptors of
 the devices on the bus when it starts). Without one it is taken for a 3Dconnexion device once it
@@ -64,9 +64,9 @@ NOT_6DOF = {*range(0xC650, 0xC652), *range(0xC654, 0xC659), 0xC664, 0xC665, 0xC6
 """CadMouse, keyboards and numeric pads of the same vendor."""
 
 MOST_COUNTS = 512
-"""No device is known to go farther from rest; nominal full scale is 350."""
+"""Largest deflection known of any device; nominal full scale is 350."""
 HELD_PACKETS = 8
-"""Of a device that is not known yet."""
+"""Packets held of a device that is not identified yet."""
 SILENCE_NS = 100_000_000
 """Six periods of the slower family: a deflected device would have sent by then."""
 MOTION = (TranslationReport, RotationReport, MotionReport)

@@ -1,8 +1,8 @@
 """scapy layers of the packets of serial 6-DoF devices: Magellan (and Spaceball 5000), Spaceball
 1003 to 4000, SpaceOrb 360.
 
-Counts are raw, in the device's own axes. Written from descriptions of the devices, apart from
-Cardan's codec, so that each can be held against the other.
+Counts are raw, in the device's own axes. Written from descriptions of the devices, independent of
+Cardan's codec, so that each can be checked against the other.
 
 `MagellanPacket(data)` and `SpaceballPacket(data)` dissect one packet of the device with the CR at
 its end, `SpaceOrbPacket(data)` one from its header to its checksum; to a broken layer, whose
@@ -187,7 +187,7 @@ class MagellanText(TextPacket):
 
 
 MAGELLAN_LETTERS = b"vemcnqpzbfl"
-"""Of packets whose content is text."""
+"""Letters of packets whose content is text."""
 
 
 def _magellan_fault(data: bytes) -> str | None:
@@ -242,7 +242,7 @@ UNESCAPED = {code: byte for byte, code in ESCAPED.items()}
 SPACEBALL_BYTES = {b"D": 15, b"K": 3, b".": 3}
 """Decoded, without CR."""
 SPACEBALL_LETTERS = b"@E?CFNPMZ"
-"""Of packets whose content is text."""
+"""Letters of packets whose content is text."""
 PERIOD_UNITS_PER_MS = 16
 
 

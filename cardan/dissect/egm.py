@@ -2,8 +2,8 @@
 
 Lengths are mm, angles degrees, quaternions u0..u3 = w, x, y, z, `tm` and `age` ms. Written from
 the message tables of the application manual "Externally Guided Motion" (3HAC073318-001, RW 7.16;
-3HAC073319-001, RW 6) and the public message schema, apart from Cardan's codec, so that each can
-be held against the other.
+3HAC073319-001, RW 6) and the public message schema, independent of Cardan's codec, so that each can
+be checked against the other.
 
 A datagram is one protobuf message over UDP. Towards the PC's port it is an EgmRobot, from it an
 EgmSensor or an EgmSensorPathCorr; :class:`EgmFromPc` chooses between those two.
@@ -48,7 +48,7 @@ MAX_DATAGRAM_BYTES = 1113
 """The largest EgmRobot of RobotWare 7: every optional field, six external axes, 40 dnum."""
 MAX_DNUM = 40
 QUATERNION_NORM_TOLERANCE = 1e-3
-"""Farther from 1 than rounding to a few digits leaves it."""
+"""Larger than the error of rounding to a few digits."""
 
 
 class EgmHeader(ProtoMessage):

@@ -1,4 +1,4 @@
-"""EGM traffic in a capture: a line per datagram, and what each flow was like."""
+"""EGM traffic in a capture: a line per datagram, and figures per flow."""
 
 from __future__ import annotations
 

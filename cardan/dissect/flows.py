@@ -13,7 +13,7 @@ from cardan.dissect.reader import CUT, PacketLine, ProtocolReader
 from cardan.dissect.statistics import Intervals, Sequence, tallies
 
 SHOWN_BYTES = 24
-"""Of a malformed datagram; the first fields tell what it was meant to be."""
+"""Bytes shown of a malformed datagram; the first fields show its intended type."""
 
 
 class Sender:
@@ -102,11 +102,11 @@ class DatagramFlow(Flow[Sender]):
 
     @abstractmethod
     def take(self, direction: Direction, layer: Any, time_ns: int) -> Iterator[str]:
-        """A good datagram: its values, and what is to be said of it."""
+        """A good datagram: its values, and remarks on it."""
 
 
 class Dissected(NamedTuple):
-    """A datagram, taken to pieces."""
+    """A dissected datagram."""
 
     layer: Any
     direction: Direction

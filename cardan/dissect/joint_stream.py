@@ -1,8 +1,8 @@
 """scapy layers of the joint stream, the protocol of the simulated arm.
 
 Positions are rad, speeds rad/s, torques N·m (m, m/s, N for a prismatic joint), stamps s, everything
-little-endian. Written from the protocol's page (docs/protocols/joint-stream.md), apart from
-Cardan's codec, so that each can be held against the other.
+little-endian. Written from the protocol's page (docs/protocols/joint-stream.md), independent of
+Cardan's codec, so that each can be checked against the other.
 
 `JointStream(data)` dissects a datagram to JointStreamState, to JointStreamCommand, or to
 JointStreamBroken where its length or its header is neither's; it never raises. Building counts the
@@ -44,7 +44,7 @@ MOST_JOINTS = 16
 
 HEADER_BYTES = 24
 STATE_BYTES = HEADER_BYTES + 4 + 8 + 8 * 7 + 8 * 6 + 1
-"""Of a state without its joints and its reason."""
+"""Bytes of a state without its joints and its reason."""
 STATE_LISTS = ("positions", "speeds", "torques")
 COMMAND_LISTS: dict[int, tuple[str, ...]] = {
     HOLD: (),

@@ -1,4 +1,4 @@
-"""The joint stream in a capture: a line per datagram, and what each flow was like."""
+"""The joint stream in a capture: a line per datagram, and figures per flow."""
 
 from __future__ import annotations
 

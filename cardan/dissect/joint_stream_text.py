@@ -7,7 +7,7 @@ from cardan.dissect.joint_stream import MODES, JointStreamState
 from cardan.dissect.text import number, numbers
 
 UNITS = {"positions": "rad or m", "speeds": "rad/s or m/s", "torques": "N·m or N"}
-"""Which of both, the arm's model says and the wire does not."""
+"""The arm's model decides between the two; the wire does not say it."""
 
 
 def describe(layer: Packet) -> str:

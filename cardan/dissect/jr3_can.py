@@ -2,8 +2,8 @@
 
 An identifier of 11 bits is an opcode and the board's node id, 1 to 127; SYNC has none. All values
 are little-endian: forces and moments are raw, +-16384 at full scale, cut-off frequencies 0.01 Hz.
-Written from a description of the board's firmware, apart from Cardan's codec, so that each can be
-held against the other.
+Written from a description of the board's firmware, independent of Cardan's codec, so that each can
+be checked against the other.
 
 `dissect(identifier, data)` chooses the layer of a frame's payload: UnknownFrame for an opcode that
 is none, BrokenFrame when bytes are missing or a board sends too many; it never raises.
@@ -27,13 +27,13 @@ FROM_BOARD = Direction.FROM_DEVICE
 OPCODE_MASK, NODE_MASK = 0x780, 0x07F
 SYNC_IDENTIFIER = 0x080
 COUNTS_AT_FULL_SCALE = 16384
-"""More is an overload."""
+"""Raw value of the full scale; more is an overload."""
 TENTHS = 10
 """A moment's full scale is in 0.1 N·m, a force's in N."""
 STATES = {0: "ready", 1: "not initialised"}
 COUNTER_MODULUS = 2**16
 SAMPLE_PERIOD_S = 128.5e-6
-"""Of the sensor; the counter counts its samples."""
+"""Sample period of the sensor; the counter counts its samples."""
 
 
 class Jr3Frame(Block):
@@ -141,7 +141,7 @@ class BootupFrame(Jr3Frame):
 
 
 class GripperPwmFrame(Jr3Frame):
-    """Of a gripper on the same board: -100 to 100."""
+    """Duty of a gripper on the same board, percent: -100 to 100."""
 
     opcode, title, least_bytes = 0x780, "GRIPPER_PWM", 4
     fields_desc = [LEFloatField("pwm_percent", 0.0)]

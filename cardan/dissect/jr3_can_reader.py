@@ -1,8 +1,8 @@
-"""JR3 boards in a capture of a CAN bus: a line per frame, and what each board was like.
+"""JR3 boards in a capture of a CAN bus: a line per frame, and figures per board.
 
 The identifiers of the boards are in use on any CANopen bus as well. A node is taken for a board
-when its FORCES are followed by its MOMENTS with the same counter, then with what it said and was
-told shortly before; or when the user names it.
+when its FORCES are followed by its MOMENTS with the same counter, then with the frames from and to
+it shortly before; or when the user names it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from cardan.dissect.reader import CUT, PacketLine, ProtocolReader
 from cardan.dissect.statistics import Intervals, Latencies, tallies, tally
 
 HELD_PACKETS = 64
-"""Of a node that is not known to be a board: the handshake before its first sample, and more."""
+"""Packets held of a node not identified yet: the handshake before its first sample, and more."""
 FIRST_OPCODE = 0x100
 """Lower ones are no board's."""
 FORCES_OPCODE, MOMENTS_OPCODE = ForcesFrame.opcode, MomentsFrame.opcode
@@ -65,7 +65,7 @@ class _Board:
         self._intervals = Intervals()
 
     def take(self, frame: Jr3Frame, time_ns: int) -> Iterator[str]:
-        """A good frame: its values, and what is to be said of them."""
+        """A good frame: its values, and remarks on them."""
         self.frames[frame.title] += 1
         if isinstance(frame, ForcesFrame | MomentsFrame):
             forces = isinstance(frame, ForcesFrame)

@@ -23,7 +23,7 @@ class Report(Block):
 
 
 class UnknownReport(Report):
-    """Of an id that the device does not have."""
+    """A report with an id that the device does not have."""
 
     fields_desc = [XByteField("id", 0), StrField("data", b"")]
 

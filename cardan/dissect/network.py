@@ -11,7 +11,7 @@ from cardan.dissect.capture import CapturedPacket, Direction
 NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2 = 0, 1, 108, 101, 113, 228, 229, 276
 RAW_OF_BSD = (12, 14)
 LINK_TYPES = frozenset((NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2, *RAW_OF_BSD))
-"""Of captures that can hold IP."""
+"""Link types of captures that can hold IP."""
 ETHERTYPE_IPV4, ETHERTYPE_IPV6 = 0x0800, 0x86DD
 VLAN_TAGS = (0x8100, 0x88A8, 0x9100)
 ETHERTYPE_NAMES = {0x0806: "ARP", 0x88CC: "LLDP", 0x8892: "PROFINET", 0x88A4: "EtherCAT"}

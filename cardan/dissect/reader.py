@@ -1,4 +1,4 @@
-"""What one protocol makes of a capture: a reader, and the declaration that it is found by."""
+"""The parts of a protocol's dissector: its reader, and the declaration that it is found by."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PacketLine = tuple[CapturedPacket, str]
 """A line to print, with the packet that it is about."""
 
 CUT = "cut by the capture"
-"""The reason for which a message is malformed that the capture does not have all of."""
+"""Reason of a malformed message that is not whole in the capture."""
 
 
 class ProtocolReader(ABC):
@@ -94,7 +94,7 @@ class Dissector:
     page: ClassVar[str]
     """Where it is described: a page under docs/, or an address."""
     link_types: ClassVar[frozenset[int]]
-    """Of the packets that it is offered (LINKTYPE_ numbers of libpcap)."""
+    """Link types of the packets that it is offered (LINKTYPE_ numbers of libpcap)."""
     always: ClassVar[bool] = False
     """Whether the figures say of every capture how much of it there was, instead of captures with
     one of its link types only."""

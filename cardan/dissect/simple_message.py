@@ -1,7 +1,7 @@
-"""scapy layers of ROS-Industrial's simple message as MotoROS speaks it, with velocity mode.
+"""scapy layers of ROS-Industrial's simple message as MotoROS uses it, with velocity mode.
 
 Positions are rad, speeds rad/s, accelerations rad/s² (m, m/s, m/s² for a linear axis), times s.
-Written from the protocol's description, apart from Cardan's codec.
+Written from the protocol's description, independent of Cardan's codec.
 
 `SimpleMessage(data)` dissects the message `data` begins with to the layer of its type, or to
 SimpleMessageBroken where type or length is none that is known; it never raises. What follows in
@@ -340,7 +340,7 @@ def _states(*names: str) -> list[Any]:
 
 
 HEADER_FIELDS = 6
-"""Of fields_desc; the body's follow."""
+"""Number of header fields in fields_desc; the body's follow."""
 
 
 class SimpleMessage(Packet):
@@ -666,7 +666,7 @@ CATALOGUE = _catalogue()
 
 
 def _fixed_bytes(layer: type[Packet], real_bytes: int) -> int:
-    """Of a body without its records."""
+    """Bytes of a body without its records."""
     body: Any = layer.fields_desc[HEADER_FIELDS:]
     return sum(4 * field.words + real_bytes * field.reals for field in body)
 
@@ -748,7 +748,7 @@ def _is_io_error(data: bytes, msg_type: int, order: str) -> bool:
 
 
 LARGEST_PREFIX = HEADER_BYTES + 8 + GROUPS * (8 + 31 * 8)
-"""Of any message there is: four groups in 2016 with 64-bit reals."""
+"""Largest prefix of any message: four groups in 2016 with 64-bit reals."""
 
 
 def begins_message(data: bytes, order: str | None = None) -> bool:

@@ -50,14 +50,14 @@ from cardan.dissect.statistics import Intervals, Latencies, milliseconds, tallie
 PENDING = 256
 """Requests remembered until they are answered."""
 SHOWN_BYTES = 32
-"""Of a malformed message: its header, and four words."""
+"""Bytes shown of a malformed message: its header, and four words."""
 CYCLE_MESSAGES = 16
-"""The most that is taken for one cycle of the state port."""
+"""Most messages that count as one cycle of the state port."""
 PORT_NAMES = {50240: "motion", 50241: "state", 50242: "I/O", 50243: "RT control", 50244: "RT"}
 
 
 class _Piece(NamedTuple):
-    """What a stream holds next: a whole message, malformed bytes with the reason, or a note."""
+    """The next item of a stream: a whole message, malformed bytes with the reason, or a note."""
 
     data: bytes
     malformed: str = ""
@@ -69,7 +69,7 @@ class _Framer:
 
     def __init__(self, flow: _Flow) -> None:
         self.skipped_bytes = 0
-        """Of messages whose beginning is missing."""
+        """Bytes of messages whose beginning is missing."""
         self._flow = flow
         self._buffer = bytearray()
         self._synchronised = False
@@ -78,7 +78,7 @@ class _Framer:
 
     @property
     def left_bytes(self) -> int:
-        """Of a message that has begun and not ended."""
+        """Bytes of a message that has begun and not ended."""
         return len(self._buffer) + len(self._early)
 
     def take(self, event: tcp.Event) -> Iterator[_Piece]:
@@ -388,7 +388,7 @@ class SimpleMessageReader(FlowReader[_Flow]):
         direction: Direction,
         events: Iterable[tcp.Event],
     ) -> Iterator[PacketLine]:
-        """What the events of a stream make readable, told with `packet`."""
+        """The messages that a stream's events complete, shown with `packet`."""
         for event in events:
             time_ns = event.time_ns if isinstance(event, tcp.Bytes) else packet.time_ns
             for piece in flow.senders[direction].framer.take(event):

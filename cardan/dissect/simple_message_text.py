@@ -34,7 +34,7 @@ UNITS = {
     "pos_min": "rad or m",
     "pos_max": "rad or m",
 }
-"""Which of both, the arm's model says and the wire does not."""
+"""The arm's model decides between the two; the wire does not say it."""
 
 
 def describe(layer: SimpleMessage) -> str:
@@ -47,7 +47,7 @@ def describe(layer: SimpleMessage) -> str:
 
 
 def message_name(number: int) -> str:
-    """Of a message type or a command."""
+    """Name of a message type or a command."""
     return COMMANDS.get(number) or NAMES.get(number) or str(number)
 
 

@@ -1,8 +1,8 @@
 """scapy layers of spacenavd's socket: the handshake, its events, requests and replies.
 
 Every value is a 32-bit word in the byte order of the machine; these layers read the little-endian
-ones. Written from a description of spacenavd and libspnav, apart from Cardan's codec, so that each
-can be held against the other.
+ones. Written from a description of spacenavd and libspnav, independent of Cardan's codec, so that
+each can be checked against the other.
 
 `SpnavFromServer(record)` and `SpnavFromClient(record)` dissect one record, 32 bytes, or the four of
 a handshake or of a sensitivity of version 0; to SpnavBroken where it is neither. They never raise.

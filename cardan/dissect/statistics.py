@@ -1,4 +1,4 @@
-"""What a reader says about a flow besides its datagrams."""
+"""Statistics of a flow's datagrams."""
 
 from __future__ import annotations
 

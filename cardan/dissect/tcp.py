@@ -13,10 +13,9 @@ from cardan.dissect.network import TCP_FIN, TCP_RST, TCP_SYN, Segment
 
 SEQUENCE_MODULUS = 2**32
 HELD_BYTES, HELD_NS = 2**16, 10**9
-"""A hole in a stream that is not filled while so much, or for so long, comes after it is one of
-the capture."""
+"""Bytes, and time, that follow a hole in a stream before it counts as missing in the capture."""
 FARTHEST_BACK = 2**20
-"""A sequence number farther back is of another connection and not a retransmission."""
+"""Farthest step back of a retransmission; beyond it is another connection."""
 
 
 class Begin(NamedTuple):
@@ -85,7 +84,7 @@ class TcpStream:
             yield from self._end()
 
     def flush(self) -> Iterator[Event]:
-        """Nothing more comes: what is held back."""
+        """Nothing more comes: give what is held back."""
         while self._held:
             yield from self._give_up()
 
@@ -138,7 +137,7 @@ class TcpStream:
             yield from self._append(ready.sequence, ready.payload, when_ns)
 
     def _give_up(self) -> Iterator[Event]:
-        """What is missing will not come any more."""
+        """Give up the missing bytes."""
         nearest = min(self._ahead(held.sequence) for held in self._held)
         self.gaps += 1
         self.lost_bytes += nearest

@@ -1,8 +1,8 @@
 """scapy layers of the reports of the Wii Remote, its extensions' data and calibration blocks.
 
-Written from descriptions of the protocol, apart from Cardan's codec, so that each can be held
-against the other. Values are raw: accelerometer counts (+X left, +Y tail, +Z up), camera pixels,
-gyroscope counts.
+Written from descriptions of the protocol, independent of Cardan's codec, so that each can be
+checked against the other. Values are raw: accelerometer counts (+X left, +Y tail, +Z up), camera
+pixels, gyroscope counts.
 
 `WiimoteInput(report)` (from the remote) and `WiimoteOutput(report)` (to it) dissect to the layer of
 the report, whose id is the first byte, to UnknownReport for another id, or to BrokenReport when
@@ -75,7 +75,7 @@ OUTPUTS = {
 }
 DATA_MODES = (*range(0x30, 0x38), 0x3D, 0x3E, 0x3F)
 DATA_BYTES = 16
-"""Of a memory report, used or not."""
+"""Data bytes of a memory report, used or not."""
 MISSING = 0x3FF
 """Both coordinates where the camera sees nothing."""
 CHECKSUM_START = 0x55
@@ -259,7 +259,7 @@ class ReadReport(ButtonsReport):
 
 
 class AcknowledgeReport(ButtonsReport):
-    """What became of an output report."""
+    """The result of an output report."""
 
     fields_desc = [
         XByteField("id", 0x22),

@@ -1,10 +1,10 @@
 """Wii Remotes in a capture of a Bluetooth adapter: a line per report, and figures per connection.
 
 A report travels behind one byte, the HID transaction: a1 from the remote and a2 to it on the
-interrupt channel (PSM 0x13), 52 to it on the control channel (PSM 0x11). Which channel has which
-PSM the set-up of the connection says; where that is not in the capture, the byte does. A connection
-is taken for a remote's by the name of the device, or by the first report whose id and length are
-those of a remote.
+interrupt channel (PSM 0x13), 52 to it on the control channel (PSM 0x11). The set-up of the
+connection says which channel has which PSM; where that is not in the capture, the byte does. A
+connection is taken for a remote's by the name of the device, or by the first report whose id and
+length are those of a remote.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ EEPROM_BLOCKS: tuple[tuple[int, int, type[Packet]], ...] = (
     (0x0016, 10, AccelerometerCalibration),
     (0x0020, 10, AccelerometerCalibration),
 )
-"""Address, bytes and layer of what is known of the memory."""
+"""Address, bytes and layer of the known blocks of memory."""
 NO_DEVICE = 7
 WRITE_ID = 0x16
 

@@ -1,4 +1,4 @@
-"""What stands between a user and a device that is plugged in, in words, and how to remove it."""
+"""Why a device that is plugged in cannot be opened, and what to do about it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def obstacle(path: str, *, hint: str = UDEV_HINT, root: Path = Path("/")) -> str
 
 
 def open_error(node: str, error: OSError, hint: str = UDEV_HINT) -> str:
-    """What opening `node` failed with, in words; `hint` is how to get the permission."""
+    """Why opening `node` failed; `hint` is how to get the permission."""
     if error.errno in (errno.EACCES, errno.EPERM):
         return f"no permission for {node}: {hint}"
     if error.errno == errno.EBUSY:
@@ -49,7 +49,7 @@ def open_error(node: str, error: OSError, hint: str = UDEV_HINT) -> str:
 
 
 def refusal(path: str, error: object) -> str:
-    """Why opening the device at `path` failed with `error`, in words."""
+    """Why opening the device at `path` failed with `error`."""
     words = obstacle(path)
     if words:
         return words
@@ -61,7 +61,7 @@ def refusal(path: str, error: object) -> str:
 
 
 def such(options: object, *names: str) -> str:
-    """What was asked for among the options `names`, as " with path 'x'"; empty: nothing was."""
+    """The options among `names` that are set, as " with path 'x'"; empty: none is."""
     wanted = [f"{name} {value!r}" for name in names if (value := getattr(options, name))]
     return f" with {' and '.join(wanted)}" if wanted else ""
 

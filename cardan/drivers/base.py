@@ -30,8 +30,8 @@ from cardan.types import (
 )
 
 RECHECK_S = 0.1
-"""Who waits for a new state looks so often even if nobody tells of one: silence that makes a state
-stale is no report, and the thread that reads the device may hang."""
+"""Period at which a waiting reader checks for a new state without being notified: silence that
+makes a state stale notifies nobody, and the thread that reads the device may hang."""
 
 
 class Driver(Openable):
@@ -91,7 +91,7 @@ class Driver(Openable):
 
     @abstractmethod
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, in plain words, worst first."""
+        """Problems, and what else deserves attention, worst first."""
 
     def metrics(self) -> dict[str, float]:
         """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""
@@ -108,7 +108,7 @@ class FoundDevice(NamedTuple):
     path: str
     """What the driver's options call it."""
     obstacle: str = ""
-    """What stands in the way of opening it, in words; empty: nothing known."""
+    """Why it cannot be opened; empty: nothing known."""
     driver: str = ""
     """The name of its driver, from :func:`cardan.devices`."""
 
@@ -117,8 +117,8 @@ class OperatorDevice(Driver):
     """A hand-held device. It reads itself (usually in a thread of its own).
 
     `state()` gives the newest state at once, `read()` waits for a new one, ``for state in device``
-    does so until the device is closed, and `on_state()` has a function called. Who is slower than
-    the device gets the newest state and misses those before; `button_events()` has every edge.
+    does so until the device is closed, and `on_state()` has a function called. A consumer slower
+    than the device gets the newest state and misses some; `button_events()` has every edge.
     """
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
@@ -127,13 +127,13 @@ class OperatorDevice(Driver):
         self._notified = 0
         """Counts calls of _notify()."""
         self._close_count = 0
-        """Counted by drivers that may be opened again: who waited does not go on then."""
+        """Counted by drivers that may be opened again: reads that waited end then."""
         self._reading: _StateReader | None = None
 
     gives: ClassVar[str] = ""
     """What it measures, in a few words."""
     takes_back: ClassVar[str] = ""
-    """What it gives to the hand (light, rumble, force); empty: nothing."""
+    """Its feedback to the operator (light, rumble, force); empty: none."""
     suits: ClassVar[str] = ""
     """The `mapping` of a session that suits it: mode and frame."""
     udev_matches: ClassVar[Sequence[str]] = ()
@@ -142,17 +142,17 @@ class OperatorDevice(Driver):
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """What of this kind is plugged in. Opens nothing for longer than a look; never raises."""
+        """Devices of this kind that are plugged in. Keeps none open; never raises."""
         return []
 
     @property
     @abstractmethod
     def capabilities(self) -> DeviceCapabilities:
-        """What the device gives and takes; may grow once it is open."""
+        """What the device measures, and its feedback; may grow once it is open."""
 
     @abstractmethod
     def state(self) -> DeviceState:
-        """The newest state. Never blocks, never raises, never old without saying so."""
+        """The newest state. Never blocks, never raises; `link` says when it is stale."""
 
     def read(self, timeout_s: float | None = None) -> DeviceState | None:
         """Wait for a state that read() has not returned yet, `timeout_s` at most (None: no limit).
@@ -201,8 +201,8 @@ class OperatorDevice(Driver):
         return stop
 
     def _notify(self) -> None:
-        """Wake who waits for a new state. Drivers call it after a report and after a change of the
-        link; without it changes are seen `RECHECK_S` later."""
+        """Wake the consumers that wait for a new state. Drivers call it after a report and after a
+        change of the link; without it changes are seen `RECHECK_S` later."""
         with self._changed:
             self._notified += 1
             self._changed.notify_all()
@@ -212,7 +212,7 @@ class OperatorDevice(Driver):
         """Button edges since the last call, oldest first; none is lost. One consumer."""
 
     def feedback(self, feedback: DeviceFeedback) -> None:
-        """Give `feedback` to the hand. Raises CommandError for a channel the device has not."""
+        """Give `feedback` to the operator. Raises CommandError for a channel the device lacks."""
         missing = {
             name
             for name in ("led", "rumble", "wrench")
@@ -284,10 +284,10 @@ class RobotDriver(Driver):
 
     @abstractmethod
     def cycles(self) -> Iterator[RobotState]:
-        """Yield a state at each control instant; a silent robot yields its silence instead.
+        """Yield a state at each control instant; for a silent robot, states that say so.
 
         While nothing is heard, a state whose link is WAITING or LOST comes at least every
-        0.1 s, so that the loop keeps its own watch. Ends after close().
+        0.1 s, so that the loop can check its own watchdogs. Ends after close().
         """
 
     @abstractmethod
@@ -307,7 +307,7 @@ class RobotDriver(Driver):
         raise CommandError(f"{type(self).__name__} is made ready at the robot's own controller")
 
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
-        """Set what travels to the controller's program with every command from now on.
+        """Set the values sent to the controller's program with every command from now on.
 
         Raises CommandError where the robot has no such outputs.
         """
@@ -315,5 +315,5 @@ class RobotDriver(Driver):
             raise CommandError(f"{type(self).__name__} has no outputs")
 
     def output_values(self) -> Sequence[float]:
-        """The values that travel to the controller's program now."""
+        """The values sent to the controller's program now."""
         return ()

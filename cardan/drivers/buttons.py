@@ -1,4 +1,4 @@
-"""Which buttons of a device are down, and every edge of theirs, for one consumer."""
+"""Which buttons of a device are down, and all their edges, for one consumer."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from cardan.types import ButtonEvent
 
 MAX_EVENTS = 4096
-"""Button edges kept for a consumer that does not come; beyond, the oldest go (and are counted)."""
+"""Most button edges kept until they are read; beyond it the oldest are dropped and counted."""
 
 
 class ButtonEdges:
     """Turns the set of buttons that are down into edges.
 
-    A button that was down when the device was lost is no deliberate act when it is heard of again:
-    after `release_all` it counts as up until the device has shown it up.
+    A button that was down when the device was lost must not act when the device is back:
+    after `release_all` it counts as up until the device has reported it up.
     """
 
     def __init__(self) -> None:
@@ -32,11 +32,11 @@ class ButtonEdges:
         self._show(labels, now_s)
 
     def mask(self, labels: Sequence[str]) -> None:
-        """Let these count as up until they are shown up: nobody knows since when they are down."""
+        """Count these as up until they are reported up: they may have been down for long."""
         self._masked |= frozenset(labels)
 
     def release_all(self, now_s: float) -> None:
-        """Count every button as released: nobody can tell any more."""
+        """Count every button as released: their state is not known any more."""
         self._masked |= self.held
         self._show((), now_s)
 

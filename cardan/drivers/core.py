@@ -1,4 +1,4 @@
-"""What the cores of all operator devices share: link, buttons, counts, and the words about them."""
+"""What the cores of all operator devices share: link, buttons, counts, and their diagnosis."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class DeviceCore(ABC):
         self._buttons = ButtonEdges()
         self._link = DeviceLink.CLOSED
         self._reason = "not opened"
-        """Why the link is not LIVE, in words."""
+        """Why the link is not LIVE."""
         self._open = False
         self._heard = False
         self._stamp_s = NEVER_S
@@ -46,11 +46,11 @@ class DeviceCore(ABC):
     @property
     @abstractmethod
     def _counters(self) -> Mapping[str, str]:
-        """What is counted, and the words for it behind the number; a class attribute will do."""
+        """The counters, and the text behind each count; a class attribute will do."""
 
     @abstractmethod
     def _watch(self, now_s: float) -> None:
-        """Notice silence: called whenever somebody asks for the state."""
+        """Check for silence: called whenever the state is read."""
 
     @abstractmethod
     def _drop_input(self, now_s: float) -> None:
@@ -61,11 +61,11 @@ class DeviceCore(ABC):
         return NEUTRAL
 
     def _pose(self) -> Pose | None:
-        """The hand's pose while the link is LIVE."""
+        """The operator's pose while the link is LIVE."""
         return None
 
     def _wrench(self) -> Wrench | None:
-        """What is measured of force and torque, whatever the link."""
+        """The measured force and torque, whatever the link."""
         return None
 
     def _why(self) -> str:
@@ -73,7 +73,7 @@ class DeviceCore(ABC):
         return self._reason
 
     def _notes(self, now_s: float) -> list[str]:
-        """What else stands in the way or deserves attention, worst first."""
+        """What else deserves attention, worst first."""
         return []
 
     def _figures(self, now_s: float) -> dict[str, float]:
@@ -131,11 +131,11 @@ class DeviceCore(ABC):
         }
 
     def diagnosis(self, now_s: float) -> list[str]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         words = [reason] if (reason := self.state(now_s).reason) else []
         words += self._notes(now_s)
         if self._buttons.lost_edges:
-            words.append(f"{self._buttons.lost_edges} button edges dropped: nobody takes them")
+            words.append(f"{self._buttons.lost_edges} button edges dropped: no program reads them")
         counts = self._tally()
         words += [f"{counts[key]} {text}" for key, text in self._counters.items() if counts[key]]
         words += [f"{count} {what}, ignored" for what, count in self._malformed.most_common()]
@@ -156,7 +156,7 @@ class DeviceCore(ABC):
         self._invalidate_input(link, reason, now_s)
 
     def _invalidate_input(self, link: DeviceLink, reason: str, now_s: float) -> None:
-        """Go to a state in which no deflection and no button that was known counts any more."""
+        """Set `link`, in which no deflection and no button that was known counts any more."""
         self._link, self._reason = link, reason
         self._drop_input(now_s)
         self._buttons.release_all(now_s)

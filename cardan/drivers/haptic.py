@@ -1,4 +1,4 @@
-"""The interface of devices that give force back to the hand."""
+"""The interface of devices with force feedback."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cardan.types import DeviceLink, Pose
 
 
 class HapticDevice(OperatorDevice):
-    """A device with a force loop of its own, which is told what to render and never waited for.
+    """A device with a force loop of its own, which renders commands; no call waits for it.
 
     :class:`cardan.drivers.ihaptic.IHapticDevice` gives any of them the functions of YARP.
     """
@@ -26,7 +26,7 @@ class HapticDevice(OperatorDevice):
 
     @abstractmethod
     def haptics(self) -> HapticState:
-        """The newest snapshot. Never blocks, never raises, never old without saying so."""
+        """The newest snapshot. Never blocks, never raises; one that is too old says so."""
 
     @abstractmethod
     def enable(self) -> None:
@@ -50,9 +50,9 @@ class HapticDevice(OperatorDevice):
         """The largest feedback that is let out."""
 
     def measured_pose(self) -> Pose:
-        """Where the hand is, also while buttons or the link keep it from driving anything.
+        """The measured pose, also while buttons or the link keep it from commanding anything.
 
-        Raises DriverError in words while the device cannot tell, NotOpenError.
+        Raises DriverError while the device cannot tell, NotOpenError.
         """
         state = self.state()
         if state.pose is None:
@@ -61,5 +61,5 @@ class HapticDevice(OperatorDevice):
         return state.pose
 
     def next_sequence(self) -> int:
-        """A sequence for a command that shall count, whoever gave those before."""
+        """A sequence number above those of all commands so far, from any source."""
         return self.haptics().command_sequence + 1

@@ -12,7 +12,7 @@ from cardan.errors import DriverError
 
 
 def load_hid(module_name: str) -> ModuleType:
-    """hidapi's module. DriverError when it, or another package of the same name, is not it."""
+    """hidapi's module. DriverError when it is missing or another package has its name."""
     try:
         module = importlib.import_module(module_name)
     except ImportError as error:
@@ -30,7 +30,7 @@ def load_hid(module_name: str) -> ModuleType:
 
 
 REPORT_ROOM = 64
-"""Asked of every read: a read that is too small loses the rest of the report."""
+"""Size of every read: one that is too small loses the rest of the report."""
 
 
 class HidDevice:

@@ -32,20 +32,20 @@ class IHapticDevice:
         self._transformation = IDENTITY_POSE
         self._sequence = 0
         self._commands = threading.Lock()
-        """Held while the mode is looked at or changed, and a command goes out."""
+        """Held while the mode is read or changed, and while a command is sent."""
 
     def get_position(self) -> Vector3:
-        """Of the gimbal's centre in the frame of the transformation, m.
+        """Position of the gimbal's centre in the frame of the transformation, m.
 
-        Raises DriverError while the device cannot tell, in words.
+        Raises DriverError while the device cannot tell.
         """
         offset, turn, _ = self._transformation
         return spatial.add(offset, spatial.rotate(turn, self._device.measured_pose().position))
 
     def get_orientation(self) -> Vector3:
-        """Of the stylus in the frame of the transformation: roll, pitch, yaw, rad.
+        """Orientation of the stylus in the frame of the transformation: roll, pitch, yaw, rad.
 
-        Raises DriverError while the device cannot tell, in words.
+        Raises DriverError while the device cannot tell.
         """
         turn = self._transformation.orientation
         return spatial.to_euler_zyx(
@@ -134,7 +134,7 @@ class IHapticDevice:
     def _send(
         self, *, engaged: bool = True, force: Vector3 = ZERO3, torques: Vector3 | None = None
     ) -> None:
-        """Command that and nothing else; `_commands` is held."""
+        """Send `command` and nothing else; `_commands` is held."""
         self._sequence = max(self._sequence + 1, self._device.next_sequence())
         self._device.render(
             HapticCommand(

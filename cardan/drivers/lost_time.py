@@ -1,11 +1,11 @@
-"""Time in which nobody commanded a robot is lost, and never made up for.
+"""Time in which a robot got no commands is lost, and never made up for.
 
-While a process stands still, or datagrams are lost, most controllers go on at the last speed they
-were told. The next command then is not where the robot is: it is behind, if whoever commands went
-on from where they were, or ahead, if the robot slowed down. To be sent there at once would be a
-jerk, and a robot that hurries to make up for lost time is faster than anybody asked.
+While a process stands still, or datagrams are lost, most controllers continue at the last commanded
+speed. The next command then differs from the robot's position: it is behind, if the application
+continued from its last command, or ahead, if the robot slowed down. Sent at once it would cause a
+jerk, and a robot that made up for lost time would be faster than commanded.
 
-So the difference is kept, and is sent along with every command. A robot that is ahead of its
+So the difference is kept, and added to every command. A robot that is ahead of its
 command is slowed a little until it is not; one that is behind stays behind until it rests.
 """
 
@@ -17,27 +17,27 @@ from typing import Any, Final
 
 WORK_OFF_S: Final = 0.5
 """Time constant with which a difference in place dies away: 6 mm, what 60 ms at 100 mm/s leave, at
-12 mm/s. Within a second and a half of the hand's letting go the arm has to be still."""
+12 mm/s. The arm has to be still 1.5 s after the operator lets go."""
 
 WORK_OFF_SHARE: Final = 0.5
-"""Of the commanded speed: what it may be slowed by for that."""
+"""Share of the commanded speed by which it may be slowed for that."""
 
 SPEED_UP_S: Final = 0.25
-"""Time constant with which a robot that has slowed down by itself gets its speed again: from rest
+"""Time constant with which a robot that has slowed down by itself returns to its speed: from rest
 to 250 mm/s at no more than 1 m/s²."""
 
 SLOW_DOWN_S: Final = 0.1
-"""The same for a robot that is faster than it is asked to be: from 100 mm/s at 1 m/s²."""
+"""The same for a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
 
 _NOTHING = 1e-7
-"""m, rad, and those per s: less is no difference."""
+"""Smallest difference that counts: m, rad, and per s."""
 
 
 class LostTime:
     """The difference in place and speed between a robot and its commands, along some axes.
 
-    Units are those of the axes, rad or m. `offset` and `rate` are added to what is commanded; how,
-    where places are not plain numbers (an orientation), a subclass says in `_way` and `_ahead`.
+    Units are those of the axes, rad or m. `offset` and `rate` are added to the commands. For
+    orientations a subclass overrides `_displacement` and `_advanced`.
     """
 
     __slots__ = ("_gap_s", "_interrupted", "_slip", "_went", "offset", "rate", "working")
@@ -49,18 +49,18 @@ class LostTime:
         self.offset = [0.0] * axes
         """How far the robot is ahead of its commands."""
         self.rate = [0.0] * axes
-        """How much faster it is than they say, per s."""
+        """How much faster it is than its commands, per s."""
         self.working = False
         """False: there is no difference, and `step` need not be called."""
         self._interrupted = False
         self._gap_s = 0.0
         self._went = [0.0] * axes
-        """In the interruption: beside the way that the speed it was told makes in `_gap_s`."""
+        """Distance moved in the interruption beyond that of the commanded speed over `_gap_s`."""
         self._slip = [0.0] * axes
-        """How much faster than it was told before the interruption."""
+        """How much faster it is than commanded before the interruption."""
 
     def reset(self) -> None:
-        """The robot is where it is commanded to be."""
+        """Forget the difference: the robot is where it is commanded to be."""
         if self.working:
             self._clear(len(self.offset))
 
@@ -91,13 +91,13 @@ class LostTime:
         """What to send for one period, while `working`, with a `target` that moves at `speeds`.
 
         `asked` is the target before with its speeds, None after anything else than a target.
-        Where the speeds of either are not known, the difference is forgotten; `seen_s`, if it is
-        above 0, is then how long `target` took to come from the one before, and tells its speeds.
+        Where the speeds of either are not known, the difference is forgotten; `seen_s`, if above
+        0, is then the time between the two targets, and gives the speeds.
         """
         if asked is None:
             self.reset()
             return target, speeds
-        moved = self._way(asked[0], target)
+        moved = self._displacement(asked[0], target)
         if speeds is None or asked[1] is None:
             self.reset()
             if speeds is None and seen_s > 0.0:
@@ -105,16 +105,16 @@ class LostTime:
             return target, speeds
         self.step(moved, asked[1], speeds, dt_s)
         return (
-            self._ahead(target, self.offset),
+            self._advanced(target, self.offset),
             tuple([v + more for v, more in zip(speeds, self.rate, strict=True)]),
         )
 
-    def _way(self, start: Any, end: Any) -> list[float]:
-        """From one place to another, along the axes."""
+    def _displacement(self, start: Any, end: Any) -> list[float]:
+        """Displacement from one position to another, along the axes."""
         return [b - a for a, b in zip(start, end, strict=True)]
 
-    def _ahead(self, place: Any, by: Sequence[float]) -> Any:
-        """The place that is `by` so much ahead."""
+    def _advanced(self, place: Any, by: Sequence[float]) -> Any:
+        """The position `by` ahead."""
         return tuple([q + way for q, way in zip(place, by, strict=True)])
 
     def step(
@@ -160,7 +160,7 @@ class LostTime:
         velocity: Sequence[float],
         dt_s: float,
     ) -> None:
-        """Take the interruption into account; what the command has moved is no difference."""
+        """Take the interruption into account, less what the command itself has moved."""
         offset, rate, went, slip = self.offset, self.rate, self._went, self._slip
         for i, way in enumerate(moved):
             robot = (before[i] + rate[i]) * self._gap_s + went[i]

@@ -10,10 +10,10 @@ from typing import TypeVar
 from cardan.errors import DeviceAccessError
 
 TIMEOUT_S = 1.0
-"""A program that is alive takes a connection, and a packet, at once."""
+"""Longest wait for a connection or a write; a running program takes both at once."""
 
 _ROOM = 4096
-"""Asked of every read: a read that is too small loses the rest of the packet."""
+"""Size of every read: one that is too small loses the rest of the packet."""
 
 L = TypeVar("L")
 

@@ -104,7 +104,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def close(self) -> None:
         """Stop reading and release the device. Never raises; from any thread."""
         if threading.current_thread() is self._thread:
-            self._stop.set()  # It ends once it comes back to its loop: nobody can wait for itself.
+            self._stop.set()  # It ends once it comes back to its loop: a thread cannot join itself.
             return
         with self._opening:
             thread = self._thread
@@ -136,7 +136,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
             return self._core.metrics(time.monotonic())
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         with self._lock:
             return tuple(self._core.diagnosis(time.monotonic()))
 

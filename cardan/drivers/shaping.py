@@ -17,7 +17,7 @@ Triple = tuple[float, float, float]
 _ZERO: Triple = (0.0, 0.0, 0.0)
 
 DOMINANCE_MARGIN = 1.1
-"""Another axis takes over when it is deflected so much more: no flutter between two."""
+"""Factor of deflection from which another axis takes over: no flutter between two."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What decoding HID reports gives for those that cannot be used, whatever the device."""
+"""The value of HID reports that cannot be decoded, for any device."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ BAD_VALUE = "with an impossible value"
 
 
 class MalformedReport(NamedTuple):
-    """A report that says nothing we can use."""
+    """A report that cannot be decoded."""
 
     reason: str
     """One of a few fixed phrases, fit for counting by."""

@@ -88,7 +88,7 @@ ActT = TypeVar("ActT", bound=Callable[..., None])
 
 
 class TimedActs(Generic[ActT]):
-    """What is done at a time, once: the faults whose values are times, and what else there is."""
+    """Acts that are done once at a time: faults whose values are times, and others."""
 
     def __init__(
         self,
@@ -104,11 +104,11 @@ class TimedActs(Generic[ActT]):
 
     @property
     def next_s(self) -> float:
-        """When `due` has something next; infinite when nothing is left."""
+        """When the next act is due; infinite when nothing is left."""
         return self._left[0][0] if self._left else math.inf
 
     def due(self, until_s: float) -> Iterator[tuple[float, ActT]]:
-        """What is due by `until_s`, with its time, in order; each comes once."""
+        """Acts due by `until_s`, each once with its time, in order."""
         while self._left and self._left[0][0] <= until_s:
             yield self._left.popleft()
 
@@ -168,7 +168,7 @@ def load_script(
 
 
 SERVE_SLICE_S = 0.1
-"""How soon a served peer notices that it was interrupted."""
+"""Longest step of a served peer, and so the delay until it notices an interrupt."""
 
 THREAD_SLICE_S = 0.02
 """How long the end of a ``with`` block waits for the thread that serves a peer."""

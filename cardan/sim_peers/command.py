@@ -76,7 +76,7 @@ def name_and_unit(field_name: str) -> tuple[str, str]:
 
 
 def numbers(text: str, count: int) -> tuple[float, ...]:
-    """So many numbers with commas between them, as options have them; ValueError."""
+    """Reads `count` numbers with commas between them, as options have them; ValueError."""
     try:
         found = tuple(float(word) for word in text.split(","))
     except ValueError:
@@ -118,7 +118,7 @@ class PeerCommand(Generic[OptionsT]):
 
     @classmethod
     def run(cls, options: OptionsT, seconds: float | None) -> int | None:
-        """Be the peer until `seconds` are over (None: until it is interrupted). The command's exit
+        """Run the peer until `seconds` are over (None: until it is interrupted). The command's exit
         code; None: 0."""
         serve(cls.Peer(options), seconds)
         return None

@@ -18,10 +18,10 @@ LARGEST_DATAGRAM = 65535
 
 
 class DatagramPeer(SimulatedPeer):
-    """A core that gets datagrams and is given its cycles; a subclass has its sockets and words.
+    """A core that gets datagrams and is given its cycles; a subclass has its sockets and messages.
 
     Cycles follow an absolute schedule; after a stall they go on from the schedule, without a burst.
-    `faults` of the network are put on both ways, unless the core has them itself.
+    `faults` of the network act on both directions, unless the core has them itself.
     """
 
     def __init__(
@@ -51,8 +51,8 @@ class DatagramPeer(SimulatedPeer):
     def _transmit(self, data: bytes) -> None:
         """Send a datagram to the other side. Never raises."""
 
-    def _heard(self, somebody: bool) -> None:
-        """The other side was heard, or the system tells that an earlier datagram found nobody."""
+    def _heard(self, answered: bool) -> None:
+        """The other side was heard, or the system reports that an earlier datagram was refused."""
 
     def open(self) -> None:
         if self._socket is None:

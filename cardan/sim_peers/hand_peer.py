@@ -28,7 +28,7 @@ class HandOptions(Options):
     faults: Mapping[str, float] = field(default_factory=dict)
     """Values by the names of the device's `FAULTS`; times count from the start of the script."""
     seed: int = 0
-    """Of the noise and of the faults' choices."""
+    """Seed of the noise and of the faults' choices."""
     start_on_connect: bool = True
     """The script starts when the first program opens the device, not when the peer opens. Without
     effect on carriers that cannot tell (uinput, CAN)."""
@@ -53,7 +53,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         self._start_s: float | None = None
         """When the script began, monotonic s; None: it has not."""
         self._played_s = 0.0
-        """How far device and hand were last played, their s."""
+        """Time up to which device and hand were last played, s from the script's start."""
 
     # -- the peer ------------------------------------------------------------------------------
 
@@ -111,7 +111,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
 
     @property
     def refused_until_s(self) -> float:
-        """Until then nobody can open the device; monotonic s."""
+        """Until then no program can open the device; monotonic s."""
         return self._opened_s + self.options.faults.get("refuse", 0.0)
 
     def begin(self) -> None:
@@ -164,5 +164,5 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
             carrier.vanish()
 
     def _follow(self, now_s: float) -> None:
-        """Do what follows from how the device is after it was played until `now_s`."""
+        """React to the device's condition after it was played until `now_s`."""
         self.carrier.attend(now_s)

@@ -21,7 +21,7 @@ each peer words its own."""
 _NAMES = (*(switch.name for switch in LINK_FAULTS), "garbage")
 
 _OVERTAKEN_AT_MOST_S = 0.05
-"""A datagram waits this long at most for one that overtakes it."""
+"""Longest time that a datagram waits for one that overtakes it."""
 
 
 class FaultyLink:

@@ -1,4 +1,4 @@
-"""What lies between a simulated device and its host: carries reports, late if it is told to."""
+"""The line between a simulated device and its host: carries reports, late where a fault says so."""
 
 from __future__ import annotations
 
@@ -49,5 +49,5 @@ class ReportLine:
         self._under_way.clear()
 
     def _strikes(self, fault: str, count: int) -> bool:
-        """Whether a fault of every so many strikes the `count`-th."""
+        """Whether a fault of every VALUE-th report acts on the `count`-th."""
         return fault in self._faults and count % int(self._faults[fault]) == 0

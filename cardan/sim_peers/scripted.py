@@ -86,7 +86,7 @@ class StepWords:
         self.verb = step.verb
         self.usage = verbs[step.verb]
         self.left = list(step.args)
-        """The words that nobody has taken yet."""
+        """The words that were not taken yet."""
 
     def error(self, what: str) -> ScriptError:
         """To raise: `what` is wrong with this step."""

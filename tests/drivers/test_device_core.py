@@ -169,7 +169,7 @@ def test_the_diagnosis_is_in_one_order(live, monkeypatch):
     assert live.diagnosis(1.2) == [
         "no report for 0.1 s",
         "its cable is worn",
-        "1 button edges dropped: nobody takes them",
+        "1 button edges dropped: no program reads them",
         "1 silences",
         "3 odd reports",
         "2 reports cut short (id 0x21), ignored",

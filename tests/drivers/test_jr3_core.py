@@ -276,7 +276,7 @@ def test_a_bus_master_may_send_sync():
     rig.open()
     state = rig.run(2.5)
     assert state.link is DeviceLink.STALE
-    assert "nobody on the bus sends SYNC" in state.reason
+    assert "no master on the bus sends SYNC" in state.reason
     assert Opcode.SYNC not in opcodes(rig)
     rig.master_period_s = 0.005
     assert rig.run(2.0).link is DeviceLink.LIVE

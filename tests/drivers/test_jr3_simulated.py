@@ -295,7 +295,7 @@ def test_what_cannot_be_read_is_told_from_a_bus_that_is_gone():
     nobody = can.CanOperationError("Failed to transmit", 105)
     with pytest.raises(OSError, match="buffer space") as raised:
         bus.CanBus(_BrokenBus(nobody)).send(CanFrame(0x421, b""))
-    assert "nobody on the bus acknowledges" in str(bus.in_use(Jr3Options(), raised.value))
+    assert "no node on the bus acknowledges" in str(bus.in_use(Jr3Options(), raised.value))
     flood = bus.CanBus(_BrokenBus(*[garbled] * 60))
     for _ in range(50):
         assert flood.receive(0.0) == bus.Unusable("garbled_frames")

@@ -166,7 +166,7 @@ def test_it_waits_for_the_service(script):
     peer.close()
     with Leap(LeapOptions(port=port, wait_for_device=True)) as leap:
         assert leap.state().link is DeviceLink.LOST
-        assert "nobody answers" in leap.state().reason
+        assert "no service at" in leap.state().reason
         with in_a_thread(LeapPeer(LeapPeerOptions(port=port, script="empty"))):
             until(lambda: leap.state().link is DeviceLink.LIVE, "live")
         until(lambda: leap.state().link is DeviceLink.LOST, "lost")

@@ -66,7 +66,7 @@ def test_requests_leave_one_by_one_and_in_order():
 
 
 def test_a_reply_nobody_asked_for_is_not_trusted():
-    assert "nobody asked" in Asked().requests.received(reply(MotionReply(0, 0, STOP, 0, 0)), 0.0)
+    assert "not asked for" in Asked().requests.received(reply(MotionReply(0, 0, STOP, 0, 0)), 0.0)
 
 
 @pytest.mark.parametrize(

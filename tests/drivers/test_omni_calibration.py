@@ -39,7 +39,7 @@ def test_a_calibrated_device_is_usable_once_it_has_settled():
     watch = CalibrationWatch()
     assert watch.on_answer(OK, 1.0) is False
     assert (watch.state, watch.usable(1.0)) == (Calibration.OK, False)
-    assert "settled" in watch.reason(1.0)
+    assert "waiting for the position to settle" in watch.reason(1.0)
     assert watch.usable(1.0 + SETTLE_S)
     assert watch.reason(1.0 + SETTLE_S) == ""
 

@@ -442,7 +442,10 @@ def test_keys_that_are_not_told_are_released_and_wait_for_rest(key):
     assert "does not say which buttons are down" in doubts[0][1].reason
     assert (state.link, state.axes, state.buttons) == (DeviceLink.NEEDS_NEUTRAL, REST, frozenset())
     assert [event.pressed for event in bench.core.events()] == [False]
-    assert any("not told when asked for" in words for words in bench.core.diagnosis(bench.now_s))
+    assert any(
+        "queries of the buttons without an answer" in words
+        for words in bench.core.diagnosis(bench.now_s)
+    )
     # The answers are back, and the key has been down all the time: that is no new press.
     del bench.puck._line.carry_keys
     assert bench.run(1.0, REST).link is DeviceLink.LIVE

@@ -272,7 +272,7 @@ def test_find(path, monkeypatch):
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
         dead.bind(str(path))
     (found,) = Spnav.find()
-    assert "nobody serves" in found.obstacle
+    assert "no program serves" in found.obstacle
 
 
 def test_the_environment_names_the_socket(path, monkeypatch):

@@ -614,7 +614,7 @@ def test_what_is_sent_to_the_state_port_changes_nothing():
     world.run(0.06)
     assert len(world.take(state)) == 4
     assert world.servers.counters.unread == 2
-    assert world.said("which nobody reads")
+    assert world.said("which is never read")
 
 
 # -- faults ---------------------------------------------------------------------------------------

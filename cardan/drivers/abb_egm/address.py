@@ -1,4 +1,4 @@
-"""Binding the UDP port EGM comes in on, with words for everything that can be wrong."""
+"""Binds the UDP port that EGM datagrams arrive on; errors say what is wrong and what to do."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _explain(host: str, port: int, error: OSError) -> str:
 
 
 def _holder(port: int) -> str:
-    """Which program holds a UDP port, as far as Linux lets us see; else empty."""
+    """The program that holds a UDP port; empty where Linux does not show it."""
     try:
         lines = Path("/proc/net/udp").read_text(encoding="ascii").splitlines()[1:]
         inodes = {

@@ -1,4 +1,4 @@
-"""What is counted of an EGM session."""
+"""Counters of an EGM session."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plain words for what goes wrong with EGM in practice."""
+"""Messages about what goes wrong with EGM in practice."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cardan.types import RobotState
 _REPORTED_WAITING_S = 0.5
 """A shorter wait for the first datagram is not reported."""
 _REPORTED_LOSS = 0.001
-"""Share of the datagrams; less is not reported."""
+"""Share of datagrams lost below which the loss is not reported."""
 
 OLDEST = "before 6.07.01"
 
@@ -104,7 +104,7 @@ def _silence(session: Diagnosed, now_s: float) -> list[str]:
         )
         if options.listen_host == "localhost" or options.listen_host.startswith("127."):
             words += (
-                f"; {options.listen_host} hears programs of this computer only: for a real "
+                f"; {options.listen_host} receives from programs of this computer only: for a real "
                 "controller set listen_host to this computer's address on its network"
             )
         return [words]

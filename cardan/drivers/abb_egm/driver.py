@@ -19,16 +19,16 @@ from cardan.protocols.egm import MAX_DATAGRAM_BYTES, EgmRapidData, EgmRobot
 from cardan.types import NEVER_S, RobotCommand, RobotState
 
 _RECEIVE_BYTES = MAX_DATAGRAM_BYTES + 1
-"""One more than a datagram may have, so that a longer one is seen to be longer."""
+"""One more than the longest datagram, so that a longer one is recognised."""
 
 _DRAIN_MAX = 256
-"""Datagrams taken in one wake-up: more than the kernel keeps of the controller's."""
+"""Most datagrams read in one wake-up: more than the kernel's buffer holds."""
 
 _BACKLOG_STALE = 25
-"""With so many datagrams waiting (0.1 s) the kernel may have dropped newer ones behind them."""
+"""Waiting datagrams (0.1 s of them) from which the kernel may have dropped newer ones."""
 
 _BRAKE_S = 1.0
-"""No braking ramp within sensible limits takes longer."""
+"""Longest time that a braking ramp is waited for; sensible limits need less."""
 
 _monotonic = time.monotonic
 
@@ -59,7 +59,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         self._socket: socket.socket | None = None
         self._poll = select.poll()
         self._drained_s = NEVER_S
-        """When nothing was waiting; what comes out of the socket now came in after that."""
+        """When the socket was last seen empty; datagrams read now arrived after it."""
         self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s
 
@@ -71,12 +71,12 @@ class AbbEgm(LoopingRobot[EgmSession]):
 
     @property
     def message(self) -> EgmRobot | None:
-        """The newest message in full, for what RobotState has no place for."""
+        """The newest message in full, with the fields that RobotState does not have."""
         return self._session.message
 
     @property
     def rapid_data(self) -> EgmRapidData | None:
-        """What the RAPID program sent along last (RobotWare 7.7 and later)."""
+        """The newest data of the RAPID program (RobotWare 7.7 and later)."""
         message = self._session.message
         return None if message is None else message.rapid_from_robot
 
@@ -147,7 +147,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
                             yield silence
                         continue
                     now_s = _monotonic()
-                    # Where this one cannot have waited for a period, asking for more only costs.
+                    # A datagram that waited for less than a period has no newer one behind it.
                     more = now_s - self._drained_s > self._period_s and poll(0)
                     state = receive(data, source, now_s)
                     if more:
@@ -189,7 +189,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
             self._brake(sock)
             return
         if now_s - state.stamp_s > self._period_s:
-            # The robot is not where it was when this command was thought of.
+            # The robot has moved on since the state that this command was computed from.
             self._drain(sock)
         self._transmit(sock, session.reply(command, now_s))
 
@@ -209,7 +209,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
             session.answered(now_s)
 
     def _drain(self, sock: socket.socket) -> RobotState | None:
-        """Take in what is waiting; the newest state, if any of it is valid."""
+        """Read all waiting datagrams; the newest state, if any of them is valid."""
         newest = None
         for _ in range(_DRAIN_MAX):
             if not self._poll.poll(0):
@@ -222,7 +222,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         return newest
 
     def _hold(self, sock: socket.socket) -> None:
-        """Answer for an application that did not."""
+        """Answer with a hold for an application that gave no command."""
         now_s = _monotonic()
         state = self._session.state
         if state is not None and now_s - state.stamp_s > self._late_after_s:

@@ -1,4 +1,4 @@
-"""From a command to the message that says it: one guidance per mode of EGM.
+"""Turns commands into EGM messages: one guidance class per EGM mode.
 
 A guidance owns the limited reference that is sent. It is set to what the robot measures while
 commands do not act, and from there moves only through its limiters.
@@ -57,20 +57,20 @@ from cardan.types import (
 )
 
 LONGEST_STEP_PERIODS = 4
-"""No period counts as longer than so many nominal ones."""
+"""Longest step of the reference, in nominal periods."""
 
 _DELAY_S = 0.02
-"""From writing a reference to its effect on the robot (EGM manual): how far measurements lag."""
+"""Lag of measurements: from writing a reference to its effect on the robot (EGM manual)."""
 
 _new = tuple.__new__
-"""A named tuple in half the time of its own constructor, for what is made in every cycle."""
+"""Makes a named tuple in half the time of its constructor, for objects made in every cycle."""
 
 
 class Guidance(ABC):
     """What the session needs to answer datagrams in one mode."""
 
     kinds: frozenset[CommandKind]
-    """The kinds of commands that can be told in this mode."""
+    """Kinds of commands that this mode takes."""
 
     @abstractmethod
     def check(self, command: RobotCommand) -> None:
@@ -82,7 +82,7 @@ class Guidance(ABC):
 
     @abstractmethod
     def coast(self, gap_s: float) -> None:
-        """The controller has gone on as it was told for `gap_s`, and so does the reference."""
+        """Advance the reference by `gap_s` in which the controller continued at its last speed."""
 
     @abstractmethod
     def resync(
@@ -93,26 +93,26 @@ class Guidance(ABC):
         dt_s: float,
         gap_s: float,
     ) -> None:
-        """Take the reference along with the controller, and give it the speed that it has.
+        """Move the reference along with the controller's own reference, and take over its speed.
 
-        It is `heading` for something by itself, was for `before` `dt_s` earlier, and for `answered`
-        when it was answered last, which is `gap_s` too long ago.
+        The controller's own reference is `heading` now, was `before` `dt_s` earlier, and
+        `answered` at the last answer, which is `gap_s` later than due.
         """
 
     @abstractmethod
     def near(self, state: RobotState) -> bool:
-        """True when the reference is one that a robot at `state` may be following."""
+        """Whether a robot at `state` can be following the reference."""
 
     @abstractmethod
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
         """Move the reference by one control period as `command` says.
 
-        A hold brakes. So does None, which is nobody's command: the next one goes on from there.
+        A hold brakes. None (no command came) brakes too; the next command continues from there.
         """
 
     @abstractmethod
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
-        """The message for the present reference; `still` tells a speed of zero."""
+        """The message for the present reference; `still` sends a speed of zero."""
 
     @property
     @abstractmethod
@@ -121,7 +121,7 @@ class Guidance(ABC):
 
     @abstractmethod
     def progress(self, heading: RobotState) -> tuple[Sequence[float], Sequence[float]] | None:
-        """The reference, and what the controller is `heading` for; None without a reference."""
+        """The reference and the controller's own one, `heading`; None without a reference."""
 
 
 def guidance_for(options: AbbEgmOptions) -> Guidance:
@@ -187,7 +187,7 @@ def _speeds(now: Sequence[float], before: Sequence[float], dt_s: float) -> tuple
 
 
 _FOLLOWS_S, _FOLLOWS = 0.1, 0.01
-"""So far behind its reference in time, and in rad or m besides, an arm is that follows it."""
+"""Largest lag of an arm that follows its reference: in time, and in rad or m in addition."""
 
 
 def _follows(
@@ -200,7 +200,7 @@ def _follows(
 
 
 class _Followed(LostTime):
-    """One part of the reference: its limiter, and the time that was lost to it."""
+    """One part of the reference: its limiter, and its correction for lost time."""
 
     __slots__ = ("limiter",)
 
@@ -216,19 +216,20 @@ class _Followed(LostTime):
     def resync(
         self, heading: Any, before: Any, answered: Any, dt_s: float, gap_s: float, period_s: float
     ) -> None:
-        """As in `Guidance`, for places instead of states.
+        """As in `Guidance`, for positions instead of states.
 
         The reference is as far ahead of the controller as it was at its last answer, a period
         before this one: controllers act on what they are sent some periods later.
         """
         told = speeds = tuple(self.limiter.velocity)
         if dt_s > 0.0:
-            speeds = tuple([way / dt_s for way in self._way(before, heading)])
+            speeds = tuple([way / dt_s for way in self._displacement(before, heading)])
         went = [
-            way - v * period_s for way, v in zip(self._way(answered, heading), speeds, strict=True)
+            way - v * period_s
+            for way, v in zip(self._displacement(answered, heading), speeds, strict=True)
         ]
-        self.limiter.reset(self._ahead(self.limiter.reference, went), speeds)
-        # From where the speeds it was told would have brought it, and how much faster.
+        self.limiter.reset(self._advanced(self.limiter.reference, went), speeds)
+        # Differences from the position and speed that its commanded speeds would have given.
         self.passed(
             gap_s,
             [way - v * gap_s for way, v in zip(went, told, strict=True)],
@@ -242,21 +243,21 @@ class _Followed(LostTime):
         limiter.brake(dt_s)
         self.passed(
             0.0,
-            self._way(place, limiter.reference),
+            self._displacement(place, limiter.reference),
             [now - v for now, v in zip(limiter.velocity, speeds, strict=True)],
         )
 
 
 class _FollowedPoint(_Followed):
-    def _ahead(self, place: Vector3, by: Sequence[float]) -> Vector3:
+    def _advanced(self, place: Vector3, by: Sequence[float]) -> Vector3:
         return add(place, Vector3(*by))
 
 
 class _FollowedTurn(_Followed):
-    def _way(self, start: Quaternion, end: Quaternion) -> list[float]:
+    def _displacement(self, start: Quaternion, end: Quaternion) -> list[float]:
         return list(rotation_between(start, end))
 
-    def _ahead(self, place: Quaternion, by: Sequence[float]) -> Quaternion:
+    def _advanced(self, place: Quaternion, by: Sequence[float]) -> Quaternion:
         if not any(by):
             return place
         return normalized(multiply(from_rotation_vector(Vector3(*by)), place))
@@ -286,8 +287,8 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         """The command before, if it was a target."""
 
     @abstractmethod
-    def _places(self, state: RobotState) -> Sequence[Any]:
-        """Where `state` has each part."""
+    def _measured_parts(self, state: RobotState) -> Sequence[Any]:
+        """Measured position of each part in `state`."""
 
     @abstractmethod
     def _check_target(self, command: _TargetT) -> None: ...
@@ -320,7 +321,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
             raise wrong_kind(f"EGM in {self._mode}{speed} mode", command, self.kinds)
 
     def reset(self, state: RobotState) -> None:
-        for part, place in zip(self._parts, self._places(state), strict=True):
+        for part, place in zip(self._parts, self._measured_parts(state), strict=True):
             part.limiter.reset(place)
         self._externals.limiter.reset(state.external_axes[: self._externals.count])
         self._forget()
@@ -345,7 +346,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         dt_s: float,
         gap_s: float,
     ) -> None:
-        places = map(self._places, (heading, before, answered))
+        places = map(self._measured_parts, (heading, before, answered))
         for part, *each in zip(self._parts, *places, strict=True):
             part.resync(*each, dt_s, gap_s, self._period_s)
         self._externals.resync(heading, before, dt_s)
@@ -395,7 +396,7 @@ class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
         super().__init__(options, self._joints)
         self._plain = count == 6 and not self._externals.count and not self._speed_only
 
-    def _places(self, state: RobotState) -> Sequence[Any]:
+    def _measured_parts(self, state: RobotState) -> Sequence[Any]:
         return (state.joints,)
 
     def _check_target(self, command: JointCommand) -> None:
@@ -464,7 +465,7 @@ class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
 
 
 _NORM_TOLERANCE = 0.02
-"""Of a quaternion's squared length: rounding does no harm, anything else is a mistake."""
+"""Tolerance of a quaternion's squared length: passes rounding, rejects mistakes."""
 
 
 class PoseGuidance(_ReferenceGuidance[PoseCommand, TwistCommand]):
@@ -489,7 +490,7 @@ class PoseGuidance(_ReferenceGuidance[PoseCommand, TwistCommand]):
         super().__init__(options, self._positions, self._orientations)
         self._plain = not self._externals.count and not self._speed_only
 
-    def _places(self, state: RobotState) -> Sequence[Any]:
+    def _measured_parts(self, state: RobotState) -> Sequence[Any]:
         assert state.pose is not None
         return state.pose[:2]
 

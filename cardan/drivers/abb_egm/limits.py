@@ -1,4 +1,4 @@
-"""Limiters for what is sent: whatever is asked for, the next reference is one the limits allow.
+"""Limiters of the reference: whatever is commanded, the next reference is within the limits.
 
 Each limiter owns a `reference` and its `velocity` and moves it by one control period at
 a time: towards a moving target (`track`), at a velocity (`drive`), or to a stop (`brake`). Limits
@@ -9,7 +9,7 @@ The bound on the way to a border or a target is the speed v with v²/(2a) + v·d
 period at v exactly the braking distance is left. Unlike the bound for a fixed period it also
 holds when the following periods are shorter or longer, as they are when datagrams get lost.
 
-Plain floats on purpose: six numbers are too few for numpy to pay.
+Plain floats on purpose: numpy is slower for six numbers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
 
 _sqrt = math.sqrt
 _new = tuple.__new__
-"""A named tuple in half the time of its own constructor, for what is made in every cycle."""
+"""Makes a named tuple in half the time of its constructor, for objects made in every cycle."""
 _SQRT_3 = _sqrt(3.0)
 _TINY = 1e-12
 """Distances and speeds below this (m, rad, per s) are rounding."""
@@ -82,7 +82,7 @@ class JointLimiter:
             self.velocity[i] = min(max(velocities[i], lowest, -speed), highest, speed)
 
     def coast(self, gap_s: float) -> None:
-        """`gap_s` have passed at the speeds there were, but for the ends of the range."""
+        """Advance by `gap_s` at the present speeds, stopping at the ends of the range."""
         self.reset(
             [
                 min(max(q + v * gap_s, min(low, q)), max(high, q))
@@ -94,7 +94,7 @@ class JointLimiter:
         )
 
     def relocate(self, positions: Sequence[float]) -> None:
-        """Take over where the axes are, keeping the velocities (speed control)."""
+        """Set the reference to the measured positions, keeping the velocities (speed control)."""
         self.reference = list(positions)
 
     def track(
@@ -289,7 +289,7 @@ class PointLimiter(_SpatialLimiter):
             self.velocity = _clip(self.velocity, lowest, highest)
 
     def coast(self, gap_s: float) -> None:
-        """`gap_s` have passed at the speed there was, but for the walls of the box."""
+        """Advance by `gap_s` at the present velocity, stopping at the walls of the box."""
         x, y, z = self.reference
         vx, vy, vz = self.velocity
         place = Vector3(x + vx * gap_s, y + vy * gap_s, z + vz * gap_s)
@@ -298,14 +298,14 @@ class PointLimiter(_SpatialLimiter):
         self.reset(place, self.velocity)
 
     def relocate(self, position: Vector3) -> None:
-        """Take over where the point is, keeping the velocity (speed control)."""
+        """Set the reference to the measured point, keeping the velocity (speed control)."""
         self.reference = position
 
     def track(self, target: Sequence[float], velocity: Sequence[float] | None, dt_s: float) -> None:
         """One period towards `target`, which moves at the speed it was seen to move at.
 
-        `velocity` stands in for that speed on the first call after a reset or a brake. Of a
-        target outside the box its nearest point inside counts.
+        `velocity` stands in for that speed on the first call after a reset or a brake. A target
+        outside the box is replaced by the nearest point inside.
         """
         x, y, z = self.reference
         if self._box is not None:
@@ -387,18 +387,18 @@ class OrientationLimiter(_SpatialLimiter):
         self.velocity = _shortened(velocity, self._speed)
 
     def coast(self, gap_s: float) -> None:
-        """`gap_s` have passed while it turned as it did."""
+        """Advance by `gap_s` at the present angular velocity."""
         self._target = None
         self._turn(self.velocity, gap_s)
 
     def relocate(self, orientation: Quaternion) -> None:
-        """Take over how it is turned, keeping the velocity (speed control)."""
+        """Set the reference to the measured orientation, keeping the velocity (speed control)."""
         self.reference = orientation
 
     def track(self, target: Quaternion, velocity: Sequence[float] | None, dt_s: float) -> None:
-        """One period towards `target`, which turns as it was seen to turn.
+        """One period towards `target`, which turns at the rate it was seen to turn at.
 
-        Of a target whose length is not quite 1 the rotation counts.
+        A target's length need not be exactly 1.
         `velocity` stands in for that on the first call after a reset or a brake.
         """
         previous = self._target

@@ -18,7 +18,7 @@ CONTROLLER_PERIOD_S = 0.004032
 """A real controller's cycle; RAPID's \\SampleRate calls it 4 ms (a virtual one takes 4.000 ms)."""
 
 SILENT_PERIODS = 3
-"""So many missed datagrams are not a hiccup of the network any more."""
+"""Missed datagrams after which the link is LOST; fewer are a hiccup of the network."""
 
 SAMPLE_RATE_MS = Range(
     4, 160, "ms", "three periods that are missed may take half a second, no longer"
@@ -79,9 +79,9 @@ class AbbEgmOptions(Options):
     max_speed_deviation_deg_s: Annotated[float, bounds.JOINT_SPEED_DEG_S] | None = None
     """\\MaxSpeedDeviation of the RAPID program where it is known, for the diagnosis."""
     silence_s: Annotated[float, bounds.BLIND_S] = 0.1
-    """Without a datagram for so long (or three periods, if that is longer) the link is LOST."""
+    """Silence (at least three periods) after which the link is LOST."""
     command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
-    """A command this late (or three periods, if that is longer) ends in a braking ramp."""
+    """Delay of a command (at least three periods) from which the robot is braked instead."""
     digital_output: bool | None = None
     """RAPIDtoRobot.digVal at the start (RobotWare 7.7 and later); None: not sent."""
     output_values: tuple[Annotated[float, bounds.OUTPUT_VALUE], ...] = ()

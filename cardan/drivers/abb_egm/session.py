@@ -43,34 +43,34 @@ from cardan.types import (
 Address = tuple[str, int]
 
 _new = tuple.__new__
-"""A named tuple in half the time of its own constructor, for what is made in every cycle."""
+"""Makes a named tuple in half the time of its constructor, for objects made in every cycle."""
 _LIVE = RobotLink.LIVE
 _BASE = Frame.BASE
 
 _NO_STATES = (-1, -1, -1)
-"""No controller's: whatever comes first is a change."""
+"""No controller sends these, so the first states received count as a change."""
 
 _MASK = 0xFFFFFFFF
 _HALF = 0x80000000
 """Sequence numbers and the ms clock count modulo 2^32; differences are taken with a sign."""
 
 _ROUNDING = 1e-9
-"""Of a quaternion's squared length: this near to 1 it needs no repair."""
+"""Deviation of a quaternion's squared length from 1 that needs no normalisation."""
 
 _REORDERED_MAX = 16
-"""Without a clock to tell, a datagram further back than this (64 ms) is a new start, not late."""
+"""Largest step back in the sequence (64 ms) of a late datagram that has no clock to tell."""
 _LATE_MAX = 250
-"""A datagram further back than this (1 s) is a new start, whatever its clock says."""
+"""A larger step back (1 s) is a restart, whatever the datagram's clock says."""
 
 _GAP_PERIODS = 1.5
-"""So long after the answer before, at least one period had none."""
+"""Time since the last answer from which at least one period had none."""
 
 _COAST_PERIODS = 4
-"""In a longer gap the controller's own law has slowed it down: where it is, it must tell."""
+"""In a longer gap the controller slows down by itself, so its own reference must be read."""
 
 FLOOD_DATAGRAMS = 50
-"""So many more datagrams refused than accepted are somebody's doing and not a bad line: a tenth of
-all cycles with garbage never gets there, a flood does within a cycle or two."""
+"""Excess of refused over accepted datagrams that counts as a flood, not as a bad line: garbage in
+a tenth of all cycles never reaches it, a flood does within a cycle or two."""
 
 
 class EgmSession:
@@ -99,12 +99,12 @@ class EgmSession:
         self.last_foreign = ""
         self.last_send_error = ""
         self.jitter = LatencyHistogram()
-        """How far the time between two receptions is off the controller's own period."""
+        """Deviation of the time between two receptions from the controller's own period."""
         self.reply_latency = LatencyHistogram()
         """From the reception of a datagram to its answer being sent."""
         self.slow_motion = SlowMotionWatch()
         self.port = options.listen_port
-        """The UDP port in use, where the shell knows better than the options (0: any)."""
+        """The UDP port in use, where the options leave the choice (0: any)."""
         self._ip = controller_ip
         self._nominal_s = options.period_s
         self._lost_after_s = options.lost_after_s
@@ -138,7 +138,7 @@ class EgmSession:
         self._session_first = 0
         self._before: RobotState | None = None
         self._data = self._data_before = b""
-        """The datagrams that `state` and `_before` are from."""
+        """The datagrams of `state` and `_before`."""
         self._answered: tuple[RobotState | None, bytes] = (None, b"")
         """The state that was answered last, and its datagram."""
         self._full: tuple[bytes, EgmRobot | None] = (b"", None)
@@ -147,7 +147,7 @@ class EgmSession:
         self._replied_s = NEVER_S
         self._said_speed = False
         self._held = False
-        """Whether the last answer braked a robot that tells that commands do not act."""
+        """Whether the last answer braked a robot that reports that commands do not act."""
         self._controller_states = _NO_STATES
         self._hold_reason = EGM_UNDEFINED
         self._orientation: Quaternion | None = None
@@ -178,7 +178,7 @@ class EgmSession:
             or (self._needs_external and len(external) < self._needs_external)
         ):
             self.counters.malformed["incomplete"] += 1
-            self.last_malformed = self._lack(feedback)
+            self.last_malformed = self._missing_field(feedback)
             return None
         step = 1
         cause = ""
@@ -223,10 +223,10 @@ class EgmSession:
         self._last_step_s = period_s
         self._since_reply_s += period_s
         if superseded is not None:
-            period_s += superseded.period_s  # nobody acts on that one: its time passes here
+            period_s += superseded.period_s  # that one gets no answer: its time counts here
         self.counters.accepted += 1
         if self._flood:
-            self._abate()
+            self._note_accepted()
         if states != self._controller_states:
             self._enter(states)
         if pose is not None:
@@ -263,8 +263,8 @@ class EgmSession:
         )
         return state
 
-    def _abate(self) -> None:
-        """Weigh the datagrams that were refused against the one that was not."""
+    def _note_accepted(self) -> None:
+        """Count an accepted datagram against the refused ones; report or end a flood."""
         self._flood = min(self._flood, 2 * FLOOD_DATAGRAMS) - 1
         if self._flood >= FLOOD_DATAGRAMS:
             self._alarm = (
@@ -304,7 +304,7 @@ class EgmSession:
         """Whether a datagram from another source than the peer may be looked at."""
         if self.peer is None:
             return self._ip is None or source[0] == self._ip
-        # The controller's port may change, but nobody takes over from one that is still heard.
+        # The controller's port may change, but not while the old one is still heard.
         silence_s = now_s - self._last_s
         return source[0] == self.peer[0] and silence_s >= SILENT_PERIODS * self._nominal_s
 
@@ -313,8 +313,8 @@ class EgmSession:
         self._flood += 1
         self.last_malformed = f"{malformed.fault.value}: {malformed.detail}"
 
-    def _lack(self, feedback: EgmFeedback) -> str:
-        """What an incomplete message must have and has not."""
+    def _missing_field(self, feedback: EgmFeedback) -> str:
+        """The field that an incomplete message lacks; empty when it is complete."""
         external = len(feedback.external_joints)
         if external < self._needs_external:
             return (
@@ -328,7 +328,7 @@ class EgmSession:
         )
 
     def _clock_steps_ms(self, feedback: EgmFeedback) -> list[float]:
-        """How far the controller's clocks, as far as it sends them, are past the last message."""
+        """Time since the last message by each clock that the controller sends, ms."""
         steps: list[float] = []
         if feedback.tm_ms is not None and self._tm_ms is not None:
             steps.append(((feedback.tm_ms - self._tm_ms + _HALF) & _MASK) - _HALF)
@@ -337,7 +337,7 @@ class EgmSession:
         return steps
 
     def _was_queued(self, feedback: EgmFeedback) -> bool:
-        """Whether `feedback` waited here, unread, rather than that the controller was silent."""
+        """Whether `feedback` waited here unread, and the controller was not silent."""
         return any(0.0 < step < 1e3 * self._lost_after_s for step in self._clock_steps_ms(feedback))
 
     def _restarted(self, feedback: EgmFeedback, step: int) -> bool:
@@ -391,9 +391,9 @@ class EgmSession:
         self._hold_reason = hold_reason(motors, mci, rapid)
 
     def _heading(self, message: EgmRobot | None, state: RobotState | None) -> RobotState | None:
-        """`state` with what the controller is heading for in place of what it measures.
+        """`state` with the controller's own reference in place of the measured values.
 
-        None where its message does not say that in full.
+        None where its message does not have all of it.
         """
         planned = message and message.planned
         if not planned or state is None:
@@ -413,8 +413,8 @@ class EgmSession:
             return None
         return state._replace(joints=joints, pose=pose)
 
-    def _take_up(self, state: RobotState, gap_s: float) -> None:
-        """Go along with what the controller did by itself for `gap_s`."""
+    def _follow_controller(self, state: RobotState, gap_s: float) -> None:
+        """Update the reference for what the controller did by itself in `gap_s`."""
         if gap_s < _COAST_PERIODS * self._nominal_s:
             self._guidance.coast(gap_s)
             return
@@ -462,7 +462,7 @@ class EgmSession:
 
     @property
     def outputs(self) -> EgmRapidData:
-        """What travels to the RAPID program with every answer."""
+        """Values sent to the RAPID program with every answer."""
         return self._outputs
 
     def check(self, command: RobotCommand) -> None:
@@ -490,7 +490,7 @@ class EgmSession:
         if dt_s > _GAP_PERIODS * nominal_s:
             gap_s, dt_s = dt_s - nominal_s, nominal_s
         if state.hold_reason:
-            # Where it obeys all the same it is to be braked and not to be halted in one period.
+            # Should commands act nevertheless, the robot brakes and is not halted in one period.
             obeys = self._said_speed and not self._fresh and guidance.near(state)
             if obeys:
                 guidance.step(None, state, dt_s)
@@ -505,7 +505,7 @@ class EgmSession:
             if now_s - self._replied_s > timeout_s:
                 self.counters.late_commands += 1
             if gap_s:
-                self._take_up(state, gap_s)
+                self._follow_controller(state, gap_s)
             if now_s - state.stamp_s > timeout_s:
                 guidance.step(None, state, dt_s)
             else:
@@ -518,7 +518,7 @@ class EgmSession:
         return self._reply(None, now_s)
 
     def answered(self, now_s: float) -> None:
-        """Note that the answer left at `now_s`, and what else need not come before it."""
+        """Note that the answer was sent at `now_s`, and do what can wait until then."""
         state = self.state
         if state is None:
             return
@@ -537,7 +537,7 @@ class EgmSession:
     def farewell(self, now_s: float) -> bytes | None:
         """The message to leave the controller with: the last position, no speed.
 
-        None where the last message said that already, or there is nobody to tell.
+        None where the last message said that already, or no controller is known.
         """
         if not (self.owes_answer or self._said_speed) or self.peer is None or self.state is None:
             return None
@@ -652,7 +652,7 @@ class EgmSession:
         return figures
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, in plain words, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         return diagnose(self, now_s)
 
 

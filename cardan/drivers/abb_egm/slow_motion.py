@@ -14,7 +14,7 @@ _LOOKS_TO_REPORT = 5
 _NOTICEABLE = 0.003
 """rad or m per comparison; slower commands are not judged."""
 _ERROR_SHARE = 0.15
-"""Of a constant distance, what a position gain of 1.5 per s covers at least between comparisons."""
+"""Share of a constant distance that a position gain of 1.5 per s covers between comparisons."""
 _CLEARLY_LESS = 0.5
 
 

@@ -4,11 +4,10 @@ The kernel reports changes only, so silence while deflected is normal. What is k
 long as the reader keeps finding that nothing waits and that the device is there; that moment, or
 that of the newest event, is the stamp of the state.
 
-What the kernel says of a device that nobody has touched since it was plugged in or opened is a
-guess, all zero; the first frame makes it true. So that frame has to come, and what it shows pressed
-was perhaps held all the time: it counts once it has been let go. When events were lost
-(SYN_DROPPED, garbled packets) the device is asked for all it holds, and has to be seen at rest
-before it counts again.
+Until a device that was plugged in or opened sends its first frame, the kernel reports all zero,
+whatever is deflected. So that frame has to come first, and buttons that it shows pressed, perhaps
+held all the time, count once they have been let go. When events were lost (SYN_DROPPED, garbled
+packets) the device is asked for all it holds, and has to be seen at rest before it counts again.
 """
 
 from __future__ import annotations
@@ -36,16 +35,16 @@ from cardan.protocols.evdev import (
 from cardan.types import NEVER_S, DeviceLink
 
 UNREAD_AFTER_S = 0.09
-"""A deflected device that nobody looked at for so long does not count any more. It must not count
-after 0.1 s; the rest is for one look of the reader."""
+"""Time without a read after which a deflected device does not count any more. The limit is 0.1 s;
+the difference is for one cycle of the reader."""
 
 LONGEST_FRAME = 256
 """Events between two SYN_REPORT; more than any device has is garbage."""
 
 FRAME_WITHIN_S = 0.05
-"""The kernel hands a frame out whole; a device whose frame does not end has lost its thread."""
+"""Longest frame: the kernel delivers frames whole, so one without an end by then is garbled."""
 
-DROPPED_REASON = "the system dropped events of it, for want of a reader"
+DROPPED_REASON = "the system dropped its events, since they were not read in time"
 GARBLED_REASON = "it sent bytes that are no events"
 UNREAD_REASON = f"deflected, but not read for {UNREAD_AFTER_S:g} s: this computer is too busy"
 UNANSWERED_REASON = f"deflected, but the simulated device hangs for {UNREAD_AFTER_S:g} s"
@@ -55,7 +54,7 @@ class EvdevCore(DeviceCore):
     """The state of one device. Times are monotonic, s."""
 
     _counters: ClassVar[Mapping[str, str]] = {
-        "dropped": "times the system dropped events, for want of a reader",
+        "dropped": "times the system dropped events that were not read in time",
         "garbled": "packets that are no events, ignored",
         "overlong_frames": "frames without an end, ignored",
         "silences": "silences while deflected",
@@ -78,7 +77,7 @@ class EvdevCore(DeviceCore):
         self._skipping = False
         """After SYN_DROPPED, up to the end of the frame."""
         self._unanswered = False
-        """It was asked whether it is there, and has not answered yet."""
+        """It was asked for a sign of life, and has not answered yet."""
         self._event_s = NEVER_S
 
     # -- what a kind of device is --------------------------------------------------------------
@@ -92,7 +91,7 @@ class EvdevCore(DeviceCore):
 
     @abstractmethod
     def _away_from_rest(self) -> str:
-        """What is deflected, in words; empty at rest."""
+        """What is deflected; empty at rest."""
 
     @abstractmethod
     def _on_description(self) -> None:
@@ -113,7 +112,7 @@ class EvdevCore(DeviceCore):
         self._renew(snapshot, "not heard of yet", now_s)
 
     def on_snapshot(self, snapshot: Snapshot, now_s: float) -> None:
-        """It was asked what it holds, since events had been lost."""
+        """`snapshot` is all that it holds, read since events had been lost."""
         if self._open:
             self._renew(snapshot, self._reason, now_s)
 
@@ -166,7 +165,7 @@ class EvdevCore(DeviceCore):
 
     @property
     def has_to_answer(self) -> bool:
-        """Whether silence is not enough to go on: it is deflected, or was when it fell silent."""
+        """Whether it must show that it is there: it is deflected, or was when it fell silent."""
         if self._link is DeviceLink.LIVE:
             return bool(self._buttons.held or self._away_from_rest())
         return self._link is DeviceLink.STALE
@@ -206,7 +205,7 @@ class EvdevCore(DeviceCore):
         self._settle()
 
     def _settle(self) -> None:
-        """Believe a device that is seen at rest."""
+        """Accept a device that is seen at rest: link LIVE."""
         self._cached = None
         if (
             self._link is DeviceLink.NEEDS_NEUTRAL
@@ -216,7 +215,7 @@ class EvdevCore(DeviceCore):
             self._link, self._reason = DeviceLink.LIVE, ""
 
     def _watch(self, now_s: float) -> None:
-        """Notice that nobody read the device while it was deflected, or that it fell silent."""
+        """Check for a deflected device that was not read, or fell silent."""
         if self._link is not DeviceLink.LIVE:
             return
         if now_s - self._stamp_s > UNREAD_AFTER_S:

@@ -25,14 +25,14 @@ from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.options import require
 
 READ_TIMEOUT_S = 0.02
-"""How long a silent device is waited for before it counts as looked at."""
+"""Longest wait for an event; a device that sends none meanwhile counts as read."""
 
 ANSWER_TIMEOUT_S = 0.03
 """How long a simulated device may take to say that it is there. This, the wait before it and
 `FEEDBACK_TIMEOUT_S` together are less than what a deflected device may go unread."""
 
 SNAPSHOT_PERIOD_S = 0.02
-"""Not more often is a device asked for all it holds, whatever it sends."""
+"""Shortest time between two requests for all that a device holds."""
 
 
 class EvdevOptions(Protocol):
@@ -44,7 +44,7 @@ class EvdevOptions(Protocol):
 
     @property
     def path(self) -> str:
-        """Of the node or the socket; empty: the first found."""
+        """Path of the node or the socket; empty: the first found."""
 
     @property
     def name(self) -> str:
@@ -69,11 +69,11 @@ class EvdevDevice(ReadDevice[K]):
         super().__init__(options, **keywords)
         self._link: Link | None = None
         self._chosen: Description | None = None
-        """What was opened first since open(): no other takes its place when it is unplugged."""
+        """The device opened first since open(): no other replaces it when it is unplugged."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """The devices of this kind, each with what stands in its way. Never raises."""
+        """The devices of this kind, each with what keeps it from being opened. Never raises."""
         return [
             FoundDevice(
                 node.name,
@@ -92,7 +92,7 @@ class EvdevDevice(ReadDevice[K]):
 
     @abstractmethod
     def _attend(self, link: Link) -> None:
-        """What else there is to do with the open device, after each look. May raise OSError."""
+        """Do what else the open device needs, after each read. May raise OSError."""
 
     def _before_release(self, link: Link) -> None:
         """Leave the device as it was. May raise OSError."""

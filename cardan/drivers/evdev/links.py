@@ -28,13 +28,13 @@ if sys.platform != "win32":
     import fcntl
 
 READ_BYTES = 64 * EVENT_BYTES
-"""Asked of every read: as many events as the kernel keeps for a slow reader, at least."""
+"""Size of every read: at least as many events as the kernel keeps for a slow reader."""
 
 CALL_TIMEOUT_S = 0.5
 """How long a simulated device may take to say what it is, or what it holds."""
 
 FEEDBACK_TIMEOUT_S = 0.03
-"""The same of what is done while the device is read: reading must not wait for it."""
+"""The same for feedback while the device is read: reading must not wait for it."""
 
 
 class Link(ABC):
@@ -42,7 +42,7 @@ class Link(ABC):
 
     @abstractmethod
     def read(self, timeout_s: float) -> bytes | None:
-        """Events that wait, oldest first; None when none comes in time."""
+        """Waiting events, oldest first; None when none comes in time."""
 
     @abstractmethod
     def write(self, events: bytes) -> None:
@@ -114,7 +114,7 @@ class SocketLink(PacketSocket, Link):
         self._early: deque[bytes] = deque()
         """Packets that came while an answer was awaited."""
         self._owed: deque[int] = deque()
-        """Requests whose answers may still come, although nobody waits for them."""
+        """Requests whose answers may still come, after their calls have timed out."""
         self._answered = False
         """Such an answer came since `answers` was asked last."""
         super().__init__(path)
@@ -171,7 +171,7 @@ class SocketLink(PacketSocket, Link):
         return answered
 
     def _is_late(self, packet: bytes) -> bool:
-        """Whether `packet` answers a request that nobody waits for any more."""
+        """Whether `packet` answers a request whose call has timed out."""
         if not self._owed:
             return False
         call = _call_in(packet)

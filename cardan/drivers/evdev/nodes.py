@@ -1,4 +1,4 @@
-"""Which input devices the system has, what an open one is, and what stands in the way of one."""
+"""Which input devices the system has, what an open one is, and why one cannot be opened."""
 
 from __future__ import annotations
 

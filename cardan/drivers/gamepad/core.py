@@ -33,7 +33,7 @@ from cardan.protocols.evdev import (
 from cardan.types import Axes
 
 LEAST_REST = 0.02
-"""Deflection that counts as rest whatever the dead zone: the centre of 0..255 is between two."""
+"""Deflection that counts as rest whatever the dead zone: 0..255 has no value at its centre."""
 
 TRIGGER_DOWN, TRIGGER_UP = 0.5, 0.3
 """An analogue trigger as a button goes down above the first and up below the second."""
@@ -50,7 +50,7 @@ _NAMES = {
 
 
 class _Stick:
-    """One direction of a stick: -1 to 1 from what its axis declares."""
+    """One axis of a stick: -1 to 1 by the range that it declares."""
 
     __slots__ = ("centre", "code", "flat", "negative", "positive", "sign")
 

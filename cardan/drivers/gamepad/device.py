@@ -26,7 +26,7 @@ from cardan.protocols.evdev import (
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 RUMBLE_MS = 400
-"""A rumble ends by itself after so long, should nobody renew it."""
+"""Time after which a rumble that is not renewed ends."""
 RUMBLE_AGAIN_S = 0.2
 
 _FULL = 0xFFFF
@@ -57,7 +57,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
         super().__init__(options, **keywords)
         self._core = GamepadCore(self.options)
         self._level = 0.0
-        """Of the rumble that is wanted, 0 to 1."""
+        """Strength of the rumble that is asked for, 0 to 1."""
         self._shown = 0.0
         self._effect = _NEW
         self._again_s = 0.0
@@ -75,7 +75,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
             )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         words = super().diagnosis()
         if self._rumble_failures:
             words += (f"{self._rumble_failures} times the pad would not rumble",)

@@ -11,7 +11,7 @@ from cardan.drivers.shaping import ShapingOptions
 from cardan.options import require
 from cardan.protocols.evdev import PAD_CODES
 
-STALE_AFTER_S = bounds.Range(0.0, 60.0, "s", "no hand keeps a stick so still", zero="off")
+STALE_AFTER_S = bounds.Range(0.0, 60.0, "s", "no held stick keeps still for longer", zero="off")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +32,8 @@ class GamepadOptions(ShapingOptions):
     dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.1
     """Share of the full scale that counts as rest, 0 to below 1; the rest is rescaled to 0..1."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.0
-    """For pads that never fall silent in the hand: deflected without any event for so long, the
-    pad is taken for lost, s. 0: off."""
+    """Silence of a deflected pad after which it counts as lost, s; 0: off. For pads whose held
+    sticks always flutter."""
     wait_for_device: bool = False
     """open() succeeds without a pad, which is picked up once it is plugged in."""
 

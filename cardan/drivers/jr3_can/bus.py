@@ -1,4 +1,4 @@
-"""A CAN bus by python-can, as the JR3 driver needs it: opened with words, read without surprises.
+"""A CAN bus by python-can, as the JR3 driver needs it: its errors say what to do.
 
 python-can is LGPL and so an extra: it is imported when a bus is opened and not before.
 """
@@ -27,9 +27,9 @@ INSTALL = 'python-can is not installed: pip install "cardan[can]"'
 SEND_TIMEOUT_S = 0.05
 CONNECT_TIMEOUT_S = 1.0
 GREETING = b"< hi >"
-"""The first that a client hears of socketcand."""
+"""First bytes that socketcand sends to a client."""
 GARBLED_AT_MOST = 50
-"""So many unreadable frames in a row, and the interface is opened anew."""
+"""Unreadable frames in a row after which the interface is opened anew."""
 ARPHRD_CAN = "280"
 _IFF_UP = 0x1
 _NO_ROUTE = (errno.ENODEV, errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL)
@@ -103,7 +103,7 @@ def open_bus(options: Jr3Options) -> CanBus:
 
     Raises DriverError that says what to do.
     """
-    _hush()
+    _silence_warnings()
     try:
         import can
     except ImportError:
@@ -141,7 +141,7 @@ def open_bus(options: Jr3Options) -> CanBus:
 
 
 def in_use(options: Jr3Options, error: OSError) -> DriverError:
-    """What keeps an open bus from being used, in words."""
+    """What keeps an open bus from being used."""
     words = (
         f"cannot use the CAN bus {options.channel!r} by {options.interface}: "
         f"{error.strerror or error}"
@@ -149,7 +149,7 @@ def in_use(options: Jr3Options, error: OSError) -> DriverError:
     if error.errno == errno.ENETDOWN:
         words += f"; {_down(options.channel)}"
     elif error.errno == errno.ENOBUFS:
-        words += "; nobody on the bus acknowledges: check cable, terminators, bit rate and power"
+        words += "; no node on the bus acknowledges: check cable, terminators, bit rate and power"
     return DeviceAccessError(words)
 
 
@@ -189,7 +189,7 @@ def _os_error(error: can.CanError) -> OSError:
 
 
 def _refusal(interface: str, channel: str, where: str, error: BaseException) -> DriverError:
-    """What keeps the bus from being opened, in words."""
+    """What keeps the bus from being opened."""
     cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
     number = cause.errno if isinstance(cause, OSError) else None
     words = f"cannot open {where}: {getattr(cause, 'strerror', None) or error}"
@@ -251,8 +251,8 @@ _FRAGMENTS = _Fragments()
 _NOWHERE = logging.NullHandler()
 
 
-def _hush() -> None:
-    """Keep python-can's warnings off the terminal, unless the program has set logging up: what
-    matters of them is said in our words. Adding a filter or a handler twice is fine."""
+def _silence_warnings() -> None:
+    """Keep python-can's warnings off the terminal, unless the program has set logging up: the
+    driver's own messages say what matters. Adding a filter or a handler twice is fine."""
     logging.getLogger("can").addHandler(_NOWHERE)
     logging.getLogger("can.interfaces.socketcand.socketcand").addFilter(_FRAGMENTS)

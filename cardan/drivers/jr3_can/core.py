@@ -67,46 +67,46 @@ Raw = tuple[int, int, int, int, int, int]
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 STALE_AFTER_S = 0.09
-"""Without a new sample for so long, nothing of what was measured counts. It must not count after
-0.1 s; the rest is for one look of the reader."""
+"""Time without a new sample after which no measurement counts. The limit is 0.1 s; the difference
+is for one cycle of the reader."""
 
 REST_S = 0.1
-"""The wrench must be inside the dead bands for so long to count as rest: after zeroing, a board
-sends one sample of zeros whatever it measures."""
+"""Time that the wrench must be inside the dead bands to count as rest: after zeroing, a board sends
+one sample of zeros whatever it measures."""
 
 ACK_TIMEOUT_S = 0.25
 """A board answers within 2 ms; after this a request is lost."""
 
 TRIES = 3
-"""So often a request is sent before everything is begun again from the ping."""
+"""Times a request is sent before everything begins again from the ping."""
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
 """Pause before a request is sent again, doubled for each ping. It lets a late acknowledgement
-pass, which could be taken for that of another request."""
+pass, which could be mistaken for that of another request."""
 
 RESTART_AFTER_S = 1.0
-"""A board that should send and has been silent for so long is brought up again."""
+"""Silence after which a board that should send is brought up again."""
 
 SETTLE_S, SETTLE_TIME_CONSTANTS = 0.1, 5.0
 """From the start to where the board's filter shows what is measured."""
 
 STEADY_WINDOW_S = 0.25
-"""How far back the change of force is looked at before zero is taken."""
+"""Window in which the force must be steady before zero is taken."""
 
 LOOK_AGAIN_S = 0.05
-"""How soon after a look that found it changing."""
+"""Time to the next check after one that found it changing."""
 
 CLOCK_TOLERANCE = 0.02
-"""The board's clock may run so much slower than `SAMPLE_PERIOD_S` says."""
+"""Share by which the board's clock may be slower than `SAMPLE_PERIOD_S` says."""
 
-PROOF_S = 0.1
-"""How long a board that answers again is listened to before it is told to start: one that goes on
+RESTART_CHECK_S = 0.1
+"""How long a board that answers again is observed before the start command: one that goes on
 sending shows that it has not booted. More than two of the longest periods."""
 
 _COUNTER_TURN_S = COUNTER_MODULUS * SAMPLE_PERIOD_S
-"""The counter begins anew so often."""
+"""Time after which the sample counter wraps."""
 
-LOOK_AT = "check the power of the sensor's board, its node id, bit rate and cables"
+WIRING_ADVICE = "check the power of the sensor's board, its node id, bit rate and cables"
 OPENED_REASON = "starting the sensor"
 REST_REASON = "not seen at rest yet: take the hand off the sensor"
 RESUMED_REASON = "it fell silent: take the hand off the sensor"
@@ -141,7 +141,7 @@ class _HeldSteady:
         self.overloaded = False
 
     def clear(self, overloaded: bool = False) -> None:
-        """What came before must not count. `overloaded`: until the next value there is none."""
+        """Forget all values. `overloaded`: say so until the next value comes."""
         self._window.clear()
         self.overloaded = overloaded
 
@@ -190,7 +190,7 @@ class Jr3Core(DeviceCore):
         "boots": "times the board came up anew",
         "timeouts": "requests without an answer",
         "refusals": "requests answered with an error",
-        "unexpected_acks": "acknowledgements that nobody waited for",
+        "unexpected_acks": "acknowledgements that were not expected",
         "lost_samples": "samples lost (by the counter)",
         "unpaired_samples": "forces without their moments, or moments without their forces",
         "repeated_samples": "samples that repeat the one before",
@@ -258,7 +258,7 @@ class Jr3Core(DeviceCore):
         self._running = False
         """Brought up: zeroed where that is asked for."""
         # Samples.
-        self._believed = False
+        self._sample_valid = False
         """What was measured last still counts."""
         self._forces: Forces | None = None
         self._counter: int | None = None
@@ -360,12 +360,12 @@ class Jr3Core(DeviceCore):
         return [encode_from_host(Stop(), self._options.node_id)] if self._answered else []
 
     def ask_zero(self, now_s: float) -> int:
-        """Have what is measured now taken for zero; `zeros` reaches the result when it was.
+        """Take the present measurement as zero; `zeros` reaches the result when that is done.
 
         Raises CommandError, and asks for nothing, while the force changes or nothing is measured.
         """
         self._watch(now_s)
-        if not (self._running and self._believed):
+        if not (self._running and self._sample_valid):
             raise CommandError(f"cannot take zero: {self._reason or 'the sensor is not running'}")
         if obstacle := self._steady.obstacle():
             raise CommandError(f"cannot take zero: {obstacle}; take the hand off the sensor")
@@ -385,7 +385,7 @@ class Jr3Core(DeviceCore):
     @property
     def watching(self) -> bool:
         """Whether the force is still to be watched before zero can be asked for."""
-        return self._running and self._believed and not self._steady.full
+        return self._running and self._sample_valid and not self._steady.full
 
     @property
     def zeros(self) -> int:
@@ -439,7 +439,7 @@ class Jr3Core(DeviceCore):
             self._not_before_s = now_s + RETRY_FIRST_S
         else:
             node_id = self._options.node_id
-            self._fail(f"node {node_id} does not answer its {step.name}: {LOOK_AT}", now_s)
+            self._fail(f"node {node_id} does not answer its {step.name}: {WIRING_ADVICE}", now_s)
 
     def _on_ack(self, ack: Ack, now_s: float) -> None:
         step = self._asked
@@ -468,7 +468,7 @@ class Jr3Core(DeviceCore):
             if self._link is DeviceLink.LOST:
                 self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
             if self._has_run and not (self._zero_lost or self._continuous):
-                self._not_before_s = now_s + PROOF_S
+                self._not_before_s = now_s + RESTART_CHECK_S
                 if self._options.mode == "sync" and self._options.send_sync:
                     self._sync_s = now_s
         elif isinstance(step.message, (StartAsync, StartSync)):
@@ -528,7 +528,7 @@ class Jr3Core(DeviceCore):
         """Whether zero may be taken now; if not, says why and when to look again."""
         obstacle = self._steady.obstacle()
         self._not_before_s = now_s + LOOK_AGAIN_S
-        if self._believed and not self._steady.overloaded:
+        if self._sample_valid and not self._steady.overloaded:
             moves = obstacle and self._steady.full
             self._reason = f"{ZEROING_REASON} ({obstacle})" if moves else ZEROING_REASON
             self._cached = None
@@ -549,7 +549,7 @@ class Jr3Core(DeviceCore):
         stamp_s = self._stamp_of(forces.counter, now_s)
         if stamp_s is None:
             return
-        self._heard = self._believed = True
+        self._heard = self._sample_valid = True
         self._stamp_s = stamp_s
         self._cached = None
         if self._link is DeviceLink.STALE:
@@ -593,14 +593,14 @@ class Jr3Core(DeviceCore):
             self._not_before_s = min(self._not_before_s, now_s)
 
     def _watch(self, now_s: float) -> None:
-        """Notice a silence."""
-        if self._believed and now_s - self._stamp_s > STALE_AFTER_S:
-            self._believed = False
+        """Check for silence."""
+        if self._sample_valid and now_s - self._stamp_s > STALE_AFTER_S:
+            self._sample_valid = False
             self._steady.clear()
             self._fall_silent(self._silence(), now_s)
 
     def _stamp_of(self, counter: int, now_s: float) -> float | None:
-        """When a sample that came at `now_s` was taken at the latest; None: it is of no use."""
+        """Latest time at which a sample that came at `now_s` was taken; None: it is of no use."""
         before = self._counter
         if before is None:
             steps = 0
@@ -643,7 +643,7 @@ class Jr3Core(DeviceCore):
         self._acting = None
 
     def _wrench(self) -> Wrench | None:
-        known = self._running and self._believed and not self._zero_lost
+        known = self._running and self._sample_valid and not self._zero_lost
         return self._at_tcp() if known else None
 
     def _at_tcp(self) -> Wrench:
@@ -686,8 +686,8 @@ class Jr3Core(DeviceCore):
     def _silence(self) -> str:
         """Why there are no new samples, as far as that can be told."""
         if self._options.mode == "sync" and not self._options.send_sync and not self._heard:
-            return "no samples: nobody on the bus sends SYNC; start its master, or set send_sync"
-        return f"no new sample for {STALE_AFTER_S:g} s: {LOOK_AT}"
+            return "no samples: no master on the bus sends SYNC; start it, or set send_sync"
+        return f"no new sample for {STALE_AFTER_S:g} s: {WIRING_ADVICE}"
 
     def _end(self, link: DeviceLink, reason: str, now_s: float) -> None:
         self._halt()

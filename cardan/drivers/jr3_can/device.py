@@ -15,7 +15,7 @@ from cardan.errors import DeviceNotFoundError, DriverError
 from cardan.types import DeviceCapabilities
 
 READ_TIMEOUT_S = 0.05
-"""How long a silent bus keeps the reader from noticing that it shall stop."""
+"""Longest wait for a frame; the reader checks in between whether it is to stop."""
 
 ANSWER_TIMEOUT_S = 1.2
 """How long open() waits for the board: a ping, and another one where the first is lost."""
@@ -64,7 +64,7 @@ class Jr3(ReadDevice[Jr3Core]):
         return _CAPABILITIES
 
     def zero(self) -> None:
-        """Have what is measured now taken for zero; returns once it was.
+        """Take the present measurement as zero; returns once that is done.
 
         The axes are zero until the wrench was seen at rest after it. Raises CommandError while
         the force changes, NotOpenError, or DriverError when the board does not do it.

@@ -1,7 +1,7 @@
 """What a keyboard's events mean, without any I/O and in the caller's time.
 
 A key held down deflects, a key let go does not. Keys that are down together with Ctrl, Alt or Meta
-are meant for somebody else (Ctrl-C), and do not move the robot until they have been let go.
+are meant for other programs (Ctrl-C), and do not move the robot until they have been let go.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MOTION_KEYS: Mapping[str, Mapping[int, tuple[int, float]]] = {
     "letters": _motion_keys(_LETTERS),
     "arrows": _motion_keys(_ARROWS),
 }
-"""Of each layout: axis (x y z rx ry rz) and sign of each key."""
+"""Axis (x y z rx ry rz) and sign of each key, by layout."""
 
 GIVE_BACK, TAKE_AGAIN = KEY_CODES["esc"], KEY_CODES["f12"]
 _OTHERS = frozenset(

@@ -28,7 +28,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     gives = "keys"
     suits = "rate, base frame"
     udev_matches = (
-        "# Whoever may read a keyboard can read every password typed on it, so this rule is off.",
+        "# To read a keyboard is to read every password typed on it, so this rule is off.",
         "# Take the comment sign away for the one keyboard you mean, by its ids.",
         '#SUBSYSTEM=="input", KERNEL=="event*", ATTRS{idVendor}=="1234", '
         'ATTRS{idProduct}=="5678", MODE="0660", TAG+="uaccess"',
@@ -54,7 +54,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
         )
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         words = super().diagnosis()
         if self._grab_refused:
             words += ("another program has grabbed the keyboard: end it, or set grab = false",)
@@ -63,7 +63,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     def _attend(self, link: Link) -> None:
         with self._lock:
             wanted, nothing_down = self._core.wants_grab, self._core.nothing_down
-        # Taken with a key down, its release would never reach who saw it pressed.
+        # Grabbed with a key down, the programs that saw it pressed would never see its release.
         if wanted == self._grabbed or (wanted and (self._grab_refused or not nothing_down)):
             return
         try:

@@ -26,13 +26,13 @@ MAX_MESSAGE_BYTES = 1 << 20
 """A message beyond this ends the connection; frames of two hands have about 20 kB."""
 
 DRAIN_BYTES = 16 << 20
-"""Read at once at most, before what has come is looked at; more than systems let queue up."""
+"""Most bytes read before messages are processed; more than systems let queue up."""
 
 SEND_TIMEOUT_S = 0.5
 _READ_BYTES = 1 << 16
 
 _protocol_log = logging.getLogger(f"{__name__}.websocket")
-"""Of the library: it would tell of every frame."""
+"""Logger of the library, which would log every frame."""
 _protocol_log.setLevel(logging.WARNING)
 
 
@@ -162,8 +162,8 @@ def connect(
 ) -> tuple[Connection, Version, list[ServiceMessage]]:
     """Open a connection in the highest version up to `version` that the service knows.
 
-    Returns what it says first: its version, and what came along with it. Raises
-    DeviceNotFoundError when nobody answers, DeviceAccessError when it is no tracking service.
+    Returns its first message, the version, and the messages that came with it. Raises
+    DeviceNotFoundError when nothing answers, DeviceAccessError for no tracking service.
     """
     url = f"ws://{host}:{port}{path_of(version)}"
     deadline_s = time.monotonic() + timeout_s
@@ -176,7 +176,7 @@ def connect(
             version -= 1
         except ConnectionRefusedError:
             raise DeviceNotFoundError(
-                f"nobody answers at {url}: start the tracking service, and allow web apps in its "
+                f"no service at {url}: start the tracking service, and allow web apps in its "
                 "control panel"
             ) from None
         except TimeoutError:

@@ -4,8 +4,8 @@ Frames go on when no hand is in view, so silence is always trouble:
 
 - Without a frame for `STALE_AFTER_S` the link is STALE; a tracker that the service calls unplugged
   is LOST, one that does not deliver is STALE, whatever else comes.
-- Frames that come late (see :mod:`.lag`) are not believed: the link is STALE while they do, and the
-  age of what is believed counts from when the frame should have come.
+- Frames that come late (see :mod:`.lag`) are rejected: the link is STALE while they come, and
+the age of an accepted frame counts from when it should have come.
 - After opening and after trouble the link is NEEDS_NEUTRAL until a frame shows no hand that could
   hold the clutch by staying as it is: no hand at all, or one that is open (clutch "grab"), apart
   ("pinch") or closed ("open").
@@ -37,21 +37,21 @@ BUTTONS = ("hand", "clutch", "grab", "pinch")
 pinches."""
 
 STALE_AFTER_S = 0.09
-"""Silence beyond this, ten frames at the usual rate, is a link in trouble; so is a frame that comes
-later than this. The state must be neutral within 0.1 s; the rest is for one look of the reader."""
+"""Silence, or delay of a frame, after which the link is STALE: ten frames at the usual rate. The
+state must be neutral within 0.1 s; the difference is for one cycle of the reader."""
 
 CONNECT_ANEW_S = 3.0
-"""Frames that have come late for so long will go on to: a new connection leaves behind what has
-queued up."""
+"""Time of late frames after which the driver connects anew, which drops the queue that delays
+them."""
 
 SETTLE_S = 0.02
 """Frames this soon after a silence may be old ones that had queued up meanwhile."""
 
 LONGEST_STEP_S = 0.1
-"""No more time than this is taken to have passed between two frames of one hand."""
+"""Longest time step assumed between two frames of one hand."""
 
 RESTARTED_AFTER = 10
-"""So many frames in a row that are too old, but in order, begin a new count of frames."""
+"""Frames in a row, too old but in order, after which the service counts as having counted anew."""
 
 OPENED_REASON = "connected, no frame yet"
 
@@ -98,7 +98,7 @@ class LeapCore(DeviceCore):
 
     def _forget_service(self) -> None:
         self.version: Version | None = None
-        """What the service said it speaks."""
+        """The version that the service reported."""
         self._devices: dict[str, DeviceEvent] = {}
         self._stamp_s = NEVER_S
         self._silent_since_s = 0.0
@@ -136,7 +136,7 @@ class LeapCore(DeviceCore):
     # -- what it says --------------------------------------------------------------------------
 
     def failure(self, now_s: float) -> str:
-        """Why to connect anew, in words; empty while there is no reason."""
+        """Why to connect anew; empty while there is no reason."""
         late_since_s = self._late_since_s
         if late_since_s is None or now_s - late_since_s <= CONNECT_ANEW_S:
             return ""
@@ -191,7 +191,7 @@ class LeapCore(DeviceCore):
 
     def _on_frame(self, frame: TrackingFrame, now_s: float) -> None:
         self._watch(now_s)
-        if frame.timestamp_us is None:  # Nobody can tell how old it is.
+        if frame.timestamp_us is None:  # Its age is not known.
             self._counts["undated"] += 1
             return
         if not self._is_new(frame.id):
@@ -223,7 +223,7 @@ class LeapCore(DeviceCore):
         live = self._link is DeviceLink.LIVE
         self._tracker.on_frame(frame, now_s, step_s, may_engage=live)
         if not live:
-            # Nobody knows whether the hand was closed on purpose: it has to be seen open first.
+            # Whether the hand was closed on purpose is not known: it has to be seen open first.
             self._buttons.mask([label for label in self._labels() if label != BUTTONS[0]])
             self._reason = NEUTRAL_REASONS[self._options.clutch]
             if self._tracker.at_rest and now_s >= self._ignore_rest_until_s:
@@ -264,7 +264,7 @@ class LeapCore(DeviceCore):
         return min(max(0.0, now_s - self._stamp_s), LONGEST_STEP_S)
 
     def _watch(self, now_s: float) -> None:
-        """Notice the silence of the service, or of what it says about the hand."""
+        """Check for silence of the service, or of its data about the hand."""
         if self._link not in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
             return
         if now_s - self._silent_since_s > STALE_AFTER_S:
@@ -277,7 +277,7 @@ class LeapCore(DeviceCore):
             self._show(now_s)
 
     def _show(self, now_s: float) -> None:
-        """Bring the buttons to what the tracker says."""
+        """Set the buttons from the tracker's data."""
         self._buttons.set(self._labels() if self._link is DeviceLink.LIVE else (), now_s)
         self._cached = None
 

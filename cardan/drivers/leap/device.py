@@ -31,7 +31,7 @@ OPEN_TIMEOUT_S = 1.5
 """From the first packet to the service's version."""
 
 READ_TIMEOUT_S = 0.05
-"""How long a silent service keeps the reader from heartbeats and from closing."""
+"""Longest wait for a message; the reader sends heartbeats and checks for its end in between."""
 
 PING_AFTER_S, DEAD_AFTER_S = 1.0, 3.0
 """Silence after which the service is asked for a sign of life, and after which it is given up."""
@@ -67,7 +67,7 @@ class Leap(ReadDevice[LeapCore]):
 
     @property
     def capabilities(self) -> DeviceCapabilities:
-        """A pose and four buttons that the hand makes; nothing can be given back to it."""
+        """A pose and four buttons that the hand makes; no feedback."""
         return DeviceCapabilities(
             gives_pose=True,
             buttons=BUTTONS,
@@ -109,7 +109,7 @@ class Leap(ReadDevice[LeapCore]):
         )
         self._connection, self._version = connection, version.version
         try:
-            for text in encode_options(_wishes(options, self._version)):
+            for text in encode_options(_client_options(options, self._version)):
                 connection.send(text)
         except OSError:
             # The reader meets the same end at once, and says so.
@@ -155,8 +155,8 @@ class Leap(ReadDevice[LeapCore]):
             connection.close()
 
 
-def _wishes(options: LeapOptions, version: int) -> ClientOptions:
-    """What the service is asked for: frames, whoever else listens."""
+def _client_options(options: LeapOptions, version: int) -> ClientOptions:
+    """The options sent to the service: frames also without the focus."""
     focus = True if version >= FOCUS_SINCE else None
     hmd = options.optimize_hmd if version >= HMD_SINCE else None
     return ClientOptions(focused=focus, background=focus, optimize_hmd=hmd)

@@ -13,10 +13,10 @@ HIGHEST_VERSION = 7
 """Some bridges of newer tracking software offer one more version of the same frames."""
 
 VERSION = bounds.Range(1, HIGHEST_VERSION, "", "there are no later frames of this form")
-MIN_VISIBLE_S = bounds.Range(0.0, 10.0, "s", "a hand that waits longer takes it for broken")
-CUTOFF_HZ = bounds.Range(0.0, 1000.0, "Hz", "beyond its frame rate it filters nothing", zero="none")
+MIN_VISIBLE_S = bounds.Range(0.0, 10.0, "s", "an operator who waits longer takes it for broken")
+CUTOFF_HZ = bounds.Range(0.0, 1000.0, "Hz", "above the frame rate it filters nothing", zero="none")
 CUTOFF_RISE_1_M = bounds.Range(
-    0.0, 1000.0, "Hz per m/s", "the slowest hand would not be filtered either"
+    0.0, 1000.0, "Hz per m/s", "above it not even slow motion would be filtered"
 )
 
 
@@ -31,14 +31,14 @@ class LeapOptions(Options):
     version: Annotated[int, VERSION] = 6
     """Protocol version to ask for, 1 to 7; a service that does not know it is asked for less."""
     hand: Literal["first", "left", "right"] = "first"
-    """Whose hand counts; first: the one that has been in view longest."""
+    """Which hand counts; first: the one that has been in view longest."""
     clutch: Literal["still", "open", "grab", "pinch"] = "still"
     """What holds the button "clutch": a hand kept still once, until it leaves; an open hand kept
     still, until it closes; a fist; a pinch."""
     min_confidence: Annotated[float, bounds.SHARE_OR_NONE] = 0.3
-    """Less confidence than this, 0 to 1, is no measurement of the hand."""
+    """Lowest confidence, 0 to 1, of a hand's measurement that is used."""
     min_visible_s: Annotated[float, MIN_VISIBLE_S] = 0.2
-    """A hand must have been in view for so long before it counts, s."""
+    """Time that a hand must have been in view before it counts, s."""
     cutoff_hz: Annotated[float, CUTOFF_HZ] = 4.0
     """Cut-off of the low-pass filter on the pose while the hand rests, Hz; 0: no filter."""
     cutoff_rise_1_m: Annotated[float, CUTOFF_RISE_1_M] = 20.0

@@ -23,13 +23,13 @@ from cardan.spatial import (
 from cardan.types import ZERO3, Pose, Vector3
 
 SPEED_CUTOFF_HZ = 1.0
-"""Of the low-pass filter on the speed that the cut-off follows."""
+"""Cut-off of the low-pass filter on the speed that sets the pose's cut-off."""
 
 HAND_LENGTH_M = 0.1
 """Turns rad/s into the m/s of the fingertips, so that one rise serves both filters."""
 
 SHORTEST_STEP_S = 1e-5
-"""Poses that come within less of each other tell no speed: the later one is left out."""
+"""Poses that come within less of each other give no speed: the later one is left out."""
 
 MAX_TURN_RAD_S = 12.0
 """A hand does not turn faster."""

@@ -45,7 +45,7 @@ COUNTERS: Mapping[str, str] = MappingProxyType(
         "unreadable": "hands without id, palm, direction, or a confidence in 0..1",
     }
 )
-"""What is counted, and the words for it."""
+"""The counters, and the text behind each count."""
 
 
 class HandTracker:
@@ -60,7 +60,7 @@ class HandTracker:
         self._filter = PoseFilter(options.cutoff_hz, options.cutoff_rise_1_m, options.max_speed_m_s)
         self._counts = counts
         self.hint = ""
-        """Why no hand in view counts, in words; empty when one does or none is there."""
+        """Why no hand in view counts; empty when one does or none is there."""
         self.at_rest = False
         """Whether the newest frame shows no hand that could hold the clutch by staying as it is."""
         self._seen: dict[int, float] = {}
@@ -68,9 +68,9 @@ class HandTracker:
 
     def _forget(self) -> None:
         self.id: int | None = None
-        """Of the hand that is followed; None: there is none."""
+        """Id of the hand that is followed; None: there is none."""
         self.pose: Pose | None = None
-        """Of that hand, smoothed: operator's axes, m."""
+        """Pose of that hand, smoothed: operator's axes, m."""
         self.engaged = False
         """Whether that hand holds the clutch."""
         self.grabbing = False
@@ -167,7 +167,7 @@ class HandTracker:
     # -- where it is ---------------------------------------------------------------------------
 
     def _measure(self, hand: Hand, now_s: float) -> Pose | None:
-        """The hand's pose, unless it cannot be believed."""
+        """The hand's pose; None where it is implausible."""
         if hand.confidence is not None and hand.confidence < self._options.min_confidence:
             self._counts["unsure"] += 1
             self.hint = f"the hand is seen with a confidence of only {hand.confidence:.2f}"
@@ -211,7 +211,7 @@ class HandTracker:
         else:
             strength = grab if clutch == "grab" else pinch
             holding = self.grabbing if clutch == "grab" else self.pinching
-            # Whoever comes into view as a fist has not closed it here.
+            # A hand that comes into view as a fist has not closed in view.
             self._armed = self._armed or (strength is not None and strength < WEAK)
             self.engaged = may_engage and self._armed and holding
 

@@ -1,10 +1,10 @@
-"""Where the arm really is, compared with where its velocities should have brought it.
+"""Compares the arm's measured position with where its commanded velocities should have brought it.
 
-A controller in velocity mode says nothing of the position that it has commanded, and the arm is
-late by design. So what is measured is compared with all that was commanded within the lag: an arm
-in good order is somewhere on that way, or beside it where the controller's filter cuts a curve. An
-arm that is not even at the way's beginning has lost something: to a speed limit, a late command, a
-person in the way. At rest the way is one place, and every distance counts.
+A controller in velocity mode does not report its commanded position, and the arm lags by design. So
+the measured position is compared with all that was commanded within the lag: an arm that follows is
+somewhere on that path, or beside it where the controller's filter cuts a curve. An arm that is not
+even at the path's beginning has lost motion: to a speed limit, a late command, a person in the way.
+At rest the path is one point, and every distance counts.
 """
 
 from __future__ import annotations
@@ -14,39 +14,39 @@ from collections import deque
 from collections.abc import Sequence
 
 _ROWS = 16
-"""Of the way that is kept; between them it is taken for straight."""
+"""Points of the commanded path that are kept; between them it counts as straight."""
 
 
 class ArmWatch:
-    """The commanded way of the last `lag_s`."""
+    """The commanded path of the last `lag_s`."""
 
     def __init__(self, lag_s: float, positions: Sequence[float], now_s: float) -> None:
         self._lag_s = lag_s
         self._spacing_s = lag_s / _ROWS
-        self._way: deque[tuple[float, list[float]]] = deque()
+        self._path: deque[tuple[float, list[float]]] = deque()
         self.begin(positions, now_s)
 
     def begin(self, positions: Sequence[float], now_s: float) -> None:
-        """The arm stands at `positions`, rad, and has for long."""
-        self._way.clear()
-        self._way.append((now_s - self._lag_s, list(positions)))
+        """Begin with an arm that has been at rest at `positions`, rad."""
+        self._path.clear()
+        self._path.append((now_s - self._lag_s, list(positions)))
 
     def note(self, positions: Sequence[float], now_s: float) -> None:
-        """Where the arm is commanded to be at `now_s`."""
-        way = self._way
-        if now_s - way[-1][0] >= self._spacing_s:
-            way.append((now_s, list(positions)))
-            while len(way) > 1 and way[1][0] <= now_s - self._lag_s:
-                way.popleft()
+        """Note the commanded positions at `now_s`, rad."""
+        path = self._path
+        if now_s - path[-1][0] >= self._spacing_s:
+            path.append((now_s, list(positions)))
+            while len(path) > 1 and path[1][0] <= now_s - self._lag_s:
+                path.popleft()
 
     def away(self, measured: Sequence[float], commanded: Sequence[float]) -> list[float] | None:
-        """From the nearer end of the way, which ends at `commanded`, to `measured`, rad; None when
-        a place between the ends is nearest."""
+        """The distance, rad, from the nearer end of the path, which ends at `commanded`, to
+        `measured`; None when a point between the ends is nearest."""
         best: list[float] | None = None
         nearest = 0.0
         outside = False
-        start = self._way[0][1]
-        places = (*self._way, (0.0, list(commanded)))
+        start = self._path[0][1]
+        places = (*self._path, (0.0, list(commanded)))
         for number, (_, end) in enumerate(places):
             along = square = 0.0
             for a, b, m in zip(start, end, measured, strict=True):
@@ -63,7 +63,7 @@ class ArmWatch:
         return best if outside else None
 
     def shift(self, by: Sequence[float]) -> None:
-        """The whole way was somewhere else than thought, `by` so much."""
-        for _, positions in self._way:
+        """Move the whole path by `by`, rad: its positions were off by that."""
+        for _, positions in self._path:
             for i, each in enumerate(by):
                 positions[i] += each

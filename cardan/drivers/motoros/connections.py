@@ -12,8 +12,8 @@ CHANNELS: tuple[Channel, ...] = ("state", "motion")
 
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 2.0
 STEADY_S = 5.0
-"""A connection that lasted so long was a good one: the next attempt may be soon. Two programs
-that take the one place of the motion port from each other would do it for ever otherwise."""
+"""Duration after which a lost connection is tried again soon: two programs that take the motion
+port's only connection from each other would otherwise do so for ever."""
 
 
 class Connection:
@@ -22,7 +22,7 @@ class Connection:
     def __init__(self) -> None:
         self.up = False
         self.reason = ""
-        """Why it is down, in words; empty before the first attempt and while it is up."""
+        """Why it is down; empty before the first attempt and while it is up."""
         self.retry_s = NEVER_S
         self.since_s = NEVER_S
         self.count = 0

@@ -1,4 +1,4 @@
-"""Plain words for what a MotoROS controller reports, and what to do about it at the pendant."""
+"""Messages about what a MotoROS controller reports, and what to do about it at the pendant."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ _BUSY: Mapping[int, str] = {
         "the robot still moves, or points of a trajectory are still queued; wait, or stop it first"
     ),
 }
-_BUSY_OTHERWISE = "the controller is at something else; ask again"
+_BUSY_OTHERWISE = "the controller is busy with something else; ask again"
 
 _FAILURES: Mapping[int, str] = {
     MotionCommand.CHECK_MOTION_READY: (
@@ -261,15 +261,15 @@ def _task(command: int) -> str:
 
 
 def _subcode(subcode: int) -> str:
-    """Words for a subcode of either table; empty for one that is in neither."""
+    """The message for a subcode of either table; empty for one that is in neither."""
     return _NOT_READY.get(subcode) or _INVALID.get(subcode) or ""
 
 
 def reply_in_words(command: int, result: int, subcode: int) -> str:
-    """What a MotionReply says: what became of `command`, why, and what to do.
+    """The message of a MotionReply: the result of `command`, its cause, and what to do.
 
     `command` is a MotionCommand, or the type of the message that is answered; `result` and
-    `subcode` as they came. Numbers that nobody knows are named as such.
+    `subcode` as they came. Unknown numbers are named as such.
     """
     told = _RESULTS.get(result, f"got the unknown result {result}")
     what = f"{_task(command)} {told}"
@@ -298,12 +298,12 @@ def reply_in_words(command: int, result: int, subcode: int) -> str:
 def io_result_in_words(result: int) -> str:
     """What the result of reading or writing an input, output or register says."""
     return _IO_RESULTS.get(
-        result, f"the controller gives the unknown result {result}; look at the pendant for a word"
+        result, f"the controller gives the unknown result {result}; look at the pendant"
     )
 
 
 def status_in_words(status: RobotStatus) -> str:
-    """Why the robot would not move, and what to do, the worst first; "" when it would.
+    """Why the robot would not move, and what to do, worst first; "" when it would.
 
     What is known to be wrong is said whatever `motion_possible` claims; what the controller does
     not know, only while motion is not known to be possible.

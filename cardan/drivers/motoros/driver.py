@@ -25,12 +25,12 @@ from cardan.types import HoldCommand, RobotCommand, RobotState
 
 _RECEIVE_BYTES = 65536
 _LONGEST_WAIT_S = 0.05
-"""What another thread asks for is seen after so long, whatever the session waits for."""
+"""Longest wait on the sockets, and so the longest delay of another thread's request."""
 _CONNECT_TIMEOUT_S = 2.0
 _LEAVE_S = 1.5
-"""Beside the ramp: the controller's answers to what ends it."""
+"""Time beside the ramp for the controller's answers to the requests that end motion."""
 _BACKLOG_BYTES = 16 * 1024
-"""A connection that takes nothing any more is given up with so much unsent."""
+"""Unsent bytes at which a connection that takes no more data is given up."""
 
 _SELECT_MAX = 1024
 """select() takes no higher file numbers; poll() would, but waits whole milliseconds only."""
@@ -165,7 +165,7 @@ class Motoros(LoopingRobot[MotorosSession]):
         self._flush(session)
 
     def _leave(self) -> None:
-        """Brake, leave the controller's mode, and hear it say so; never for long."""
+        """Brake, leave the controller's mode, and wait for its answer; never for long."""
         session = self._session
         deadline_s = _monotonic() + _LEAVE_S + session.control.braking_s
         session.leave(_monotonic())
@@ -269,11 +269,11 @@ class Motoros(LoopingRobot[MotorosSession]):
         if link is not None:
             link.socket.close()
 
-    # -- what a person asks for -------------------------------------------------------------------
+    # -- requests of the application --------------------------------------------------------------
 
     def enable(self) -> None:
         """Start motion (START_VEL_MODE or START_TRAJ_MODE), which also resets alarms and switches
-        servos on. Done by the loop; whether it worked, the states' `hold_reason` tells."""
+        servos on. Done by the loop; the states' `hold_reason` says whether it worked."""
         self._tasks.append("enable")
 
     def disable(self) -> None:
@@ -328,7 +328,7 @@ class Motoros(LoopingRobot[MotorosSession]):
                 )
             return self._io
 
-    # -- for whoever watches ----------------------------------------------------------------------
+    # -- diagnosis --------------------------------------------------------------------------------
 
     def metrics(self) -> dict[str, float]:
         return self._session.metrics(_monotonic())

@@ -24,25 +24,25 @@ from cardan.protocols.simple_message.codes import MessageType
 from cardan.types import NEVER_S
 
 _ABSURD = 1e3
-"""rad or m; no joint is so far from its zero."""
+"""Position, rad or m, that no joint has."""
 _KINDS_OF_IGNORED = 32
-"""So many reasons are told apart."""
+"""Most reasons that are counted separately."""
 
 _BAD_IN_A_ROW = 8
-"""So many bad messages after each other, and the connection is given up."""
+"""Bad messages in a row after which the connection is given up."""
 
 
 class StateFeed:
     """The newest status and the newest feedback of one group.
 
-    A message that is none is counted and changes nothing. `failure` says why the stream cannot be
+    An invalid message is counted and changes nothing. `failure` says why the stream cannot be
     followed any more.
     """
 
     def __init__(self, options: MotorosOptions) -> None:
         self.joints = options.joints
         self.byte_order: ByteOrder | None = options.known_byte_order
-        """Of the controller; None until it was learnt."""
+        """The controller's byte order; None until it was learnt."""
         self.status: RobotStatus | None = None
         self.status_s = NEVER_S
         self.statuses = 0
@@ -74,7 +74,7 @@ class StateFeed:
         self.disconnected()
 
     def disconnected(self) -> None:
-        """Nothing that was heard counts as new any more."""
+        """Count nothing that was heard as new any more."""
         self.status_s = self.feedback_s = NEVER_S
 
     @property
@@ -156,9 +156,9 @@ class StateFeed:
             if not body.valid_fields & ValidFields.POSITION:
                 self._ignore("a feedback without positions")
             elif not all(map(math.isfinite, positions)):
-                self._ignore("a feedback that is no numbers")
+                self._ignore("a feedback with values that are not numbers")
             elif max(map(abs, positions)) > _ABSURD:
-                self._ignore("a feedback that no joint can have")
+                self._ignore("a feedback that is beyond any joint's range")
             else:
                 self._bad = 0
                 others = body.pos[n:]

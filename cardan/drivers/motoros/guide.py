@@ -1,4 +1,4 @@
-"""The last limiter before the wire: whatever is asked for, what leaves is what the joints can do.
+"""The last limiter before the wire: whatever is commanded, what is sent keeps the joints' limits.
 
 The guide owns the commanded positions and velocities and moves them by one control period at a
 time, at constant acceleration within the period: q += dt·(v_old + v_new)/2, which is also what a
@@ -12,7 +12,7 @@ Nothing is refused for being too much, and no period contains a step:
   own component gives way, those of the others do not.
 - On the way to a position all joints arrive together, each at a speed from which it can stop.
 
-Plain floats on purpose: six numbers are too few for numpy to pay.
+Plain floats on purpose: numpy is slower for six numbers.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT
 """Commands that it takes."""
 
 _PERIODS_AHEAD = 5.0
-"""A period may be followed by one so many times as long without a joint having to stop short."""
+"""Factor by which the next period may be longer without a joint having to stop abruptly."""
 _ROUNDING = 1e-9
 """Share of a limit."""
 _INF = math.inf
@@ -97,7 +97,7 @@ class JointGuide:
         self._following = False
         self._speedy = self._jerky = self._ranged = 0
         self.closing_rad_s = _INF
-        """Fastest that a JointCommand with velocities makes good a distance besides them."""
+        """Fastest correction of a distance, in addition to a JointCommand's velocities."""
         self.positions: list[float] = [0.0] * count
         """Commanded, rad. The same list always."""
         self.velocities: list[float] = [0.0] * count
@@ -159,12 +159,12 @@ class JointGuide:
             self.velocities[i] = speed
 
     def shift(self, by: Sequence[float]) -> None:
-        """The joints are `by` so much, rad, from where they were thought to be. No motion."""
+        """Correct the positions by `by`, rad, without motion."""
         for i in self._axes:
             self.positions[i] += by[i]
 
     def coast(self, dt_s: float) -> None:
-        """`dt_s` have passed at the speeds there were, but for the ends of the ranges."""
+        """Advance by `dt_s` at the present speeds, stopping at the ends of the ranges."""
         velocities = tuple(self.velocities)
         while dt_s >= SHORTEST_STEP_S:
             self.step(JointVelocityCommand(velocities), dt_s)

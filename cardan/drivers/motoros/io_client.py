@@ -52,9 +52,7 @@ from cardan.protocols.simple_message.io_addresses import (
     WRITABLE_REGISTERS,
 )
 
-TIMEOUT_S = bounds.Range(
-    0.0, 3600.0, "s", "nobody waits longer for a reply", above=True, below=True
-)
+TIMEOUT_S = bounds.Range(0.0, 3600.0, "s", "a later reply is of no use", above=True, below=True)
 _ORDERS = {"little": ByteOrder.LITTLE, "big": ByteOrder.BIG}
 _RECEIVE_BYTES = 4096
 

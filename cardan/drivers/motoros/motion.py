@@ -33,13 +33,13 @@ POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
 """MotoROS demands these and ignores accelerations."""
 
 REST_TIMEOUT_S = 5.0
-"""Nothing takes longer to come to rest; servos lag by less than half a second."""
+"""Longest time to come to rest; servos lag by less than half a second."""
 
 REST_RAD_S = 1e-6
-"""A guide that follows positions never comes nearer to zero than rounding lets it."""
+"""Speed that counts as rest: rounding keeps a guide that follows positions from exact zero."""
 
 BRAKE_MARGIN_S = 1.0
-"""Beside the ramp itself: queues that are played out, and replies."""
+"""Time beside the ramp itself: for queues that are played out, and replies."""
 
 WAKING_S = 0.06
 """After the first point statuses may still be from before it: two cycles of them."""
@@ -49,7 +49,7 @@ READY_S = 0.1
 state is sent every 25 ms."""
 
 START_TRIES = 3
-"""Feedback is compared with the commanded position, which an arm that sags may be away from."""
+"""Tries of point 0, made of feedback: a sagging arm's differs from the commanded position."""
 
 
 @dataclass(slots=True)
@@ -69,7 +69,7 @@ class MotionCounters:
     replaced: int = 0
     """Feedbacks in velocity mode by which the commanded position was set nearer to the arm's."""
     skipped_instants: int = 0
-    """Command periods that this computer was too late for."""
+    """Command periods that this computer missed."""
     speed_limited: int = 0
     """Replies that say that the controller limited a speed."""
     acceleration_limited: int = 0
@@ -77,7 +77,7 @@ class MotionCounters:
     overwritten: int = 0
     """Velocity commands that a newer one replaced before the controller used them."""
     command_age_s: float = 0.0
-    """Of the newest command that was asked about, when the controller first used it."""
+    """Age of the newest command that was asked about, when the controller first used it."""
 
 
 class MotionRecord:
@@ -132,31 +132,31 @@ class MotionParts(NamedTuple):
     requests: MotionRequests
     feed: StateFeed
     guide: JointGuide
-    """Of the limits that hold for this motion."""
+    """The limiter, with the limits that hold for this motion."""
     counters: MotionCounters
     record: MotionRecord
 
 
 class Motion(ABC):
-    """One stay in a mode of the controller, from its start to the end of motion.
+    """One use of a mode of the controller, from its start to the end of motion.
 
     The session calls `advance` when `next_s` has come, answers each control instant that `due`
-    tells with `command`, and looks at `ended`. Replies come through the requests' callbacks.
+    reports with `command`, and looks at `ended`. Replies come through the requests' callbacks.
     """
 
     nominal_s: float
     """Time between two control instants, s."""
     feeds_at_rest = False
-    """Whether the controller wants commands even while standing still is all they say."""
+    """Whether the controller needs commands even at standstill."""
 
     def __init__(self, parts: MotionParts) -> None:
         self.options = parts.options
         self.ended = ""
-        """Why motion is over, in words; empty while it is not."""
+        """Why motion is over; empty while it is not."""
         self.unexplained = False
         """Whether the controller can tell more about what `ended` says."""
         self.waiting = ""
-        """Why commands do not act yet, in words; empty when they do."""
+        """Why commands do not act yet; empty when they do."""
         self.next_s = math.inf
         """When `advance` is to be called."""
         self._acting_s = math.inf
@@ -174,7 +174,7 @@ class Motion(ABC):
 
     @abstractmethod
     def advance(self, now_s: float) -> None:
-        """Do what time demands."""
+        """Do what is due."""
 
     @abstractmethod
     def due(self, now_s: float) -> float:
@@ -182,7 +182,7 @@ class Motion(ABC):
 
     @abstractmethod
     def command(self, command: RobotCommand, period_s: float, now_s: float) -> None:
-        """Answer the control instant. CommandError when the command is none; nothing is sent."""
+        """Answer the control instant. CommandError for an invalid command; nothing is sent then."""
 
     def wind_down(self) -> None:  # noqa: B027 - most have nothing to do
         """Begin nothing new: only holds are commanded from now on."""
@@ -248,7 +248,7 @@ class Motion(ABC):
         )
 
     def _result(self, answer: Answer) -> MotionReply | None:
-        """A reply that says success or busy; any other ends the motion."""
+        """The MotionReply in `answer` if it says success or busy; any other ends the motion."""
         if not isinstance(answer, MotionReply):
             self.ended = "the controller answered with something else than a motion reply"
             return None

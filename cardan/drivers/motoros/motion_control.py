@@ -35,7 +35,7 @@ IDLE_CHECK_S = 1.0
 STALL_S = 0.1
 """After a longer pause of this computer the robot is no longer where it was commanded last."""
 READING_S = 0.005
-"""After a pause of this computer what came meanwhile is read within this time."""
+"""Time to read what came during a pause of this computer."""
 BRAKE_CHECK_S = 0.004
 """Period of the checks whether a braked robot has come to rest."""
 STOP_TRIES = 5
@@ -88,7 +88,7 @@ class MotionControl:
         self.sessions = 0
         """Motion connections and starts of motion; earlier targets are void when it changes."""
         self.end_reason = ""
-        """What ended or prevented motion last, in words; empty after a start that worked."""
+        """What ended or prevented motion last; empty after a start that worked."""
         self.ends: Counter[str] = Counter()
         """How often motion was ended, by reason."""
         self.velocity_info: VelocityInfo | None = None
@@ -96,7 +96,7 @@ class MotionControl:
         self.owes_answer = False
         """True between a state that takes a command and that command."""
         self.failure = ""
-        """Why the motion connection cannot be used, in words; empty while it can."""
+        """Why the motion connection cannot be used; empty while it can."""
         self.answer = ""
         """What the last control request was answered, where it failed."""
         self._topics: list[Message] = []
@@ -188,7 +188,7 @@ class MotionControl:
         self.requests.control(MotionCommand.CHECK_MOTION_READY, self._checked)
 
     def _checked(self, answer: Answer, now_s: float) -> None:
-        """The connection works; whether motion is ready, every status tells."""
+        """The connection works; every status says whether motion is ready."""
         self._check_s = now_s + IDLE_CHECK_S
         if self.phase is Phase.GREETING:
             self.phase = Phase.IDLE
@@ -197,7 +197,7 @@ class MotionControl:
                 self.enable(now_s)
 
     def _failure(self, answer: Answer) -> str:
-        """Why a request failed, in words; "" when it did not."""
+        """Why a request failed; "" when it did not."""
         if not isinstance(answer, MotionReply):
             return "the controller answered with something else than a motion reply"
         if answer.result == MotionResult.SUCCESS:
@@ -211,7 +211,7 @@ class MotionControl:
         return self.feed.live(now_s) or now_s < self._reading_until_s
 
     def advance(self, now_s: float) -> None:
-        """Do what time demands; `failure` then tells whether a reply is overdue."""
+        """Do what is due; `failure` then says whether a reply is overdue."""
         paused_s = now_s - self._advanced_s
         if paused_s > STATE_PERIOD_S and self.feed.live(self._advanced_s):
             self._reading_until_s = now_s + READING_S
@@ -325,7 +325,7 @@ class MotionControl:
                 self.requests.control(MotionCommand.START_TRAJ_MODE, self._started)
 
     def _lacking(self) -> str:
-        """What makes a start pointless, in words; empty when nothing does."""
+        """What makes a start pointless; empty when nothing does."""
         if self.options.mode == "velocity" and not self._velocity:
             return "the controller has no velocity mode; set mode to stream or auto"
         if self.feed.other_axis:
@@ -493,7 +493,7 @@ class MotionControl:
 
     @property
     def hold_reason(self) -> str:
-        """Why commands would not act now, in words; empty when they do."""
+        """Why commands would not act now; empty when they do."""
         phase = self.phase
         motion = self.motion
         if phase is Phase.MOVING and motion is not None:
@@ -510,7 +510,7 @@ class MotionControl:
         return str(phase.value)
 
     def _stopped_by(self) -> str:
-        """What has to be changed at the robot before motion can be enabled, in words."""
+        """What has to be changed at the robot before motion can be enabled."""
         status = self.feed.status
         if status is None or status.motion_possible == 1:
             return ""

@@ -20,19 +20,19 @@ from cardan.robots import load_arm
 from cardan.types import JointLimits
 
 STATE_PERIOD_S = 0.025
-"""The controller publishes its state so often."""
+"""Period at which the controller publishes its state."""
 
 WATCHDOG_MS = Range(20, 500, "ms", "a controller in velocity mode accepts no other watchdog")
 GROUP = Range(0, MAX_GROUPS - 1, "", "a controller has no more groups, counted from 0")
-QUEUE_LOW = Range(2, 100, "", "an interpolation period each: what is queued is driven without us")
-REPLY_EVERY = Range(1, 10_000, "", "of later answers nobody is told in time")
+QUEUE_LOW = Range(2, 100, "", "an interpolation period each: queued motion cannot be changed")
+REPLY_EVERY = Range(1, 10_000, "", "rarer answers come too late to tell of a limit")
 COMMAND_PERIOD_S = Range(0.001, 0.05, "s", "slower commands are steps, faster ones are not taken")
-SPACING_S = Range(0.002, 0.2, "s", "a stream of later points answers the hand too late")
+SPACING_S = Range(0.002, 0.2, "s", "a stream of sparser points follows the operator too late")
 IPC_S = Range(0.001, 0.02, "s", "no controller interpolates in other steps")
 STATE_TIMEOUT_S = Range(
     STATE_PERIOD_S, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen"
 )
-REQUEST_TIMEOUT_S = Range(0.01, 10.0, "s", "a controller that answers later is taken for dead")
+REQUEST_TIMEOUT_S = Range(0.01, 10.0, "s", "a controller that answers later counts as lost")
 START_TIMEOUT_S = Range(0.1, 60.0, "s", "servos are on and a job is started sooner")
 
 
@@ -56,10 +56,9 @@ class MotorosOptions(Options):
     group: Annotated[int, GROUP] = 0
     """Control group, counted from 0."""
     mode: Literal["auto", "velocity", "stream", "standard"] = "auto"
-    """velocity: joint speeds to a controller with the velocity mode. stream: one endless
-    trajectory with a shallow queue, for any MotoROS. standard: a trajectory of two points for each
-    goal, after the one before has ended. auto: velocity where the controller has it, else
-    stream."""
+    """velocity: joint speeds to a controller with the velocity mode. stream: one endless trajectory
+    with a shallow queue, for any MotoROS. standard: a trajectory of two points for each goal, after
+    the one before has ended. auto: velocity where the controller has it, else stream."""
     enable: Literal["on-request", "at-start"] = "on-request"
     """at-start: motion is enabled once, after the first connection; never by itself again."""
     byte_order: Literal["auto", "little", "big"] = "auto"
@@ -67,20 +66,20 @@ class MotorosOptions(Options):
     command_period_s: Annotated[float, COMMAND_PERIOD_S] = 0.004
     """Time between two commands in velocity mode."""
     watchdog_ms: Annotated[int, WATCHDOG_MS] = 100
-    """In velocity mode the controller brakes after so long without a command."""
+    """Velocity mode: time without a command after which the controller brakes."""
     point_spacing_s: Annotated[float, SPACING_S] = 0.020
     """Time between two points of a stream; rounded to a whole number of `ipc_s`."""
     queue_low: Annotated[int, QUEUE_LOW] = 3
-    """The next point is sent when so many increments are left in the controller's queue."""
+    """Increments left in the controller's queue at which the next point is sent."""
     ipc_s: Annotated[float, IPC_S] = 0.004
     """The controller's interpolation period: whole ms, usually 4."""
     reply_every: Annotated[int, REPLY_EVERY] = 25
-    """In velocity mode every so many commands one asks what the controller had to limit."""
+    """Velocity mode: one in so many commands asks what the controller had to limit."""
     state_timeout_s: Annotated[float, STATE_TIMEOUT_S] = 3.0 * STATE_PERIOD_S
-    """The link is LOST after so long without a state."""
+    """Time without a state after which the link is LOST."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 0.5
     start_timeout_s: Annotated[float, START_TIMEOUT_S] = 12.0
-    """The controller may have to switch its servos on and to start a job."""
+    """Longest start of motion: the controller may have to switch servos on and start a job."""
     trust_velocity: bool = False
     """Report the controller's own joint speeds, which lag and have had wrong signs."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.4
@@ -107,7 +106,7 @@ class MotorosOptions(Options):
                 "queue_low",
                 self.queue_low * self.ipc_s <= LONGEST_BLIND_S,
                 f"at most {longest_queue:.0f}: more takes longer than {LONGEST_BLIND_S:g} s to "
-                "drive, without us",
+                "drive, and cannot be changed",
             ),
             (
                 "watchdog_ms",

@@ -43,7 +43,7 @@ SLOW = frozenset(
         MotionCommand.START_VEL_MODE,
     }
 )
-"""They wait for the robot, so they get the long time-out and stay out of the latencies."""
+"""Commands that wait for the robot: with the long time-out, and left out of the latencies."""
 
 
 class _Asked(NamedTuple):
@@ -65,7 +65,7 @@ class MotionRequests:
     def __init__(self, group: int, timeout_s: float = 0.5, slow_timeout_s: float = 12.0) -> None:
         self.group = group
         self.latency = LatencyHistogram()
-        """Of replies, except those that wait for the robot."""
+        """Latencies of replies, except those that wait for the robot."""
         self.results: Counter[int] = Counter()
         """Replies by MotionResult."""
         self._timeout_s, self._slow_timeout_s = timeout_s, slow_timeout_s
@@ -109,7 +109,7 @@ class MotionRequests:
         """Forget what waits to be asked; a reply that is awaited will be checked and dropped."""
         self._waiting.clear()
         if self._asked is not None:
-            self._asked = self._asked._replace(then=_nobody)
+            self._asked = self._asked._replace(then=_ignore)
 
     def reset(self) -> None:
         """Begin a new connection."""
@@ -127,12 +127,12 @@ class MotionRequests:
     # -- replies ----------------------------------------------------------------------------------
 
     def received(self, message: Message | Malformed, now_s: float) -> str:
-        """Take what came in; "" or why this connection cannot be trusted any more."""
+        """Process received messages; "" or why this connection cannot be trusted any more."""
         asked = self._asked
         if isinstance(message, Malformed):
             return f"a bad message: {message.reason}"
         if asked is None:
-            return f"{name_of(MessageType, message.msg_type)} that nobody asked for"
+            return f"{name_of(MessageType, message.msg_type)} that was not asked for"
         body = message.body
         wrong = self._mismatch(asked, message)
         if wrong or not isinstance(body, (MotionReply, VelocityInfo)):
@@ -166,15 +166,15 @@ class MotionRequests:
         return ""
 
     def overdue(self, now_s: float) -> str:
-        """What was not answered in time, in words; "" while all is well."""
+        """What was not answered in time; "" while all is well."""
         asked = self._asked
         if asked is None or now_s < self.deadline_s:
             return ""
         return f"no reply to {_name(asked.command)} for {now_s - self.asked_s:.1f} s"
 
 
-def _nobody(answer: Answer, now_s: float) -> None:
-    """Takes a reply that does not matter any more."""
+def _ignore(answer: Answer, now_s: float) -> None:
+    """Takes a reply that is not needed any more."""
 
 
 def _name(command: int) -> str:

@@ -57,7 +57,7 @@ class MotorosSession:
         self.control = MotionControl(options, self.requests, self.feed)
         """When motion may be, and what became of it."""
         self.jitter = LatencyHistogram()
-        """How far the time between two control instants is off their period."""
+        """Deviation of the time between two control instants from their period."""
         self.losses = 0
         """Times that the controller fell silent."""
         self._links: dict[Channel, Connection] = {name: Connection() for name in CHANNELS}
@@ -112,7 +112,7 @@ class MotorosSession:
 
     @property
     def end_reason(self) -> str:
-        """What ended or prevented motion last, in words; empty after a start that worked."""
+        """What ended or prevented motion last; empty after a start that worked."""
         return self.control.end_reason
 
     @property
@@ -127,7 +127,7 @@ class MotorosSession:
         link = self._links[channel]
         if link.up or now_s < link.retry_s:
             return False
-        # Which byte order requests must have, only the state port says.
+        # Only the state port tells the byte order that requests must have.
         return channel == "state" or (self.feed.live(now_s) and self.feed.byte_order is not None)
 
     def connected(self, channel: Channel, now_s: float) -> None:
@@ -235,7 +235,7 @@ class MotorosSession:
         return found
 
     def advance(self, now_s: float) -> None:
-        """Do what time demands: time-outs, polls, points that are due, ramps."""
+        """Do what is due: time-outs, polls, points, ramps."""
         self._advanced_s = now_s
         self.control.advance(now_s)
         if self.control.failure:
@@ -357,9 +357,9 @@ class MotorosSession:
         self._flush(now_s)
 
     def check(self, command: RobotCommand) -> None:
-        """Raise CommandError for a command of a wrong kind, length or of no numbers.
+        """Raise CommandError for a command of a wrong kind or length, or without sensible numbers.
 
-        Limits are met by what is sent, not by refusal.
+        Commands beyond the limits are limited, not refused.
         """
         for name, values in joint_values("MotoROS", command, KINDS):
             check_numbers(name, values, self.feed.joints)
@@ -368,14 +368,14 @@ class MotorosSession:
 
     @property
     def hold_reason(self) -> str:
-        """Why commands would not act now, in words; empty when they do."""
+        """Why commands would not act now; empty when they do."""
         control = self.control
         if control.phase is Phase.DOWN:
             return no_motion_connection(self.options, self._links["motion"], control.end_reason)
         return control.hold_reason
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         feed = self.feed
         quiet = ""
         if not feed.live(now_s):

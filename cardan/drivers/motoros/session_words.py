@@ -1,4 +1,4 @@
-"""Plain words for the state of a MotoROS session."""
+"""Messages about the state of a MotoROS session."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def silence(options: MotorosOptions, feed: StateFeed, link: Connection, now_s: f
 
 
 def findings(control: MotionControl, quiet: str, hold_reason: str) -> tuple[str, ...]:
-    """What stands in the way or deserves attention, worst first.
+    """Problems, and what else deserves attention, worst first.
 
     `quiet` says why no fresh state is known; empty when one is.
     """

@@ -21,13 +21,13 @@ from cardan.protocols.simple_message import JointTrajPtFull, MotionCommand, Moti
 from cardan.types import HoldCommand, RobotCommand
 
 STANDS_STILL_S = 0.5
-"""A queue that does not get shorter for so long is not being played."""
+"""Time without a shorter queue after which it counts as not being played."""
 SLOW_REPLY_S = 0.02
-"""A reply that takes longer leaves it open what has been played meanwhile."""
+"""Round trip beyond which a reply does not tell how much has been played."""
 RTT_MEMORY = 0.95
-"""How much of the longest round trip is remembered at the next one."""
+"""Share of the longest round trip that is kept at the next one."""
 EMPTY_WITHIN_S, EMPTY_TIMES = 10.0, 3
-"""A stream that ran empty so often in so long is none."""
+"""A stream that ran empty EMPTY_TIMES times in this time is given up."""
 
 LAST_TIME_MS = 8_150_000
 """Beyond 8192 s float32 cannot tell two ms apart any more."""
@@ -217,7 +217,7 @@ class PointStream(Trajectory):
             return
         took_s = self._timed(now_s)
         self._counted_s = now_s
-        # So many there were at the end of the round trip at the latest.
+        # The queue held so many at the end of the round trip at the latest.
         self._empty_s = now_s + (count + 2) * self._ipc_s
         low = self._low
         if count > low:

@@ -1,6 +1,6 @@
 """Stock MotoROS as its usual driver uses it: a trajectory for each goal, at rest at both ends.
 
-It is here to be compared with; every goal waits until the robot rests (motoman issue 386).
+It serves for comparison; every goal waits until the robot rests (motoman issue 386).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cardan.protocols.simple_message import (
 from cardan.types import RobotCommand
 
 ARRIVED_RAD = 0.01
-"""How far from its end a trajectory counts as done (motoman_driver's goal tolerance)."""
+"""Distance from its end at which a trajectory counts as done (motoman_driver's goal tolerance)."""
 SAME_GOAL_RAD = 1e-5
 """A goal as near as this is the one that was reached; a pulse is a few times more."""
 LONGEST_STEP_S = 0.1

@@ -25,38 +25,38 @@ from cardan.types import JointCommand, RobotCommand
 FIELDS = ValidFields.TIME | ValidFields.VELOCITY | ValidFields.ACCELERATION
 
 REST_RAD_S = 1e-5
-"""Slower than this is no motion: sent as it is, the controller would count it as one for ever."""
+"""Speed below which zero is sent: the controller would count any other speed as motion for ever."""
 
 AGREES_RAD = 0.004
-"""What the arm may be away from the ends of its commanded way without being corrected: it sags, and
-the two clocks are never quite one."""
+"""Distance of the arm from the ends of its commanded path that is not corrected: the arm sags, and
+the two clocks differ."""
 FOUND_RAD_S = 0.05
-"""How fast the commanded position is set to what is measured, and the speed it had besides: one
-wrong feedback changes next to nothing."""
+"""How fast the commanded position is corrected to the measured one, in addition to its speed: so
+one wrong feedback changes next to nothing."""
 CLOSING_RAD_S = 0.2
-"""Nobody steers what brings the arm to where it was lost from."""
+"""Fastest motion back to the command after a correction: the operator does not command it."""
 LOST_RAD = 0.15
 LOST_S = 0.5
-"""So far away for so long, and the arm does not obey, or is not measured rightly."""
+"""Distance LOST_RAD for LOST_S after which the arm is not obeying, or is measured wrongly."""
 
 LEAP_RAD, LEAP_RAD_S = 0.05, 15.0
-"""No joint goes farther between two feedbacks than the first, and the second in a second more: what
-is measured there is not believed, and corrects nothing."""
+"""Farthest that a joint moves between two feedbacks: the first, plus the second per second. A
+measurement beyond that is implausible, and corrects nothing."""
 
 ZEROS_BEFORE_END = 4
-"""The controller has come to rest by itself when so many commands have said zero."""
+"""Commands of zero speed after which the controller has come to rest by itself."""
 
 SETTLE_S = 1.0
-"""The arm may be told to move that long after the start, though it does not quite rest: an arm
-that sags in its servos never does."""
+"""Time after the start from which motion may be commanded to an arm that is not quite at rest: one
+that sags in its servos never is."""
 
 
 class VelocityStream(Motion):
     """Commands in velocity mode.
 
     The guide integrates what is sent, the controller what it used, and the arm does what it can.
-    Where the three part, the guide is set to what is measured, slowly; that commands nothing. The
-    next position that is asked for then makes up for it, slowly too.
+    Where the three differ, the guide is corrected to the measured position, slowly; that commands
+    nothing. The next commanded position then makes up for the difference, slowly too.
     """
 
     feeds_at_rest = True
@@ -84,12 +84,12 @@ class VelocityStream(Motion):
         self._lost_since_s = math.inf
         self._measured: Sequence[float] = feed.positions
         self._leapt = False
-        """Whether the arm is measured where it cannot have come to."""
+        """Whether the arm is measured at a place that it cannot have reached."""
         self.next_s = now_s
 
     def advance(self, now_s: float) -> None:
-        """Until the controller says so nobody may move, for its status is older than its reply;
-        then look where the arm is."""
+        """Wait until the controller says that motion is possible, since its status is older than
+        its reply; then check where the arm is."""
         feed = self._feed
         if not self.waiting:
             if feed.feedbacks != self._watched:

@@ -12,10 +12,10 @@ from cardan.protocols.hdapi import CalibrationStyle
 
 SETTLE_S = 0.1
 UPDATE_AGAIN_S = 0.5
-"""An update that had no effect is asked for again after so long."""
+"""Time after which an update that had no effect is asked for again."""
 
 SLOW_S = 15.0
-"""After so long without success the words say what else may be wrong."""
+"""Time without success after which the reason says what else may be wrong."""
 
 _MANUAL = {
     CalibrationStyle.INKWELL: "put the stylus into the inkwell",
@@ -86,15 +86,15 @@ class CalibrationWatch:
         return True
 
     def usable(self, now_s: float) -> bool:
-        """Whether the position can be believed and force be given."""
+        """Whether the position is valid and force is allowed."""
         return self._good_since_s is not None and now_s - self._good_since_s >= SETTLE_S
 
     def reason(self, now_s: float) -> str:
-        """Why it is not usable, in words; empty when it is."""
+        """Why it is not usable; empty when it is."""
         if self.usable(now_s):
             return ""
         if self.state is Calibration.OK:
-            return "calibrated: a moment, until the position has settled"
+            return "calibrated: waiting for the position to settle"
         slow = self._bad_since_s is not None and now_s - self._bad_since_s >= SLOW_S
         if self.state is Calibration.NEEDS_MANUAL_INPUT:
             how = _MANUAL[self._style] + ", to calibrate the device"

@@ -1,10 +1,10 @@
 """What the snapshots of the tick mean for the operator, without any I/O and in the caller's time.
 
 - The link is LIVE while the newest tick is young, the device calibrated, its stylus out of the
-  inkwell, and its position a position. Whatever ends that takes the pose away and releases the
-  buttons.
-- It is LIVE again only after the buttons were seen up: one that was held through trouble is no
-  deliberate act. The axes (rate mode) stay zero until the stylus was seen near its centre.
+  inkwell, and its position a position. When that ends, there is no pose and the buttons are
+  released.
+- It is LIVE again only after the buttons were seen up: one that was held through trouble must not
+  act. The axes (rate mode) stay zero until the stylus was seen near its centre.
 - Button edges come from the tick's counters, so that a click between two looks is an edge too.
 """
 
@@ -26,33 +26,33 @@ BUTTONS = ("button_1", "button_2")
 """button_1 is the front one (dark), button_2 the rear one (white)."""
 
 RATE_KNOWN_AFTER = 80
-"""So many ticks after the opening the rate, which is smoothed, is believed."""
+"""Ticks after opening from which the rate, which is smoothed, counts."""
 
-TOLD_FOR_S = 0.02
-"""A snapshot of the tick that is older does not say what force there is."""
+FORCE_KNOWN_S = 0.02
+"""Age of a snapshot of the tick beyond which it does not tell the force."""
 
 POSE_AFTER_S = 0.1
-"""A pose that is asked for by name is at most so old."""
+"""Largest age of the pose that `measured` gives."""
 
 SETTLING_S = 0.5
-"""So long after the opening the calibration may settle and the rate be unknown."""
+"""Time after opening in which the calibration may settle and the rate be unknown."""
 
 SETTLES = (Calibration.OK, Calibration.UNKNOWN)
 
 SLOW_S = 0.3
-"""A rate below is no passing stall when it lasts so long."""
+"""Time of a low rate after which it is no passing stall."""
 
 GAP_REPORT_HOLD_S = 0.05
-"""A gap between two ticks that nobody saw is told for so long, so that everybody sees it."""
+"""Time for which a gap between ticks is reported after it ended, so that every reader sees it."""
 
-TICK_TOLD_FROM_S = 0.8e-3
-"""A tick that took longer, of the 1 ms there is, is told of in the diagnosis."""
+SLOW_TICK_S = 0.8e-3
+"""Duration of a tick, of the 1 ms it has, from which the diagnosis reports it."""
 
 WARM = 0.8
-"""Temperature, of 1, from which on the diagnosis tells of it."""
+"""Motor temperature (0 cold, 1 hottest) from which the diagnosis reports it."""
 
 UNSEEN_REASON = "opened, no tick yet"
-SILENT_REASON = f"no tick of the force loop for {TOLD_FOR_S * 1e3:g} ms: what it does is not known"
+SILENT_REASON = f"no tick of the force loop for {FORCE_KNOWN_S * 1e3:g} ms: its force is not known"
 INKWELL_REASON = "the stylus is in the inkwell: take it out"
 BUTTONS_REASON = "let go of the buttons once"
 NO_POSITION_REASON = "the device gives no position"
@@ -91,9 +91,9 @@ class OmniCore(DeviceCore):
         self.snapshot = HapticState()
         """The newest one; its times since the snapshot before are those since the last `taken`."""
         self.hint = ""
-        """What else deserves attention, in words: of the force's priority and its permission."""
+        """What else deserves attention: of the force's priority and its permission."""
         self.numbers_hint = ""
-        """What is wrong with the process's locale for numbers, in words."""
+        """What is wrong with the process's locale for numbers."""
         self._shaper = Shaper(options)
         self._centre = Vector3(*options.centre_m)
         angles = (math.radians(angle) for angle in options.centre_rpy_deg)
@@ -109,7 +109,7 @@ class OmniCore(DeviceCore):
         self._update_due = False
         self._gap_seen_s = NEVER_S
         self.errors = 0
-        """Of the library, as the tick has counted them."""
+        """Errors of the library, as the tick has counted them."""
         self.bad_readings = 0
         """Ticks in which the device could not be read."""
         self._longest_gap_s = 0.0
@@ -119,7 +119,7 @@ class OmniCore(DeviceCore):
     # -- what happens --------------------------------------------------------------------------
 
     def on_opened(self, identity: Identity, now_s: float) -> None:
-        """The device was opened (again): nothing that was known of the hand counts."""
+        """The device was opened (again): nothing that was known of the stylus counts."""
         self.identity = identity
         self.calibration.on_opened(identity.calibration_styles)
         self._fast, self._slow_since_s = False, None
@@ -144,7 +144,7 @@ class OmniCore(DeviceCore):
         if not self._heard:
             self._first_tick = snapshot.ticks
         elif snapshot.gap_s > self._options.stale_after_s and snapshot.ticks != last.ticks:
-            # Nobody looked meanwhile, or could have: it was a loss all the same.
+            # No reader looked meanwhile, or could have: it was a loss all the same.
             self._gap_seen_s = now_s
         self._heard = True
         self._cached = None
@@ -174,7 +174,7 @@ class OmniCore(DeviceCore):
 
     def told(self, now_s: float) -> HapticState:
         """The newest snapshot as of `now_s`: no force in it, and the reason in words, where it is
-        too old to tell, or the device must not give force."""
+        too old, or the device must not give force."""
         snapshot = self.snapshot
         reason = ""
         if not self._ticks(now_s):
@@ -188,11 +188,11 @@ class OmniCore(DeviceCore):
         return snapshot._replace(force=ZERO3, force_commanded=ZERO3, rendering=False, reason=reason)
 
     def _ticks(self, now_s: float) -> bool:
-        """Whether the newest snapshot is of now."""
-        return now_s - self.snapshot.stamp_s <= TOLD_FOR_S
+        """Whether the newest snapshot is recent."""
+        return now_s - self.snapshot.stamp_s <= FORCE_KNOWN_S
 
     def forget_tick(self) -> None:
-        """The tick is gone, and its counters with it."""
+        """Forget the tick and its counters: it is gone."""
         self.snapshot = HapticState(reason=self._reason)
         self._presses = (0, 0)
 
@@ -203,7 +203,7 @@ class OmniCore(DeviceCore):
         return now_s - self._opened_s
 
     def force_obstacle(self, now_s: float) -> str:
-        """Why the device must not give force now, in words; empty when it may."""
+        """Why the device must not give force now; empty when it may."""
         if not self._open:
             return self._reason
         if not self._heard:
@@ -219,17 +219,17 @@ class OmniCore(DeviceCore):
             return f"the device gives {self.identity.output_dof} forces, and 3 are needed"
         if reason := self.calibration.reason(now_s):
             return reason
-        return "" if self._fast else "a moment, until the rate of the force loop is known"
+        return "" if self._fast else "waiting until the rate of the force loop is known"
 
     def settling(self, now_s: float) -> bool:
-        """Whether what stands in the way of force goes away by itself in a moment."""
+        """Whether the obstacle to force is expected to end by itself soon."""
         if not self._open or self.calibration.state not in SETTLES:
             return False
         return not self.calibration.usable(now_s) or now_s - self._opened_s < SETTLING_S
 
     def measured(self, now_s: float) -> tuple[Pose | None, str]:
-        """The newest pose, or None and why there is none to believe; whatever the link says of
-        buttons and inkwell."""
+        """The newest pose, or None and why there is no valid one; also while buttons or the inkwell
+        keep the link from being LIVE."""
         if not self._open:
             return None, self._reason
         if not now_s - self._stamp_s <= POSE_AFTER_S:
@@ -310,7 +310,7 @@ class OmniCore(DeviceCore):
             words.append(f"no force: {snapshot.reason or 'paused'}")
         if snapshot.temperature >= WARM:
             words.append(
-                f"the motors are warm ({snapshot.temperature:.0%} of what they stand): rest them"
+                f"the motors are warm ({snapshot.temperature:.0%} of their limit): let them rest"
             )
         if snapshot.thermal_derating < 0.99:
             words.append(
@@ -319,7 +319,7 @@ class OmniCore(DeviceCore):
             )
         if self.hint:
             words.append(self.hint)
-        if self._longest_cost_s > TICK_TOLD_FROM_S:
+        if self._longest_cost_s > SLOW_TICK_S:
             words.append(
                 f"a tick of the force loop took {self._longest_cost_s * 1e3:.3g} ms, of 1 ms there "
                 "is: is the machine busy, or the library slow?"
@@ -329,7 +329,7 @@ class OmniCore(DeviceCore):
     # -- inside --------------------------------------------------------------------------------
 
     def _watch(self, now_s: float) -> None:
-        """Bring the link to what is known at `now_s`."""
+        """Update the link to what is known at `now_s`."""
         if not self._open:
             return
         link, reason = self._verdict(now_s)
@@ -384,7 +384,7 @@ class OmniCore(DeviceCore):
         return DeviceLink.LIVE, ""
 
     def _show_buttons(self, levels: int, counts: tuple[int, int], now_s: float) -> None:
-        """Turn what the counters say since the last look into edges."""
+        """Turn the counters' changes since the last snapshot into edges."""
         down = [bool(levels >> bit & 1) for bit in range(2)]
         for bit in range(2):
             for _ in range(min(self._presses[bit] - counts[bit], MOST_CLICKS)):
@@ -418,7 +418,7 @@ class OmniCore(DeviceCore):
 
 
 MOST_CLICKS = 50
-"""So many clicks of a button between two looks are believed at most."""
+"""Most clicks of a button between two snapshots that are reported."""
 
 
 def _labels(down: list[bool]) -> list[str]:

@@ -44,15 +44,15 @@ WATCH_PERIOD_S = 0.01
 """How often the thread looks at the tick, the calibration, and whether it is to stop."""
 
 DEAD_AFTER_S = 0.5
-"""Without a tick for so long the device is given up, and opened again."""
+"""Time without a tick after which the device is given up, and opened again."""
 
 EDGE_M = 0.01
-"""The spring at the edge of the workspace begins so far before the device's own end."""
+"""Distance from the device's own end at which the spring at the workspace's edge begins."""
 
 OMNI_WORKSPACE_M = (WORKSPACE_LOWER_M, WORKSPACE_UPPER_M)
 
 RELEASE_TIMEOUT_S = 0.1
-"""How long the force may take to be zero and the callback to end, before the loop is stopped."""
+"""Longest wait for zero force and the end of the callback, before the loop is stopped."""
 
 USB_IDS = {
     ("2988", "0302"): "Touch (USB)",
@@ -67,14 +67,14 @@ NO_PRIORITY = (
 )
 
 LIGHT_ON, LIGHT_OFF = 6, 2
-"""Of the status light: steadily green, slowly blinking green."""
+"""Values of the status light: steadily green, slowly blinking green."""
 
 
 class Omni(ReadDevice[OmniCore], HapticDevice):
     """A Phantom Omni, Geomagic Touch or 3D Systems Touch, by the vendor's library libHD.
 
-    The force is made by compiled code in the library's own loop; this class tells it what to
-    render and reads what it felt. The device is opened again by itself after it was lost; its
+    The force is made by compiled code in the library's own loop; this class sends it
+    commands and reads its measurements. The device is opened again by itself after it was lost; its
     force stays off then until enable().
     """
 
@@ -98,7 +98,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         super().__init__(options, **keywords)
         self._core = OmniCore(self.options)
         self._commands = threading.Lock()
-        """Guards what is told to the tick: one source at a time."""
+        """Guards commands to the tick: one source at a time."""
         self._hd: LibHD | None = None
         self._handle: int | None = None
         self._scheduled: int | None = None
@@ -108,7 +108,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         self._force_allowed = False
         """The motors are on."""
         self._barred_s = math.inf
-        """Since when the tick was told that they will not be."""
+        """Since when the tick has known that they will be off."""
         self._ticks_seen = 0
         self._sequence = 0
         self._at_exit = functools.partial(_close_at_exit, weakref.ref(self))
@@ -126,7 +126,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         ]
         if found or not path:
             return found
-        words = missing or "what is behind it (FireWire, Ethernet, simulated) shows when opened"
+        words = missing or "its device (FireWire, Ethernet, simulated) shows when it is opened"
         return [FoundDevice("libHD, the library of Omni and Touch", "", "library", path, words)]
 
     @property
@@ -150,7 +150,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def open(self) -> None:
         """Open the device, start its loop and watch it; the force is disabled.
 
-        Raises DeviceNotFoundError or DeviceAccessError in words, unless `wait_for_device` is set;
+        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set;
         NativeMissingError when Cardan's own compiled part is not there.
         """
         with self._opening:
@@ -192,8 +192,8 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             return self._core.state(self._look())
 
     def haptics(self) -> HapticState:
-        """The newest snapshot of the tick; without a force, and with the reason in words, where
-        that is too old to tell, or the device must not give force."""
+        """The newest snapshot of the tick; without a force, and with the reason, where
+        it is too old, or the device must not give force."""
         with self._lock:
             return self._core.taken(self._look())
 
@@ -208,9 +208,9 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             return tick.details()
 
     def measured_pose(self) -> Pose:
-        """Where the hand is, whatever buttons and inkwell say.
+        """The stylus's pose, whatever the buttons and the inkwell.
 
-        Raises DriverError while the device cannot tell, in words.
+        Raises DriverError while the device cannot tell.
         """
         with self._lock:
             pose, reason = self._core.measured(self._look())
@@ -233,7 +233,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     @property
     def feedback_limits(self) -> FeedbackLimits:
-        """By the options, and by what the device says that it bears."""
+        """By the options and the device's own nominal forces."""
         limits = self._limits()
         return FeedbackLimits(limits.clamp_n, limits.torque_limit_n_m)
 
@@ -275,8 +275,8 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             self._opened_tick().resume()
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
-        """A wrench's force is rendered until it is repeated or silent for too long; its torque
-        cannot be. Without effect while the device is not there."""
+        """Render a wrench's force until the next one, or until it times out; its torque cannot be.
+        Without effect while the device is not there."""
         if feedback.led is not None:
             self._light(LIGHT_ON if feedback.led else LIGHT_OFF)
         if feedback.wrench is None:
@@ -286,7 +286,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             with self._lock:
                 pose, _ = self._core.measured(self._look())
             if pose is None:
-                return  # Nobody knows where the stylus points.
+                return  # The stylus's orientation is not known.
             force = spatial.rotate(pose.orientation, force)
         with self._commands:
             if self._tick is not None:
@@ -362,11 +362,11 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
             self._core.errors, self._core.bad_readings = details.errors, details.bad_readings
         if not hd.scheduled(scheduled):
             with self._lock:
-                self._look()  # Its last words may have come since.
+                self._look()  # Its last errors may have come since.
             details = tick.details()
             if details.error:
                 raise DeviceAccessError(error_words(details.error, details.internal_error))
-            raise DeviceAccessError("the library ended the force loop without a word")
+            raise DeviceAccessError("the library ended the force loop without an error")
         if now_s - snapshot.stamp_s > DEAD_AFTER_S and self._core.open_for_s(now_s) > DEAD_AFTER_S:
             if snapshot.ticks != self._ticks_seen:
                 words = f"the device could not be read for {DEAD_AFTER_S:g} s"
@@ -374,7 +374,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
                     words += f": {error_words(details.error, details.internal_error)}"
                 raise DeviceAccessError(words)
             raise DeviceAccessError(
-                f"the library's loop has stood still for {DEAD_AFTER_S:g} s without a word"
+                f"the library's loop has stood still for {DEAD_AFTER_S:g} s without an error"
             )
         self._ticks_seen = snapshot.ticks
         with self._lock:
@@ -406,7 +406,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
 
     def _lose(self, reason: str) -> None:
         if self._scheduled is not None:
-            # Whatever ended it: what comes back has no force until somebody enables it.
+            # Whatever ended it: a device that comes back has no force until it is enabled.
             with contextlib.suppress(DriverError), self._commands:
                 self._opened_tick().lose()
         super()._lose(reason)
@@ -443,7 +443,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         return now_s
 
     def _limits(self, identity: Identity | None = None) -> TickLimits:
-        """The tick's limits, none above what the device says it bears."""
+        """The tick's limits, none above the device's own."""
         identity = self._core.identity if identity is None else identity
         limits = self.options.limits()
         lower, upper = identity.reach_lower_m, identity.reach_upper_m

@@ -16,7 +16,7 @@
 /* What a device may not have: asked for once, and not again if that gave an error. */
 enum { HAS_VELOCITY = 1, HAS_GIMBAL = 2, HAS_ENCODERS = 4, HAS_TEMPERATURE = 8, HAS_INKWELL = 16 };
 
-/* The library has one stack of errors for all devices, and whoever empties it finds the others'
+/* The library has one stack of errors for all devices, and a servo that empties it finds the others'
  * too: each gets its own by this letter box. The boxes are static, since a servo may be freed while
  * another one's tick looks for it. */
 #define BOXES 16
@@ -148,8 +148,8 @@ Servo *servo_create(Tick *tick, const ServoFunctions *functions, HHD device, int
     servo->sample.by_torque = joint_torque != 0;
     servo->sample.rotation[0] = servo->sample.rotation[4] = servo->sample.rotation[8] = 1.0;
     for (int i = 0; i < BOXES && !servo->box; i++) {
-        uint64_t nobody = 0;
-        if (atomic_compare_exchange_strong(&boxes[i].owner, &nobody, (uint64_t)device + 1)) {
+        uint64_t unowned = 0;
+        if (atomic_compare_exchange_strong(&boxes[i].owner, &unowned, (uint64_t)device + 1)) {
             servo->box = boxes + i;
             atomic_store(&servo->box->error, 0);
         }

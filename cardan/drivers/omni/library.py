@@ -36,16 +36,16 @@ ENVIRONMENT = "CARDAN_LIBHD"
 """Names the library where the option `library` does not."""
 
 NAMES = ("libHD.so.3.4", "libHD.so.3.0", "libHD.so")
-"""What the system's loader is asked for, in this order, where nothing names one."""
+"""Names tried with the system's loader, in this order, where no option gives one."""
 
 RATE_HZ = 1000
-"""What the loop is asked to run at."""
+"""Rate that the loop is set to."""
 
 PT_LOAD = 1
 """Kind of a segment of an ELF file that is mapped into memory."""
 
 MOST_ERRORS = 64
-"""So many errors are taken from the library's stack at once, at most."""
+"""Most errors taken from the library's stack at once."""
 
 
 class ErrorInfo(ctypes.Structure):
@@ -205,7 +205,7 @@ class LibHD:
     def init_device(self, name: str) -> int:
         """Open the device of that configuration name ("": the first). Returns its handle.
 
-        Raises DeviceNotFoundError or DeviceAccessError in words.
+        Raises DeviceNotFoundError or DeviceAccessError.
         """
         with self._lock:
             # A device may not join a running loop: the others pause for a moment.
@@ -283,7 +283,7 @@ class LibHD:
     def schedule(self, callback: int, user: int, handle: int) -> int:
         """Have the function at `callback` called in every tick, first of all; start the loop.
 
-        Returns the scheduler's handle. Raises DeviceAccessError when the loop takes it not.
+        Returns the scheduler's handle. Raises DeviceAccessError when the loop does not take it.
         """
         with self._lock:
             if not self._serving:
@@ -425,7 +425,7 @@ def _is_cut_off(path: Path) -> bool:
     with contextlib.suppress(OSError, struct.error), path.open("rb") as file:
         size, head = path.stat().st_size, file.read(64)
         if head[:4] != b"\x7fELF" or head[4:6] != b"\x02\x01":
-            return False  # The loader says what it thinks of those.
+            return False  # The loader's own message says what is wrong with those.
         (at,) = struct.unpack_from("<Q", head, 32)
         entry, count = struct.unpack_from("<2H", head, 54)
         file.seek(at)
@@ -469,7 +469,7 @@ def _load_failure(path: str, words: str) -> str:
         return f"{path} is no library for this machine ({words})"
     if found := re.search(r"undefined symbol: (\S+)", words):
         return (
-            f"{path} does not fit to the device driver that is installed (it lacks {found[1]}): "
+            f"{path} does not fit the device driver that is installed (it lacks {found[1]}): "
             "take both from the same release"
         )
     return f"{path} cannot be loaded: {words}"

@@ -1,4 +1,4 @@
-"""What the tick of the force feedback keeps to, and how far a device may be driven.
+"""Limits of the force feedback's tick, and the ranges that a real device allows for them.
 
 checks.c has the same ranges. An annotation's second range is that of experiments (UncheckedLimits).
 """
@@ -20,32 +20,32 @@ _MOST = 1e300
 """No overflow on the way to a double."""
 ABOVE_NONE = Range(0.0, _MOST, "", "without it the tick makes no sense", above=True)
 NONE_OR_MORE = replace(ABOVE_NONE, above=False)
-ANYWHERE_M = Range(-_MOST, _MOST, "m", "no more goes into a double")
+ANYWHERE_M = Range(-_MOST, _MOST, "m", "the range of a double")
 
 CLAMP_N = Range(0.01, 3.3, "N", "the device bears no more")
 CLAMP_N_OF_EXPERIMENTS = replace(CLAMP_N, lowest=0.0, above=True)
 SLEW_RISE_N_S = Range(1.0, 400.0, "N/s", "a faster rise is a blow")
 SLEW_FALL_N_S = Range(1.0, 3300.0, "N/s", "the largest force within 1 ms")
-RELEASE_S = Range(0.001, 0.05, "s", "what forbids force takes it soon")
+RELEASE_S = Range(0.001, 0.05, "s", "a force that is not allowed must end soon")
 RELEASE_S_OF_EXPERIMENTS = replace(RELEASE_S, lowest=0.0, above=True)
-ENGAGE_RAMP_S = Range(0.01, 10.0, "s", "a force comes in, it does not strike")
-ENGAGE_BELOW_N = Range(0.001, 0.5, "N", "what it begins with must be no surprise")
+ENGAGE_RAMP_S = Range(0.01, 10.0, "s", "a force must begin gradually")
+ENGAGE_BELOW_N = Range(0.001, 0.5, "N", "the first force must not startle")
 HOLD_S = Range(0.001, 0.2, "s", "a dead program must not go on pushing")
-PAUSE_S = Range(0.001, 1.0, "s", "after so long the hand is elsewhere")
+PAUSE_S = Range(0.001, 1.0, "s", "after a longer pause the hand is elsewhere")
 MEASURED_HOLD_S = Range(0.001, 0.2, "s", "a dead sensor must not go on pushing")
-VELOCITY_GATE_M_S = Range(0.2, 2.0, "m/s", "a hand is slower, a flying stylus is not")
+VELOCITY_GATE_M_S = Range(0.2, 2.0, "m/s", "a held stylus is slower, a loose one is faster")
 DAMPING_N_S_M = Range(0.0, 3.0, "N·s/m", "more is unstable at 1 kHz with a filtered velocity")
-VELOCITY_CUTOFF_HZ = Range(5.0, 100.0, "Hz", "lower is late, higher is the encoders' quantum")
-CONTINUOUS_N = Range(0.01, 1.5, "N", "the motors bear 0.88 for long")
+VELOCITY_CUTOFF_HZ = Range(5.0, 100.0, "Hz", "lower lags, higher shows the encoders' resolution")
+CONTINUOUS_N = Range(0.01, 1.5, "N", "the motors bear 0.88 N continuously")
 CONTINUOUS_WINDOW_S = Range(1.0, 30.0, "s", "a motor warms within some ten seconds")
-THERMAL_DERATING_S = Range(0.05, 10.0, "s", "warm motors are spared soon")
+THERMAL_DERATING_S = Range(0.05, 10.0, "s", "warm motors must be relieved soon")
 TEMPERATURE_LIMIT = Range(0.05, 1.0, "", "at 1 the library switches off by itself")
 ALPHA_MAX_N_S_M = Range(0.0, 10.0, "N·s/m", "more is unstable by itself")
 ENERGY_BUDGET_J = Range(0.0, 0.2, "J", "1 m/s of a hand of 0.4 kg")
 PREDICTION_ERROR_M = Range(1e-05, 0.001, "m", "10 to 1000 m/s² at 1 kHz")
-LEAK_S = Range(0.01, 60.0, "s", "a surplus is not kept for the next contact")
+LEAK_S = Range(0.01, 60.0, "s", "surplus energy must not last until the next contact")
 EDGE_STIFFNESS_N_M = Range(0.0, 500.0, "N/m", "a stiffer one oscillates")
-EXTRAPOLATE_S = Range(0.0, 0.05, "s", "a force of later is a guess")
+EXTRAPOLATE_S = Range(0.0, 0.05, "s", "a longer extrapolation is a guess")
 OVERRUN_GAP_S = Range(0.0012, 0.02, "s", "a tick comes every 1 ms")
 PAUSE_GAP_S = Range(0.002, 0.1, "s", "a hand moves on meanwhile")
 OSCILLATION_WINDOW_S = Range(0.02, 1.0, "s", "an oscillation is 20 Hz and more")
@@ -53,7 +53,7 @@ OSCILLATION_SPEED_M_S = Range(0.001, 0.2, "m/s", "an oscillation is not faster")
 FORCE_ERROR_WAIT_S = Range(0.1, 10.0, "s", "the library's own ramp takes its time")
 TORQUE_LIMIT_N_M = Range(0.01, 0.5, "N·m", "the motors give no more")
 LOWEST_RATE_HZ = Range(800.0, 960.0, "Hz", "the limits are those of a loop of 1 kHz")
-ENGAGE_TICKS = Range(1, 10_000, "", "ten seconds; nobody waits longer for a force")
+ENGAGE_TICKS = Range(1, 10_000, "", "10 000 ticks are ten seconds")
 OSCILLATION_REVERSALS = Range(2, 32, "", "the tick remembers no more")
 
 _Metre = Annotated[float, bounds.DESK_M, ANYWHERE_M]
@@ -61,7 +61,7 @@ _Metre = Annotated[float, bounds.DESK_M, ANYWHERE_M]
 
 @dataclass(frozen=True, kw_only=True)
 class TickLimits:
-    """What the tick keeps to, whatever it is told to render. Raises OptionError."""
+    """Limits that the tick keeps, whatever it is commanded to render. Raises OptionError."""
 
     clamp_n: Annotated[float, CLAMP_N, CLAMP_N_OF_EXPERIMENTS] = 2.0
     """Largest norm of the force, N, 3.3 at most; the direction is kept."""
@@ -70,26 +70,26 @@ class TickLimits:
     slew_fall_n_s: Annotated[float, SLEW_FALL_N_S] = 400.0
     """How fast while it shrinks, N/s; at least clamp_n / release_s."""
     release_s: Annotated[float, RELEASE_S, RELEASE_S_OF_EXPERIMENTS] = 0.005
-    """Whatever forbids force has it at zero within so long, s."""
+    """Longest time to zero force once it is not allowed, s."""
     engage_ramp_s: Annotated[float, ENGAGE_RAMP_S, NONE_OR_MORE] = 1.0
-    """An engagement's force comes in over so long, s."""
+    """Duration of the ramp of force when it engages, s."""
     engage_below_n: Annotated[float, ENGAGE_BELOW_N] = 0.2
     """Before that the commanded force must have been smaller than this, N, ..."""
     engage_ticks: Annotated[int, ENGAGE_TICKS] = 4
-    """... for so many ticks in a row."""
+    """... for this number of ticks in a row."""
     hold_s: Annotated[float, HOLD_S] = 0.020
-    """A command is rendered for so long, s; then the force is released."""
+    """Time that a command is rendered, s; then the force is released."""
     pause_s: Annotated[float, PAUSE_S] = 0.2
-    """After a silence of so long, s, the state is PAUSED; after it, or after a stall of the loop
-    that lasted longer, the force must be small first and comes in by the whole ramp."""
+    """Silence of the commands, s, after which the state is PAUSED; after that, or a stall of the
+    loop that lasted longer, the force must be small first and comes in by the whole ramp."""
     measured_hold_s: Annotated[float, MEASURED_HOLD_S] = 0.05
-    """A measured force is rendered for so long, s."""
+    """Time that a measured force is rendered, s."""
     velocity_gate_m_s: Annotated[float, VELOCITY_GATE_M_S] = 1.0
-    """A stylus under force that is faster than this flies: FAULT."""
+    """Speed above which a stylus under force counts as loose: FAULT."""
     damping_n_s_m: Annotated[float, DAMPING_N_S_M] = 0.5
     """Damping in the tick, of the filtered velocity."""
     velocity_cutoff_hz: Annotated[float, VELOCITY_CUTOFF_HZ] = 30.0
-    """Of the velocity's low-pass filter."""
+    """Cut-off of the velocity's low-pass filter."""
     continuous_n: Annotated[float, CONTINUOUS_N] = 0.88
     """The force's root mean square, exponentially weighted over continuous_window_s as a motor
     warms, stays below this, N."""
@@ -115,21 +115,21 @@ class TickLimits:
     """Hand frame, m. Outside a spring leads back, and fixtures fade over 20 mm."""
     edge_stiffness_n_m: Annotated[float, EDGE_STIFFNESS_N_M] = 200.0
     extrapolate_s: Annotated[float, EXTRAPOLATE_S] = 0.008
-    """A measured force goes on with its rate and stiffness for so long, s."""
+    """Time that a measured force is extrapolated by its rate and stiffness, s."""
     overrun_gap_s: Annotated[float, OVERRUN_GAP_S] = 0.002
-    """After a gap of so long between ticks, s, no force is asked for in the next one."""
+    """Gap between ticks, s, after which the next one asks for no force."""
     pause_gap_s: Annotated[float, PAUSE_GAP_S] = 0.020
-    """After a gap of so long, s, the state is PAUSED."""
+    """Gap between ticks, s, after which the state is PAUSED."""
     oscillation_reversals: Annotated[int, OSCILLATION_REVERSALS] = 8
-    """So many changes of the velocity's sign along one axis ..."""
+    """Number of changes of the velocity's sign along one axis ..."""
     oscillation_window_s: Annotated[float, OSCILLATION_WINDOW_S] = 0.1
     """... within this time, s, ..."""
     oscillation_speed_m_s: Annotated[float, OSCILLATION_SPEED_M_S] = 0.02
     """... each between speeds above this halve the force; the second time it is PAUSED."""
     force_error_wait_s: Annotated[float, FORCE_ERROR_WAIT_S, NONE_OR_MORE] = 0.5
-    """No force for so long after a force error of the library, s; three in 10 s are a FAULT."""
+    """Time without force after a force error of the library, s; three in 10 s are a FAULT."""
     torque_limit_n_m: Annotated[float, TORQUE_LIMIT_N_M] = 0.35
-    """Of each joint, where the device is driven by joint torques, N·m."""
+    """Largest torque of each joint, where the device is driven by joint torques, N·m."""
     lowest_rate_hz: Annotated[float, LOWEST_RATE_HZ] = 900.0
     """No force while the loop runs slower than this, Hz: a wall would oscillate."""
 

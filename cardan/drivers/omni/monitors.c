@@ -3,7 +3,7 @@
 #include <math.h>
 
 #define INTERRUPTIONS_WINDOW_S 1.0
-/* Switch contacts bounce for some ms (5 to 10 by data sheet, 20 when worn), and nobody presses twice
+/* Switch contacts bounce for some ms (5 to 10 by data sheet, 20 when worn), and no finger presses twice
  * within this time: the first edge counts at once, later ones only after it. */
 #define BUTTON_LOCKOUT_S 0.025
 /* The loop counts as slow after its rate was low for this long (one or two stalls do not count), and

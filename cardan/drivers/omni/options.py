@@ -10,7 +10,7 @@ from cardan import bounds
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.shaping import ShapingOptions
 
-CALIBRATION_WAIT_S = bounds.Range(0.0, 600.0, "s", "who has not calibrated it by then has left")
+CALIBRATION_WAIT_S = bounds.Range(0.0, 600.0, "s", "a longer wait does not help")
 STALE_AFTER_S = bounds.Range(0.005, 0.1, "s", "ticks come every 1 ms; a hand moves 10 cm in 0.1 s")
 RANGE_M = bounds.Range(0.001, 1.0, "m", "a hand on a desk reaches no farther")
 RANGE_DEG = bounds.Range(1.0, 180.0, "deg", "half a turn to either side is all there is")
@@ -39,14 +39,14 @@ class OmniOptions(ShapingOptions, TickLimits):
     the library turns into torques of the motors, or as torques of the three joints, which the
     loop has made of it (transposed Jacobian, each within `torque_limit_n_m`)."""
     inkwell_switch: bool = True
-    """The stylus in its inkwell is put away: no pose and no force. False: the driver's pose does
-    not look at the switch (of a unit where it is broken); the tick still gives no force."""
+    """No pose and no force while the stylus is in its inkwell. False: the pose ignores the inkwell
+    switch (for a unit where it is broken); the tick still gives no force."""
     status_light: bool = True
     """Feedback "led" sets the device's status light, where it has one that can be set."""
     calibration_wait_s: Annotated[float, CALIBRATION_WAIT_S] = 0.0
-    """open() waits at most so long until the device is calibrated, s, and succeeds either way."""
+    """Longest wait of open() for the calibration, s; it succeeds either way."""
     stale_after_s: Annotated[float, STALE_AFTER_S] = 0.02
-    """Without a tick for so long the pose is not believed any more, s."""
+    """Time without a tick after which the pose does not count any more, s."""
     centre_m: tuple[_Desk, _Desk, _Desk] = (0.0, 0.0, 0.0)
     """Rate mode: where the axes are zero, hand frame, m."""
     range_m: Annotated[float, RANGE_M] = 0.06

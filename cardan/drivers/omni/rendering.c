@@ -29,7 +29,7 @@ static void render_measured(Tick *tick, const TickCommand *c, double now_s, doub
         add(tick->measured_extra, c->measured_stiffness_n_m, c->measured_position);
     }
     if (tick->now.force_age_s < -l->hold_s)
-        tick->now.force_age_s = INFINITY; /* of a time to come: not to be believed */
+        tick->now.force_age_s = INFINITY; /* stamped in the future: rejected */
     if (tick->now.force_age_s > l->measured_hold_s)
         return;
     double felt[3];

@@ -137,7 +137,7 @@ void tick_step(Tick *tick, const TickSample *s, TickOutput *output)
     int reason = TICK_AS_COMMANDED;
     double age = c ? fmax(now_s - c->stamp_s, now_s - tick->command_seen_s) : INFINITY;
     if (c && c->stamp_s > now_s + l->hold_s)
-        age = INFINITY; /* of a time to come: not to be believed */
+        age = INFINITY; /* stamped in the future: rejected */
     tick->still_ticks = dt > 0.0 ? 0 : tick->still_ticks + 1;
     bool alive = age <= l->hold_s && tick->still_ticks < STILL_TICKS;
     bool fell_silent = !alive && tick->was_alive;

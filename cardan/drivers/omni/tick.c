@@ -22,8 +22,8 @@ int tick_command(Tick *tick, const TickCommand *command, double now_s)
     }
     if (command->stamp_s > now_s + ahead) /* false for NaN */
         return TICK_OF_THE_FUTURE;
-    bool believed = !(tick->given_stamp_s > now_s + tick->given_hold_s);
-    if (tick->commanded_once && believed &&
+    bool plausible = !(tick->given_stamp_s > now_s + tick->given_hold_s);
+    if (tick->commanded_once && plausible &&
         (command->stamp_s < tick->given_stamp_s ||
          (command->sequence <= tick->given_sequence &&
           command->stamp_s < tick->given_stamp_s + tick->given_pause_s))) {

@@ -295,7 +295,7 @@ CARDAN_API void tick_fatal(Tick *tick, uint32_t code, int32_t internal);
 CARDAN_API void tick_set_realtime(Tick *tick, int realtime);
 CARDAN_API void tick_set_finished(Tick *tick, int finished);
 
-/* Sizes and offsets of every field above in order, for whoever declares them in another language;
+/* Sizes and offsets of every field above in order, for declarations in another language;
  * returns how many there are. */
 CARDAN_API size_t tick_layout(const size_t **values);
 

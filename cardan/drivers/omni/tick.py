@@ -35,7 +35,7 @@ _WRONG = {
     5: "a plane's normal or a cylinder's axis is not of length 1",
     6: "a length, stiffness, damping, cap or scale in it is negative",
 }
-_OF_THE_FUTURE = 8
+_STAMP_IN_FUTURE = 8
 _NO_MATRIX: Matrix3 = (0.0,) * 9
 
 
@@ -66,10 +66,10 @@ class Tick:
         if not self._pointer:
             raise DriverError(f"the tick does not take {limits}")
         self.limits = limits
-        """What it keeps to now."""
+        """The limits in force."""
 
     def set_limits(self, limits: TickLimits) -> None:
-        """Keep to `limits` from the next step on."""
+        """Use `limits` from the next step on."""
         with self._writing:
             if self._library.tick_set_limits(self.pointer(), ctypes.byref(c_limits(limits))):
                 raise DriverError(f"the tick does not take {limits}")
@@ -80,7 +80,7 @@ class Tick:
 
         `now_s`: the time, where the caller knows it; else the newest step's counts. Raises
         CommandError for what is not finite, no rotation, negative where that makes no sense, too
-        much, or of a time to come; the command before it then stays.
+        much, or stamped in the future; the command before it then stays.
         """
         if len(command.fixtures) > MAX_FIXTURES:
             raise CommandError(f"a haptic command cannot be taken: {_WRONG[4]}")
@@ -93,10 +93,10 @@ class Tick:
             result: int = self._library.tick_command(
                 tick, self._command_at, math.nan if now_s is None else now_s
             )
-        if result == _OF_THE_FUTURE:
+        if result == _STAMP_IN_FUTURE:
             raise CommandError(
-                f"a haptic command cannot be taken: its stamp, {command.stamp_s:.3f} s, is of a "
-                "time to come: stamps are of the monotonic clock, time.monotonic()"
+                f"a haptic command cannot be taken: its stamp, {command.stamp_s:.3f} s, is in "
+                "the future: stamps are of the monotonic clock, time.monotonic()"
             )
         if result > _DROPPED:
             raise CommandError(f"a haptic command cannot be taken: {_WRONG[result]}")

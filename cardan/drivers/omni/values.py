@@ -31,7 +31,7 @@ class StylusSample(NamedTuple):
 
     now_s: float
     position: Vector3 = ZERO3
-    """Of the gimbal's centre."""
+    """Position of the gimbal's centre."""
     velocity: Vector3 = ZERO3
     """As the library has it: only the velocity gate looks at it."""
     rotation: Matrix3 = IDENTITY3
@@ -59,7 +59,7 @@ class TickDetails(NamedTuple):
     """The force as torques of the joints."""
     oscillations: int
     errors: int
-    """Of the library, all that the tick has seen."""
+    """Errors of the library that the tick has seen."""
     force_errors: int
     error: int
     """The newest of them: a code of HDAPI, 0 before the first."""
@@ -205,7 +205,7 @@ def pack_sample(buffer: bytearray, sample: StylusSample, jacobian: Matrix3) -> N
 
 
 def quaternion_of(r: Matrix3) -> Quaternion:
-    """Of a rotation matrix; divides by the largest component, so no precision is lost."""
+    """From a rotation matrix; divides by the largest component, so no precision is lost."""
     w, x, y, z = (
         1.0 + r[0] + r[4] + r[8],
         1.0 + r[0] - r[4] - r[8],

@@ -27,7 +27,7 @@ _monotonic = time.monotonic
 
 
 class _Transport(Protocol):
-    """What joins the driver to the arm."""
+    """The driver's connection to the arm."""
 
     def now(self) -> float:
         """The time of the stamps."""
@@ -43,14 +43,14 @@ class _Transport(Protocol):
     def close(self) -> None: ...
 
 
-_MAKE_WAY_S = 1e-5
+_YIELD_S = 1e-5
 """Pause in each virtual cycle while the process has other threads. A loop that never waits keeps
 the interpreter for 5 ms at every call of theirs that lets go of it: what takes them 20 ms alone
 would take half a minute."""
 
 
 class _InProcess:
-    """The arm in this process, which runs while somebody waits for its next cycle."""
+    """The arm in this process, which runs while the driver waits for its next cycle."""
 
     def __init__(self, options: SimArmOptions) -> None:
         self.arm = SimulatedArm(options.arm_options)
@@ -70,7 +70,7 @@ class _InProcess:
             if self._virtual:
                 self._cycle_s += self._period_s
                 if threading.active_count() > 1:
-                    time.sleep(_MAKE_WAY_S)
+                    time.sleep(_YIELD_S)
             else:
                 self._next_deadline()
             data = list(self.arm.cycle(self._cycle_s))
@@ -106,7 +106,7 @@ class _Udp:
         return _monotonic()
 
     def send(self, data: bytes) -> None:
-        # Refused while nobody listens there; the silence says so.
+        # Refused while no program listens there; the driver then reports silence.
         with contextlib.suppress(OSError):
             self._socket.send(data)
 
@@ -220,7 +220,7 @@ class SimArm(LoopingRobot[SimArmSession]):
             session.check(command)
             return
         if session.late(transport.now()):
-            # The arm is not where it was when this command was thought of.
+            # The arm has moved on since the state that this command was computed from.
             for data in transport.waiting():
                 session.receive(data, transport.now())
         answer = session.command(command, transport.now())

@@ -21,7 +21,7 @@ from cardan.sim_peers.base import parse_faults
 from cardan.types import JointLimits, Vector3
 
 SILENT_PERIODS = 3
-"""So many missed states are not a hiccup any more."""
+"""Missed states after which the link is LOST; fewer are a hiccup."""
 
 _Metre = Annotated[float, bounds.COORDINATE_M]
 _Radius = Annotated[float, bounds.LENGTH_M]
@@ -58,9 +58,9 @@ class SimArmOptions(Options):
     """NAME or NAME=VALUE, as `cardan sim arm --list-faults` names them."""
     seed: Annotated[int, bounds.SEED] = 0
     command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
-    """The simulated controller brakes after so long without a command."""
+    """Time without a command after which the simulated controller brakes."""
     silence_s: Annotated[float, bounds.BLIND_S] = 0.1
-    """Without a state for so long (or three periods, if that is longer) the link is LOST."""
+    """Silence (at least three periods) after which the link is LOST."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -37,11 +37,11 @@ from cardan.types import (
 )
 
 _FLOOD = 50
-"""So many more bad datagrams than good ones, and nobody should be driving."""
+"""Excess of bad over good datagrams that counts as a flood: motion is not safe then."""
 _TOLERANCE = 1e-9
 
-_BESIDE_ITS_STOP = 0.02
-"""rad or m: a joint that rests on its stop may be measured, and so be told to stay, beyond it."""
+_STOP_TOLERANCE = 0.02
+"""rad or m: a joint that rests on its stop may be measured, and so commanded, beyond it."""
 _SEQUENCES = 1 << 32
 
 
@@ -49,8 +49,8 @@ class SimArmSession:
     """One connection to a simulated arm.
 
     `receive` takes datagrams, `command` makes them; both get the local monotonic time. A newer
-    session of the controller voids what was commanded before; an older one is not heard unless
-    the link is lost.
+    session of the controller voids earlier commands; an older one is ignored unless the link is
+    lost.
     """
 
     def __init__(self, options: SimArmOptions) -> None:
@@ -62,8 +62,8 @@ class SimArmSession:
         efforts = tuple(joint.effort for joint in arm.joints)
         self._ranges: dict[str, tuple[Sequence[float], Sequence[float]]] = {
             "positions": (
-                tuple(value - _BESIDE_ITS_STOP for value in lower),
-                tuple(value + _BESIDE_ITS_STOP for value in upper),
+                tuple(value - _STOP_TOLERANCE for value in lower),
+                tuple(value + _STOP_TOLERANCE for value in upper),
             ),
             "velocities": (tuple(-v for v in speed), speed),
             "torques": (tuple(-t for t in efforts), efforts),
@@ -260,7 +260,7 @@ class SimArmSession:
                     f"{name}: joint {joint} at {value:g}; allowed: {low:.6g} to {high:.6g}"
                 )
 
-    # -- for whoever watches --------------------------------------------------------------------
+    # -- diagnosis ------------------------------------------------------------------------------
 
     def metrics(self) -> dict[str, float]:
         """Counts so far."""
@@ -271,7 +271,7 @@ class SimArmSession:
         }
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """What stands in the way, worst first."""
+        """Problems, worst first."""
         found = []
         if self._newest is None:
             found.append("nothing was heard of the simulated arm; is `cardan sim arm` running?")

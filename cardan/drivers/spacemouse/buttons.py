@@ -75,7 +75,7 @@ class Buttons(ButtonEdges):
             told = self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
         if self._unheard:
             self._unheard = False
-            if len(told) > 1:  # nobody knows which of them was pressed now
+            if len(told) > 1:  # which of them was pressed now is not known
                 self.mask(told)
         self.set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
 

@@ -1,12 +1,12 @@
 """What a SpaceMouse's reports mean, without any I/O and in the caller's time.
 
 A device at rest is silent, and a deflected one reports all the time (over HID a pair of halves or
-one whole report each 16 ms, over a serial line a packet each 33 to 60 ms). So silence is believed
-only after a report of rest:
+one whole report each 16 ms, over a serial line a packet each 33 to 60 ms). So silence counts as
+rest only after a report of rest:
 
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until both translation and
-  rotation were reported inside the dead zone. A device that nobody touches says nothing at all,
-  so the operator touches the cap and lets go once: every release ends in reports of rest.
+  rotation were reported inside the dead zone. An untouched device sends nothing, so the operator
+  touches the cap and lets go once: every release ends in reports of rest.
 - A deflected device that falls silent for `STALE_AFTER_S`, or one of whose halves does, is STALE:
   the axes are zero, and the buttons count as released, since a release may have been lost.
 """
@@ -44,8 +44,8 @@ REPORT_PERIOD_S = 0.016
 """A deflected HID device repeats each half, or its whole report, this often."""
 
 STALE_AFTER_S = 0.09
-"""Silence of a deflected HID device beyond this is a link in trouble. The state must be neutral
-within 0.1 s; the rest is for one look of the reader."""
+"""Silence of a deflected HID device after which the link is STALE. The state must be neutral within
+0.1 s; the difference is for one cycle of the reader."""
 
 SLOW_STALE_AFTER_S = 0.1
 """The same for a device that reports less often, as all do over a serial line."""
@@ -53,7 +53,7 @@ SLOW_STALE_AFTER_S = 0.1
 GAP_AFTER_S = 3 * REPORT_PERIOD_S
 """Silence of a deflected device beyond this is counted."""
 GAP_PERIODS = 1.5
-"""Or beyond so many periods of a slow one."""
+"""The same for a slow device, in periods."""
 
 SETTLE_S = REPORT_PERIOD_S
 """Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""
@@ -61,7 +61,7 @@ SETTLE_S = REPORT_PERIOD_S
 LOW_BATTERY_PERCENT = 10
 
 PLAUSIBLE_FULL_SCALE = (100, 2048)
-"""Counts; a report descriptor that declares anything else is not believed."""
+"""Counts; a report descriptor that declares anything else is ignored."""
 
 OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
 RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
@@ -76,7 +76,7 @@ class _Half:
         self.name = name
         self.stamp_s = NEVER_S
         self.zero: tuple[int, int, int] | None = None
-        """Counts at rest, which `counts` is given from; None: all zero."""
+        """Counts at rest, subtracted from `counts`; None: all zero."""
         self.counts = (0, 0, 0)
         self.active = False
         """Outside the dead zone."""
@@ -104,7 +104,7 @@ class SpaceMouseCore(DeviceCore):
         self._drift = DriftDetector()
         self._buttons: Buttons = Buttons(model)
         self._resumed_reason = RESUMED_REASON
-        """What it says once a STALE device is heard of again."""
+        """The reason once a STALE device is heard of again."""
         self._low_battery = False
         self._split: bool | None = None
         """Whether the device reports in halves; None: not known yet."""
@@ -188,11 +188,11 @@ class SpaceMouseCore(DeviceCore):
 
     @property
     def full_scale(self) -> float:
-        """Counts that are taken for a full deflection."""
+        """Counts of a full deflection."""
         return self._full_scale
 
     def rezero(self, now_s: float) -> None:
-        """Take the resting position of the cap for zero, until the device is opened again.
+        """Take the resting position of the cap as zero, until the device is opened again.
 
         Raises CommandError unless the cap rests: silent, or constant for `DRIFT_AFTER_S`.
         """
@@ -217,7 +217,7 @@ class SpaceMouseCore(DeviceCore):
     def _counters(self) -> Mapping[str, str]:
         return {
             "silences": f"silences of more than {self._stale_after_s:g} s while deflected",
-            "doubts": "times the buttons were not told when asked for",
+            "doubts": "queries of the buttons without an answer",
             "gaps": f"gaps of more than {1000.0 * self._gap_after_s:.0f} ms while deflected",
             "unpaired_halves": "translation or rotation reports without the other half",
             "unusual_lengths": "motion reports of an unusual length",
@@ -318,7 +318,7 @@ class SpaceMouseCore(DeviceCore):
             self._drift.update(self._raw(), self._full_scale, now_s)
 
     def _watch(self, now_s: float) -> None:
-        """Notice the silence of a deflected device, or of one half of it."""
+        """Check for silence of a deflected device, or of one half of it."""
         if not self._active:
             return
         translation, rotation = self._translation, self._rotation

@@ -40,20 +40,20 @@ from cardan.protocols.connexion_serial import serial_model_by_key
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 READ_TIMEOUT_S = 0.05
-"""How long a silent device keeps the reader from the LED and from closing."""
+"""Longest wait for a report; the reader serves the LED and checks for its end in between."""
 
 BIND_TIMEOUT_S = 0.004
-"""Wait for each interface of a receiver in turn, until one speaks."""
+"""Wait for each interface of a receiver in turn, until one sends."""
 
 MAX_DRAINED = 64
-"""Reports taken in a row; then those who ask for the state get their turn."""
+"""Most reports processed in a row; then other threads can read the state."""
 YIELD_S = 0.0005
 
 MUTE_AFTER_S = 10.0
-"""An open device that has said nothing for so long may be in another program's hands."""
+"""Silence after opening from which another program may hold the device."""
 
 USB_HINT = 'hidapi does not show it: transport = "usb" opens it, and takes it from other programs'
-"""Nothing takes a device from the kernel's driver unasked, so "auto" does not try raw USB."""
+""""auto" does not try raw USB, which would take the device from the kernel's driver."""
 
 SPEAKING_IDS = frozenset({TRANSLATION_ID, ROTATION_ID, BUTTONS_ID, KEYS_DOWN_ID})
 """Reports that only an interface with a puck behind it sends."""
@@ -124,7 +124,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                 found = _usb_devices()
             except DeviceAccessError as error:
                 rows.append(_unlisted(UsbTransport.name, error))
-            except (DriverError, OSError):  # Few have libusb, and hardly anybody needs it.
+            except (DriverError, OSError):  # libusb is often missing, and rarely needed.
                 pass
         rows += [
             base.FoundDevice(
@@ -165,11 +165,11 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @property
     def model(self) -> Model | None:
-        """What is open, was open last, or is said to be there; None: nothing known."""
+        """The model that is open, was open last, or is set by the options; None: not known."""
         return self._model
 
     def rezero(self) -> None:
-        """Take the resting position of the cap for zero, until the device is opened again.
+        """Take the resting position of the cap as zero, until the device is opened again.
 
         Raises CommandError unless the cap rests.
         """
@@ -177,7 +177,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             self._core.rezero(time.monotonic())
 
     def diagnosis(self) -> tuple[str, ...]:
-        """What stands in the way or deserves attention, worst first."""
+        """Problems, and what else deserves attention, worst first."""
         words = [*super().diagnosis()]
         now_s = time.monotonic()
         with self._lock:
@@ -307,7 +307,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             self._show_led(self._links[0])
 
     def _bind(self) -> None:
-        """Listen to several interfaces; keep the one that speaks."""
+        """Listen to several interfaces; keep the one that sends reports."""
         for link in tuple(self._links):
             try:
                 report = link.read(BIND_TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""Tells a zero that has moved from a hand that holds still."""
+"""Distinguishes a shifted zero from a cap that is held still."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from cardan.types import NEVER_S
 
 DRIFT_AFTER_S = 5.0
-"""A small deflection that stays the same for so long is no hand: the zero has moved."""
+"""Time of a constant small deflection after which the zero has shifted: no hand is so still."""
 
 DRIFT_BAND = 2
 """Counts that a resting axis jitters by."""
 
 DRIFT_LIMIT = 0.2
-"""Share of the full scale up to which a constant deflection passes for a moved zero."""
+"""Share of the full scale up to which a constant deflection counts as a shifted zero."""
 
 CHECK_PERIOD_S = 0.25
 

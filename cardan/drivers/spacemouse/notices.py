@@ -1,4 +1,4 @@
-"""What a conversation with a device says beside the device's reports."""
+"""Changes of a serial device's condition, beside its reports."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from cardan.protocols.connexion import Model
 
 
 class Doubt(NamedTuple):
-    """What was known of the cap and the buttons counts no more; the device is still there."""
+    """The known state of cap and buttons is void; the device is still there."""
 
     reason: str
-    """Why, in words, and what the operator does about it."""
+    """The reason, and what the operator does about it."""
 
 
 class Lapse(NamedTuple):

@@ -26,15 +26,14 @@ class SpaceMouseOptions(ShapingOptions):
     """The device's path as ``cardan devices`` lists it, the serial port's or the socket's; empty:
     the first found."""
     model: str = ""
-    """Key of the model to open ("spacemouse-compact"); for a socket, what is behind it, where
-    that matters: labels of its buttons and its full scale. Empty: any; at a serial port it is
-    found out."""
+    """Key of the model to open ("spacemouse-compact"); for a socket, the simulated model, for the
+    labels of its buttons and its full scale. Empty: any; at a serial port it is detected."""
     serial: str = ""
     """Serial number of the device to open; most have none. Empty: any."""
     port: str = ""
     """USB port of the device to open ("1-2.3", as in /sys/bus/usb/devices). Empty: any."""
     slot: Literal["", "0", "1", "2", "3", "4"] = ""
-    """Interface of a receiver on which the device speaks. Empty: the first that speaks."""
+    """Interface of a receiver on which the device sends. Empty: the first that sends."""
     full_scale: Annotated[float, bounds.COUNTS] | None = None
     """Counts of a full deflection; None: from the report descriptor, else the model's."""
     led: Literal["keep", "on", "off"] = "keep"

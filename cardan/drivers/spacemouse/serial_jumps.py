@@ -1,7 +1,7 @@
-"""Which motion of a device without checksums is believed: no wrong bit is to become a deflection.
+"""Plausibility check for motion without checksums: no wrong bit is to become a deflection.
 
-A hand moves the cap in steps. A packet further out than a hand gets since the packet before waits
-for the next: one near it confirms it. Towards rest every packet counts at once.
+A packet farther out than a hand moves the cap in one period is held until the next packet, which
+confirms it if it is near. Towards rest every packet counts at once.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ REST: Counts = (0, 0, 0, 0, 0, 0)
 
 
 class Verdict(NamedTuple):
-    """What becomes of a packet."""
+    """The verdict on a packet."""
 
     counts: Counts | None
     """The deflection that counts now; None: none that is new."""
     garbled: bool
-    """It, or the one that waited for it, was found to be wrong."""
+    """The packet, or the one held before it, was found to be wrong."""
 
 
 class JumpGuard:
@@ -37,22 +37,22 @@ class JumpGuard:
         self.reset()
 
     def reset(self) -> None:
-        """The cap is at rest, or nothing is known of it."""
+        """Begin anew: the cap is at rest, or nothing is known of it."""
         self._last = REST
         """What counts."""
         self._before_fall: Counts | None = None
-        """What counted before it, if `_last` is much less: that may have been the wrong bit."""
+        """The packet before `_last`, where `_last` is much less: that may be a bit error."""
         self._waiting: Counts | None = None
         """The newest packet, when the next has to confirm it."""
         self._missed = False
-        """There was a packet since `_last` that nobody could use."""
+        """There was an unusable packet since `_last`."""
 
     def miss(self) -> None:
         """A packet could not be read: the cap may be a step further."""
         self._missed = True
 
     def refuse(self) -> Counts | None:
-        """A packet says what cannot be: what counts meanwhile, for this one; None: nothing new."""
+        """Drop an impossible packet; returns what counts for this period; None: nothing new."""
         held = None if self._missed or self._waiting is not None else self._held()
         self._missed = True
         return held
@@ -81,7 +81,7 @@ class JumpGuard:
         return Verdict(None, True)
 
     def _held(self) -> Counts | None:
-        """`_last` once more; but rest that the device did not tell of is not made up."""
+        """`_last` once more, but never a rest, which only the device can report."""
         return self._last if any(self._last) else None
 
     def _take(self, counts: Counts, waiting: Counts | None, garbled: bool) -> Verdict:

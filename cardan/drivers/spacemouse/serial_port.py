@@ -20,7 +20,7 @@ STOP_BITS = 2
 
 
 class SerialTransport(Transport):
-    """The serial port at `path`, and the device of `model` there; None: find out which.
+    """The serial port at `path`, and the device of `model` there; None: detect it.
 
     `stopping` is asked while a device is being found, which takes up to some seconds.
     """

@@ -3,11 +3,11 @@
 Without any I/O and in the caller's time: bytes in, bytes and reports out. What it reports is what a
 HID device would: `Motion` and `ButtonBits`, in the raw frame of the HID devices.
 
-Motion is repeated, so a lost packet of it is made good by the next. A change of the keys is told
-once: while one is down, and after every packet that cannot be read, the device is asked for them.
+Motion is repeated, so the next packet replaces a lost one. A change of the keys is sent once: while
+one is down, and after every packet that cannot be read, the device is asked for them.
 
-Packets of a Spaceball carry no check: motion that it cannot give is refused, and motion that no
-hand makes waits for the packet after it (`serial_jumps`).
+Packets of a Spaceball carry no check: impossible motion is refused, and implausible motion is
+held until the packet after it (`serial_jumps`).
 """
 
 from __future__ import annotations
@@ -61,28 +61,28 @@ from cardan.protocols.connexion_serial import (
 DETECT_TIMEOUT_S = 3.0
 """A device that was just given power takes a second to start, and some are asked twice."""
 ANSWER_TIMEOUT_S = 0.25
-"""Wait for the answer to a command; a device that knows it not may say nothing."""
+"""Wait for the answer to a command; a device that does not know it may send none."""
 FIRMWARE_TIMEOUT_S = 0.4
 """Wait for the line of a Spaceball's banner that tells its firmware."""
 QUIET_S = 0.5
-"""A Magellan or Spaceball that has been quiet for so long is asked for its keys."""
+"""Silence after which a Magellan or Spaceball is asked for its keys."""
 ASK_AFTER_S = 0.12
-"""While a key is down it is asked so often, whatever else it says."""
+"""Period of that question while a key is down, whatever else is received."""
 KEYS_TIMEOUT_S = 0.15
 """A key whose device does not answer in this time counts as released."""
 PAUSE_S = 0.05
 """Between two questions: a Magellan takes no more than five bytes in a row."""
 REST_AFTER_PERIODS = 3.0
-"""A Spaceball that was deflected and answers, but has sent no motion for so long, is at rest: not
-all of them may tell of it."""
-RESTS_TOLD = 2
-"""So many answers in a row show it, since the first may have been under way."""
+"""Periods without motion after which a Spaceball that was deflected, and answers, is at rest: not
+all of them may report it."""
+REST_ANSWERS = 2
+"""Answers in a row that show it, since the first may have been sent before."""
 GONE_AFTER_S = 1.2
-"""One that does not answer that is gone."""
+"""Silence after which a Magellan or Spaceball, which was asked meanwhile, is gone."""
 ORB_GONE_AFTER_S = 2.5
-"""A SpaceOrb says something each second by itself."""
+"""The same for a SpaceOrb, which sends a packet each second by itself."""
 MOST_OF_FULL_SCALE = 3.0
-"""No axis of a Spaceball gives more; 20000 counts, 2.5 of translation's, have been seen."""
+"""Largest value of a Spaceball's axis; 20000 counts, 2.5 full scales of translation, were seen."""
 OUT_OF_RANGE = "beyond what the device can give"
 JUMPED = "far from those around them"
 
@@ -204,7 +204,7 @@ class SerialSession:
         self._motion_s = now_s
         self._rests_owed = 0
         self._jumps = JumpGuard(math.inf)
-        """Of a Spaceball, once it is known."""
+        """Plausibility check of a Spaceball's motion, with its limits once the model is known."""
         self._take: dict[str, Callable[[object, SerialModel, float], None]] = {
             "magellan": self._on_magellan,
             "spaceball": self._on_spaceball,
@@ -270,7 +270,7 @@ class SerialSession:
         return words
 
     def failure(self, now_s: float) -> str:
-        """Why it is to be given up, in words; empty: it is not."""
+        """Why it is to be given up; empty: it is not."""
         if self.model is None:
             if now_s - self._began_s < DETECT_TIMEOUT_S:
                 return ""
@@ -489,7 +489,7 @@ class SerialSession:
             counts = self._jumps.refuse()
         else:
             self._heard_s = self._motion_s = now_s
-            self._rests_owed = RESTS_TOLD if any(value[1:]) else 0
+            self._rests_owed = REST_ANSWERS if any(value[1:]) else 0
             counts, garbled = self._jumps.judge(rates)
             if garbled:
                 self._malformed(Malformed(JUMPED, _D), now_s)

@@ -36,7 +36,7 @@ class HidCandidate(NamedTuple):
     transport: str
     path: str
     obstacle: str = ""
-    """What stands in the way of opening it, in words; empty: nothing known."""
+    """Why it cannot be opened; empty: nothing known."""
     serial: str = ""
     model: Model | None = None
     certain: bool = True
@@ -44,11 +44,11 @@ class HidCandidate(NamedTuple):
     interface: int = -1
     """Number of its USB interface, which is the slot of a receiver; -1: not known."""
     port: str = ""
-    """USB port ("1-2.3"), which stays the same as long as nobody replugs; empty: not known."""
+    """USB port ("1-2.3"), which stays the same until it is replugged; empty: not known."""
 
 
 Reading = bytes | InputReport | Notice
-"""A HID report of its true length, what one would say, or what became of the device."""
+"""A HID report of its true length, a decoded one, or a change of the device's condition."""
 
 
 class Link(ABC):
@@ -57,7 +57,7 @@ class Link(ABC):
     model: Model | None = None
     """What it has turned out to be, where opening it shows that."""
     period_s: float = REPORT_PERIOD_S
-    """A deflected device reports this often."""
+    """Period of reports while deflected."""
 
     @abstractmethod
     def read(self, timeout_s: float) -> Reading | None:

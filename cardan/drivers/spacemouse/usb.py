@@ -33,7 +33,7 @@ _SHORTEST_TIMEOUT_MS = 1
 
 
 class UsbTransport(Transport):
-    """pyusb. While a device is open this way, no other program gets anything of it."""
+    """Raw USB by pyusb. While a device is open this way, no other program gets its reports."""
 
     name = "usb"
 

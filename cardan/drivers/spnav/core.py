@@ -1,15 +1,15 @@
 """What a spacenavd socket says, without any I/O and in the caller's time.
 
 The daemon passes on what its device reports: motion each 8 to 60 ms while deflected, zeros once on
-release, then nothing. So silence is believed only after a motion of zero:
+release, then nothing. So silence counts as rest only after a motion of zero:
 
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until a motion inside the
-  dead zone came. A device that nobody touches says nothing at all, so the operator touches the cap
-  and lets go once.
+  dead zone came. An untouched device sends nothing, so the operator touches the cap and lets
+  go once.
 - A deflected device that falls silent for `STALE_AFTER_S` is STALE: the axes are zero and the
   buttons count as released. The daemon tells clients of version 0 nothing else when its device is
   unplugged, and drops zeros and releases for a client that was slow.
-- A client of version 1 is told of unplugging: LOST, until a device is there again.
+- The daemon reports unplugging to a client of version 1: LOST, until a device is there again.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ SETTLE_S = 0.016
 """Motions of zero this soon after a silence may be old ones that had queued up meanwhile."""
 
 HANDSHAKE_TIMEOUT_S = 0.3
-"""A daemon that has not granted version 1 by then speaks version 0, as libspnav takes it."""
+"""A daemon that has not granted version 1 by then has version 0, as in libspnav."""
 
 REPLY_TIMEOUT_S = 0.4
 """A request that is not answered by then counts as refused."""
 
 OUT_OF_STEP = 50
-"""So many records in a row that mean nothing: the stream is out of step, or is no daemon's."""
+"""Meaningless records in a row after which the stream is out of step, or not a daemon's."""
 
 CLIENT_NAME = "cardan"
 
@@ -72,7 +72,7 @@ _SERIAL_FULL_SCALES: Mapping[int, tuple[float, float]] = MappingProxyType(
         **dict.fromkeys((0x103, 0x104, 0x105), (400.0, 400.0)),
     }
 )
-"""Of Spaceballs, and of devices that speak as the Magellan does."""
+"""Full scales of Spaceballs, and of devices with the Magellan's protocol."""
 _ONE_TYPES = frozenset({0x20C, 0x20D, 0x20E})
 
 OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
@@ -202,7 +202,7 @@ class SpnavCore(DeviceCore):
 
     @property
     def out_of_step(self) -> bool:
-        """Whether only connecting anew can help: nothing that comes means anything."""
+        """Whether only connecting anew can help: no record is meaningful any more."""
         return self._malformed_in_a_row >= OUT_OF_STEP
 
     @property
@@ -227,7 +227,7 @@ class SpnavCore(DeviceCore):
 
     @property
     def full_scale(self) -> float:
-        """Counts of translation that are taken for a full deflection."""
+        """Counts of translation of a full deflection."""
         return self._full_scale
 
     def _figures(self, now_s: float) -> dict[str, float]:
@@ -262,7 +262,7 @@ class SpnavCore(DeviceCore):
         self._arm(now_s)
 
     def _arm(self, now_s: float) -> None:
-        """Believe the device from its first rest on, unless something follows it at once."""
+        """Accept the device from its first rest on, unless other motion follows at once."""
         if (
             self._link is DeviceLink.NEEDS_NEUTRAL
             and self._motion is not None
@@ -311,7 +311,7 @@ class SpnavCore(DeviceCore):
         self._ask_all(now_s)
 
     def _is_known(self, device: DeviceChange) -> bool:
-        """Whether it is what the daemon's answers describe, and gives the same counts."""
+        """Whether it is the device that the daemon's answers describe, with the same full scale."""
         return self._described and (self._device_type, *self._usb_id) == (
             device.device_type,
             device.vendor_id,
@@ -319,7 +319,7 @@ class SpnavCore(DeviceCore):
         )
 
     def _watch(self, now_s: float) -> None:
-        """Notice the silence of a deflected device, and the rest of another."""
+        """Check for silence of a deflected device; accept one that stayed at rest."""
         if not self._active:
             self._arm(now_s)
         elif now_s - self._motion_s > STALE_AFTER_S:

@@ -20,16 +20,16 @@ from cardan.protocols.spnav import DEFAULT_SOCKET, LedMode
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 SOCKET_VARIABLE = "SPNAV_SOCKET"
-"""The environment's word on where the socket is, as libspnav takes it."""
+"""Environment variable with the socket's path, as libspnav reads it."""
 
 READ_TIMEOUT_S = 0.02
-"""How long a silent daemon keeps the reader from the LED and from closing."""
+"""Longest wait for data; the reader serves the LED and checks for its end in between."""
 
 AGREE_TIMEOUT_S = 1.0
-"""open() waits so long for the protocol's version and the first answers, at most."""
+"""Longest wait of open() for the protocol's version and the first answers."""
 
 _CONNECT_TIMEOUT_S = 1.0
-_PARTING_TIMEOUT_S = 0.1
+_CLOSE_TIMEOUT_S = 0.1
 _ROOM_BYTES = 4096
 
 
@@ -112,7 +112,7 @@ class Spnav(ReadDevice[SpnavCore]):
             self._exchange(sock, READ_TIMEOUT_S)
         with self._lock:
             self._core.restore_led(time.monotonic())
-        end_s = time.monotonic() + _PARTING_TIMEOUT_S
+        end_s = time.monotonic() + _CLOSE_TIMEOUT_S
         with contextlib.suppress(OSError):
             while not self._core.settled and time.monotonic() < end_s:
                 self._exchange(sock, READ_TIMEOUT_S)
@@ -171,7 +171,7 @@ def _refusal(path: str, error: OSError) -> DriverError:
     if isinstance(error, FileNotFoundError):
         return DeviceNotFoundError(f"there is no socket at {path}: {start}")
     if isinstance(error, ConnectionRefusedError):
-        return DeviceNotFoundError(f"nobody serves the socket {path}: {start}")
+        return DeviceNotFoundError(f"no program serves the socket {path}: {start}")
     if isinstance(error, PermissionError):
         return DeviceAccessError(
             f"no permission for the socket {path}: let its owner give access (`cardan spnav` has "

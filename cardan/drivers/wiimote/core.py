@@ -1,7 +1,7 @@
-"""The state of a remote from its reports: what is believed, and when. No I/O, no clock.
+"""The state of a remote from its reports, and when its input counts. No I/O, no clock.
 
 A remote streams a hundred reports per second, moved or not, so silence is always a fault: after
-`STALE_AFTER_S` nothing of it counts any more, and going on takes the clutch let go.
+`STALE_AFTER_S` its input does not count until the clutch has been released.
 """
 
 from __future__ import annotations
@@ -48,24 +48,24 @@ from cardan.protocols.wiimote import (
 from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 
 STALE_AFTER_S = 0.09
-"""Silence beyond this, nine reports, is a link in trouble. The state must be neutral within 0.1 s;
-the rest is for one look of the reader."""
+"""Silence, nine reports, after which the link is STALE. The state must be neutral within 0.1 s; the
+difference is for one cycle of the reader."""
 
 SETTLE_S = 0.02
 """Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""
 
 SUSPECT_S = 0.3
-"""An extension that sends nothing usable for so long is looked at again."""
+"""Time without usable data of an extension after which it is detected again."""
 
 CENTRED = 0.2
-"""A stick that is deflected less counts as let go."""
+"""Deflection below which a stick counts as released."""
 
 CENTRE_SAMPLES, CENTRE_COUNTS = 16, 25
-"""A Nunchuk without calibration: its centre is the mean of the first samples, if they are so near
-the middle."""
+"""For a Nunchuk without calibration: its centre is the mean of the first samples, if they are this
+near to the middle."""
 
 EARLY_LOSS_S = 5.0
-"""A remote that goes so soon after it was opened is one that the system or itself refuses."""
+"""A remote lost within this time of its opening was dropped by the system or by itself."""
 
 _NAMES = {"1": "one", "2": "two"}
 BUTTON_NAMES = tuple(_NAMES.get(label, label) for label in BUTTONS.values())
@@ -73,7 +73,7 @@ NUNCHUK_BUTTONS = ("c", "z")
 
 _STARTING = "starting up: reading calibration and extensions"
 _OPENED = "not seen at rest yet: let go of its buttons once"
-_SILENT = f"no report for {STALE_AFTER_S:g} s: mind range and batteries, then let go of buttons"
+_SILENT = f"no report for {STALE_AFTER_S:g} s: check range and batteries, then let go of buttons"
 _RESUMED = "it fell silent: let go of its buttons once"
 _CHANGED = "an extension was plugged in or out: let go of its buttons once"
 
@@ -102,7 +102,7 @@ class WiimoteCore(DeviceCore):
 
     _counters: ClassVar[Mapping[str, str]] = {
         "silences": f"silences of more than {STALE_AFTER_S:g} s",
-        "mode_restores": "times its data mode had been changed by somebody else",
+        "mode_restores": "times another program had changed its data mode",
         "foreign_answers": "answers to what another program asked it",
         "timeouts": "requests that it did not answer in time",
     }
@@ -119,7 +119,7 @@ class WiimoteCore(DeviceCore):
         self._gyro = Gyro(options.dead_zone * options.gyro_full_scale_rad_s)
         self._identity = Identity()
         self._usual_reason = self._reason
-        """What `_reason` goes back to when nothing more urgent is in the way."""
+        """The reason when no more urgent one applies."""
         self._early_losses = 0
         self._reports = 0
         self._led: int | None = None
@@ -208,7 +208,7 @@ class WiimoteCore(DeviceCore):
             self._session.on_input(value, now_s)
         self._update(now_s)
 
-    # -- what it is told -----------------------------------------------------------------------
+    # -- commands to it ------------------------------------------------------------------------
 
     def set_rumble(self, level: float, now_s: float) -> None:
         """Rumble at `level`, 0..1, until told otherwise, but no longer than `CUT_OFF_S`."""
@@ -240,7 +240,7 @@ class WiimoteCore(DeviceCore):
         return [with_rumble(report, self._rumble.on) for report in reports]
 
     def failure(self, now_s: float) -> str:
-        """Why the remote has to be opened anew, in words; empty while there is no reason."""
+        """Why the remote has to be opened anew; empty while there is no reason."""
         if self._session.failure:
             return self._session.failure
         silent_s = now_s - self._heard_s
@@ -307,10 +307,10 @@ class WiimoteCore(DeviceCore):
                 words.append("it is shaken: its tilt cannot be told from that, and counts as none")
             if self._roles.yaw:
                 words.append("tilt to the side turns about z (button 2): press 1 for about x")
-            words += self._about_parts()
+            words += self._part_notes()
         return words
 
-    def _about_parts(self) -> list[str]:
+    def _part_notes(self) -> list[str]:
         session = self._session
         words = []
         if session.calibration_source is CalibrationSource.DEFAULT:
@@ -401,7 +401,7 @@ class WiimoteCore(DeviceCore):
         self._stick_s = now_s
 
     def _measured_centre(self, x: int, y: int) -> tuple[int, int]:
-        """Of a stick without calibration: the mean while it is first seen near the middle."""
+        """The centre of a stick without calibration: the mean of first samples near the middle."""
         if self._centre is None:
             low, high = 128 - CENTRE_COUNTS, 128 + CENTRE_COUNTS
             if low <= x <= high and low <= y <= high:
@@ -431,10 +431,10 @@ class WiimoteCore(DeviceCore):
         if self._link is DeviceLink.LIVE:
             self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, _CHANGED, now_s)
 
-    # -- what is believed ----------------------------------------------------------------------
+    # -- when input counts ---------------------------------------------------------------------
 
     def _watch(self, now_s: float) -> None:
-        """Notice silence, of the whole remote or of a part that is needed."""
+        """Check for silence, of the whole remote or of a part that is needed."""
         if now_s <= self._fresh_until_s or self._link not in _TALKING:
             return
         if now_s - self._heard_s > STALE_AFTER_S and self._buttons.held:
@@ -448,7 +448,7 @@ class WiimoteCore(DeviceCore):
             self._invalidate_input(DeviceLink.STALE, _SILENT, now_s)
 
     def _missing(self, now_s: float) -> str:
-        """Which needed part says nothing, in words; empty when all do."""
+        """Which needed part says nothing; empty when all do."""
         session = self._session
         oldest_s = now_s - STALE_AFTER_S
         if not session.started:
@@ -495,7 +495,7 @@ class WiimoteCore(DeviceCore):
             self._tilt.capture()
 
     def _seek_neutral(self, missing: str, held: bool, now_s: float) -> None:
-        """Believe the remote once it is whole and nothing of it is held.
+        """Accept the remote once all its parts report and nothing of it is held.
 
         `held`: a clutch button is down, be it one that does not count until it was up.
         """
@@ -528,7 +528,7 @@ class WiimoteCore(DeviceCore):
         return min(stamps)
 
     def _release(self, now_s: float) -> None:
-        """Nobody can tell any more which buttons are held."""
+        """Count all buttons as released: which ones are held is not known any more."""
         self._forget_buttons()
         self._buttons.release_all(now_s)
         self._cached = None

@@ -26,10 +26,10 @@ from cardan.protocols.wiimote import Rumble, encode_output
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 READ_TIMEOUT_S = 0.01
-"""How late a pulse of the motor may be: reports come as often, so this costs nothing."""
+"""Longest wait for a report, and so the delay of a motor pulse; reports come as often."""
 
 BURST_REPORTS = 64
-"""Reports taken in before the motor has its turn again."""
+"""Most reports processed before the motor is updated."""
 
 _MOTOR_OFF = encode_output(Rumble())
 
@@ -69,7 +69,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
         self._transport = backend or _transport(self.options)
         self._remote: Link | None = None
         self._kept: Found | None = None
-        """The remote that was opened first, until it is closed: another hand is no successor."""
+        """The remote opened first, until close(): another operator's remote does not replace it."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
@@ -213,7 +213,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
 
 def _caution(remote: Found) -> str:
-    """What stands in the way of `remote`, or, if nothing does, what will trouble it once open."""
+    """Why `remote` cannot be opened, or, if it can, the problems to expect once it is open."""
     if remote.obstacle:
         return remote.obstacle
     words = []

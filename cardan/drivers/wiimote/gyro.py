@@ -9,25 +9,25 @@ from cardan.types import NEVER_S
 Vector = tuple[float, float, float]
 
 STILL_S = 1.0
-"""A remote that was still for so long shows its rest point."""
+"""Time of stillness from which the rest point is measured."""
 
 STILL_SAMPLES = 20
 
 STILL_RAD_S = math.radians(3.0)
-"""How far rates may differ from another while it is still."""
+"""Largest difference of rates while it counts as still."""
 
 STEADY_TURN_RAD_S = math.radians(10.0)
-"""More is no rest point that has moved but a steady turn."""
+"""Rate beyond which it is a steady turn, and not a shifted rest point."""
 
 LARGEST_BIAS_RAD_S = math.radians(3.0)
-"""No rest point is taken to be farther off. A slower steady turn looks the same as one that has
-moved, and is a turn the other way once the hand stops."""
+"""Largest shift of the rest point that is accepted. A slower steady turn looks the same as a shift,
+and becomes a turn the other way once the remote stops."""
 
 
 class Gyro:
     """Rates in rad/s about the operator's axes. Times are monotonic, s.
 
-    `largest_bias_rad_s`: the rest point is believed to be no farther off, nor than
+    `largest_bias_rad_s`: largest shift of the rest point that is accepted, up to
     `LARGEST_BIAS_RAD_S`. Within a dead zone of that size a wrong one moves nothing.
     """
 

@@ -40,7 +40,7 @@ class WiimoteOptions(ShapingOptions):
     low_pass_hz: Annotated[float, LOW_PASS_HZ] = 7.0
     """Cut-off frequency of the filter on the accelerometer."""
     gyro_full_scale_rad_s: Annotated[float, bounds.HAND_TURN_RAD_S] = 3.0
-    """Turning speed of the hand that is full deflection (roles "gyro")."""
+    """Turning speed of the remote that is full deflection (roles "gyro")."""
     motion_plus: Literal["auto", "on", "off"] = "auto"
     """Whether to use a MotionPlus; auto: where the roles need it."""
     ir: bool = False
@@ -48,7 +48,7 @@ class WiimoteOptions(ShapingOptions):
     led: Annotated[int, LED] = 1
     """The LED, 1 to 4, that is lit from opening until the gateway says otherwise; 0: none."""
     reconnect_after_s: Annotated[float, RECONNECT_AFTER_S] = 0.5
-    """A remote that was silent for so long is opened anew; after 0.1 s it is not trusted anyway."""
+    """Silence after which the remote is opened anew; its input counts for 0.1 s only."""
     wait_for_device: bool = False
     """open() succeeds without a remote, which is picked up once it is there."""
 

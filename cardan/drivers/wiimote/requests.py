@@ -58,7 +58,7 @@ class Requests:
     def __init__(self) -> None:
         self.timeouts = 0
         self.foreign = 0
-        """Answers to what somebody else asked: another program, or the kernel's driver."""
+        """Answers to requests of another program or the kernel's driver."""
         self._request: Request | None = None
         self._report = b""
         self._data = bytearray()

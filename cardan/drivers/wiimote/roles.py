@@ -1,4 +1,4 @@
-"""What the hand means: from tilt, turning rates, stick and buttons to six deflections.
+"""The mapping from tilt, turning rates, stick and buttons to six deflections.
 
 All deflections are zero unless a clutch button is held. The roles "paper" are those of Łukawski,
 Victores and Balaguer 2023 in the tool's axes, as their released controller has them: a tilt of
@@ -33,7 +33,7 @@ class Hand(NamedTuple):
 
 
 class Roles(ABC):
-    """One way to read a hand."""
+    """One mapping from the operator's motion to deflections."""
 
     clutch: frozenset[str]
     """While one of these is held, the remote itself moves something."""
@@ -108,7 +108,7 @@ class TiltRoles(Roles):
 
 
 class GyroRoles(Roles):
-    """B held: what turns in the hand turns at the robot; the cross goes forward and back, left
+    """B held: the robot turns as the remote turns; the cross goes forward and back, left
     and right, plus and minus up and down."""
 
     clutch = frozenset({"b"})

@@ -1,4 +1,4 @@
-"""A motor that is on or off as force feedback of many strengths: pulses."""
+"""Pulse modulation: many strengths of rumble from a motor that is on or off."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ PULSE_S = 0.02
 that it ever takes."""
 
 PERIOD_S = 0.08
-"""Of the pulses at middling strength: 12.5 Hz feels like strength, not like knocking."""
+"""Period of the pulses at medium strength: 12.5 Hz feels like strength, not like knocking."""
 
 LONGEST_PERIOD_S = 0.4
-"""Weaker than one pulse in so long is off, and stronger than one gap in so long is on."""
+"""Longest period: below one pulse in it the motor is off, above one gap in it on."""
 
 CUT_OFF_S = 0.9
-"""A strength that is not renewed for so long ends: nobody may be there to end it."""
+"""Time after which a strength that is not renewed ends: its program may have died."""
 
 
 class Rumble:
@@ -25,7 +25,7 @@ class Rumble:
 
     def __init__(self) -> None:
         self.on = False
-        """What the motor was told last."""
+        """The state that the motor was set to last."""
         self._level = 0.0
         self._renewed_s = NEVER_S
         self._switched_s = NEVER_S

@@ -1,4 +1,4 @@
-"""What the remote is told and asked: start-up, extensions, camera, data mode. No I/O, no clock."""
+"""Requests to the remote: start-up, extensions, camera, data mode. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -50,27 +50,27 @@ from cardan.protocols.wiimote import (
 from cardan.types import NEVER_S
 
 MODE_AGAIN_S = 0.03
-"""A data mode that was set takes so long to show; then it is set again."""
+"""Time after which a data mode that did not take effect is set again."""
 
 MODE_SILENCE_S, MODE_SILENCE_LATER_S = 0.05, 0.5
-"""A remote that streams and is silent for so long may have been told otherwise; one that stays
-silent is told as seldom as the second says, which fills no buffers while it is out of range."""
+"""Silence after which a remote may have got another data mode and is set again, and the period of
+that while it stays silent: long enough to fill no buffers while it is out of range."""
 
 KERNEL_LAG_S = 0.02
 """After a status report the kernel's driver sets a data mode of its own: ours goes after it."""
 
 PORT_SETTLE_S = 0.1
-"""A change of the extension port counts when it has lasted; a MotionPlus that is switched on
+"""Time that a change of the extension port must last to count; a MotionPlus that is switched on
 comes and goes for some 40 ms."""
 
 MOTION_PLUS_READY_S = 0.5
 """The longest that a MotionPlus takes to move to the extension port."""
 
 SUSPECT_AGAIN_S = 2.0
-"""Between two looks at a port that does not send what it should."""
+"""Time between two detections at a port that does not send what it should."""
 
 LOOK_AGAIN_S = 4.0
-"""A remote does not tell that a MotionPlus was plugged in: it is looked for so often."""
+"""Period of checks for a MotionPlus: a remote does not report that one was plugged in."""
 
 STATUS_PERIOD_S = 60.0
 """Between requests for the battery's charge, while no clutch is held."""
@@ -105,14 +105,14 @@ class Session:
         self.started = False
         """The start-up is over: data reports are wanted."""
         self.failure = ""
-        """Why the remote cannot be used, in words."""
+        """Why the remote cannot be used."""
         self.calibration: AccelerometerCalibration = DEFAULT_ACCELEROMETER
         self.calibration_source: CalibrationSource | None = None
         self.nunchuk: NunchukCalibration | None = None
         """Calibration of the Nunchuk that is plugged in."""
         self.nunchuk_calibrated = False
         self.other_extension = ""
-        """What else is plugged in, in words."""
+        """What else is plugged in."""
         self._unanswered = False
         self.motion_plus: MotionPlusCalibration | None = None
         """Calibration of the MotionPlus that is in use."""

@@ -1,4 +1,4 @@
-"""How the remote is tilted, from its accelerometer, as far as that can be told."""
+"""The remote's tilt from its accelerometer, while that measures gravity alone."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from cardan.types import NEVER_S
 Vector = tuple[float, float, float]
 
 TRUSTED_G = (0.8, 1.2)
-"""Outside, the hand accelerates the remote and gravity cannot be told from that."""
+"""Outside this range the hand accelerates the remote, and gravity cannot be separated."""
 
 UNCALIBRATED_G = (0.6, 1.4)
 """The same for a remote whose zero is not known: it may be 0.2 g off."""
 
 FREEZE_S = 0.25
-"""A tilt that could not be measured for so long counts as none."""
+"""Time after which a tilt that cannot be measured counts as none."""
 
 SETTLED = 4.0
-"""Time constants of the filter after which it has all but forgotten what was before."""
+"""Time constants of the filter after which earlier input has no effect."""
 
 SAMPLE_S = (0.002, 0.05)
 """Shortest and longest time that one sample stands for: reports come in bunches."""
 
 STILL_S, STILL_COSINE = 0.15, math.cos(math.radians(3.0))
-"""A hand that waves sideways keeps 1 g within the trusted range: neutral is what has kept its
-direction for so long, within so much."""
+"""Time, and angle, within which gravity must keep its direction to be taken as neutral: a hand that
+waves sideways can keep 1 g within the trusted range."""
 
 _UP: Vector = (0.0, 0.0, 1.0)
 _TURNED = -1.0 + 1e-9

@@ -36,7 +36,7 @@ if sys.platform == "linux":
     import fcntl
 
 WRITE_TIMEOUT_S = 0.2
-"""A remote that takes no report for so long is gone."""
+"""Time of not taking a report after which a remote is gone."""
 
 CONNECT_TIMEOUT_S = 10.0
 """Longer than a Bluetooth adapter pages a remote."""
@@ -266,7 +266,7 @@ class SocketTransport(Transport):
     def open(self, remote: Found, given_up: Callable[[], bool]) -> Link:
         """Connect to both sockets."""
         require_unix_sockets()
-        hint = "is it running, and does nobody else hold it?"
+        hint = "is it running, and does no other program hold it?"
         name = f"the simulated remote in {self._folder!r}"
         return _connect_both(name, lambda psm: connect(self._socket(psm)), hint)
 

@@ -40,7 +40,7 @@ class Model(NamedTuple):
     key: str
     """Name for command lines and configuration files."""
     family: Family
-    """What it should send; a driver goes by what it does send."""
+    """What it should send; a driver detects what it does send."""
     buttons: Mapping[int, str]
     """Label by bit of report 3, lowest first. Key-array reports carry the bit number plus 1."""
     key_array: bool = False

@@ -130,7 +130,7 @@ def decode_input(report: bytes) -> InputReport:
     if report_id == TRANSLATION_ID:
         if size >= MOTION_BYTES:
             return Motion._make(_SIX(report, 1))
-        # Between the two lengths it is a whole report cut short: taken for a half, it would leave
+        # Between the two lengths it is a whole report cut short: read as a half, it would leave
         # the rotation where it was.
         if size == HALF_BYTES:
             return Translation._make(_THREE(report, 1))

@@ -33,7 +33,7 @@ MODE_3D = b"m3"
 EXTENDED_COMPRESSED = b"c33"
 """Translation and rotation, keys beyond the eighth, compressed data with a checksum."""
 COMPRESSED_BITS = 0x3
-"""Of the second nibble of `c`: extended keys and compressed data."""
+"""Bits of the second nibble of `c`: extended keys and compressed data."""
 DEFAULT_SENSITIVITY = b"q00"
 PERIODS_60_MS = b"pBB"
 """(2 + 1) · 20 ms, spontaneous and on request."""
@@ -62,7 +62,7 @@ class MagellanMotion(NamedTuple):
 
 
 class MagellanCompressedMotion(MagellanMotion):
-    """The same, as `d` says it in the compressed mode."""
+    """The same, from a `d` packet of the compressed mode."""
 
     __slots__ = ()
 
@@ -74,7 +74,7 @@ class MagellanKeys(NamedTuple):
 
 
 class MagellanVersion(NamedTuple):
-    """`v`: who the device is."""
+    """`v`: the device's name and version."""
 
     text: str
 
@@ -176,7 +176,7 @@ def encode_magellan_keys(mask: int, *, extended: bool) -> bytes:
 
 
 class MagellanReader(LineReader[MagellanPacket]):
-    """Cuts a stream into packets and finds the way back after noise. Never raises."""
+    """Cuts a stream into packets and resynchronises after noise. Never raises."""
 
     def _decode(self, line: bytes, packets: list[MagellanPacket]) -> None:
         if not line:
@@ -192,7 +192,7 @@ class MagellanReader(LineReader[MagellanPacket]):
 
 
 def _nibbles(data: bytes) -> bytes | None:
-    """The bytes that characters of `ALPHABET` stand for, two each."""
+    """The bytes coded by characters of `ALPHABET`, two each."""
     try:
         return bytes.fromhex(data.translate(_HEX).decode())
     except ValueError:

@@ -26,9 +26,9 @@ class SerialModel(NamedTuple):
     """Counts of translation at full deflection, at the default sensitivity and period."""
     rotation_full_scale: int
     period_s: float
-    """A deflected device sends a packet this often."""
+    """Period of packets while deflected."""
     versions: tuple[int, ...] = ()
-    """Minor numbers of the firmware by which a Spaceball is told."""
+    """Minor firmware numbers that identify a Spaceball."""
 
 
 def _labels(*labels: str) -> Mapping[int, str]:
@@ -93,7 +93,7 @@ def button_mask(model: SerialModel, keys: SpaceballKeys | SpaceballAdvancedKeys)
 
 
 def keys_of_mask(model: SerialModel, mask: int) -> SpaceballKeys | SpaceballAdvancedKeys:
-    """What a Spaceball of `model` says when the buttons of `mask` are down."""
+    """The packet of a Spaceball of `model` when the buttons of `mask` are down."""
     if model.key == "spaceball-4000":
         return SpaceballAdvancedKeys(0x20 | mask >> 7 & 0x1F, mask & 0x3F | (mask & 0x40) << 1)
     if model.key == "spaceball-3003":

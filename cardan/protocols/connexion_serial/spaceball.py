@@ -34,7 +34,7 @@ RATE_20_HZ = b"P@r@r"
 QUERY_KEYS = b"k"
 
 PERIOD_UNIT_S = 1.0 / 16000.0
-"""The period field counts sixteenths of a millisecond."""
+"""Unit of the period field: a sixteenth of a millisecond."""
 LONGEST_PERIOD = 0xFFFF
 
 _ESCAPES = {ord("Q"): XON, ord("S"): XOFF, ord("M"): CR, ord("^"): ord("^")}

@@ -34,7 +34,7 @@ QUERY = b"?"
 _KEY = b"SpaceWare"
 _LETTERS = b"DKREN!P"
 _SIZES = {ord("D"): 12, ord("K"): 5, ord("E"): 4, ord("N"): 3}
-"""Bytes of the packets whose end needs not be waited for."""
+"""Bytes of the packets of known length."""
 _LOW = bytes(byte & 0x7F for byte in range(256))
 
 

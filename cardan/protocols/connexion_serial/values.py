@@ -18,7 +18,7 @@ UNKNOWN_LETTER = "of an unknown letter"
 
 
 class Malformed(NamedTuple):
-    """Bytes that say nothing we can use."""
+    """Bytes that are not a valid packet."""
 
     reason: str
     """One of a few fixed phrases, fit for counting by."""
@@ -30,8 +30,7 @@ PacketT = TypeVar("PacketT")
 
 
 class LineReader(ABC, Generic[PacketT]):
-    """Cuts a stream into packets, which end in CR, and finds the way back after noise. Never
-    raises."""
+    """Cuts a stream into packets, which end in CR, and resynchronises after noise. Never raises."""
 
     def __init__(self) -> None:
         self._pending = b""

@@ -1,11 +1,11 @@
 """EGM datagrams to values.
 
-protobuf decides what a datagram means; here its messages become values in SI units, and what no
-robot or hand may be moved by is refused.
+protobuf parses a datagram; here its messages become values in SI units, and values that must not
+move a robot or an operator's device are refused.
 
-Numbers that move a robot, a hand or a RAPID program (joints, poses, speeds, forces, dnum) must be
-finite and no more than the protocol allows. What only informs (test signals, collision quotas,
-utilization, torque references) is handed on as it came.
+Numbers that move a robot, a haptic device or a RAPID program (joints, poses, speeds, forces, dnum)
+must be finite and no more than the protocol allows. What only informs (test signals, collision
+quotas, utilization, torque references) is handed on as it came.
 
 Source: ABB Application manual, Externally Guided Motion (3HAC073318-001), "The EGM sensor
 protocol".
@@ -55,7 +55,7 @@ _RAPID_STATES = tuple(RapidState)
 """The members by number."""
 
 _FROM_CONTROLLER = (2, 0)
-"""MessageType DATA and UNDEFINED, as the plain numbers they are compared with in every cycle."""
+"""MessageType DATA and UNDEFINED as plain numbers, for the comparison in every cycle."""
 
 _new = tuple.__new__
 _isfinite = math.isfinite
@@ -75,11 +75,11 @@ def decode_robot(data: bytes | bytearray | memoryview) -> EgmRobot | Malformed:
 
 
 def decode_feedback(data: bytes) -> EgmFeedback | Malformed:
-    """What an answer depends on, out of what a controller sends. Never raises.
+    """The part of a controller's message that an answer depends on. Never raises.
 
-    All of the datagram must be protobuf; of its values those that are not returned are not looked
-    at. Refused as WRONG_TYPE, beyond what `decode_robot` refuses: no sequence number, no feedBack.
-    This runs before every answer, so it makes no value and asks no question it can do without.
+    All of the datagram must be protobuf; values that are not returned are not checked. Refused as
+    WRONG_TYPE, beyond what `decode_robot` refuses: no sequence number, no feedBack. This runs
+    before every answer, so it makes no object and no check that it can do without.
     """
     try:
         m = _parse_robot(data)

@@ -140,7 +140,7 @@ class EgmRobot(NamedTuple):
 
 
 class EgmFeedback(NamedTuple):
-    """Of an EgmRobot, what an answer to it depends on."""
+    """The part of an EgmRobot that an answer to it depends on."""
 
     seqno: int
     tm_ms: int | None

@@ -1,7 +1,7 @@
-"""Reading a controller's feedback in less than half the time, by the likeness of its datagrams.
+"""Reads a controller's feedback in less than half the time, by the equal layout of its datagrams.
 
-A datagram whose tags, lengths and widths of numbers are, byte for byte, where they were in one
-that protobuf has read, means the same: only its values are others. So the layout of a datagram,
+A datagram with the same tags, lengths and widths of numbers, byte for byte, as one that protobuf
+has read differs from it in its values only. So the layout of a datagram,
 once learned, reads the following ones by one comparison under a mask and one ``struct`` call.
 Whatever differs goes the long way of :func:`cardan.protocols.egm.decode.decode_feedback`.
 """
@@ -19,7 +19,7 @@ from cardan.protocols.egm.units import MM_PER_M, RAD_PER_DEG
 from cardan.types import Quaternion, Vector3
 
 _LAYOUTS_MAX = 64
-"""A controller's datagrams have some ten lengths; more than this is somebody playing."""
+"""Most layouts kept: a controller's datagrams have some ten lengths."""
 
 _VARINT_MAX = 5
 """Bytes of the longest number that is read; sequence numbers and seconds have no more."""

@@ -29,7 +29,7 @@ _1, _2, _3, _4 = b"\x09", b"\x11", b"\x19", b"\x21"
 def encode_pose_reply(
     seqno: int, tm_ms: int, pose: Pose, twist: Twist | None, suffix: bytes = b""
 ) -> bytes:
-    """Be at `pose`, moving at `twist`; their frame is not looked at, the controller has its own.
+    """Be at `pose`, moving at `twist`; their frame is ignored, the controller has its own.
 
     `suffix` ends the message (see `encode_rapid_to_robot`).
     """

@@ -20,12 +20,12 @@ EV_MAX = 0x1F
 """No event of the kernel's has a higher type."""
 EV_LED, EV_SND, EV_REP, EV_FF = 0x11, 0x12, 0x14, 0x15
 EV_UINPUT = 0x0101
-"""Of a uinput device only: the kernel asks its maker for something."""
+"""Type of uinput devices only: a request of the kernel to the device's program."""
 
 SYN_REPORT = 0
 """Ends a frame: what came since the last one happened together."""
 SYN_DROPPED = 3
-"""The kernel threw events away, since nobody read them in time: what is known is void."""
+"""The kernel dropped events that were not read in time: the known state is void."""
 MSC_SCAN = 4
 
 KEY_UP, KEY_DOWN, KEY_REPEAT = 0, 1, 2
@@ -43,7 +43,7 @@ class InputEvent(NamedTuple):
 
 
 class Malformed(NamedTuple):
-    """Bytes that say nothing we can use."""
+    """Bytes that are not events."""
 
     reason: str
     """One of a few fixed phrases, fit for counting by."""

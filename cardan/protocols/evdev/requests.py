@@ -96,7 +96,7 @@ class Rumble(NamedTuple):
     weak: int
     """0..65535, of the light motor."""
     length_ms: int
-    """It ends by itself after so long; 0: it does not."""
+    """Time after which it ends by itself; 0: it does not."""
 
 
 def encode_int(value: int) -> bytes:

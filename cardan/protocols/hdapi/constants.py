@@ -54,7 +54,7 @@ class ErrorClass(enum.Enum):
 
 
 class Error(enum.IntEnum):
-    """Of HDErrorInfo.errorCode. Prefix HD_."""
+    """Codes of HDErrorInfo.errorCode. Prefix HD_."""
 
     SUCCESS = 0x0000
     INVALID_ENUM = 0x0100
@@ -182,7 +182,7 @@ class State(enum.IntEnum):
 
 
 class Info(enum.IntEnum):
-    """What the device is and what it bears. Prefix HD_."""
+    """The device's identity and limits. Prefix HD_."""
 
     VERSION = 0x2500
     """String, of the API."""
@@ -267,7 +267,7 @@ class CalibrationStyle(enum.IntFlag):
 
 
 class Button(enum.IntFlag):
-    """Of CURRENT_BUTTONS. Prefix HD_DEVICE_."""
+    """Bits of CURRENT_BUTTONS. Prefix HD_DEVICE_."""
 
     BUTTON_1 = 1
     """The front one, dark grey."""

@@ -66,7 +66,7 @@ class ArmState(NamedTuple):
     """rad or m, kinematic order."""
     velocities: tuple[float, ...]
     torques: tuple[float, ...]
-    """Of the drives, N·m or N."""
+    """Torques of the drives, N·m or N."""
     pose: tuple[float, ...]
     """TCP in the base: x y z in m, then the unit quaternion w x y z."""
     wrench: tuple[float, ...]
@@ -76,7 +76,7 @@ class ArmState(NamedTuple):
 
 
 class ArmCommand(NamedTuple):
-    """What the arm shall do from now on."""
+    """The command to the arm from now on."""
 
     session: int
     """The session it is meant for; 0 in a hold that asks to be sent states."""
@@ -136,7 +136,7 @@ def encode_state(state: ArmState) -> bytes:
 
 
 def encode_command(command: ArmCommand, joints: int) -> bytes:
-    """The datagram of `command` to an arm of so many joints. ValueError for wrong lengths."""
+    """The datagram of `command` to an arm with `joints` joints. ValueError for wrong lengths."""
     values = command.values
     if command.mode is ControlMode.POSITION:
         values = (*values, *(command.feed_forward or (0.0,) * joints))

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 MAX_NODE_ID = 127
 NODE_MASK = 0x7F
-"""Of an identifier: the node's number; the rest is the operation code."""
+"""Bits of an identifier that are the node's number; the rest is the operation code."""
 
 COUNTER_MODULUS = 1 << 16
 RAW_MIN, RAW_MAX = -32768, 32767
@@ -44,7 +44,7 @@ class Opcode(enum.IntEnum):
 
 
 class State(enum.IntEnum):
-    """What a board says of itself in every acknowledgement."""
+    """The board's state in every acknowledgement."""
 
     READY = 0
     NOT_INITIALIZED = 1
@@ -68,7 +68,7 @@ class StartSync(NamedTuple):
     """Acquire, and send a pair at each SYNC."""
 
     cutoff_centihz: int
-    """Of the board's low-pass filter, 0.01 Hz; 0: unfiltered."""
+    """Cut-off of the board's low-pass filter, 0.01 Hz; 0: unfiltered."""
 
 
 class StartAsync(NamedTuple):
@@ -83,7 +83,7 @@ class Stop(NamedTuple):
 
 
 class ZeroOffs(NamedTuple):
-    """Take the present filtered value for zero. One sample of zeros follows."""
+    """Take the present filtered value as zero. One sample of zeros follows."""
 
 
 class SetFilter(NamedTuple):
@@ -137,7 +137,7 @@ class Ack(NamedTuple):
     state: int
     """A `State`; others are errors, too."""
     full_scales: tuple[int, int, int] | None = None
-    """Of the two queries only: x, y, z in N or 0.1 N·m."""
+    """Full scales, in answers to the two queries only: x, y, z in N or 0.1 N·m."""
 
 
 class Forces(NamedTuple):
@@ -159,14 +159,14 @@ class Moments(NamedTuple):
 
 
 class Bootup(NamedTuple):
-    """The board has come up and read its sensor; nothing that it was told before holds."""
+    """The board has started and read its sensor; earlier commands are void."""
 
 
 BoardMessage = Ack | Forces | Moments | Bootup
 
 
 class Malformed(NamedTuple):
-    """A frame from a board that says nothing we can use."""
+    """A frame from a board that cannot be decoded."""
 
     reason: str
     """One of a few fixed phrases, fit for counting by."""

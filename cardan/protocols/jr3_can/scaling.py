@@ -12,7 +12,7 @@ FULL_SCALE_COUNTS = 16384
 """Raw value of the full scale; the sensor gives more when it is overloaded."""
 
 SAMPLE_PERIOD_S = 128.5e-6
-"""The sensor samples all six components so often (7782 Hz), and the counter counts samples."""
+"""Period at which the sensor samples all six components (7782 Hz); the counter counts samples."""
 
 Six = tuple[float, float, float, float, float, float]
 """Fx, Fy, Fz in N, Mx, My, Mz in N·m."""

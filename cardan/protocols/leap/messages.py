@@ -1,6 +1,6 @@
 """Messages between the Leap Motion tracking service and its clients: JSON text and values.
 
-Every WebSocket text message is one JSON object. The service speaks first (its version), then sends
+Every WebSocket text message is one JSON object. The service begins (its version), then sends
 device events and frames; a client sends options and never gets an answer. Lengths are mm, speeds
 mm/s, in the tracker's axes: x right along its long side, y up, z towards the operator.
 
@@ -24,7 +24,7 @@ HEARTBEAT_PERIOD_S = 0.1
 FOCUS_SINCE = 4
 """The first version that knows `focused` and `background`."""
 DEVICE_EVENT_SINCE = 5
-"""Before, a plug and an unplug are told by a `deviceConnect` event."""
+"""Before, a `deviceConnect` event reports plugging and unplugging."""
 HMD_SINCE = 6
 SKELETON_SINCE = 6
 """The first version whose hands say left or right, grab, pinch and confidence."""
@@ -39,7 +39,7 @@ class Version(NamedTuple):
     """The service's first message."""
 
     version: int
-    """The protocol that it goes on to speak; may be lower than asked for."""
+    """The protocol version in force; may be lower than asked for."""
     service_version: str = ""
 
 
@@ -91,7 +91,7 @@ class TrackingFrame(NamedTuple):
 
 
 class Ignored(NamedTuple):
-    """A well-formed message that means nothing to us."""
+    """A well-formed message that is not used here."""
 
     keys: tuple[str, ...]
 

@@ -102,7 +102,7 @@ class _Groups:
         *words, groups = _hints(body)
         self.group = _Record(get_args(groups)[0], order, real)
         self._fixed = m.MAX_GROUPS if body is m.JointFeedbackEx else 0
-        """So many groups always, however many the number says; 0: as many as it says."""
+        """Fixed number of groups on the wire; 0: as many as the number of groups says."""
         self._counted_last = body in (m.RtJointState, m.RtJointCommand)
         """The number is the last word, of others the first; NTNU's firmware, whose bodies these
         are, always sends the groups it could have."""

@@ -73,7 +73,7 @@ class MessageType(enum.IntEnum):
     MOTO_JOINT_VELOCITY_EX = 2041
     """Velocity mode."""
     MOTO_VELOCITY_INFO = 2042
-    """Velocity mode: what a controller can, if it knows it."""
+    """Velocity mode: its limits and groups, from a controller that has it."""
 
 
 class MotionCommand(enum.IntEnum):

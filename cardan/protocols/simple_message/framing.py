@@ -9,13 +9,13 @@ HEADER_BYTES = 12
 """Message type, communication type, reply code; counted by the prefix, as the body is."""
 SHORTEST_PREFIX = HEADER_BYTES
 LONGEST_PREFIX = 0xFFFF
-"""Of any message; also what tells the byte orders apart."""
+"""Longest prefix of any message; it also tells the byte orders apart."""
 LONGEST_PREFIX_OF_MOTOROS = 1020
 """The longest message of MotoROS has 544; ROS's own client sends no more than this."""
 
 
 class ByteOrder(enum.Enum):
-    """Of integers and reals, that of the controller's CPU; the value is struct's sign."""
+    """Byte order of integers and reals, as the controller's CPU has it; struct's sign."""
 
     LITTLE = "<"
     """DX100, DX200, YRC1000, YRC1000micro."""

@@ -29,7 +29,7 @@ ADDRESS_RANGES: Final = (
     AddressRange("control status", 80010, 85127),
     AddressRange("pseudo inputs", 87010, 87207),
 )
-"""Of a YRC1000, which has the most."""
+"""The ranges of a YRC1000, which has the most."""
 
 READABLE_REGISTERS: Final = 1000
 WRITABLE_REGISTERS: Final = 560

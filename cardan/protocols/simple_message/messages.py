@@ -414,7 +414,7 @@ def request(body: Body, msg_type: int | None = None) -> Message:
 
 
 def topic(body: Body, msg_type: int | None = None) -> Message:
-    """A TOPIC, which nobody answers."""
+    """A TOPIC, which gets no answer."""
     return Message(_type_of(body, msg_type), CommType.TOPIC, ReplyCode.INVALID, body)
 
 

@@ -76,9 +76,9 @@ class EventMask(enum.IntFlag):
 
 
 MASK_V0 = EventMask.MOTION | EventMask.BUTTON
-"""What a client gets that does not shake hands."""
+"""Events of a client without a handshake."""
 MASK_V1 = EventMask.MOTION | EventMask.BUTTON | EventMask.DEVICE
-"""What a client gets after the handshake, until it says otherwise."""
+"""Events of a client after the handshake, until it sets its own mask."""
 
 
 class LedMode(enum.IntEnum):

@@ -52,7 +52,7 @@ class CalibrationSource(enum.Enum):
 
 
 def checksum(block: bytes) -> int:
-    """What ends a calibration block, of the bytes before."""
+    """The last byte of a calibration block, from the bytes before."""
     return (sum(block) + CHECKSUM_SEED) & 0xFF
 
 
@@ -128,8 +128,7 @@ def from_g(force_g: Sequence[float], zero: Triple, one_g: Triple) -> Triple:
 def roll_and_pitch_rad(force_g: Sequence[float]) -> tuple[float, float]:
     """Roll (positive: right side down) and pitch (positive: nose up) of a remote at rest, rad.
 
-    Only as good as the assumption that gravity is all it feels; roll means nothing near a pitch
-    of 90 degrees.
+    Valid while gravity is the only acceleration; roll is undefined near a pitch of 90 degrees.
     """
     gx, gy, gz = force_g
     return math.atan2(gx, gz), math.atan2(-gy, math.hypot(gx, gz))

@@ -113,7 +113,7 @@ class NunchukCalibration(NamedTuple):
 DEFAULT_NUNCHUK = NunchukCalibration(
     (512, 512, 512), (716, 716, 716), (32, 128, 224), (32, 128, 224)
 )
-"""For clones without a calibration; the true centre is the mean while nobody touches the stick."""
+"""For clones without a calibration; the true centre is the mean at rest."""
 
 
 def decode_nunchuk(data: bytes) -> NunchukData | None:

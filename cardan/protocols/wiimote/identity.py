@@ -19,9 +19,9 @@ INPUT_HEADER = 0xA1
 OUTPUT_HEADER = 0xA2
 """First byte on the interrupt channel, host to remote."""
 SET_REPORT_HEADER = 0x52
-"""First byte on the control channel, host to remote: the old way."""
+"""First byte on the control channel, host to remote (for older remotes)."""
 HANDSHAKE_OK = 0x00
-"""What a remote answers on the control channel to a report sent the old way."""
+"""The answer on the control channel to a report sent there."""
 
 
 class Model(NamedTuple):
@@ -43,8 +43,8 @@ MODELS: tuple[Model, ...] = (
     Model("balance-board", "Nintendo RVL-WBC-01", 0x0306, 0x002504, True),
     Model("pro-controller", "Nintendo RVL-CNT-01-UC", 0x0330, 0x000508, False),
 )
-"""Everything that speaks this protocol. The last two are not remotes to steer with: they are told
-apart by their names only."""
+"""Every device with this protocol. The last two are not remotes to steer with; only their names
+distinguish them."""
 
 WIIMOTE, WIIMOTE_TR = MODELS[0], MODELS[1]
 

@@ -26,10 +26,10 @@ from cardan.sim_peers.base import TimedActs
 from cardan.sim_peers.link import FaultyLink
 
 CLIENT_SILENT_S = 1.0
-"""A client this long silent is sent no more states, and another one may come."""
+"""Silence of a client after which it is sent no more states, and another may connect."""
 
 _CATCH_UP_S = 0.5
-"""Time that went unserved is made up for, unless the whole process stood still."""
+"""Longest unserved time that is made up for; after a longer one the whole process stood still."""
 _NOISE_SAMPLES = 509
 _TOLERANCE = 1e-9
 _MODES = {
@@ -41,7 +41,7 @@ _MODES = {
 
 
 class Counters(NamedTuple):
-    """What became of the datagrams and commands."""
+    """Counters of datagrams and commands."""
 
     sent: int
     taken: int
@@ -82,7 +82,7 @@ class SimulatedArm:
         self.session = session
         """Counts up when the controller restarts."""
         self.client: Hashable = None
-        """Who is sent states; None: nobody."""
+        """The address that states are sent to; None: there is no client."""
         self._has_client = False
         self._heard_s = -math.inf
         self._sequence = 0
@@ -98,7 +98,7 @@ class SimulatedArm:
         self._bridged = (0, False)
         """How many commands had been taken a cycle ago, and whether one was missing by then."""
         self._ignored: Counter[str] = Counter()
-        jam = ((JAM_AT_S, self._seize),) if "jam" in faults else ()
+        jam = ((JAM_AT_S, self._jam_joint),) if "jam" in faults else ()
         acts = {"estop": self.emergency_stop, "restart": self.restart}
         self._timed = TimedActs(faults, acts, *jam)
         self._silence_s = faults.get("silence", 0.0)
@@ -109,12 +109,12 @@ class SimulatedArm:
             ControlMode.VELOCITY: (-speed, speed, "beyond its speed"),
         }
 
-    # -- the two ends of the wire ---------------------------------------------------------------
+    # -- datagrams in and out -------------------------------------------------------------------
 
     def receive(self, data: bytes, now_s: float, source: Hashable = "in-process") -> None:
         """A datagram arrives from `source` at `now_s`.
 
-        The first that is a command makes `source` the client; others are not heard until the
+        The first that is a command makes `source` the client; others are ignored until the
         client has been silent for CLIENT_SILENT_S.
         """
         self._advance(now_s)
@@ -146,7 +146,7 @@ class SimulatedArm:
         if self._off_until_s is not None or self._start_s is None:
             return ()
         self._watch(now_s)
-        self._bridge()
+        self._extrapolate()
         if self._has_client and now_s - self._heard_s > CLIENT_SILENT_S:
             self._has_client = False
             self.client = None
@@ -162,7 +162,7 @@ class SimulatedArm:
         self._out.push(now_s, data)
         return self._out.pop(now_s)
 
-    # -- for whoever watches --------------------------------------------------------------------
+    # -- diagnosis ------------------------------------------------------------------------------
 
     @property
     def hold_reason(self) -> str:
@@ -171,7 +171,7 @@ class SimulatedArm:
 
     @property
     def counters(self) -> Counters:
-        """What became of the datagrams so far."""
+        """Counters of the datagrams so far."""
         return Counters(self._sent, self._taken, dict(self._ignored), self._timeouts)
 
     def state(self) -> ArmState:
@@ -239,10 +239,10 @@ class SimulatedArm:
             self._sequence = 0
             self._newest = None
 
-    def _seize(self) -> None:
+    def _jam_joint(self) -> None:
         self.plant.jammed = int(self.options.faults["jam"]) - 1
 
-    def _bridge(self) -> None:
+    def _extrapolate(self) -> None:
         """Go on at the commanded speeds where a command is missing."""
         period_s = self.options.period_s
         if self._taken == self._bridged[0]:

@@ -20,8 +20,8 @@ from cardan.types import ZERO3, Vector3
 
 PERIOD_S = Range(0.0005, 0.1, "s", "three periods without a state are a third of a second")
 STEP_S = Range(1e-5, 0.002, "s", "longer steps of the integration are unstable")
-BANDWIDTH_RAD_S = Range(1.0, 1e3, "rad/s", "no servo is faster, and a slower one stands still")
-DAMPING_RATIO = Range(0.1, 10.0, "", "less rings on, more creeps")
+BANDWIDTH_RAD_S = Range(1.0, 1e3, "rad/s", "no servo is faster, and a slower one hardly moves")
+DAMPING_RATIO = Range(0.1, 10.0, "", "less oscillates, more creeps")
 CONTACT_RADIUS_M = Range(0.0, 1.0, "m", "no tool's tip is larger", below=True)
 CONTACT_STIFFNESS_N_M = Range(
     0.0, 1e5, "N/m", "a stiffer one outruns the step at a light wrist", above=True
@@ -84,7 +84,7 @@ class PlantOptions(Options):
     integral_1_s: _Size = 0.0
     """Integral action of the position servo as a rate; 0: the arm sags by gravity / stiffness."""
     velocity_leak_1_s: _Size = 0.5
-    """How fast the velocity servo forgets its position error: under gravity the arm creeps down
+    """Rate at which the velocity servo's position error decays: under gravity the arm creeps down
     at leak · gravity torque / stiffness."""
     gravity_feedforward: bool = option(False, "Its servo knows gravity.")
     """Servo torques contain the model's gravity torque (payload unknown to it)."""
@@ -93,8 +93,8 @@ class PlantOptions(Options):
     coulomb_speed_rad_s: Annotated[float, COULOMB_SPEED_RAD_S] = 0.02
     """Friction is coulomb · tanh(speed / this): there is no true stiction."""
     rotor_inertia: Annotated[float, ROTOR_INERTIA] = 0.1
-    """Of each drive, seen from the joint: kg·m² (kg for a prismatic joint). Keeps the mass matrix
-    well-conditioned however light the last links are."""
+    """Rotor inertia of each drive, seen from the joint: kg·m² (kg for a prismatic joint). Keeps the
+    mass matrix well-conditioned however light the last links are."""
     payload_kg: _Size = option(0.0, "A mass at the TCP.")
     """A point."""
     gravity_m_s2: Vector3 = STANDARD_GRAVITY_M_S2
@@ -118,7 +118,7 @@ class PlantOptions(Options):
         repeatable=True,
     )
     contact_radius_m: Annotated[float, CONTACT_RADIUS_M] = 0.02
-    """Of the sphere about the TCP that touches."""
+    """Radius of the sphere about the TCP that touches."""
     contact_stiffness_n_m: Annotated[float, CONTACT_STIFFNESS_N_M] = 1e4
     contact_damping_n_s_m: _Size = 100.0
     contact_friction_n_s_m: _Size = 100.0
@@ -158,9 +158,9 @@ class SimulatedArmOptions(Options):
     """UDP."""
     period_s: Annotated[float, PERIOD_S] = option(0.002, "A state is sent this often.")
     command_timeout_s: Annotated[float, BEYOND_NONE] = 0.1
-    """Without a command for so long the arm brakes and holds."""
+    """Time without a command after which the arm brakes and holds."""
     following_error_rad: Annotated[float, BEYOND_NONE] = 0.2
-    """A joint this far (m for a prismatic one) from its reference stops the arm as a fault."""
+    """Distance of a joint from its reference that is a fault and stops the arm (prismatic: m)."""
     acknowledge_after_s: Annotated[float, EVER_S] = 2.0
     """An operator clears a fault or an emergency stop after this time; inf: never."""
     faults: Mapping[str, float] = field(default_factory=dict)

@@ -23,7 +23,7 @@ from cardan.types import Pose, Quaternion, Vector3, Wrench
 Array = npt.NDArray[np.float64]
 
 DEFAULT_MASSES_KG = (4.0, 4.0, 3.0, 2.0, 1.0, 0.5)
-"""Of an arm whose file gives no mass at all, from the base; after the sixth as the sixth."""
+"""Masses of an arm whose file gives none at all, from the base; after the sixth as the sixth."""
 DEFAULT_GYRATION_M = 0.05
 """Radius of gyration of such a body, on top of that of a rod of its length."""
 PAYLOAD_GYRATION_M = 0.02
@@ -32,7 +32,7 @@ _LOCK = 1e9
 """Rotor inertia that keeps a joint still: one at its stop, or jammed."""
 _CONFIGURATIONS = 64
 _PASSES = 4
-"""How often a step is solved again because a drive saturates or a joint leaves its stop."""
+"""Most times a step is solved again because a drive saturates or a joint leaves its stop."""
 
 
 class DriveMode(enum.Enum):
@@ -59,7 +59,7 @@ class ArmPlant:
         self.step_s = options.step_s
         self.ideal = options.drive == "ideal"
         self.model = build_model(arm, options)
-        """For questions (inverse dynamics in a test); what the plant integrates is a copy."""
+        """For callers (inverse dynamics in a test); the plant integrates a copy."""
         self._solver = pin.Model(self.model)
         self._data = self._solver.createData()
         self._armature: Array = self._solver.armature
@@ -77,13 +77,13 @@ class ArmPlant:
         self._v = np.zeros(n)
         self._a = np.zeros(n)
         self.inertia = inertia = self._largest_inertia()
-        """The most each joint has to turn, rotor included: gains and friction are its multiples."""
+        """Largest inertia of each joint, rotor included: gains and friction are its multiples."""
         h = self.step_s
         bandwidth = options.position_bandwidth_rad_s
         self.stiffness = inertia * bandwidth**2
-        """Of the position servo, N·m/rad."""
+        """Stiffness of the position servo, N·m/rad."""
         self.damping = inertia * (2.0 * options.damping_ratio * bandwidth)
-        """Of the servo, N·m·s/rad."""
+        """Damping of the servo, N·m·s/rad."""
         self._servo_inertia = 0.5 * h * h * self.stiffness + h * self.damping
         self._viscous = inertia * options.viscous_friction_1_s
         self._coulomb = inertia * (options.coulomb_friction_rad_s2 / options.coulomb_speed_rad_s)
@@ -473,7 +473,7 @@ class ArmPlant:
 
     @property
     def torques(self) -> tuple[float, ...]:
-        """Of the drives (before friction), N·m or N; zero for ideal drives."""
+        """Torques of the drives (before friction), N·m or N; zero for ideal drives."""
         return tuple(self._drive.tolist())
 
     @property
@@ -505,7 +505,7 @@ class ArmPlant:
 
     @property
     def pose(self) -> Pose:
-        """Of the TCP, base frame."""
+        """Pose of the TCP, base frame."""
         pin.forwardKinematics(self._solver, self._data, self._q)
         tcp = self._data.oMi[self.joints] * self._tcp
         x, y, z, w = pin.Quaternion(tcp.rotation).coeffs().tolist()
@@ -520,7 +520,7 @@ class ArmPlant:
     def set_state(
         self, positions: Sequence[float], velocities: Sequence[float] | None = None
     ) -> None:
-        """Put the arm there, for tests; the servo holds it there from now on."""
+        """Place the arm, for tests; the servo holds it there from now on."""
         self._q[:] = np.clip(positions, self._lower, self._upper)
         self._v[:] = 0.0 if velocities is None else velocities
         self._a[:] = 0.0

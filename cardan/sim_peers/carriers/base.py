@@ -22,7 +22,7 @@ class Shell(Protocol):
 
     @property
     def refused_until_s(self) -> float:
-        """Until then nobody can open the device, by the fault ``refuse``; monotonic s."""
+        """Until then no program can open the device, by the fault ``refuse``; monotonic s."""
 
     def begin(self) -> None:
         """A program has opened the device: the script starts, unless it has."""
@@ -73,7 +73,7 @@ class Carrier(ABC, Generic[M]):
 
     @abstractmethod
     def send(self, messages: Sequence[M]) -> None:
-        """Pass on what the device sends, to whoever has it open."""
+        """Pass on what the device sends to the programs that have it open."""
 
     def close(self) -> None:
         """Unplug the device for good, let go of everything. Never raises; twice is fine."""

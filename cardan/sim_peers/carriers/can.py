@@ -22,7 +22,7 @@ class CanNode(Protocol):
     node_id: int
 
     def receive(self, arbitration_id: int, data: bytes, now_s: float) -> None:
-        """A data frame of anybody else."""
+        """A data frame from another node."""
 
 
 class CanCarrier(Carrier[CanFrame]):

@@ -1,6 +1,6 @@
 """The two L2CAP channels of a Bluetooth HID device, real ones or on Unix sockets.
 
-A carrier opens channels and passes packets on; what they mean is the remote's affair.
+A carrier opens channels and passes packets on; the remote interprets them.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class ChannelCarrier(Carrier[bytes]):
         self._listeners: dict[int, socket.socket] = {}
         self._channels: dict[int, socket.socket] = {}
         self.lost = 0
-        """Reports that the host had no room for."""
+        """Reports dropped because the host had no room for them."""
 
     @property
     def there(self) -> bool:
@@ -152,7 +152,7 @@ class ChannelCarrier(Carrier[bytes]):
                 self._forget(channel)
 
     def _accept(self) -> None:
-        """Somebody connects.
+        """A host connects.
 
         Several hosts may have come and gone since the last time. An interrupt channel is taken
         out before the control channels: its own is then among those that have come.
@@ -217,18 +217,18 @@ class ChannelCarrier(Carrier[bytes]):
                 channel.send(answer)
 
     def _settle(self) -> None:
-        """Serve a host that has hung up to its end, so that the next one finds the line free."""
+        """Process all that a host sent before it hung up, so that the next one can connect."""
         for psm, channel in tuple(self._channels.items()):
             while self._interrupt_up and self._channels.get(psm) is channel and _hung_up(channel):
                 self._receive(psm, channel)
 
     def _lose(self) -> None:
         """The host closed a channel, which ends both."""
-        self._hear_out()
+        self._process_pending()
         self._hang_up()
         self._remote.disconnect(self.shell.device_s())
 
-    def _hear_out(self) -> None:
+    def _process_pending(self) -> None:
         """Take what the host sent before it closed: its last words stop the motor."""
         channel = self._channels.get(INTERRUPT_PSM)
         with contextlib.suppress(OSError):

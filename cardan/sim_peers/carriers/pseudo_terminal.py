@@ -18,7 +18,7 @@ from cardan.errors import AddressError
 from cardan.sim_peers.carriers.base import Carrier, Shell
 
 WATCH_PERIOD_S = 0.01
-"""How soon it shows that a host has opened the port: a pseudo-terminal does not tell."""
+"""Period of checks whether a host has opened the port: a pseudo-terminal does not report it."""
 _READ_ROOM = 4096
 _LOCK_ROOM = 4096
 
@@ -52,7 +52,7 @@ class PseudoTerminal(Carrier[bytes]):
         """A program has the port open."""
         self._watch_s = 0.0
         self.lost_bytes = 0
-        """Bytes that the host was too slow for."""
+        """Bytes dropped because the host was too slow."""
 
     @property
     def endpoint(self) -> str:
@@ -224,7 +224,7 @@ def _remove_stale(link: str, lock: int) -> None:
         return
     if not os.path.islink(link):
         raise AddressError(f"{link!r} exists and is not a link; give another path")
-    # What it leads to may be somebody else's terminal by now.
+    # What it leads to may be another program's terminal by now.
     if os.path.exists(link) and os.readlink(link) != _port_in(lock):
         raise AddressError(
             f"{link!r} leads to {os.readlink(link)}, and no simulated device made it; give "

@@ -14,11 +14,11 @@ from cardan.errors import AddressError
 
 _ROOM = 65536
 _SMALLEST_BUFFER = 1
-"""Makes the kernel keep as little as it can (a few packets), so that a client's queue counts."""
+"""Smallest kernel buffer (a few packets), so that the client's own queue sets the limit."""
 
 
 class Client(ABC):
-    """One program that has the device open, and what it has no room for yet."""
+    """One program that has the device open, and what it has not read yet."""
 
     def __init__(self, sock: socket.socket) -> None:
         sock.setblocking(False)
@@ -155,7 +155,7 @@ class Server(Generic[C]):
         self.stop_listening()
 
     def _unwanted(self, sock: socket.socket) -> bool:
-        """Whether who connected is none to be served."""
+        """Whether a new connection is not to be served."""
         return len(self.clients) == self._most
 
     def _accept(self) -> None:

@@ -21,10 +21,10 @@ GREETING = b"< hi >"
 OK = b"< ok >"
 LONGEST_COMMAND = 256
 ROOM = 1 << 20
-"""Bytes that wait for a client that does not read; one that is further behind is let go."""
+"""Most bytes kept for a client that does not read; beyond it the connection is closed."""
 JOIN_S = 0.02
-"""python-can takes what follows the last `< ok >` at once for a part of it: frames wait so long,
-or until the client has sent something."""
+"""Time that frames are held after the last `< ok >`, or until the client has sent something:
+python-can takes what follows at once for a part of it."""
 MAX_CLIENTS = 16
 _COMMAND = re.compile(rb"<([^<>]*)>")
 
@@ -37,7 +37,7 @@ class Session:
         self.raw = False
         """It takes and sends frames."""
         self.broken = False
-        """It says what no client says; it is to be let go."""
+        """It sent what no client sends; its connection is to be closed."""
         self._buffer = b""
 
     def feed(self, data: bytes) -> tuple[bytes, list[CanFrame]]:
@@ -103,7 +103,7 @@ class _Client(StreamClient):
         self.held = bytearray()
 
     def join(self) -> None:
-        """Wait no longer with frames."""
+        """Hold frames no longer."""
         self.joins_s = math.inf
         self.unsent += self.held
         self.held.clear()

@@ -1,8 +1,8 @@
 """HID devices that the Linux kernel takes for real ones, through /dev/uhid.
 
-Whoever writes to /dev/uhid is the hardware: the kernel binds its HID drivers to it and makes
-hidraw and evdev nodes. The device is gone when its file is closed. The codec below does no I/O;
-:class:`UhidDevice` is the file, :class:`UhidCarrier` serves a simulated device by it. Source:
+A program that writes to /dev/uhid is the hardware: the kernel binds its HID drivers to it and
+makes hidraw and evdev nodes. The device is gone when its file is closed. The codec below does no
+I/O; :class:`UhidDevice` is the file, :class:`UhidCarrier` serves a simulated device by it. Source:
 Linux, include/uapi/linux/uhid.h and Documentation/hid/uhid.rst. All numbers are in the machine's
 byte order, without padding.
 """

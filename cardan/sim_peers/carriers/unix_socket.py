@@ -23,7 +23,7 @@ QUEUE_REPORTS = 64
 
 
 class Advice(NamedTuple):
-    """What to do when a path cannot be had, in words that fit what the user gave."""
+    """What to do when a path cannot be used, in terms of the option that the user gave."""
 
     no_socket: str = "give another path"
     """The path is that of something else."""
@@ -197,8 +197,8 @@ class ReportClient(PacketClient):
 class ReportSocket(PacketCarrier[bytes, ReportClient]):
     """A socket whose packets are raw HID reports: all programs get all input reports.
 
-    `take` gets each output report and the device's time, s; without it they mean nothing. While the
-    device refuses to be opened its socket exists, but nobody can connect.
+    `take` gets each output report and the device's time, s; without it they are ignored. While the
+    device refuses to be opened its socket exists, but no program can connect.
     """
 
     tells_refusal = True
@@ -229,7 +229,7 @@ class ReportSocket(PacketCarrier[bytes, ReportClient]):
 
 
 def _only_looked(sock: socket.socket) -> bool:
-    """True when who connected has hung up again unsaid, as `_remove_stale` does."""
+    """True when a program connected and hung up at once, as `_remove_stale` does."""
     try:
         return not sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
     except BlockingIOError:
@@ -244,7 +244,7 @@ def _identity(path: str) -> tuple[int, int]:
 
 
 def _remove_stale(path: str, advice: Advice) -> None:
-    """Remove a socket file that nobody listens on. Raises AddressError for anything else."""
+    """Remove a socket file that no program listens on. Raises AddressError for anything else."""
     try:
         if not stat.S_ISSOCK(os.lstat(path).st_mode):
             raise AddressError(f"{path!r} exists and is not a socket; {advice.no_socket}")

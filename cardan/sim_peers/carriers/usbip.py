@@ -38,7 +38,7 @@ MAX_TRANSFER_BYTES = 1 << 16
 """No transfer of a HID device is as long; a longer one is not USB/IP."""
 
 ENDPOINT_REPORTS = 4
-"""Reports kept for an endpoint that nobody reads; beyond, the oldest go."""
+"""Most reports kept for an endpoint that is not read; beyond it the oldest are dropped."""
 
 _OP = struct.Struct(">HHI")
 _BUS_ID_BYTES = 32
@@ -55,7 +55,7 @@ _SETUP = struct.Struct("<BBHHH")
 
 
 class Speed(enum.IntEnum):
-    """Of a USB device, as the kernel numbers them."""
+    """Speeds of a USB device, as the kernel numbers them."""
 
     LOW = 1
     FULL = 2
@@ -83,7 +83,7 @@ class UsbInterface(NamedTuple):
 
 
 class UsbIdentity(NamedTuple):
-    """What a USB device says of itself before it is configured."""
+    """A USB device's description before it is configured."""
 
     vendor_id: int
     product_id: int
@@ -124,7 +124,7 @@ class UsbipSession:
         """False: an import is refused, as the device is in use."""
         self.imported = False
         self.failed = ""
-        """What made no sense, in words."""
+        """Why it failed."""
         self.polled = False
         """The host has read an interrupt endpoint: a driver has opened the device."""
         self._function = function

@@ -1,7 +1,7 @@
 """What the TCP of the simulated arm can touch: a horizontal surface, as a pen meets a sheet.
 
-The arm is position-controlled and does not give way; what gives way is the pen in its holder and
-the sheet on its board, all in the surface's stiffness. Forces are in N, base axes.
+The arm is position-controlled and rigid; the compliance of the pen in its holder and of the sheet
+on its board is the surface's stiffness. Forces are in N, base axes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Surface(NamedTuple):
 
     height_m: float
     stiffness_n_m: _Size = 500.0
-    """Of a pen in a spring-loaded holder; a rigid tool on a table has 10 kN/m and more."""
+    """That of a pen in a spring-loaded holder; a rigid tool on a table has 10 kN/m and more."""
     damping_n_s_m: _Size = 5.0
     """Against motion into and out of the surface; it never pulls."""
     friction: _Size = 0.2

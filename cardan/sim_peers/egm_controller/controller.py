@@ -58,7 +58,7 @@ SENDING_FAILED = 41830
 SYSTEM_FAILURE = 10014
 
 _CATCH_UP_CYCLES = 250
-"""Cycles that went unserved are made up for, silently, unless the whole process stood still."""
+"""Most unserved cycles that are made up for, silently; with more the whole process stood still."""
 
 _WRAP = 1 << 32
 _FORCE_NOISE = (0.3, 0.3, 0.3, 0.02, 0.02, 0.02)
@@ -68,14 +68,14 @@ _RAW_BIAS = (1.8, -2.6, 7.4, 0.11, -0.07, 0.05)
 _NOISE_SAMPLES = 509
 _INERTIA_KG_M2 = (4.0, 4.0, 1.8, 0.25, 0.2, 0.05)
 _FRICTION_NM_S = (12.0, 12.0, 8.0, 2.0, 2.0, 1.0)
-"""For torqueRef, which needs to look alive, not to be right: rough figures of a 28 kg arm."""
+"""For torqueRef, which only has to vary plausibly: rough figures of a 28 kg arm."""
 _QUIET_QUOTA = 3.0
 _COLLISION_QUOTA = 130.0
 """Percent of the collision detection's threshold."""
 
 
 class Counters(NamedTuple):
-    """What became of the datagrams."""
+    """Counters of the datagrams."""
 
     sent: int
     accepted: int
@@ -159,7 +159,7 @@ class EgmController:
         self._verbs = self._verb_table()
 
     # ------------------------------------------------------------------------------------
-    # The two ends of the wire
+    # Datagrams in and out
 
     def receive(self, data: bytes) -> None:
         """A datagram of the PC arrives; it waits until a cycle takes it."""
@@ -190,17 +190,17 @@ class EgmController:
         return data
 
     def sending_failed(self) -> None:
-        """The shell tells that nobody listens at the PC's address."""
+        """The shell reports that no program listens at the PC's address."""
         if not self._send_failing:
             self._send_failing = True
             self._log.add(SENDING_FAILED, "Error sending EGM UdpUc message")
 
     def sending_worked(self) -> None:
-        """The shell tells that the PC was heard."""
+        """The shell reports that the PC was heard."""
         self._send_failing = False
 
     # ------------------------------------------------------------------------------------
-    # For whoever watches
+    # Diagnosis
 
     @property
     def state(self) -> EgmState:
@@ -214,7 +214,7 @@ class EgmController:
 
     @property
     def counters(self) -> Counters:
-        """What became of the datagrams so far."""
+        """Counters of the datagrams so far."""
         return Counters(self._sent, self._accepted, dict(self._ignored), dict(self._noted))
 
     @property
@@ -260,7 +260,7 @@ class EgmController:
         return self._panel.jog([math.radians(q) for q in joints_deg])
 
     def do(self, verb: str, **arguments: Any) -> None:
-        """Do what a script's `verb` does now; arguments as in `Action`. For tests and consoles."""
+        """Do a script's `verb` now; arguments as in `Action`. For tests and consoles."""
         if verb not in self._verbs:
             raise ScriptError(f"there is no verb {verb!r}; there are: {', '.join(self._verbs)}")
         self._verbs[verb](**arguments)

@@ -62,7 +62,7 @@ class ExternalMotion:
         self._tail_until_s: float | None = None
 
     # ------------------------------------------------------------------------------------
-    # What shows on the wire
+    # State sent to the PC
 
     @property
     def state(self) -> EgmState:
@@ -176,7 +176,7 @@ class ExternalMotion:
         self.movements.go(joints, at_least_s)
 
     def tick(self) -> bool:
-        """One cycle without a run: come to rest, go where told; True when the arm stands."""
+        """One cycle without a run: brake, or do queued movements; True when the arm stands."""
         if not self.movements.tick():
             return False
         if self._tail_until_s is not None and self._log.now_s >= self._tail_until_s:

@@ -36,7 +36,7 @@ from cardan.types import Pose, Vector3
 
 _ZERO = (0.0,) * AXES
 _UNIT_TOLERANCE = 1e-5
-"""A quaternion whose length is off by more was not normalised by its sender."""
+"""Deviation of a quaternion's length beyond which its sender did not normalise it."""
 
 _R = TypeVar("_R")
 
@@ -51,7 +51,7 @@ class MotionError(Exception):
         self.code = code
         self.text = text
         self.needs_jog = needs_jog
-        """Only jogging the arm away by hand helps."""
+        """Whether only jogging the arm away by hand ends the error."""
         self.motors_off = motors_off
 
 

@@ -1,6 +1,6 @@
 """Kinematics of the simulated arm, from its Denavit-Hartenberg table.
 
-Apart from every other kinematics of the package on purpose: what the gateway computes is judged
+Independent of the package's other kinematics on purpose: the gateway's results are checked
 against this. Lengths in m, angles in rad, rotations as row-major 9-tuples while computing.
 
 Source: ABB CRB 15000-5/0.95, standard (distal) DH parameters as published with its public
@@ -115,7 +115,7 @@ def _quaternion(
 ) -> Quaternion:
     """The unit quaternion of a rotation matrix, from its largest component.
 
-    The sign is whatever that branch gives, so it flips along a motion as a controller's may.
+    The sign depends on that component, so it can flip along a motion, as a controller's can.
     """
     if r00 + r11 + r22 > 0.0:
         t = 1.0 + r00 + r11 + r22
@@ -161,7 +161,7 @@ class Differential:
 
 
 def pose_error(target: Pose, actual: Pose) -> tuple[float, float, float, float, float, float]:
-    """What turns `actual` into `target`: translation (m) over rotation vector (rad), base frame."""
+    """From `actual` to `target`: translation (m) over rotation vector (rad), base frame."""
     tx, ty, tz = target.position
     ax, ay, az = actual.position
     rx, ry, rz = rotation_between(actual.orientation, target.orientation)

@@ -39,7 +39,7 @@ class ControlLaw:
 
 
 class Servo:
-    """Six axes that are told speeds, keep to their limits, and follow some ms later.
+    """Six speed-controlled axes that keep their limits and follow some ms later.
 
     `planned` is where the controller's reference is, `measured` where the arm is: `delay_s`
     behind. Every limit scales all axes by the same ratio, so that the direction stays.
@@ -58,9 +58,9 @@ class Servo:
         self.period_s = period_s
         self.planned = list(start)
         self.speeds = [0.0] * AXES
-        """Of `planned`, rad/s."""
+        """Speeds of `planned`, rad/s."""
         self.accelerations = [0.0] * AXES
-        """Of `planned`, rad/s²."""
+        """Accelerations of `planned`, rad/s²."""
         self.utilization = 0.0
         """Demanded over possible joint speed of the last cycle; above 1 it was shortened."""
         whole = math.floor(delay_s / period_s)
@@ -73,7 +73,7 @@ class Servo:
         self.place(start)
 
     def place(self, joints: Sequence[float]) -> None:
-        """Stand at `joints` from now on (somebody jogged the arm while nobody looked)."""
+        """Stand at `joints` from now on (the arm was jogged while it was not simulated)."""
         self.planned = list(joints)
         self.speeds = [0.0] * AXES
         self.accelerations = [0.0] * AXES
@@ -183,7 +183,7 @@ class JointMove:
     """A programmed joint movement from standstill to `target`, both ends at rest."""
 
     _SPEED_SHARE = 0.5
-    """Of the joint speeds and accelerations: a programmed move is not the arm's utmost."""
+    """Share of the joint speeds and accelerations: a programmed move uses less than the arm can."""
 
     def __init__(self, servo: Servo, target: Sequence[float], at_least_s: float = 0.0) -> None:
         self._servo = servo

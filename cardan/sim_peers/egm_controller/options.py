@@ -45,7 +45,7 @@ PROFILES: Mapping[str, Profile] = {
 }
 
 ROBOTWARE: Mapping[str, str] = {"6": "6.10", "7": "7.16", **{name: name for name in PROFILES}}
-"""What may be asked for, and the release it means."""
+"""Accepted names, and the release that each means."""
 
 
 def _within_range(joints_deg: Sequence[float]) -> bool:
@@ -84,7 +84,7 @@ class EgmControllerOptions(Options):
     robotware: str = option("7", "What its datagrams contain.", metavar="6|7|RELEASE")
     """A key of ROBOTWARE."""
     mode: Mode = option(Mode.POSE, "What its RAPID program runs.")
-    """Of script lines that name none."""
+    """Mode of script lines that name none."""
     script: str = "teleop"
     """A built-in name or a file; in mode PATH "teleop" is "path"."""
     faults: Mapping[str, float] = field(default_factory=dict)
@@ -135,7 +135,7 @@ class EgmControllerOptions(Options):
     singularity_threshold: _Size = 0.02
     """Smallest singular value of the Jacobian (m, rad) at which Cartesian motion stops."""
     queue_length: Annotated[int, QUEUE_LENGTH] = 64
-    """Datagrams of the PC that may wait; more are lost."""
+    """Most datagrams of the PC that wait; more are lost."""
     newest_wins: bool = False
     """Take the newest waiting datagram, as no real controller does; for comparison."""
     strict_mtype: bool = False
@@ -170,7 +170,7 @@ class EgmControllerOptions(Options):
     force_sense: Literal["exerted", "felt"] = option(
         "exerted", "Force of the tool on the world, or back."
     )
-    """Of contact forces; ABB's manual does not say. Exerted is what `RobotState.wrench` is
+    """Sign of contact forces; ABB's manual does not say. Exerted is what `RobotState.wrench` is
     everywhere here."""
     collision_force_n: _Size = 150.0
     """A contact force at which the motion supervision sees a collision; 0: never. The order of

@@ -1,4 +1,4 @@
-"""What an operator does at the controller, and what the world does to it."""
+"""Operator actions at the controller, and external events such as collisions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class OnError(enum.Enum):
     """What happens some time after EGM ended with an error."""
 
     STOP = "stop"
-    """Nothing: the program stands until somebody starts it."""
+    """Nothing: the program is stopped until it is started."""
     RETRY = "retry"
     """The program's error handler runs EGM again; it gets recoverable errors only."""
     RESTART = "restart"
@@ -98,7 +98,7 @@ class Panel:
             task.when_standing(task.begin)
 
     def restart_program(self) -> None:
-        """What an operator does to begin again: program pointer to main, start."""
+        """Begin again as an operator does: program pointer to main, start."""
         self.pp_to_main()
         self.program_start()
 

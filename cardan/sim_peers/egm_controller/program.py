@@ -1,4 +1,4 @@
-"""Order of a RAPID program's instructions: what is next, and what running it again means."""
+"""Order of a RAPID program's instructions, and which are executed again after a restart."""
 
 from __future__ import annotations
 

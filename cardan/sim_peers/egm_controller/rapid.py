@@ -58,7 +58,7 @@ class RapidTask:
         self.moved = False
         """True once the arm has moved since the start of the controller."""
         self.needs_jog = False
-        """True from a stop that only jogging the arm away by hand helps with."""
+        """True after an error that only jogging the arm away by hand ends."""
         self.loop = False
         """Whether the program runs EGM again when a run ends, as WHILE TRUE does."""
         self.recovery = Recovery()

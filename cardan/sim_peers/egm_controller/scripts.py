@@ -1,7 +1,7 @@
 """What the simulated controller's program does: built-in scripts, and the verbs of scripts.
 
-A script's RAPID verbs are the instructions of the motion task; the others are what somebody does
-at the controller, or what happens to the arm.
+A script's RAPID verbs are the instructions of the motion task; the others are operator actions
+at the controller, or external events.
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ _STOP_MODES = {mode.value: {"stop_mode": mode} for mode in StopMode}
 
 class _Verb(NamedTuple):
     usage: str = ""
-    """What comes after the verb, in words."""
+    """Usage of the words after the verb."""
     parse: _Parser = _nothing
 
 

@@ -43,7 +43,7 @@ class EgmSettings:
 
     @property
     def comm_timeout_s(self) -> float:
-        """Longest time without a message that guidance goes on; path correction knows none."""
+        """Longest silence of the PC in which guidance goes on; path correction has no limit."""
         if self.setup is None or self.setup.mode is Mode.PATH:
             return math.inf
         return self.setup.comm_timeout_s

@@ -20,7 +20,7 @@ class EgmControllerPeer(DatagramPeer):
     """Serves an `EgmController` as the real one does: as the client of the PC.
 
     The socket has an ephemeral local port and is connected to the PC's address, so answers from
-    anywhere else are not heard.
+    other addresses are ignored.
     """
 
     def __init__(self, options: EgmControllerOptions | None = None) -> None:
@@ -60,8 +60,8 @@ class EgmControllerPeer(DatagramPeer):
     def _receive(self, data: bytes, source: Any, now_s: float) -> None:
         self.core.receive(data)
 
-    def _heard(self, somebody: bool) -> None:
-        if somebody:
+    def _heard(self, answered: bool) -> None:
+        if answered:
             self.core.sending_worked()
         else:
             self.core.sending_failed()

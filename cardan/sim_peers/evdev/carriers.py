@@ -68,7 +68,7 @@ if sys.platform != "win32":
     import fcntl
 
 QUEUE_EVENTS = 64
-"""Events the kernel keeps for a program that does not read; one more, and all are dropped."""
+"""Most events the kernel keeps for a program that does not read; with one more all are dropped."""
 _ROOM = 4096
 
 

@@ -94,7 +94,7 @@ _SCAN_CODES = {
         ("left-meta", 0xDB), ("right-meta", 0xDC), ("compose", 0xDD),
     )
 }  # fmt: skip
-"""Of a keyboard's controller, where it is not the key's own number."""
+"""Scan codes of a keyboard's controller that differ from the key's own number."""
 
 
 class InputEvents(NamedTuple):
@@ -140,7 +140,7 @@ class SimulatedInput:
         self.plugged = True
         self.controls = NEUTRAL
         self.refused = 0
-        """Writes and requests of a client that made no sense."""
+        """Invalid writes and requests of clients."""
         self.grabbed_by: Hashable | None = None
         self._uinput = uinput
         self._faults = faults
@@ -251,7 +251,7 @@ class SimulatedInput:
             self._plugging.pop(0)[1]()
 
     def skip_to(self, now_s: float) -> None:
-        """Poll nothing before `now_s`: nobody simulated it."""
+        """Poll nothing before `now_s`: that time was not simulated."""
         self._poll = max(self._poll, math.ceil(now_s / self.model.period_s - 1e-9))
 
     # -- the host ------------------------------------------------------------------------------
@@ -266,7 +266,7 @@ class SimulatedInput:
         return Call(request, 0, result[:size].ljust(size, b"\0"))
 
     def write(self, client: Hashable, data: bytes, now_s: float) -> None:
-        """Take events that `client` writes; only effects to play mean anything."""
+        """Take events that `client` writes; only those that play effects are used."""
         events = decode_events(data)
         if isinstance(events, Malformed):
             self.refused += 1

@@ -12,7 +12,7 @@ from cardan.sim_peers.evdev.models import Model
 FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s, whatever it is doing", 3.0),
     FaultSwitch("replug", "the device that vanished is back at VALUE s", 4.0, after="unplug"),
-    FaultSwitch("silence", "nothing more comes from VALUE s on, and nobody is told", 3.0),
+    FaultSwitch("silence", "no more events from VALUE s on, without any notice", 3.0),
     FaultSwitch("stuck-axis", "the left stick stays where it is at VALUE s", 3.0),
     FaultSwitch("stuck-button", "what is down at VALUE s stays down", 3.0),
     FaultSwitch("drift", "the sticks rest VALUE of the full scale off centre", 0.2, -1.0, 1.0),

@@ -134,8 +134,8 @@ SCRIPTS: Mapping[str, Mapping[str, str]] = {
     "gamepad": GAMEPAD_SCRIPTS,
     "keyboard": KEYBOARD_SCRIPTS,
 }
-"""The built-in scripts of each kind of device. All begin with a touch, since a driver believes a
-device only after it has heard of it."""
+"""The built-in scripts of each kind of device. All begin with a touch, since a driver accepts
+a device only after its first event."""
 
 
 _STICKS = ("LX", "LY", "RX", "RY")

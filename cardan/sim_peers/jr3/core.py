@@ -49,7 +49,7 @@ LOOP_S = (0.001, 0.002)
 EEPROM_S = 0.3
 """How long reading the sensor's calibration takes."""
 SHORTEST_PERIOD_S = 0.00025
-"""Two frames fill the bus for so long: faster than this no board can send."""
+"""Shortest period of samples: two frames fill the bus for this time."""
 
 
 class SimulatedJr3:
@@ -154,7 +154,7 @@ class SimulatedJr3:
     # -- the bus -------------------------------------------------------------------------------
 
     def receive(self, arbitration_id: int, data: bytes, now_s: float) -> None:
-        """A frame on the bus at `now_s`, of anybody else."""
+        """A frame on the bus at `now_s`, from another node."""
         mine = arbitration_id & NODE_MASK == self.node_id
         if not self.powered or self.hung or not (mine or arbitration_id == Opcode.SYNC):
             return
@@ -167,7 +167,7 @@ class SimulatedJr3:
             return
         self._commands.append(message)
         if self._turn_s == math.inf:
-            # The loop has been turning all the time; only now it matters when.
+            # The loop has been running all the time; only now its phase matters.
             length_s = self._random.uniform(*LOOP_S)
             self._turn_s = max(now_s, self._blocked_until_s) + self._random.uniform(0.0, length_s)
 

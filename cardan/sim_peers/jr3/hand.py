@@ -15,7 +15,7 @@ HAND_PERIOD_S = 0.002
 
 COMPONENTS = ("FX", "FY", "FZ", "MX", "MY", "MZ")
 OVERLOAD = 1.5
-"""An overload is so many full scales."""
+"""An overload, in full scales."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "wrench": "wrench FX FY FZ MX MY MZ [over SECONDS]",
@@ -39,7 +39,7 @@ on top; ``release`` ends both. ``overload`` ramps one component to 1.5 times its
 
 SCRIPTS: Mapping[str, str] = {
     "rest": """
-        # nobody touches the sensor
+        # no load on the sensor
         0    release
     """,
     # The first 2.5 s belong to the host: it waits for the filter, takes zero and sees rest.

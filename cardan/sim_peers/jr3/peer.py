@@ -40,16 +40,16 @@ class Jr3PeerOptions(HandOptions):
     serve_socketcand: bool = option(False, "Serve a bus of its own, by socketcand's protocol.")
     """Instead of joining one: at `host` and `port`; needs no python-can."""
     host: Annotated[str, bounds.HOST] = option(
-        "127.0.0.1", "Of socketcand, served or joined.", metavar="HOST"
+        "127.0.0.1", "Address of socketcand, served or joined.", metavar="HOST"
     )
     port: Annotated[int, bounds.ANY_PORT] | None = option(
-        None, "Of udp_multicast or socketcand; default: theirs.", metavar="PORT"
+        None, "Port of udp_multicast or socketcand; default: theirs.", metavar="PORT"
     )
     """Theirs are 43113 and 29536; for socketcand that is served 0 is any."""
     hop_limit: Annotated[int, bounds.HOP_LIMIT] = 0
-    """Of udp_multicast; 0: frames stay on this computer."""
+    """Hop limit of udp_multicast; 0: frames stay on this computer."""
     bitrate: int = 1_000_000
-    """Of a bus by hardware other than socketcan."""
+    """Bit rate of a bus by hardware other than socketcan."""
     sensor: str = option(
         "right-hand",
         "Whose full scales; see --list-sensors.",

@@ -1,4 +1,4 @@
-"""A simulated Leap Motion tracking service: hands, tracker, and the WebSocket they are told by."""
+"""A simulated Leap Motion tracking service: hands, tracker, and its WebSocket."""
 
 from cardan.sim_peers.leap.anatomy import (
     Anatomy as Anatomy,

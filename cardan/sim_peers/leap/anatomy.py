@@ -20,7 +20,7 @@ ARM_WIDTH_MM = 60.0
 FOREARM_MM = 250.0
 WRIST: Triple = (2.0, -4.0, 58.0)
 SPHERE_RADII_MM = (80.0, 33.0)
-"""Of the ball that an open hand, and a fist, holds."""
+"""Radii of the ball that an open hand, and a fist, holds."""
 INTERACTION_BOX = {"center": [0.0, 200.0, 0.0], "size": [235.247, 235.247, 147.751]}
 NO_MOTION: dict[str, Any] = {
     "r": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
@@ -83,7 +83,7 @@ class Anatomy:
     def measure(
         self, posture: HandPosture, now_s: float
     ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-        """The hand and its five fingers as the service's newest version tells them."""
+        """The hand and its five fingers as in the service's newest version."""
         palm = posture.palm_mm
         rows = posture.rows
         dt_s = now_s - self._last_s
@@ -250,7 +250,7 @@ _SKELETON_KEYS = frozenset(
 
 
 def as_version(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """The frame as `version` tells it."""
+    """The frame in the form of `version`."""
     if version >= SKELETON_SINCE:
         return document
     return {

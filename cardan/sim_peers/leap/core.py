@@ -40,7 +40,7 @@ DEVICE_ID = "LP00000000001"
 DEVICE_TYPE = "peripheral"
 HEARTBEAT_VALID_S = 2.0 * HEARTBEAT_PERIOD_S
 EPOCH_US = 56_257_000_000
-"""The service's clock when it starts: it counts from nothing that anybody knows."""
+"""The service's clock when it starts: its epoch is arbitrary."""
 LOG_LENGTH = 1000
 
 UPRIGHT: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -48,7 +48,7 @@ UPRIGHT: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0
 
 @dataclass
 class SimulatedHand:
-    """A hand in view of the tracker, as whoever moves it holds it."""
+    """A hand in view of the tracker, with the posture that was set."""
 
     anatomy: Anatomy
     palm_mm: Triple = (0.0, 200.0, 0.0)
@@ -103,7 +103,7 @@ class SimulatedLeapService:
         self.streaming = self.attached
         self.stalled = False
         self.requests: deque[tuple[int, ClientOptions | Malformed]] = deque(maxlen=LOG_LENGTH)
-        """What clients said, newest last."""
+        """Messages of clients, newest last."""
         self.frames_sent = 0
         self.restarts = 0
         """How often it has restarted: every connection of before is to be cut."""
@@ -220,7 +220,7 @@ class SimulatedLeapService:
             self.hands[side].anatomy = self._anatomy(side)
 
     def set_device(self, attached: bool, streaming: bool) -> None:
-        """The tracker is plugged in or not, and delivers or not; the clients are told."""
+        """The tracker is plugged in or not, and delivers or not; the clients are informed."""
         if (attached, streaming) == (self.attached, self.streaming):
             return
         self.attached, self.streaming = attached, streaming
@@ -255,7 +255,7 @@ class SimulatedLeapService:
             hand.anatomy = self._anatomy(side)
 
     def break_next(self, frames: int) -> None:
-        """Cut the next so many frames short."""
+        """Cut the next `frames` frames short."""
         self._malformed_left = frames
 
     def _anatomy(self, side: str) -> Anatomy:
@@ -282,7 +282,7 @@ class SimulatedLeapService:
                 self._schedule()
 
     def advance(self, now_s: float) -> None:
-        """Do what is due until `now_s`; the hands are as whoever moves them holds them then."""
+        """Do what is due until `now_s`, with the hands' present postures."""
         while (due_s := self._next_event_s) <= now_s:
             self._now_s = max(self._now_s, due_s)
             if self._timed and self._timed[0][0] <= due_s:

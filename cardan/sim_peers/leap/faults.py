@@ -17,7 +17,7 @@ FAULTS = (
     ),
     FaultSwitch("drop", "this share of the frames is left out (0..1)", 0.1, 0.0, 1.0),
     FaultSwitch("restart", "the service restarts at VALUE s: gone for 1 s, new ids", 5.0),
-    FaultSwitch("refuse", "nobody listens for the first VALUE s (inf: never)", 1.0, 0.0, math.inf),
+    FaultSwitch("refuse", "no connections for the first VALUE s (inf: never)", 1.0, 0.0, math.inf),
     FaultSwitch("mute", "connections are accepted, but nothing is ever sent"),
     FaultSwitch("highest-version", "versions above VALUE are closed with code 1001", 4.0, 1.0, 6.0),
     FaultSwitch("lost-focus", "another program takes the focus at VALUE s", 3.0),

@@ -41,7 +41,7 @@ Strengths and confidence are 0 to 1.
 
 ``move``, ``tilt``, ``grab``, ``pinch`` and ``confidence`` start and end gently; ``swing`` adds N
 whole sine periods of SECONDS each on top. ``unplug`` and ``replug`` are the tracker's cable,
-``pause`` and ``unpause`` its delivery; ``stall`` stops the frames without a word until ``resume``.
+``pause`` and ``unpause`` its delivery; ``stall`` stops the frames without notice until ``resume``.
 ``restart`` takes the service away for SECONDS, ``malformed`` cuts the next FRAMES short, ``loop``
 starts the script again.
 """
@@ -133,8 +133,8 @@ SCRIPTS: Mapping[str, str] = {
         31.0  loop
     """,
 }
-"""The built-in scripts. All begin without a hand, since a driver believes a service only after it
-has shown nothing that could hold the clutch."""
+"""The built-in scripts. All begin without a hand, since a driver accepts a service only after it
+has shown no hand that could hold the clutch."""
 
 
 _CHANNELS: Mapping[str, tuple[float, ...]] = {

@@ -22,11 +22,11 @@ from cardan.sim_peers.leap.core import Message, SimulatedLeapService
 MAX_CLIENTS = 16
 MAX_REQUEST_BYTES = 1 << 16
 BACKLOG_BYTES = 1 << 18
-"""A client that does not read gets no more frames beyond this; nothing that was begun is cut."""
+"""Most bytes queued for a client that does not read; beyond it frames are dropped whole."""
 
 _log = logging.getLogger(__name__)
 _protocol_log = logging.getLogger(f"{__name__}.protocol")
-"""Of the library: it would tell of every frame."""
+"""Logger of the library, which would log every frame."""
 _protocol_log.setLevel(logging.WARNING)
 
 
@@ -88,12 +88,12 @@ class LeapWebSocket(Carrier[Message]):
         self._server: Server[_Link] = Server(
             shell.selector, MAX_CLIENTS, meet=self._meet, take=self._receive, part=self._part
         )
-        # Even where nobody is to be heard yet: a taken port shows at once.
+        # Even if no client is to be accepted yet: a port in use is reported at once.
         self._listen()
 
     def appear(self) -> None:
         """Listen again."""
-        # A port that was free a moment ago; whoever took it meanwhile keeps it for now.
+        # The port was free a moment ago; another program may have taken it meanwhile.
         with contextlib.suppress(AddressError):
             self._listen()
 

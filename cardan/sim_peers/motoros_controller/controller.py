@@ -53,7 +53,7 @@ from cardan.sim_peers.motoros_controller.robot import (
 from cardan.sim_peers.motoros_controller.velocity import is_newer
 
 TASK_END_S = 0.05
-"""The increment task outlives the motion connection by this."""
+"""Time that the increment task goes on after the motion connection has ended."""
 LONGEST_TIME_S = 14400.0
 """Points of type 14 are refused from here on."""
 TOOLS = 64
@@ -78,8 +78,8 @@ _CHECK_S = 0.05
 _STOP_WAIT_S = 0.02
 _STOP_CHECK_S = 0.001
 _WAIT_LINE_SHARE = 75 / 110
-"""INIT_ROS is on its WAIT line after so much of the time that starting it takes: a captured
-controller tells that motion is possible between 60 and 85 ms, and replies after 110."""
+"""Share of INIT_ROS's starting time after which it is on its WAIT line: a captured
+controller reports that motion is possible between 60 and 85 ms, and replies after 110."""
 
 
 class MotorosController(MotomanRobot):
@@ -92,9 +92,9 @@ class MotorosController(MotomanRobot):
     def __init__(self, options: MotorosControllerOptions | None = None) -> None:
         super().__init__(MotorosControllerOptions() if options is None else options)
         self.replies: list[Message] = []
-        """Answers to send, oldest first; whoever sends them takes them out."""
+        """Answers to send, oldest first; the sender removes them."""
         self.close_requested = False
-        """The motion connection is to be closed; whoever does so resets it."""
+        """The motion connection is to be closed; the code that closes it resets this."""
         self._connected = False
         self._last_reply = reply(MotionReply(0, 0, 0, 0, 0))
 

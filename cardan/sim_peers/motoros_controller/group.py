@@ -66,7 +66,7 @@ class ControlGroup:
         self.axes = len(pulses_per_rad)
         self.pulses_per_rad = tuple(pulses_per_rad)
         self.command = self.pulses(start_rad)
-        """What is commanded now."""
+        """The present command."""
         self.tool = 0
         self.speeds_rad_s = tuple(speeds_rad_s)
         self.largest_increments = tuple(
@@ -200,7 +200,7 @@ class ControlGroup:
         return segment
 
     def _drop_point(self) -> None:
-        """The point is lost where it is; the speed there goes with it, as no one will go on."""
+        """Drop the point and its speed where it is, since no next point continues from it."""
         segment = self._segment
         if segment is not None:
             tau = (segment.now_ms - segment.first_ms) * 0.001

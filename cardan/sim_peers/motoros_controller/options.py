@@ -25,7 +25,7 @@ GROUPS = Range(1, MAX_GROUPS, "", "a controller has no more")
 BASE_PORT = replace(bounds.ANY_PORT, highest=65533, reason="two more come after it")
 IPC_S = Range(0.001, 0.016, "s", "no controller interpolates in other steps")
 QUEUE_INCREMENTS = Range(2, 10_000, "", "one is being driven, one waits")
-STATE_PERIOD_S = Range(0.001, 10.0, "s", "later nobody waits for a state")
+STATE_PERIOD_S = Range(0.001, 10.0, "s", "a client gives a silent state port up sooner")
 TAKES_S = Range(0.0, 60.0, "s", "no controller takes longer")
 
 _Takes = Annotated[float, TAKES_S]
@@ -64,8 +64,8 @@ class MotorosControllerOptions(Options):
     queue_increments: Annotated[int, QUEUE_INCREMENTS] = 200
     """Entries of each group's queue."""
     pulses_per_rad: _EachAxis | None = None
-    """Of each axis (per m for a linear one). None: 4096 pulses a turn of the motor behind gears of
-    80 to 120 (wrist roll 50), 32595 to 78228 a rad; makers do not publish them."""
+    """Pulses per rad of each axis (per m for a linear one). None: 4096 pulses a turn of the motor
+    behind gears of 80 to 120 (wrist roll 50), 32595 to 78228 a rad; makers do not publish them."""
     state_period_s: Annotated[float, STATE_PERIOD_S] = 0.025
     feedback_fields: Literal[2, 6] = 6
     """ValidFields of feedback: positions, or positions and speeds."""
@@ -73,7 +73,7 @@ class MotorosControllerOptions(Options):
     """Joints at the start, rad or m; None: the arm's home."""
 
     job_start_s: _Takes = 0.11
-    """START_TRAJ_MODE takes so long with the servos on; from about two thirds of it on motion is
+    """Duration of START_TRAJ_MODE with the servos on; from about two thirds of it on motion is
     possible."""
     servo_on_s: _Takes = 1.0
     """From the order to power the drives until they have it."""
@@ -82,9 +82,9 @@ class MotorosControllerOptions(Options):
     """Leaving energy saving."""
 
     acceleration_limits: _EachAxis | None = None
-    """Of each axis in velocity mode, rad/s²; None: the arm model's."""
+    """Highest acceleration of each axis in velocity mode, rad/s²; None: the arm model's."""
     speed_limits: _EachAxis | None = None
-    """Of each axis, rad/s; None: the arm model's."""
+    """Highest speed of each axis, rad/s; None: the arm model's."""
     servo_on: bool = option(False, "Its drives have power from the start.")
     play: bool = True
     """At the start, as the one below."""

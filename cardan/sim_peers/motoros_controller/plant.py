@@ -1,4 +1,4 @@
-"""What lies between the commanded and the measured position of an axis.
+"""The lag from the commanded to the measured position of an axis.
 
 A pure dead time, the controller's averaging filter and the servo as a first-order lag, one after
 the other. Behind a ramp the arm is dead_time + (N - 1)/2 · IPC + lag and one IPC late, with N

@@ -1,4 +1,4 @@
-"""The robot behind the motion server: time, inputs, the operator's hands, and a moving arm.
+"""The robot behind the motion server: time, inputs, operator actions, and a moving arm.
 
 What the server makes of messages is in `controller`; here is what goes on between them: the inputs
 are polled, tasks of the server wait, and every interpolation period (IPC) the arm is commanded and
@@ -41,7 +41,7 @@ from cardan.sim_peers.motoros_controller.plant import Plant
 from cardan.sim_peers.motoros_controller.velocity import VelocityLaw, VelocityStream
 
 BURST_S = 0.1
-"""After a stall no more than this is made up for; the rest of the time did not happen."""
+"""Most time that is made up for after a stall; the rest is left out."""
 DEFAULT_WATCHDOG_MS = 100.0
 FIRST_MINOR_ALARM = 4000
 FIRST_SIGNAL = 11120
@@ -123,11 +123,11 @@ class MotomanRobot:
         self.velocities_accepted = self.velocities_refused = 0
         """Messages 2040 and 2041 since the start."""
         self.connections: set[str] = set()
-        """Of "motion", "state" and "io", those that have a client; the servers keep it."""
+        """Those of the ports "motion", "state" and "io" that have a client; the servers keep it."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
-        """What happened lately, with its time."""
+        """Recent events, with their times."""
         self.log: list[tuple[float | int | str, ...]] = []
-        """Group 0, one row an IPC, when options.log is given; whoever writes it empties it."""
+        """Group 0, one row an IPC, when options.log is given; the writer empties it."""
         self._newest_command_s = -math.inf
 
         self._now_s = -math.inf
@@ -196,7 +196,7 @@ class MotomanRobot:
         act(self._now_s)
 
     def _stand_still(self, lost_s: float) -> None:
-        """This process did not run: the controller's clock stood still, and nobody was late."""
+        """This process did not run: the controller's clock stood still, and no command was late."""
         lost_s = math.floor(lost_s / self._ipc_s) * self._ipc_s
         self._note(f"the simulation stood still for {lost_s:.3f} s")
         self._start_s += lost_s
@@ -214,11 +214,11 @@ class MotomanRobot:
     def _note(self, text: str) -> None:
         self.events.append((self._now_s, text))
 
-    # -- what others see ---------------------------------------------------------------------------
+    # -- state -------------------------------------------------------------------------------------
 
     @property
     def moving_data(self) -> bool:
-        """A queue holds increments or the arm is commanded to move: nobody else may come."""
+        """A queue holds increments or the arm is commanded to move: no other client is accepted."""
         return any(group.holding_data for group in self._groups) or not self._still
 
     def status(self) -> RobotStatus:
@@ -340,7 +340,7 @@ class MotomanRobot:
 
     @property
     def velocity_moves(self) -> bool:
-        """The velocity mode has the arm in motion: no other client may come, not even to a port
+        """The velocity mode has the arm in motion: no other client is accepted, not even at a port
         that is free again."""
         return not self._still
 
@@ -348,7 +348,7 @@ class MotomanRobot:
     def _still(self) -> bool:
         return not self._velocity_on or all(law.still for law in self._laws)
 
-    # -- the operator's hands ----------------------------------------------------------------------
+    # -- operator actions --------------------------------------------------------------------------
 
     def _happens(self, now_s: float, text: str) -> None:
         self.advance(now_s)
@@ -429,7 +429,7 @@ class MotomanRobot:
         self._inputs.energy_saving = on
 
     def collaborative_stop(self, now_s: float) -> None:
-        """The arm touches somebody; latched until START_TRAJ_MODE."""
+        """The arm touches a person; latched until START_TRAJ_MODE."""
         self._happens(now_s, "collaborative stop")
         self._inputs.collaborative_stop = True
 
@@ -484,7 +484,7 @@ class MotomanRobot:
         self._resume_s = self._now_s + delay_s
 
     def _abandon(self) -> None:
-        """The task that waits dies where it is."""
+        """End the task that waits where it is."""
         self._steps, self._resume_s, self._stopping = None, math.inf, False
 
     def _end_tasks(self) -> None:

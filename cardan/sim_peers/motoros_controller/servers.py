@@ -52,12 +52,12 @@ CONNECTIONS: Mapping[PortKind, int] = {"motion": 1, "state": 4, "io": 1}
 FIN_WAIT_S = 0.05
 """A server waits this long before it gives up the place of a client that has gone."""
 RECEIVE_BYTES = 552
-"""MotoROS's receive buffer: the longest message it can think of."""
+"""MotoROS's receive buffer: the longest message it can take."""
 WAITING_MESSAGES = 64
-"""With so many not yet handled nothing more is read; TCP holds the client back."""
+"""Unhandled messages at which nothing more is read; TCP then slows the client down."""
 _MESSAGES_A_TURN = 32
 _SPLIT_S = 0.001
-"""The second piece of a message that is written in two comes so much later."""
+"""Delay of the second piece of a message that is written in two."""
 _KEPT_EVENTS = 10_000
 
 _PREFIX_BYTES, _TOP_BYTES, _EX_BYTES, _POINT_BYTES = 4, 16, 24, 132
@@ -105,12 +105,12 @@ _VELOCITY_BYTES: Mapping[int, int] = {
 _NOT_SERVED = frozenset(
     (_T.ROBOT_STATUS, _T.JOINT_FEEDBACK, _T.MOTO_MOTION_REPLY, _T.MOTO_JOINT_FEEDBACK_EX)
 )
-"""The motion server knows their lengths, and closes on them."""
+"""The motion server knows their lengths, and closes the connection on them."""
 
 
 @dataclass
 class ServerCounters:
-    """What the servers have seen since the start."""
+    """Counters of the servers since the start."""
 
     accepted: int = 0
     refused: int = 0
@@ -156,7 +156,7 @@ class _Connection:
 class MotorosServers:
     """The servers of a `MotorosController`; connections are small integers.
 
-    The first time that is told is the start, from which the times of faults count.
+    The first time given is the start, from which the times of faults count.
     """
 
     def __init__(self, controller: MotorosController, options: MotorosControllerOptions) -> None:
@@ -270,7 +270,7 @@ class MotorosServers:
             return
         if found.kind == "state":
             self.counters.unread += 1
-            self._note_once(found, now_s, "unread", "sent to the state port, which nobody reads")
+            self._note_once(found, now_s, "unread", "sent to the state port, which is never read")
             return
         if self._strict:
             for at in range(0, len(data), RECEIVE_BYTES):
@@ -296,7 +296,7 @@ class MotorosServers:
             self._handle(now_s)
 
     def lost(self, connection: int, now_s: float, reason: str) -> None:
-        """A connection failed under the shell's hands, or its client does not read."""
+        """A connection failed in the shell, or its client does not read."""
         self._go(now_s)
         found = self._connections.get(connection)
         if found is not None:

@@ -21,8 +21,8 @@ from cardan.sockets import opened
 
 _READ_BYTES = 4096
 _BACKLOG_BYTES = 64 * 1024
-"""The kernel keeps so much for a client that does not read, and then so much waits here; with
-more it is dropped."""
+"""Most bytes kept here, beside the kernel's buffer, for a client that does not read; with more its
+connection is dropped."""
 _WAITING_CLIENTS = 8
 _RESET = struct.pack("ii", 1, 0)
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
@@ -93,7 +93,7 @@ class MotorosControllerPeer(SimulatedPeer):
                 problem = f"cannot listen on {host}:{port}"
                 self._listeners[kind] = opened(host, port, socket.SOCK_STREAM, _listen, problem)
             if self.options.log:
-                # Only now: whoever fails to start does not empty another one's log.
+                # Only now: a peer that fails to start must not empty another one's log.
                 self._log_file = _created(self.options.log)
                 self.controller.log.insert(0, self.controller.log_columns)
         except BaseException:
@@ -236,7 +236,7 @@ class MotorosControllerPeer(SimulatedPeer):
                 with contextlib.suppress(KeyError):
                     selector.unregister(listener)
 
-    # -- what happened ----------------------------------------------------------------------------
+    # -- events -----------------------------------------------------------------------------------
 
     def _report(self) -> None:
         for index, events in enumerate((self.controller.events, self.servers.events)):

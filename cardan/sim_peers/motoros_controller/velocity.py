@@ -36,7 +36,7 @@ class VelocityStream:
         self.heard_s = -math.inf
         self.unused = False
         self.age_ms = 0.0
-        """Of the command that was used last, when it was first used."""
+        """Age of the command that was used last, when it was first used."""
         self.overwritten = 0
         self.offset_s = math.inf
         """Smallest difference of local time and the sender's."""

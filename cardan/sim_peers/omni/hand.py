@@ -23,14 +23,14 @@ from cardan.types import ZERO3, Vector3
 SAMPLE_S = 0.01
 """Waypoints are this far apart while the hand moves."""
 SHORTEST_S = 0.02
-"""The shortest motion: the hand is a spring and would turn a step into a blow."""
+"""Shortest motion: the hand is a spring, so a step would be a shock."""
 CLICK_S = 0.1
 USUAL_STIFFNESS_N_M = 200.0
 
 _TIME_DECIMALS = 4
 _PACES = {"move": 0.1, "turn": math.pi / 2.0, "push": 2.0, "stiffness": 1000.0}
 """Mean speeds of motions without ``over``: m/s, rad/s, N/s, N/m per s."""
-_SHORTEST_UNTOLD_S = 0.3
+_SHORTEST_DEFAULT_S = 0.3
 
 SCRIPT_VERBS: Mapping[str, str] = {
     "move": "move X Y Z [over SECONDS]",
@@ -234,7 +234,7 @@ class _Flags(NamedTuple):
 
 
 class _Hand:
-    """What the steps of a script make of the hand, axes of the hand."""
+    """The hand's motion by the steps of a script, axes of the hand."""
 
     def __init__(self, stiffness_n_m: float) -> None:
         self.tracks = {
@@ -262,7 +262,7 @@ class _Hand:
     def go(self, verb: str, start_s: float, goal: Sequence[float], over_s: float | None) -> None:
         track = self.tracks[verb]
         if over_s is None:
-            over_s = max(_SHORTEST_UNTOLD_S, math.dist(track.at(start_s), goal) / _PACES[verb])
+            over_s = max(_SHORTEST_DEFAULT_S, math.dist(track.at(start_s), goal) / _PACES[verb])
         track.go(start_s, goal, over_s)
 
     def draw(self, start_s: float, points: Sequence[tuple[float, float]], over_s: float) -> None:
@@ -284,7 +284,7 @@ class _Hand:
             return
         if over_s is None:
             way_m = math.dist(self.tracks["move"].at(start_s), there)
-            over_s = max(_SHORTEST_UNTOLD_S, way_m / _PACES["move"])
+            over_s = max(_SHORTEST_DEFAULT_S, way_m / _PACES["move"])
         self.go("move", start_s, there, over_s)
         self.go("turn", start_s, ZERO3, over_s)
         self.plan_flags(start_s + over_s, docked=True)
@@ -336,8 +336,8 @@ class _Hand:
             angles,
             *self.flags[index - 1][1],
             to_device(self.tracks["push"].at(time_s)),
-            # The same axes, but a stiffness has no sign to turn; and one that is told to change
-            # again in mid-change may overshoot.
+            # The same axes, but a stiffness has no sign; and one that is changed again during
+            # a change may overshoot.
             Vector3(max(ky, 0.0), max(kz, 0.0), max(kx, 0.0)),
         )
 

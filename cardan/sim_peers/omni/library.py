@@ -1,4 +1,4 @@
-"""The simulated libHD in this process: for tests, benches, and whoever wants to step it.
+"""The simulated libHD in this process: for tests, benches, and programs that step it.
 
 A process has one libHD, as with the real one, so there is one simulated device at a time.
 """
@@ -24,7 +24,7 @@ SETTINGS_VARIABLE = "CARDAN_OMNI"
 LIBRARY_VARIABLE = "CARDAN_LIBHD"
 """Where Cardan's own driver looks for libHD first."""
 LIBRARY_NAMES = ("libHD.so", "libHD.so.3.0", "libHD.so.3.4")
-"""What programs know the real one by."""
+"""Names of the real library."""
 
 
 def library_path() -> Path:
@@ -49,17 +49,17 @@ def available() -> bool:
 
 
 class OmniTruth(NamedTuple):
-    """What the simulated device really does, at the end of its newest tick; hand frame."""
+    """True state of the simulated device at the end of its newest tick; hand frame."""
 
     time_s: float
-    """Of the library's clock: monotonic, or virtual from 0."""
+    """Time of the library's clock: monotonic, or virtual from 0."""
     ticks: int
     position_m: Vector3
-    """Of the gimbal's centre, before any encoder."""
+    """True position of the gimbal's centre, before any encoder."""
     velocity_m_s: Vector3
     hand_target_m: Vector3
     hand_force_n: Vector3
-    """Of the hand on the stylus."""
+    """Force of the hand on the stylus."""
     commanded_n: Vector3
     """What the last frame sent."""
     delivered_n: Vector3
@@ -71,9 +71,9 @@ class OmniTruth(NamedTuple):
     lost_j: float
     """Lost in the mechanism's friction, damping and stops."""
     kinetic_j: float
-    """Of the stylus: delivered_j + hand_j = lost_j + kinetic_j."""
+    """Kinetic energy of the stylus: delivered_j + hand_j = lost_j + kinetic_j."""
     temperature: Vector3
-    """Of the three motors; above 1 they are too warm."""
+    """Temperatures of the three motors; above 1 they are too warm."""
     buttons: int
     docked: bool
     gripped: bool
@@ -154,7 +154,7 @@ class SimulatedOmni:
         self.settings = settings
 
     def step(self, ticks: int = 1) -> int:
-        """Run so many ticks here and now; how many were run. Virtual time, started scheduler."""
+        """Run ticks in virtual time, with a started scheduler; returns how many were run."""
         return int(self._library.simStep(ticks))
 
     @property
@@ -163,7 +163,7 @@ class SimulatedOmni:
         return float(self._library.simNow())
 
     def truth(self) -> OmniTruth:
-        """The device as it is, rather than as it shows itself."""
+        """The device's true state, not the measured one."""
         it = self._truth
         self._library.simTruth(ctypes.byref(it))
         values = list(_read(it))

@@ -1,4 +1,4 @@
-"""Running somebody's program with the simulated device in the place of the real one."""
+"""Runs a program with the simulated device in place of the real one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cardan.sim_peers.omni.library import (
 from cardan.sim_peers.omni.settings import OmniSettings
 
 GRACE_S = 5.0
-"""How long a program that was told to end may take."""
+"""Time that a program has to end on request."""
 
 _PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -62,7 +62,7 @@ def prepare_log(settings: OmniSettings) -> None:
 
 
 def missing_log(settings: OmniSettings) -> str:
-    """Why a program that has run left no rows in the log, in words; empty when it did."""
+    """Why a program that has run left no rows in the log; empty when it did."""
     if not settings.log or not (path := Path(settings.log)).is_file():
         return ""
     with path.open("rb") as file:
@@ -77,7 +77,7 @@ def run_program(words: Sequence[str], settings: OmniSettings, seconds: float | N
     """Run a program and its arguments with the simulated device; its exit code.
 
     Signals go on to it; when this process is killed, it gets SIGTERM, and SIGKILL 5 s later. After
-    `seconds` it is told to end, which counts as 0. A program that a signal ended gives 128 and the
+    `seconds` it gets SIGTERM, which counts as 0. A program that a signal ended gives 128 and the
     signal's number, as in a shell. Main thread only. Raises ConfigurationError when it cannot be
     run or its log cannot be written, DeviceNotFoundError without the library.
     """
@@ -103,8 +103,8 @@ if [ -n "$pid" ]; then
 fi
 rm -rf -- "$1"
 """
-"""For sh. It is told the program's number, then that all is over; the end of its input without
-that is the end of this process, whatever ended it."""
+"""For sh. It reads the program's process id, then a line at the regular end; the end of its input
+without that line means that this process has died."""
 
 
 @contextlib.contextmanager
@@ -132,7 +132,7 @@ def _guard(folder: str) -> Iterator[Callable[[int], None]]:
     told: list[int] = []
 
     def say(word: str) -> None:
-        with contextlib.suppress(BrokenPipeError):  # Somebody has ended the guard.
+        with contextlib.suppress(BrokenPipeError):  # Another process has ended the guard.
             os.write(writing, f"{word}\n".encode())
 
     def tell(pid: int) -> None:

@@ -18,7 +18,7 @@
 Omni omni;
 pthread_mutex_t omni_lock;
 
-/* Whoever runs ticks in virtual time. */
+/* The thread that runs ticks in virtual time. */
 static pthread_mutex_t turn;
 static pthread_cond_t changed;
 static pthread_t thread;

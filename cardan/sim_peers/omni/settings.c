@@ -540,7 +540,7 @@ static const char LOG_HEADER[] =
     "delivered_x_n,delivered_y_n,delivered_z_n,delivered_j,hand_j,lost_j,kinetic_j,"
     "temperature,buttons,docked,gripped,amplifier,calibrated,period_s\n";
 
-/* Ticks put rows at `put`, with omni_lock; whoever has `writing` takes them at `taken`. The two
+/* Ticks put rows at `put`, with omni_lock; the thread that has `writing` takes them at `taken`. The two
  * never wait for each other. `writing` may be taken with omni_lock, never the other way round. */
 static struct {
     double (*rows)[LOG_COLUMNS];
@@ -657,7 +657,7 @@ int log_open(const Settings *settings, int *file) {
     if (!settings->log[0]) {
         return 0;
     }
-    /* Without waiting for somebody at the other end of a pipe. */
+    /* Without waiting for a reader at the other end of a pipe. */
     int opened = open(settings->log, O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0666);
     if (opened < 0 || fstat(opened, &there)) {
         settings_problem("log: %.300s: %s", settings->log, strerror(errno));

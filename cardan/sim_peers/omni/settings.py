@@ -1,4 +1,4 @@
-"""What the simulated libHD is told before it starts: its settings, as a text.
+"""The settings of the simulated libHD before it starts, as a text.
 
 A line a setting, a word and its values with one blank between; a text value is the rest of its
 line. SI units, rad, axes of HDAPI (x right, y up, z to the operator)::
@@ -13,7 +13,7 @@ line. SI units, rad, axes of HDAPI (x right, y up, z to the operator)::
     mass KG                         of the mechanism, felt at the gimbal's centre
     friction N                      Coulomb
     viscous N_S_M
-    droop N                         down, while nobody grips
+    droop N                         down, while not gripped
     thermal S                       time constant of the motors
     gimbal S1 S2 S3 O1 O2 O3        scales of the gimbal angles and their offsets, rad
     gimbal_noise LSB                of the gimbal's potentiometers, peak to peak; 1 LSB: 0.0735°
@@ -82,12 +82,12 @@ FAULTS = (
     FaultSwitch("slow-ticks", "ticks come VALUE times a second", 200.0, 1.0, 1000.0),
     FaultSwitch("init-fails", "initialising fails with the error code VALUE", 768.0, 256.0, 1536.0),
     _flag("no-license", "initialising fails with HD_INVALID_LICENSE"),
-    _flag("dead-scheduler", "ticks stop without a word"),
+    _flag("dead-scheduler", "ticks stop without an error"),
 )
 
 
 class OmniFault(NamedTuple):
-    """A fault of FAULTS, from so many s after the scheduler's first start."""
+    """A fault of FAULTS, from `from_s` s after the scheduler's first start."""
 
     name: str
     value: float = 1.0
@@ -147,7 +147,7 @@ class Waypoint(NamedTuple):
     push_n: Vector3 = ZERO3
     """Beside the hand's spring."""
     stiffness_n_m: Vector3 = Vector3(200.0, 200.0, 200.0)
-    """Of the spring, along each axis."""
+    """Stiffness of the spring along each axis."""
 
 
 class HandMotion(NamedTuple):

@@ -68,7 +68,7 @@ class SimulatedSpaceMouse:
         """On at power-up."""
         self.led_changed_s = 0.0
         self.refused_outputs = 0
-        """Output reports that the device could not make sense of."""
+        """Output reports that are invalid for the device."""
         self.axes = NEUTRAL
         self.battery_percent = int(faults.get("low-battery", BATTERY_PERCENT))
         self._line = FaultyLine(faults, model, seed)
@@ -154,7 +154,7 @@ class SimulatedSpaceMouse:
     # -- the host ------------------------------------------------------------------------------
 
     def output(self, report: bytes, now_s: float) -> None:
-        """Take an output report of the host; only the LED's means anything."""
+        """Take an output report of the host; only the LED's is used."""
         value = decode_output(report)
         if not self.plugged or not self.model.led or not isinstance(value, LedOutput):
             self.refused_outputs += 1
@@ -191,7 +191,7 @@ class SimulatedSpaceMouse:
         return self._line.arrived(now_s)
 
     def skip_to(self, now_s: float) -> None:
-        """Make no motion reports for the time before `now_s`: nobody simulated it."""
+        """Make no motion reports for the time before `now_s`, which was not simulated."""
         if self._slot * self._period_s >= now_s:
             return
         self._slot = math.ceil(now_s / self._period_s)

@@ -74,7 +74,7 @@ def _sent_family(faults: Mapping[str, float], model: Model) -> Family:
 
 
 class FaultyLine(ReportLine):
-    """What lies between the device and the host: carries reports, loses, mangles or delays them.
+    """The line between the device and the host: carries reports, loses, mangles or delays them.
 
     `family` is the one whose motion reports the device sends.
     """

@@ -127,12 +127,12 @@ SCRIPTS: Mapping[str, str] = {
         5.5   loop
     """,
 }
-"""The built-in scripts. All begin with a touch and a release, since a driver believes a device
+"""The built-in scripts. All begin with a touch and a release, since a driver accepts a device
 only after it has seen it at rest."""
 
 
 class PuckModel(Protocol):
-    """What a hand has to know of a model."""
+    """What a scripted hand needs of a model."""
 
     @property
     def name(self) -> str:

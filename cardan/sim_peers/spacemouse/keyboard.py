@@ -37,7 +37,7 @@ KEYBOARD_HELP = (
 )
 
 KEY_HOLD_S = 0.15
-"""A key that has not repeated for so long is up: terminals repeat at 25 to 30 Hz."""
+"""Time without a repetition after which a key is up: terminals repeat at 25 to 30 Hz."""
 KEY_DEFLECTION = 0.5
 """What a small letter deflects to; capitals deflect fully."""
 KEY_SPEED = 4.0
@@ -75,7 +75,7 @@ class KeyboardHand:
         return self._now_s + HAND_PERIOD_S if pulled or any(self._axes) else math.inf
 
     def advance(self, now_s: float, device: Puck) -> None:
-        """Do to `device` what the keys say until `now_s`."""
+        """Apply the keys to `device` until `now_s`."""
         self._move(now_s)
         labels = [device.model.buttons[bit] for bit in sorted(device.model.buttons)]
         for index in self._toggles:
@@ -100,7 +100,7 @@ def _towards(value: float, target: float, step: float) -> float:
 
 
 def status_line(device: Puck) -> str:
-    """The device as one line for the person at the keyboard: LED, deflections, buttons."""
+    """The device as one line for the user: LED, deflections, buttons."""
     led = {True: "LED on   ", False: "LED off  ", None: ""}[device.led]
     names = ("x", "y", "z", "rx", "ry", "rz")
     axes = " ".join(f"{n} {value:+.2f}" for n, value in zip(names, device.axes, strict=True))

@@ -41,7 +41,7 @@ from cardan.sim_peers.spacemouse.serial_core import SimulatedSerialPuck, simulat
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
 STATUS_PERIOD_S = 0.1
-"""How often the line for the person at the keyboard is drawn."""
+"""Period at which the user's status line is drawn."""
 SCRIPT_DELAY_S = 1.0
 """From the host's start of a serial device to the script's: the host is to find the cap at rest."""
 BLUETOOTH_MODELS = frozenset({"spacemouse-wireless-bt", "spacemouse-pro-wireless-bt"})
@@ -89,12 +89,12 @@ class SpaceMousePeerOptions(HandOptions):
     jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 1
     """Noise on every axis while deflected, counts."""
     boot_s: Annotated[float, bounds.NOT_NEGATIVE] | None = None
-    """Of a serial device: from power, which the open port gives, to the first command that it
-    hears; None: as long as one of its kind takes."""
+    """Start-up time of a serial device: from power, which the open port gives, to the first command
+    that it receives; None: as long as one of its kind takes."""
     uhid_path: str = UHID_PATH
     """The kernel's file."""
     physical_path: str = "cardan/uhid"
-    """Where the kernel is told that the device of `uhid` is plugged in, to tell several apart."""
+    """Physical location that the kernel gets for the device of `uhid`, to distinguish several."""
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """Address to listen on for USB/IP."""
     bus_id: Annotated[str, BUS_ID] = "1-1"
@@ -109,7 +109,7 @@ class SpaceMousePeer(HandPeer[Puck, bytes]):
     """
 
     def __init__(self, options: SpaceMousePeerOptions) -> None:
-        device, carrier = (_serial if _way(options) == "--serial" else _hid)(options)
+        device, carrier = (_serial if _carrier_option(options) == "--serial" else _hid)(options)
         self._keys: KeyboardHand | None = None
         self._terminal: Terminal | None = None
         self._waiting: tuple[SimulatedSerialPuck, ScriptedHand] | None = None
@@ -176,7 +176,7 @@ class SpaceMousePeer(HandPeer[Puck, bytes]):
             self.selector.unregister(self._terminal.fd)
 
     def _draw_status(self) -> None:
-        """Draw the line for the person at the keyboard."""
+        """Draw the user's status line."""
         status = status_line(self.device)
         if status != self._status:
             self._status = status
@@ -184,7 +184,7 @@ class SpaceMousePeer(HandPeer[Puck, bytes]):
             sys.stdout.flush()
 
 
-def _way(options: SpaceMousePeerOptions) -> str:
+def _carrier_option(options: SpaceMousePeerOptions) -> str:
     """The one way to open the device that is given. Raises ConfigurationError."""
     ways = {
         "--hid": bool(options.hid),
@@ -225,7 +225,7 @@ def _hid(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[b
     except KeyError:
         allowed = f"one of {', '.join(model.key for model in MODELS)}"
         raise OptionError("model", key, allowed) from None
-    for name, why in UNFIT_FAULTS.get(_way(options), {}).items():
+    for name, why in UNFIT_FAULTS.get(_carrier_option(options), {}).items():
         if name in options.faults:
             raise ScriptError(f"fault {name}: {why}")
     device = SimulatedSpaceMouse(

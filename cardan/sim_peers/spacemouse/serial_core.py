@@ -40,7 +40,7 @@ from cardan.sim_peers.spacemouse.serial_line import SerialLine
 BOOT_S: Mapping[str, float] = {"magellan": 0.5, "spaceball": 0.5, "spaceorb": 1.0}
 """From power to the first command that a device of each protocol hears."""
 SHORTEST_PERIOD_S = 0.058
-"""What a Magellan manages at best."""
+"""Shortest period of a Magellan."""
 SPACEBALL_SHORTEST_PERIOD_S = 0.02
 
 MAGELLAN_VERSION = "   MAGELLAN  Version 5.79  by LOGITECH INC. 10/10/97 "
@@ -78,7 +78,7 @@ class SimulatedSerialPuck(ABC):
         self.axes = NEUTRAL
         self.powered = False
         self.refused_commands = 0
-        """Commands that the device could not make sense of."""
+        """Commands that are invalid for the device."""
         self.beeps = 0
         self.faults_from_s = 0.0
         """The times of faults count from here; inf: they do not come yet."""
@@ -210,7 +210,7 @@ class SimulatedSerialPuck(ABC):
         return arrived + self._line.arrived(now_s)
 
     def skip_to(self, now_s: float) -> None:
-        """Make no motion packets for the time before `now_s`: nobody simulated it."""
+        """Make no motion packets for the time before `now_s`, which was not simulated."""
         while self._due_s + self._period_s <= now_s:
             self._due_s += self._period_s
 
@@ -221,7 +221,7 @@ class SimulatedSerialPuck(ABC):
         """Take the settings of power-up."""
 
     def _greet(self, at_s: float) -> None:  # noqa: B027
-        """Say what it says once it has started: nothing, unless a model does."""
+        """Send the model's greeting after the start; most have none."""
 
     @abstractmethod
     def _obey(self, command: bytes) -> None:
@@ -290,7 +290,7 @@ class SimulatedSerialPuck(ABC):
         return [count + self._drift for count in counts]
 
     def _counts(self) -> Sequence[int]:
-        """Deflections as the device tells them, without noise."""
+        """Deflections as the device reports them, without noise."""
         null = self._null_counts
         return [
             count if abs(count) > null else 0
@@ -301,7 +301,7 @@ class SimulatedSerialPuck(ABC):
         self._zero = self._raw()
 
     def _boot_zero(self) -> None:
-        """Take the cap's place at a reset for rest; a drift only comes after it."""
+        """Take the cap's position at a reset as rest; a drift only comes after it."""
         self._zero = [count - self._drift for count in self._raw()]
 
     def _say(self, packet: bytes, at_s: float) -> None:

@@ -44,14 +44,14 @@ SPEAKER, PORT, MOTION_PLUS, CAMERA = 0x51, 0x52, 0x53, 0x58
 EEPROM_CHIP = 0x50
 
 ACCELEROMETER = AccelerometerCalibration((531, 520, 536), (636, 628, 638))
-"""Of a real remote."""
+"""Calibration of a real remote."""
 NUNCHUK = NunchukCalibration((510, 514, 518), (714, 716, 720), (35, 128, 228), (27, 128, 220))
 GYROSCOPES = MotionPlusCalibration(
     MotionPlusRange((31107, 29524, 29416), (12483, 52298, 13564), 1200),
     MotionPlusRange((30537, 30116, 29594), (13650, 51746, 14118), 270),
     (0x4F, 0xE5),
 )
-"""Of a real MotionPlus."""
+"""Calibration of a real MotionPlus."""
 
 SWITCH_S = 0.030
 """How long the port is dead while a MotionPlus moves between its two addresses."""
@@ -153,7 +153,7 @@ class MotionPlus(Registers):
         self.mode = 0
         """PASS_NONE, PASS_NUNCHUK or PASS_CLASSIC while active, else 0."""
         self.becomes: int | None = None
-        """The mode it is on its way to; the port is dead meanwhile."""
+        """The mode it is changing to; the port is dead meanwhile."""
         self.ready_s = math.inf
         self._was = 0
         self._own_turn = True
@@ -181,7 +181,7 @@ class MotionPlus(Registers):
             self.ready_s = now_s + SWITCH_S
 
     def arrive(self) -> None:
-        """The way to another address is over."""
+        """The move to another address is over."""
         assert self.becomes is not None
         self._was, self.mode, self.becomes = self.mode or self._was, self.becomes, None
         self.ready_s = math.inf

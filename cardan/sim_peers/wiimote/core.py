@@ -88,7 +88,7 @@ _STOLEN_MODE = bytes((DATA_MODE_ID, 0x00, _DEFAULT_MODE))
 
 
 class LogEntry(NamedTuple):
-    """Something the host made the remote do, or that happened to it."""
+    """An action of the remote on the host's request, or an event."""
 
     time_s: float
     what: str
@@ -158,12 +158,12 @@ class SimulatedWiimote:
         self.ir_enabled = [False, False]
         self.speaker = False
         self.ignored_outputs = 0
-        """Output reports that the remote could not make sense of."""
+        """Output reports that are invalid for the remote."""
         self.outputs = 0
         self.log: deque[LogEntry] = deque(maxlen=LOG_ENTRIES)
         """The newest entries."""
         self.logged = 0
-        """How many entries there ever were."""
+        """Number of entries since the start, dropped ones included."""
 
         self._buttons = 0
         self._angles: Vector = ZERO
@@ -294,7 +294,7 @@ class SimulatedWiimote:
         return self.plugged and not self.connected
 
     def connect(self, now_s: float) -> bool:
-        """A host has opened both channels. False: nobody is there."""
+        """A host has opened both channels. False: the remote does not answer."""
         self._produce(now_s)
         if not self.reachable:
             return False
@@ -327,7 +327,7 @@ class SimulatedWiimote:
     def control(self, packet: bytes, now_s: float) -> bytes:
         """Take a packet of the control channel, header first; the answer there, if any."""
         self._produce(now_s)
-        if not self._hears:
+        if not self._can_receive:
             return b""
         if packet[:1] != bytes((SET_REPORT_HEADER,)):
             self.ignored_outputs += 1
@@ -340,7 +340,7 @@ class SimulatedWiimote:
     def output(self, report: bytes, now_s: float) -> None:
         """Take an output report, id first."""
         self._produce(now_s)
-        if not self._hears:
+        if not self._can_receive:
             return
         self.outputs += 1
         if self._faults.get("woken-by-1-2"):
@@ -388,7 +388,7 @@ class SimulatedWiimote:
         return self._link.arrived(now_s)
 
     def skip_to(self, now_s: float) -> None:
-        """Send no data for the time before `now_s`: nobody simulated it."""
+        """Send no data for the time before `now_s`, which was not simulated."""
         if self._tick_due_s < now_s:
             self._tick = math.ceil((now_s - self._connected_s) / TICK_S)
             self._plan_tick()
@@ -445,7 +445,7 @@ class SimulatedWiimote:
         self._tick_due_s = self._connected_s + self._tick * TICK_S + jitter_s
 
     def _on_tick(self) -> None:
-        if not self._speaks:
+        if not self._can_send:
             return
         self._check_extension()
         if self._read is not None:
@@ -457,15 +457,15 @@ class SimulatedWiimote:
     # -- what is sent --------------------------------------------------------------------------
 
     @property
-    def _speaks(self) -> bool:
+    def _can_send(self) -> bool:
         return self.interrupt_open and self.in_range and not self._silent
 
     @property
-    def _hears(self) -> bool:
+    def _can_receive(self) -> bool:
         return self.connected and self.in_range and not self._silent
 
     def _carry(self, report: bytes) -> None:
-        if self._speaks:
+        if self._can_send:
             self._link.carry(report, self._now_s)
 
     def _send_status(self) -> None:
@@ -479,8 +479,8 @@ class SimulatedWiimote:
             self.mode = None
 
     def _check_extension(self) -> None:
-        """A change at the port is told unasked, and ends the data until a mode is set."""
-        if self._speaks and self.port.connected != self._reported_extension:
+        """Report a change at the port, which ends the data until a mode is set."""
+        if self._can_send and self.port.connected != self._reported_extension:
             self._send_status()
             self.mode = None
 
@@ -510,7 +510,7 @@ class SimulatedWiimote:
         if self.continuous or self._send_first or report != self._last_data:
             self._send_first = False
             self._last_data = report
-            if self._speaks:
+            if self._can_send:
                 self._link.carry_data(report, self._now_s)
 
     def _data_report(self, mode: int) -> bytes:

@@ -34,7 +34,7 @@ FAULTS = (
     FaultSwitch("hot-plug", "the Nunchuk comes or goes in the first long read past VALUE s", 0.0),
     FaultSwitch("stale-mode", "every status report ends the data reports until a mode is set"),
     FaultSwitch(
-        "stolen-mode", "every VALUE s somebody sets data mode 0x30, not continuous", 2.0, 0.1
+        "stolen-mode", "every VALUE s another program sets data mode 0x30, not continuous", 2.0, 0.1
     ),
     FaultSwitch("woken-by-1-2", "the first output report ends the link; -TR remotes only"),
     FaultSwitch("refuse", "cannot be connected to for the first VALUE s", math.inf, 0.0, math.inf),
@@ -56,7 +56,7 @@ def check_faults(faults: Mapping[str, float], *, tr: bool) -> None:
 
 
 class FaultyLink(ReportLine):
-    """What lies between remote and host: carries reports, mangles or delays them."""
+    """The radio link between remote and host: carries reports, mangles or delays them."""
 
     def __init__(self, faults: Mapping[str, float], seed: int) -> None:
         super().__init__(faults, seed)

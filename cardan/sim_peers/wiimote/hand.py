@@ -268,7 +268,7 @@ _READERS: Mapping[str, Callable[[ScriptedHand, StepWords], Act[SimulatedWiimote]
     "dots": ScriptedHand._dots,
     "battery": ScriptedHand._battery,
 }
-"""What reads the words of verbs that are no methods of the remote."""
+"""Readers of the words of verbs that are not methods of the remote."""
 _NUNCHUK_BUTTONS = ("c", "z")
 
 

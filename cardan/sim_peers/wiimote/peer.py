@@ -84,7 +84,7 @@ class UhidRemote(UhidCarrier):
 
     def appear(self) -> None:
         """Connect, unless it has just hung up."""
-        # No host need do anything: the kernel is the host, and the link is up with the device.
+        # The kernel is the host, so the link is up as soon as the device is.
         if time.monotonic() >= self._again_s:
             self.shell.begin()
             if self._remote.connect(self.shell.device_s()):
