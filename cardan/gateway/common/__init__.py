@@ -1,1 +1,1 @@
-"""What the rooms of the gateway share: kinds of configuration values, Unix sockets that serve."""
+"""Shared by the rooms of the gateway: how its commands serve on Unix sockets."""
