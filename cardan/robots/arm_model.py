@@ -238,7 +238,9 @@ def arm_names() -> tuple[str, ...]:
 
 @cache
 def load_arm(name_or_file: str, key: str = "") -> ArmModel:
-    """One of our arms by name, or one from the path of a ``.toml`` or ``.urdf`` file.
+    """One of our arms by name, or one from a ``.toml`` or ``.urdf`` file.
+
+    The file is given as a path, or as ``PACKAGE:FILE`` where an installed package brings it.
 
     Raises ConfigurationError that names the option `key` which asks for it, the file, what is
     wrong in it, and what is allowed.
@@ -255,8 +257,14 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
         raise ConfigurationError(
             "",
             f"there is no arm {name_or_file!r}; allowed: {', '.join(arm_names())}, "
-            "or the path of a .toml or .urdf file",
+            "the path of a .toml or .urdf file, or PACKAGE:FILE for one in a package",
         )
+    package, colon, file = name_or_file.partition(":")
+    if colon and package.isidentifier():
+        try:
+            return _read(Path(str(resources.files(package).joinpath(file))))
+        except ModuleNotFoundError as error:
+            raise ConfigurationError("", f"{name_or_file!r}: {error}; install it") from None
     return _read(Path(name_or_file))
 
 
