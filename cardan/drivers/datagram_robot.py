@@ -86,8 +86,8 @@ class DatagramSession(ABC, Generic[MessageT]):
         the same session."""
 
     @abstractmethod
-    def _begin(self) -> None:
-        """A session of the controller begins: forget what was commanded."""
+    def _begin(self, message: MessageT) -> None:
+        """A session of the controller begins with `message`: forget what was commanded."""
 
     @abstractmethod
     def check(self, command: RobotCommand) -> None:
@@ -128,7 +128,7 @@ class DatagramSession(ABC, Generic[MessageT]):
                 return None
             before = None
             self.sessions += 1
-            self._begin()
+            self._begin(message)
         self.message, self._heard_s = message, now_s
         self.accepted += 1
         self._flood = max(self._flood - 1, 0)

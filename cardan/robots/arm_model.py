@@ -29,7 +29,7 @@ from cardan.spatial import (
     subtract,
     transform,
 )
-from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, Pose, Vector3
+from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, JointLimits, Pose, Vector3
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -165,6 +165,13 @@ class ArmModel(NamedTuple):
     def velocity(self) -> tuple[float, ...]:
         """rad/s or m/s."""
         return tuple(joint.velocity for joint in self.joints)
+
+    @property
+    def limits(self) -> JointLimits:
+        """Of all joints."""
+        return JointLimits(
+            self.lower, self.upper, self.velocity, tuple(j.acceleration for j in self.joints)
+        )
 
 
 # ---------------------------------------------------------------------------------------------

@@ -71,8 +71,6 @@ class SimArmSession(DatagramSession[ArmState]):
                 period_s=options.period_s,
                 joints=n,
                 limits=self._limits,
-                digital_outputs=0,
-                analog_outputs=0,
             ),
             options.lost_after_s,
         )
@@ -91,7 +89,7 @@ class SimArmSession(DatagramSession[ArmState]):
             return f"a state of {len(state.positions)} joints, not {self._joints}"
         return state
 
-    def _begin(self) -> None:
+    def _begin(self, message: ArmState) -> None:
         self._asked = None
         self._lost.reset()
 
