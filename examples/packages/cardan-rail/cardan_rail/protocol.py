@@ -2,7 +2,7 @@
 
 The controller sends a state in each of its cycles; a command answers one, with its number. It is
 where the axes have to be at the next cycle. Without a command the axes go on at the speed they
-have; after 40 ms of that they brake, and no command acts until they rest.
+have; after 40 ms of that they brake, and no command acts until they rest and a new session begins.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ class RailState(NamedTuple):
     """What the controller measured at one of its cycles."""
 
     session: int
-    """Goes up with every start of the controller; wraps at 2^32."""
+    """Goes up with every start of the controller, and when it has braked by itself; wraps at 2^32.
+    Commands of another session do not act."""
     sequence: int
-    """Counts the states of a session; wraps at 2^32."""
+    """Counts the cycles of a session; wraps at 2^32."""
     condition: Condition
     positions: Positions
     """m."""

@@ -75,10 +75,14 @@ class RailController:
     def restart(self) -> None:
         """Its brakes close at once, and it is silent for a while."""
         self.speeds = [0.0] * len(self.speeds)
+        self._begin()
+        self._silent_until_s = self.time_s + OFF_S
+
+    def _begin(self) -> None:
+        """A new session: what was commanded before acts no more."""
         self.condition = Condition.FOLLOWING
         self.session, self._sequence = self.session + 1 & 0xFFFFFFFF, 0
         self._target = self._taken = None
-        self._silent_until_s = self.time_s + OFF_S
 
     def mute(self) -> None:
         self._silent_until_s = self.time_s + MUTE_S
@@ -92,7 +96,8 @@ class RailController:
             return
         self.client, self._heard_s = source, self.time_s
         if command.positions is None:
-            if self.condition is Condition.FOLLOWING:
+            self._target = None
+            if self.condition is Condition.FOLLOWING and any(self.speeds):
                 self.condition = Condition.BRAKING
         elif command.session == self.session and (
             self._taken is None or is_newer(command.sequence, self._taken)
@@ -115,9 +120,9 @@ class RailController:
         if self.condition is not Condition.FOLLOWING:
             self._brake()
         self._move()
+        self._sequence = self._sequence + 1 & 0xFFFFFFFF
         if self.client is None or self.time_s < self._silent_until_s:
             return None
-        self._sequence = self._sequence + 1 & 0xFFFFFFFF
         x, y, z = self.positions
         if self._nan and self._sequence % 10 == 0:
             x = float("nan")
@@ -136,7 +141,7 @@ class RailController:
             step = most * PERIOD_S
             self.speeds[axis] -= max(-step, min(step, self.speeds[axis]))
         if self.condition is Condition.BRAKING and not any(self.speeds):
-            self.condition = Condition.FOLLOWING
+            self._begin()
 
     def _move(self) -> None:
         lower, upper, _, _ = self._limits
