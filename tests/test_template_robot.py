@@ -28,6 +28,7 @@ from cardan.types import (
     TorqueCommand,
 )
 from tests.controllers import controller_for_hand
+from tests.test_docs import blocks, text
 
 PACKAGE = Path(__file__).parents[1] / "examples" / "packages" / "cardan-rail"
 sys.path.insert(0, str(PACKAGE))
@@ -312,3 +313,11 @@ def test_the_controller_refuses_too_much_speed_and_strangers():
     core.cycle()
     assert core.condition is Condition.TOO_FAST
     assert core.positions[Y] == 0.0
+
+
+def test_the_page_shows_what_is_in_the_package():
+    source = "".join(file.read_text(encoding="utf-8") for file in PACKAGE.glob("cardan_rail/*.py"))
+    shown = [code for code in blocks(text("adding-a-driver.md"), "python") if "class Rail" in code]
+    assert len(shown) == 2
+    for code in shown:
+        assert code in source

@@ -13,6 +13,7 @@ import sys
 import xml.etree.ElementTree as ET
 from functools import cache
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -268,10 +269,10 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
         )
     package, colon, file = name_or_file.partition(":")
     if colon and package.isidentifier():
-        try:
-            return _read(Path(str(resources.files(package).joinpath(file))))
-        except ModuleNotFoundError as error:
-            raise ConfigurationError("", f"{name_or_file!r}: {error}; install it") from None
+        spec = find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            raise ConfigurationError("", f"{name_or_file!r}: there is no package {package!r}")
+        return _read(Path(spec.submodule_search_locations[0], file))
     return _read(Path(name_or_file))
 
 
