@@ -258,6 +258,17 @@ def test_a_step_is_turned_into_what_the_axes_can():
     assert before <= 0.4
 
 
+def test_a_controller_that_starts_anew_with_the_same_number_is_heard_again():
+    session = RailSession()
+    state = encode_state(RailState(1, 900, Condition.FOLLOWING, (0.5, 0.0, -0.2)))
+    again = encode_state(RailState(1, 1, Condition.FOLLOWING, (0.6, 0.0, -0.2)))
+    assert session.receive(state, 1.0).session == 1
+    assert session.receive(again, 1.05) is None
+    assert session.receive(again, 1.2).session == 2
+    assert decode_command(session.command(HoldCommand(), 1.2)).positions == (0.6, 0.0, -0.2)
+    assert session.metrics()["lost"] == 0.0
+
+
 def test_a_state_is_answered_once():
     session = RailSession()
     assert session.command(HoldCommand(), 1.0) is None

@@ -46,11 +46,16 @@ class Numbered(Protocol):
 MessageT = TypeVar("MessageT", bound=Numbered)
 
 
+def _continues(message: Numbered, before: Numbered) -> bool:
+    return message.session == before.session and is_newer(message.sequence, before.sequence)
+
+
 class DatagramSession(ABC, Generic[MessageT]):
     """One connection to a controller, sans I/O: datagrams to states, commands to datagrams.
 
-    A newer session of the controller voids what was commanded before; an older one is not heard
-    unless the link is lost. Times are local monotonic ones.
+    A newer session of the controller voids what was commanded before; an older one, or a lower
+    sequence number in the same, is not heard unless the link is lost: then it is a new session,
+    too. Times are local monotonic ones.
     """
 
     controller: ClassVar[str]
@@ -115,20 +120,20 @@ class DatagramSession(ABC, Generic[MessageT]):
             self._flood = min(self._flood + 1, 2 * _FLOOD)
             return None
         before = self.message
-        if before is not None and message.session == before.session:
-            if not is_newer(message.sequence, before.sequence):
-                self.ignored["late or double"] += 1
-                return None
-            self._skipped += (message.sequence - before.sequence - 1) & 0xFFFFFFFF
-        else:
-            if before is not None and not (
-                is_newer(message.session, before.session) or self.lost(now_s)
-            ):
+        if before is not None and not self.lost(now_s):
+            if message.session == before.session:
+                if not is_newer(message.sequence, before.sequence):
+                    self.ignored["late or double"] += 1
+                    return None
+            elif not is_newer(message.session, before.session):
                 self.ignored["an earlier session"] += 1
                 return None
+        if before is None or not _continues(message, before):
             before = None
             self.sessions += 1
             self._begin(message)
+        else:
+            self._skipped += (message.sequence - before.sequence - 1) & 0xFFFFFFFF
         self.message, self._heard_s = message, now_s
         self.accepted += 1
         self._flood = max(self._flood - 1, 0)
@@ -157,7 +162,7 @@ class DatagramSession(ABC, Generic[MessageT]):
         last = self.state
         return RobotState(
             stamp_s=now_s,
-            link=RobotLink.WAITING if last is None else RobotLink.LOST,
+            link=self.link(now_s),
             session=self.sessions,
             sequence=0 if last is None else last.sequence,
             period_s=0.0,
