@@ -28,7 +28,7 @@ from cardan.types import (
 )
 
 _FLOOD: Final = 50
-"""So many more bad datagrams than good ones, and nobody should be driving."""
+"""Excess of bad over good datagrams that counts as a flood: motion is not safe then."""
 
 
 class Numbered(Protocol):
@@ -53,9 +53,9 @@ def _continues(message: Numbered, before: Numbered) -> bool:
 class DatagramSession(ABC, Generic[MessageT]):
     """One connection to a controller, sans I/O: datagrams to states, commands to datagrams.
 
-    A newer session of the controller voids what was commanded before; an older one, or a lower
-    sequence number in the same, is not heard unless the link is lost: then it is a new session,
-    too. Times are local monotonic ones.
+    A newer session of the controller voids earlier commands; an older one, or a lower sequence
+    number in the same, is ignored unless the link is lost: then it is a new session, too. Times
+    are local monotonic ones.
     """
 
     controller: ClassVar[str]
@@ -172,7 +172,7 @@ class DatagramSession(ABC, Generic[MessageT]):
             hold_reason=f"{self.controller} is silent",
         )
 
-    # -- for whoever watches --------------------------------------------------------------------
+    # -- diagnosis ------------------------------------------------------------------------------
 
     def metrics(self) -> dict[str, float]:
         """Counts so far."""
@@ -184,7 +184,7 @@ class DatagramSession(ABC, Generic[MessageT]):
         }
 
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """What stands in the way, worst first."""
+        """Problems, worst first."""
         found = []
         if self.state is None:
             advice = f"; {self.advice}" if self.advice else ""
@@ -198,7 +198,7 @@ class DatagramSession(ABC, Generic[MessageT]):
 
 
 class Transport(Protocol):
-    """What joins a driver to its controller."""
+    """A driver's connection to its controller."""
 
     def now(self) -> float:
         """The time of the stamps."""
@@ -228,7 +228,7 @@ class UdpTransport:
         return time.monotonic()
 
     def send(self, data: bytes) -> None:
-        # Refused while nobody listens there; the silence says so.
+        # Refused while no program listens there; the driver then reports silence.
         with contextlib.suppress(OSError):
             self._socket.send(data)
 
@@ -335,7 +335,7 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
             session.check(command)
             return
         if session.late(transport.now()):
-            # The robot is not where it was when this command was thought of.
+            # The robot has moved on since the state that this command was computed from.
             for data in transport.waiting():
                 session.receive(data, transport.now())
         answer = session.command(command, transport.now())

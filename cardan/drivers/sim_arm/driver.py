@@ -20,14 +20,14 @@ from cardan.sim_peers.arm import SimulatedArm
 _monotonic = time.monotonic
 
 
-_MAKE_WAY_S = 1e-5
+_YIELD_S = 1e-5
 """Pause in each virtual cycle while the process has other threads. A loop that never waits keeps
 the interpreter for 5 ms at every call of theirs that lets go of it: what takes them 20 ms alone
 would take half a minute."""
 
 
 class _InProcess:
-    """The arm in this process, which runs while somebody waits for its next cycle."""
+    """The arm in this process, which runs while the driver waits for its next cycle."""
 
     def __init__(self, options: SimArmOptions) -> None:
         self.arm = SimulatedArm(options.arm_options)
@@ -47,7 +47,7 @@ class _InProcess:
             if self._virtual:
                 self._cycle_s += self._period_s
                 if threading.active_count() > 1:
-                    time.sleep(_MAKE_WAY_S)
+                    time.sleep(_YIELD_S)
             else:
                 self._next_deadline()
             data = list(self.arm.cycle(self._cycle_s))

@@ -36,8 +36,8 @@ from cardan.types import (
 
 _TOLERANCE = 1e-9
 
-_BESIDE_ITS_STOP = 0.02
-"""rad or m: a joint that rests on its stop may be measured, and so be told to stay, beyond it."""
+_STOP_TOLERANCE = 0.02
+"""rad or m: a joint that rests on its stop may be measured, and so commanded, beyond it."""
 _SEQUENCES = 1 << 32
 
 
@@ -56,8 +56,8 @@ class SimArmSession(DatagramSession[ArmState]):
         efforts = tuple(joint.effort for joint in arm.joints)
         self._ranges: dict[str, tuple[Sequence[float], Sequence[float]]] = {
             "positions": (
-                tuple(value - _BESIDE_ITS_STOP for value in lower),
-                tuple(value + _BESIDE_ITS_STOP for value in upper),
+                tuple(value - _STOP_TOLERANCE for value in lower),
+                tuple(value + _STOP_TOLERANCE for value in upper),
             ),
             "velocities": (tuple(-v for v in speed), speed),
             "torques": (tuple(-t for t in efforts), efforts),
