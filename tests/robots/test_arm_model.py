@@ -291,7 +291,7 @@ def test_an_arm_in_a_package(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     assert load_arm("somebodys_arms:ur5.toml") == load_arm("ur5")
     for file, words in (
-        ("somebodys_arms:ur6.toml", "ur6.toml cannot be read"),
+        ("somebodys_arms:ur6.toml", r"somebodys_arms.ur6\.toml|ur6\.toml cannot be read"),
         ("nobodys_arms:ur5.toml", "'nobodys_arms:ur5.toml': there is no package 'nobodys_arms'"),
         ("types:ur5.urdf", "there is no package 'types'"),
     ):
