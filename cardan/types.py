@@ -318,9 +318,9 @@ class RobotCapabilities(NamedTuple):
     commands: frozenset[CommandKind]
     period_s: float
     joints: int
-    limits: JointLimits | None
-    digital_outputs: int
-    analog_outputs: int
+    limits: JointLimits | None = None
+    digital_outputs: int = 0
+    analog_outputs: int = 0
     """Numbers that travel to the controller's program with each command."""
     linear_speed_m_s: float | None = None
     """Highest TCP speed that the driver sends; None: it has no such limit."""

@@ -485,7 +485,7 @@ class JointStreamBench(_Datagrams):
         super().__init__()
 
     def _replaced(self) -> dict[str, object]:
-        return {"cardan.drivers.sim_arm.driver._Udp": lambda options: _Link(self)}
+        return {"cardan.drivers.sim_arm.driver.UdpTransport": lambda *address: _Link(self)}
 
     def _opened(self) -> SimArm:
         robot = SimArm(SimArmOptions(robot=self.arm, transport="udp"))

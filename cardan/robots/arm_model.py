@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
@@ -32,7 +33,7 @@ from cardan.spatial import (
     transform,
 )
 from cardan.tables import read_table, read_text, read_toml
-from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, Pose, Vector3
+from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, JointLimits, Pose, Vector3
 
 _FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
@@ -180,6 +181,13 @@ class ArmModel(NamedTuple):
         """rad/s or m/s."""
         return tuple(joint.velocity for joint in self.joints)
 
+    @property
+    def limits(self) -> JointLimits:
+        """Of all joints."""
+        return JointLimits(
+            self.lower, self.upper, self.velocity, tuple(j.acceleration for j in self.joints)
+        )
+
 
 # ---------------------------------------------------------------------------------------------
 # The TOML beside a URDF
@@ -268,7 +276,9 @@ def arm_names() -> tuple[str, ...]:
 
 @cache
 def load_arm(name_or_file: str, key: str = "") -> ArmModel:
-    """One of our arms by name, or one from the path of a ``.toml`` or ``.urdf`` file.
+    """One of our arms by name, or one from a ``.toml`` or ``.urdf`` file.
+
+    The file is given as a path, or as ``PACKAGE:FILE`` where an installed package brings it.
 
     Raises ConfigurationError that names the option `key` which asks for it, the file, what is
     wrong in it, and what is allowed.
@@ -283,8 +293,14 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
         raise ConfigurationError(
             "",
             f"there is no arm {name_or_file!r}; allowed: {', '.join(arm_names())}, "
-            "or the path of a .toml or .urdf file",
+            "the path of a .toml or .urdf file, or PACKAGE:FILE for one in a package",
         )
+    package, colon, file = name_or_file.partition(":")
+    if colon and package.isidentifier():
+        spec = find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            raise ConfigurationError("", f"{name_or_file!r}: there is no package {package!r}")
+        return _read(Path(spec.submodule_search_locations[0], file))
     return _read(Path(name_or_file))
 
 

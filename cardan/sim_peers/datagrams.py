@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import select
 import socket
@@ -12,7 +13,7 @@ from typing import Any
 
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.link import FaultyLink
-from cardan.sockets import waiting
+from cardan.sockets import opened, waiting
 
 LARGEST_DATAGRAM = 65535
 
@@ -30,7 +31,8 @@ class DatagramPeer(SimulatedPeer):
         self._period_s = period_s
         self._socket: socket.socket | None = None
         self._next_s = 0.0
-        self._out = self._in = None
+        self._out: FaultyLink[bytes] | None = None
+        self._in: FaultyLink[tuple[bytes, Any]] | None = None
         if faults is not None and FaultyLink.wanted(faults):
             self._out = FaultyLink(faults, seed + 2, True)
             self._in = FaultyLink(faults, seed + 3)
@@ -89,10 +91,10 @@ class DatagramPeer(SimulatedPeer):
             if self._in is None:
                 self._receive(data, source, time.monotonic())
             else:
-                self._in.push(now_s, data)
+                self._in.push(now_s, (data, source))
         if self._in is not None:
-            for data in self._in.pop(now_s):
-                self._receive(data, None, now_s)
+            for data, source in self._in.pop(now_s):
+                self._receive(data, source, now_s)
 
     def _wait(self, until_s: float) -> None:
         """Until something comes in, or the next thing is due."""
@@ -101,3 +103,35 @@ class DatagramPeer(SimulatedPeer):
         timeout_s = wake_s - time.monotonic()
         if timeout_s > 0.0 and self._socket is not None:
             select.select([self._socket], [], [], timeout_s)
+
+
+class ListeningPeer(DatagramPeer):
+    """A controller that listens on `host` and `port`, and sends to its client."""
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        period_s: float,
+        faults: Mapping[str, float] | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Port 0: any free one."""
+        super().__init__(period_s, faults, seed)
+        self._host, self._port = host, port
+        self._client: Any = None
+        """The source of its client's datagrams, once the core has heard one."""
+
+    @property
+    def endpoint(self) -> str:
+        port = self._port if self._socket is None else self._socket.getsockname()[1]
+        return f"{self._host}:{port}"
+
+    def _connect(self) -> socket.socket:
+        problem = f"cannot listen on {self._host}:{self._port}"
+        return opened(self._host, self._port, socket.SOCK_DGRAM, socket.socket.bind, problem)
+
+    def _transmit(self, data: bytes) -> None:
+        if self._socket is not None and self._client is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, self._client)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import random
 from collections.abc import Mapping
+from typing import Any, Generic, TypeVar
 
 from cardan.sim_peers.base import FaultSwitch
 
@@ -24,8 +25,14 @@ _OVERTAKEN_AT_MOST_S = 0.05
 """Longest time that a datagram waits for one that overtakes it."""
 
 
-class FaultyLink:
-    """One direction of a bad network, in virtual time: `push` what is sent, `pop` what arrives."""
+SentT = TypeVar("SentT")
+
+
+class FaultyLink(Generic[SentT]):
+    """One direction of a bad network, in virtual time: `push` what is sent, `pop` what arrives.
+
+    With `garbage` that is bytes.
+    """
 
     def __init__(self, faults: Mapping[str, float], seed: int, garbage: bool = False) -> None:
         self._drop = faults.get("drop", 0.0)
@@ -35,8 +42,8 @@ class FaultyLink:
         self._jitter_s = faults.get("jitter", 0.0) * 1e-3
         self._garbage = faults.get("garbage", 0.0) if garbage else 0.0
         self._random = random.Random(seed)
-        self._waiting: list[tuple[float, int, bytes]] = []
-        self._overtaken: tuple[float, bytes] | None = None
+        self._waiting: list[tuple[float, int, SentT]] = []
+        self._overtaken: tuple[float, SentT] | None = None
         self._latest_s = float("-inf")
         self._count = 0
 
@@ -45,7 +52,7 @@ class FaultyLink:
         """True when any of `faults` is one of the network's."""
         return any(faults.get(name, 0.0) > 0.0 for name in _NAMES)
 
-    def push(self, now_s: float, data: bytes) -> None:
+    def push(self, now_s: float, data: SentT) -> None:
         """Send `data` at `now_s`."""
         chance = self._random.random
         if chance() < self._garbage:
@@ -60,7 +67,7 @@ class FaultyLink:
             self._enqueue(now_s, data)
         self._release(now_s, force=True)
 
-    def pop(self, now_s: float) -> list[bytes]:
+    def pop(self, now_s: float) -> list[SentT]:
         """What has arrived by `now_s`, in order of arrival."""
         self._release(now_s, force=False)
         arrived = []
@@ -81,13 +88,13 @@ class FaultyLink:
             self._overtaken = None
             self._enqueue(now_s, data)
 
-    def _enqueue(self, now_s: float, data: bytes) -> None:
+    def _enqueue(self, now_s: float, data: SentT) -> None:
         due_s = now_s + self._delay_s + self._jitter_s * self._random.random()
         self._latest_s = due_s = max(due_s, self._latest_s)
         self._count += 1
         heapq.heappush(self._waiting, (due_s, self._count, data))
 
-    def _junk(self, data: bytes) -> bytes:
+    def _junk(self, data: Any) -> Any:
         kind = self._random.randrange(5)
         if kind == 0:
             return b""

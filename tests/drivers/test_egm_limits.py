@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.drivers.abb_egm.limits import (
+from cardan.drivers.limiters import (
     JointLimiter,
     OrientationLimiter,
     PointLimiter,

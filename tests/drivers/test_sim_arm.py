@@ -289,7 +289,7 @@ def test_late_double_and_earlier_states_change_nothing():
         is None
     )
     assert session.receive(b"junk", 9.0) is None
-    assert session.metrics() == {"states": 3.0, "ignored": 6.0, "sessions": 3.0}
+    assert session.metrics() == {"states": 3.0, "lost": 0.0, "ignored": 6.0, "sessions": 3.0}
 
 
 def test_a_flood_of_junk_is_an_alarm():

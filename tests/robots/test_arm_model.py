@@ -2,6 +2,8 @@
 
 import contextlib
 import math
+import shutil
+from importlib.resources import files
 
 import pytest
 from hypothesis import given, strategies as st
@@ -294,6 +296,23 @@ def test_errors_of_the_file_name_it_and_the_key(arm_file, text, words):
 def test_a_file_that_is_not_there(name):
     with pytest.raises(ConfigurationError, match="cannot read"):
         load_arm(name)
+
+
+def test_an_arm_in_a_package(tmp_path, monkeypatch):
+    package = tmp_path / "somebodys_arms"
+    package.mkdir()
+    (package / "__init__.py").write_text("raise AssertionError('imported')")
+    for file in ("ur5.toml", "ur5.urdf"):
+        shutil.copy(files("cardan") / "robots" / file, package)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert load_arm("somebodys_arms:ur5.toml") == load_arm("ur5")
+    for file, words in (
+        ("somebodys_arms:ur6.toml", r"somebodys_arms.ur6\.toml|ur6\.toml cannot be read"),
+        ("nobodys_arms:ur5.toml", "'nobodys_arms:ur5.toml': there is no package 'nobodys_arms'"),
+        ("types:ur5.urdf", "there is no package 'types'"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            load_arm(file)
 
 
 def test_a_file_that_is_not_text(tmp_path):

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from copy import copy
 from typing import Any, Generic, TypeVar
 
-from cardan.drivers.abb_egm.limits import JointLimiter, OrientationLimiter, PointLimiter
 from cardan.drivers.abb_egm.options import AbbEgmOptions
+from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
 from cardan.drivers.lost_time import LostTime
 from cardan.drivers.robot_core import ABSURD, SENSIBLE, check_numbers, wrong_kind
 from cardan.errors import CommandError

@@ -90,8 +90,6 @@ class MotorosSession:
             period_s=period_s,
             joints=options.joints,
             limits=self.limits,
-            digital_outputs=0,
-            analog_outputs=0,
             lag_s=options.lag_s,
         )
 

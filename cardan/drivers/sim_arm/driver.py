@@ -7,40 +7,17 @@ transports go through the same code and have the same faults.
 
 from __future__ import annotations
 
-import contextlib
-import select
-import socket
 import threading
 import time
-from collections.abc import Generator
-from typing import Any, Protocol
 
-from cardan.drivers.robot_core import WAKE_S, LoopingRobot
+from cardan.drivers.datagram_robot import DatagramRobot, Transport, UdpTransport
+from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
 from cardan.sim_peers.arm import SimulatedArm
-from cardan.sockets import opened, waiting
-from cardan.types import HoldCommand, RobotCommand, RobotLink, RobotState
 
 _monotonic = time.monotonic
-
-
-class _Transport(Protocol):
-    """The driver's connection to the arm."""
-
-    def now(self) -> float:
-        """The time of the stamps."""
-
-    def send(self, data: bytes) -> None: ...
-
-    def wait(self) -> list[bytes]:
-        """What came in by the next control instant, oldest first; empty at least every WAKE_S."""
-
-    def waiting(self) -> list[bytes]:
-        """What is there already, oldest first."""
-
-    def close(self) -> None: ...
 
 
 _YIELD_S = 1e-5
@@ -94,43 +71,7 @@ class _InProcess:
         pass
 
 
-class _Udp:
-    """A served arm."""
-
-    def __init__(self, options: SimArmOptions) -> None:
-        problem = f"endpoint {options.endpoint}"
-        join = socket.socket.connect
-        self._socket = opened(*options.address, socket.SOCK_DGRAM, join, problem)
-
-    def now(self) -> float:
-        return _monotonic()
-
-    def send(self, data: bytes) -> None:
-        # Refused while no program listens there; the driver then reports silence.
-        with contextlib.suppress(OSError):
-            self._socket.send(data)
-
-    def wait(self) -> list[bytes]:
-        found: list[bytes] = []
-        deadline_s = _monotonic() + WAKE_S
-        while not found and (left_s := deadline_s - _monotonic()) > 0.0:
-            try:
-                ready = select.select([self._socket], [], [], left_s)[0]
-            except (OSError, ValueError):  # closed by another thread
-                break
-            if not ready:
-                break
-            found = self.waiting()
-        return found
-
-    def waiting(self) -> list[bytes]:
-        return [data for data, _ in waiting(self._socket, MAX_DATAGRAM_BYTES + 1)]
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-class SimArm(LoopingRobot[SimArmSession]):
+class SimArm(DatagramRobot[SimArmSession]):
     """A simulated joint-controlled arm, for everything that can be done without hardware.
 
     It takes joint positions, joint speeds and (with dynamic drives) torques. A state that the
@@ -146,95 +87,18 @@ class SimArm(LoopingRobot[SimArmSession]):
     options: SimArmOptions
     title = "the simulated arm's driver"
 
-    def __init__(self, options: SimArmOptions | None = None, **keywords: Any) -> None:
-        super().__init__(options, **keywords)
-        self._session = SimArmSession(self.options)
-        self._transport: _Transport | None = None
-        self._owes_answer = False
-
     @property
     def arm(self) -> SimulatedArm | None:
         """The arm in this process, to look at or to disturb; None while closed and over UDP."""
         transport = self._transport
         return transport.arm if isinstance(transport, _InProcess) else None
 
-    def _acquire(self) -> None:
+    def _make_session(self) -> SimArmSession:
+        return SimArmSession(self.options)
+
+    def _join(self) -> Transport:
         options = self.options
-        self._session = SimArmSession(options)
-        udp = options.transport == "udp"
-        self._transport = _Udp(options) if udp else _InProcess(options)
-        self._owes_answer = False
-
-    def _release(self) -> None:
-        transport, self._transport = self._transport, None
-        if transport is not None:
-            transport.close()
-
-    def _joined(self) -> _Transport:
-        if self._transport is None:
-            raise self._not_open()
-        return self._transport
-
-    def _now_s(self) -> float:
-        return self._joined().now()
-
-    def _leave_within_s(self) -> float:
-        return WAKE_S
-
-    def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        session, transport = self._session, self._transport
-        if transport is None or self._loop != loop:
-            return
-        said_s = transport.now()
-        transport.send(session.greeting(said_s))
-        with self._looping(loop):
-            while self._loop == loop:
-                state = None
-                for data in transport.wait():
-                    state = session.receive(data, transport.now()) or state
-                if self._loop != loop:
-                    return
-                now_s = transport.now()
-                if state is not None:
-                    said_s = now_s
-                    self._owes_answer = True
-                    yield state
-                    if self._loop == loop and self._owes_answer:
-                        self.send(HoldCommand())
-                elif now_s - said_s >= WAKE_S and session.lost(now_s):
-                    said_s = now_s
-                    transport.send(session.greeting(now_s))
-                    yield session.silence(now_s)
-
-    def _leave(self) -> None:
-        transport = self._joined()
-        data = self._session.command(HoldCommand(), transport.now())
-        self._owes_answer = False
-        if data is not None:
-            transport.send(data)
-
-    def send(self, command: RobotCommand) -> None:
-        """Command the arm; the last of several calls for one state counts."""
-        transport, session = self._joined(), self._session
-        if not self._owes_answer and session.lost(transport.now()):
-            session.check(command)
-            return
-        if session.late(transport.now()):
-            # The arm has moved on since the state that this command was computed from.
-            for data in transport.waiting():
-                session.receive(data, transport.now())
-        answer = session.command(command, transport.now())
-        self._owes_answer = False
-        if answer is not None:
-            transport.send(answer)
-
-    @property
-    def link(self) -> RobotLink:
-        """Whether the arm is heard now."""
-        if self._transport is None or not self._session.accepted:
-            return RobotLink.WAITING
-        lost = self._session.lost(self._transport.now())
-        return RobotLink.LOST if lost else RobotLink.LIVE
-
-    def metrics(self) -> dict[str, float]:
-        return self._session.metrics()
+        if options.transport == "in-process":
+            return _InProcess(options)
+        problem = f"endpoint {options.endpoint}"
+        return UdpTransport(*options.address, problem, MAX_DATAGRAM_BYTES)

@@ -121,10 +121,7 @@ class SimArmOptions(Options):
     @property
     def joint_limits(self) -> JointLimits:
         """The arm's."""
-        arm = load_arm(self.robot)
-        return JointLimits(
-            arm.lower, arm.upper, arm.velocity, tuple(j.acceleration for j in arm.joints)
-        )
+        return load_arm(self.robot).limits
 
 
 _OF_THE_PEER = (

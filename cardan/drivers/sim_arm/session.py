@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 
+from cardan.drivers.datagram_robot import DatagramSession
 from cardan.drivers.lost_time import LostTime
 from cardan.drivers.robot_core import check_count, joint_values
 from cardan.drivers.sim_arm.options import SimArmOptions
@@ -17,11 +17,9 @@ from cardan.protocols.joint_stream import (
     Malformed,
     decode_state,
     encode_command,
-    is_newer,
 )
 from cardan.robots import load_arm
 from cardan.types import (
-    NEVER_S,
     CommandKind,
     JointCommand,
     JointVelocityCommand,
@@ -36,8 +34,6 @@ from cardan.types import (
     Wrench,
 )
 
-_FLOOD = 50
-"""Excess of bad over good datagrams that counts as a flood: motion is not safe then."""
 _TOLERANCE = 1e-9
 
 _STOP_TOLERANCE = 0.02
@@ -45,13 +41,11 @@ _STOP_TOLERANCE = 0.02
 _SEQUENCES = 1 << 32
 
 
-class SimArmSession:
-    """One connection to a simulated arm.
+class SimArmSession(DatagramSession[ArmState]):
+    """One connection to a simulated arm."""
 
-    `receive` takes datagrams, `command` makes them; both get the local monotonic time. A newer
-    session of the controller voids earlier commands; an older one is ignored unless the link is
-    lost.
-    """
+    controller = "the simulated arm"
+    advice = "is `cardan sim arm` running?"
 
     def __init__(self, options: SimArmOptions) -> None:
         self.options = options
@@ -71,99 +65,52 @@ class SimArmSession:
         kinds = {CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY}
         if options.drive != "ideal":
             kinds.add(CommandKind.TORQUE)
-        self.capabilities = RobotCapabilities(
-            commands=frozenset(kinds),
-            period_s=options.period_s,
-            joints=n,
-            limits=self._limits,
-            digital_outputs=0,
-            analog_outputs=0,
+        super().__init__(
+            RobotCapabilities(
+                commands=frozenset(kinds),
+                period_s=options.period_s,
+                joints=n,
+                limits=self._limits,
+            ),
+            options.lost_after_s,
         )
-        self.ignored: Counter[str] = Counter()
-        """Datagrams without effect, by reason."""
-        self.accepted = 0
-        self._newest: ArmState | None = None
-        self._heard_s = NEVER_S
-        self._sessions = 0
         self._sequence = 0
-        self._flood = 0
         self._lost = LostTime(n)
         self._asked: tuple[JointCommand, float] | None = None
         """The positions commanded last, and the arm's time of the state that they answered."""
 
     # -- states ---------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, now_s: float) -> RobotState | None:
-        """The state in `data`, stamped `now_s`; None when it is none, late or double."""
+    def _decode(self, data: bytes) -> ArmState | str:
         state = decode_state(data)
         if isinstance(state, Malformed):
-            self._ignore(state.reason)
-            return None
+            return state.reason
         if len(state.positions) != self._joints:
-            self._ignore(f"a state of {len(state.positions)} joints, not {self._joints}")
-            return None
-        before = self._newest
-        period_s = state.period_s
-        if before is not None and state.session == before.session:
-            if not is_newer(state.sequence, before.sequence):
-                self.ignored["late or double"] += 1
-                return None
-            period_s = max(state.stamp_s - before.stamp_s, 0.0)
-        else:
-            if before is not None and not (
-                is_newer(state.session, before.session) or self.lost(now_s)
-            ):
-                self.ignored["an earlier session"] += 1
-                return None
-            self._sessions += 1
-            self._asked = None
-            self._lost.reset()
-        self._newest, self._heard_s = state, now_s
-        self.accepted += 1
-        self._flood = max(self._flood - 1, 0)
-        x, y, z, *turn = state.pose
-        alarm = "" if self._flood < _FLOOD else "the port is flooded with other datagrams"
+            return f"a state of {len(state.positions)} joints, not {self._joints}"
+        return state
+
+    def _begin(self, message: ArmState) -> None:
+        self._asked = None
+        self._lost.reset()
+
+    def _state_of(self, message: ArmState, before: ArmState | None, now_s: float) -> RobotState:
+        period_s = message.period_s
+        if before is not None:
+            period_s = max(message.stamp_s - before.stamp_s, 0.0)
+        x, y, z, *turn = message.pose
         return RobotState(
             stamp_s=now_s,
             link=RobotLink.LIVE,
-            session=self._sessions,
-            sequence=state.sequence,
+            session=self.sessions,
+            sequence=message.sequence,
             period_s=period_s,
-            joints=state.positions,
+            joints=message.positions,
             external_axes=(),
             pose=Pose(Vector3(x, y, z), Quaternion(*turn)),
-            hold_reason=state.reason,
-            wrench=Wrench(Vector3(*state.wrench[:3]), Vector3(*state.wrench[3:])),
-            alarm=alarm,
-            velocities=state.velocities,
-            torques=state.torques,
-        )
-
-    def _ignore(self, reason: str) -> None:
-        self.ignored[reason] += 1
-        self._flood = min(self._flood + 1, 2 * _FLOOD)
-
-    def lost(self, now_s: float) -> bool:
-        """True when the newest state is too old (or there is none)."""
-        return now_s - self._heard_s > self.options.lost_after_s
-
-    def late(self, now_s: float) -> bool:
-        """True when a newer state than the newest should be there."""
-        return now_s - self._heard_s > self.options.period_s
-
-    def silence(self, now_s: float) -> RobotState:
-        """The state to report while nothing is heard."""
-        last = self._newest
-        return RobotState(
-            stamp_s=now_s,
-            link=RobotLink.WAITING if last is None else RobotLink.LOST,
-            session=self._sessions,
-            sequence=0 if last is None else last.sequence,
-            period_s=0.0,
-            joints=() if last is None else last.positions,
-            external_axes=(),
-            pose=None,
-            hold_reason="the simulated arm is silent",
+            hold_reason=message.reason,
+            wrench=Wrench(Vector3(*message.wrench[:3]), Vector3(*message.wrench[3:])),
+            velocities=message.velocities,
+            torques=message.torques,
         )
 
     # -- commands -------------------------------------------------------------------------------
@@ -175,22 +122,22 @@ class SimArmSession:
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
         """The datagram of `command`; None before any state. CommandError for one that cannot be."""
         self.check(command)
-        if self._newest is None:
+        if self.message is None:
             return None
         values: tuple[float, ...] = ()
         speeds: tuple[float, ...] = ()
         mode = ControlMode.HOLD
         if isinstance(command, JointCommand):
             mode = ControlMode.POSITION
-            values, speeds = self._going_on(command, self._newest)
-            return self._encode(self._newest.session, now_s, mode, values, speeds)
+            values, speeds = self._going_on(command, self.message)
+            return self._encode(self.message.session, now_s, mode, values, speeds)
         self._asked = None
         self._lost.reset()
         if isinstance(command, JointVelocityCommand):
             mode, values = ControlMode.VELOCITY, command.velocities
         elif isinstance(command, TorqueCommand):
             mode, values = ControlMode.TORQUE, command.torques
-        return self._encode(self._newest.session, now_s, mode, values, speeds)
+        return self._encode(self.message.session, now_s, mode, values, speeds)
 
     def _going_on(
         self, command: JointCommand, state: ArmState
@@ -259,25 +206,3 @@ class SimArmSession:
                 raise CommandError(
                     f"{name}: joint {joint} at {value:g}; allowed: {low:.6g} to {high:.6g}"
                 )
-
-    # -- diagnosis ------------------------------------------------------------------------------
-
-    def metrics(self) -> dict[str, float]:
-        """Counts so far."""
-        return {
-            "states": float(self.accepted),
-            "ignored": float(sum(self.ignored.values())),
-            "sessions": float(self._sessions),
-        }
-
-    def diagnosis(self, now_s: float) -> tuple[str, ...]:
-        """Problems, worst first."""
-        found = []
-        if self._newest is None:
-            found.append("nothing was heard of the simulated arm; is `cardan sim arm` running?")
-        elif self.lost(now_s):
-            found.append(f"the simulated arm is silent for {now_s - self._heard_s:.1f} s")
-        elif self._newest.reason:
-            found.append(self._newest.reason)
-        found += [f"{count} datagrams ignored: {why}" for why, count in self.ignored.most_common()]
-        return tuple(found)

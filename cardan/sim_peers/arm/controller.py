@@ -77,8 +77,11 @@ class SimulatedArm:
             else []
         )
         faulty = FaultyLink.wanted(faults)
-        self._out = FaultyLink(faults, options.seed + 2, True) if faulty else None
-        self._in = FaultyLink(faults, options.seed + 3) if faulty else None
+        self._out: FaultyLink[bytes] | None = None
+        self._in: FaultyLink[bytes] | None = None
+        if faulty:
+            self._out = FaultyLink(faults, options.seed + 2, True)
+            self._in = FaultyLink(faults, options.seed + 3)
         self.session = session
         """Counts up when the controller restarts."""
         self.client: Hashable = None

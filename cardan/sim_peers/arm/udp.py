@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import socket
 import time
 from typing import Any
 
 from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.arm.options import SimulatedArmOptions
-from cardan.sim_peers.datagrams import DatagramPeer
-from cardan.sockets import opened
+from cardan.sim_peers.datagrams import ListeningPeer
 
 log = logging.getLogger(__name__)
 
 
-class SimulatedArmPeer(DatagramPeer):
+class SimulatedArmPeer(ListeningPeer):
     """Serves a `SimulatedArm`: it listens, and sends states to the client that commands it.
 
     Sessions count from the wall clock, so that they go up over restarts of this program.
@@ -24,20 +21,9 @@ class SimulatedArmPeer(DatagramPeer):
 
     def __init__(self, options: SimulatedArmOptions | None = None) -> None:
         self.options = options = SimulatedArmOptions() if options is None else options
-        super().__init__(options.period_s)
+        super().__init__(options.host, options.port, options.period_s)
         self.core = SimulatedArm(options, session=int(time.time()) & 0xFFFFFFFF)
-        self._client: Any = None
         self._reason = ""
-
-    @property
-    def endpoint(self) -> str:
-        port = self.options.port if self._socket is None else self._socket.getsockname()[1]
-        return f"{self.options.host}:{port}"
-
-    def _connect(self) -> socket.socket:
-        host, port = self.options.host, self.options.port
-        problem = f"cannot listen on {host}:{port}"
-        return opened(host, port, socket.SOCK_DGRAM, socket.socket.bind, problem)
 
     def _receive(self, data: bytes, source: Any, now_s: float) -> None:
         self.core.receive(data, now_s, source)
@@ -49,8 +35,3 @@ class SimulatedArmPeer(DatagramPeer):
         if self.core.hold_reason != self._reason:
             self._reason = self.core.hold_reason
             log.info("%s", self._reason or "ready")
-
-    def _transmit(self, data: bytes) -> None:
-        if self._socket is not None and self._client is not None:
-            with contextlib.suppress(OSError):
-                self._socket.sendto(data, self._client)

@@ -1,0 +1,358 @@
+"""Drivers of controllers that send their state as a datagram in each of their cycles.
+
+A :class:`DatagramSession` has the protocol, without sockets, clocks and threads; a
+:class:`DatagramRobot` around it has the loop, and a :class:`Transport` the socket.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Generator
+from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
+
+from cardan.drivers.robot_core import WAKE_S, LoopingRobot
+from cardan.protocols.joint_stream import is_newer
+from cardan.sockets import opened, waiting
+from cardan.types import (
+    NEVER_S,
+    HoldCommand,
+    RobotCapabilities,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+)
+
+_FLOOD: Final = 50
+"""Excess of bad over good datagrams that counts as a flood: motion is not safe then."""
+
+
+class Numbered(Protocol):
+    """A controller's datagram, decoded. Both numbers go up, and wrap at 2^32."""
+
+    @property
+    def session(self) -> int:
+        """Changes when the controller restarts."""
+
+    @property
+    def sequence(self) -> int:
+        """Counts the datagrams of a session."""
+
+
+MessageT = TypeVar("MessageT", bound=Numbered)
+
+
+def _continues(message: Numbered, before: Numbered) -> bool:
+    return message.session == before.session and is_newer(message.sequence, before.sequence)
+
+
+class DatagramSession(ABC, Generic[MessageT]):
+    """One connection to a controller, sans I/O: datagrams to states, commands to datagrams.
+
+    A newer session of the controller voids earlier commands; an older one, or a lower sequence
+    number in the same, is ignored unless the link is lost: then it is a new session, too. Times
+    are local monotonic ones.
+    """
+
+    controller: ClassVar[str]
+    """What messages call it, with its article."""
+    advice: ClassVar[str] = ""
+    """What to look at when nothing was ever heard of it."""
+
+    def __init__(self, capabilities: RobotCapabilities, lost_after_s: float) -> None:
+        """After `lost_after_s` without a valid datagram the link counts as lost."""
+        self.capabilities = capabilities
+        self.ignored: Counter[str] = Counter()
+        """Datagrams without effect, by reason."""
+        self.accepted = 0
+        self.state: RobotState | None = None
+        """The newest."""
+        self.message: MessageT | None = None
+        """Of which `state` was made."""
+        self._lost_after_s = lost_after_s
+        self._heard_s = NEVER_S
+        self.sessions = 0
+        """So many sessions of the controller were heard; the number that states have."""
+        self._skipped = self._flood = 0
+
+    # -- what a protocol gives ------------------------------------------------------------------
+
+    @abstractmethod
+    def _decode(self, data: bytes) -> MessageT | str:
+        """The controller's message, or why `data` is none."""
+
+    @abstractmethod
+    def _state_of(self, message: MessageT, before: MessageT | None, now_s: float) -> RobotState:
+        """The state, stamped `now_s`, its session `sessions`; `before` is the message before it in
+        the same session."""
+
+    @abstractmethod
+    def _begin(self, message: MessageT) -> None:
+        """A session of the controller begins with `message`: forget what was commanded."""
+
+    @abstractmethod
+    def check(self, command: RobotCommand) -> None:
+        """Raise CommandError for a command that the robot cannot take."""
+
+    @abstractmethod
+    def command(self, command: RobotCommand, now_s: float) -> bytes | None:
+        """The answer to `state`; None before any. Raises CommandError as `check` does."""
+
+    def greeting(self, now_s: float) -> bytes | None:
+        """What a silent controller is sent, to make itself heard; None: nothing."""
+        return None
+
+    def farewell(self, now_s: float) -> bytes | None:
+        """What brings the robot to rest when nothing comes after it."""
+        return self.command(HoldCommand(), now_s)
+
+    # -- states ---------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_s: float) -> RobotState | None:
+        """The state in `data`, stamped `now_s`; None when it is none, late or double."""
+        message = self._decode(data)
+        if isinstance(message, str):
+            self.ignored[message] += 1
+            self._flood = min(self._flood + 1, 2 * _FLOOD)
+            return None
+        before = self.message
+        if before is not None and not self.lost(now_s):
+            if message.session == before.session:
+                if not is_newer(message.sequence, before.sequence):
+                    self.ignored["late or double"] += 1
+                    return None
+            elif not is_newer(message.session, before.session):
+                self.ignored["an earlier session"] += 1
+                return None
+        if before is None or not _continues(message, before):
+            before = None
+            self.sessions += 1
+            self._begin(message)
+        else:
+            self._skipped += (message.sequence - before.sequence - 1) & 0xFFFFFFFF
+        self.message, self._heard_s = message, now_s
+        self.accepted += 1
+        self._flood = max(self._flood - 1, 0)
+        state = self._state_of(message, before, now_s)
+        if self._flood >= _FLOOD:
+            state = state._replace(alarm="the port is flooded with other datagrams")
+        self.state = state
+        return state
+
+    def lost(self, now_s: float) -> bool:
+        """True when the newest state is too old (or there is none)."""
+        return now_s - self._heard_s > self._lost_after_s
+
+    def late(self, now_s: float) -> bool:
+        """True when a newer state than the newest should be there."""
+        return now_s - self._heard_s > self.capabilities.period_s
+
+    def link(self, now_s: float) -> RobotLink:
+        """Whether the controller is heard."""
+        if self.state is None:
+            return RobotLink.WAITING
+        return RobotLink.LOST if self.lost(now_s) else RobotLink.LIVE
+
+    def silence(self, now_s: float) -> RobotState:
+        """The state to report while nothing is heard."""
+        last = self.state
+        return RobotState(
+            stamp_s=now_s,
+            link=self.link(now_s),
+            session=self.sessions,
+            sequence=0 if last is None else last.sequence,
+            period_s=0.0,
+            joints=() if last is None else last.joints,
+            external_axes=(),
+            pose=None,
+            hold_reason=f"{self.controller} is silent",
+        )
+
+    # -- diagnosis ------------------------------------------------------------------------------
+
+    def metrics(self) -> dict[str, float]:
+        """Counts so far."""
+        return {
+            "states": float(self.accepted),
+            "lost": float(self._skipped),
+            "ignored": float(sum(self.ignored.values())),
+            "sessions": float(self.sessions),
+        }
+
+    def diagnosis(self, now_s: float) -> tuple[str, ...]:
+        """Problems, worst first."""
+        found = []
+        if self.state is None:
+            advice = f"; {self.advice}" if self.advice else ""
+            found.append(f"nothing was heard of {self.controller}{advice}")
+        elif self.lost(now_s):
+            found.append(f"{self.controller} is silent for {now_s - self._heard_s:.1f} s")
+        elif self.state.hold_reason:
+            found.append(self.state.hold_reason)
+        found += [f"{count} datagrams ignored: {why}" for why, count in self.ignored.most_common()]
+        return tuple(found)
+
+
+class Transport(Protocol):
+    """A driver's connection to its controller."""
+
+    def now(self) -> float:
+        """The time of the stamps."""
+
+    def send(self, data: bytes) -> None:
+        """Never raises."""
+
+    def wait(self) -> list[bytes]:
+        """What came in by the next control instant, oldest first; empty at least every WAKE_S."""
+
+    def waiting(self) -> list[bytes]:
+        """What is there already, oldest first."""
+
+    def close(self) -> None: ...
+
+
+class UdpTransport:
+    """A controller that listens; nobody else is heard."""
+
+    def __init__(self, host: str, port: int, problem: str, largest: int) -> None:
+        """Datagrams of up to `largest` bytes mean something. Raises an AddressError that begins
+        with `problem`."""
+        self._socket = opened(host, port, socket.SOCK_DGRAM, socket.socket.connect, problem)
+        self._largest = largest
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def send(self, data: bytes) -> None:
+        # Refused while no program listens there; the driver then reports silence.
+        with contextlib.suppress(OSError):
+            self._socket.send(data)
+
+    def wait(self) -> list[bytes]:
+        found: list[bytes] = []
+        deadline_s = self.now() + WAKE_S
+        while not found and (left_s := deadline_s - self.now()) > 0.0:
+            try:
+                ready = select.select([self._socket], [], [], left_s)[0]
+            except (OSError, ValueError):  # closed by another thread
+                break
+            if not ready:
+                break
+            found = self.waiting()
+        return found
+
+    def waiting(self) -> list[bytes]:
+        # One byte more, so that a longer one is seen to be longer.
+        return [data for data, _ in waiting(self._socket, self._largest + 1)]
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+DatagramSessionT = TypeVar("DatagramSessionT", bound=DatagramSession[Any])
+
+
+class DatagramRobot(LoopingRobot[DatagramSessionT]):
+    """A driver of a controller that is answered, a datagram for each of its own.
+
+    A driver gives `_make_session` and `_join`. Of several states that came in at once the newest is
+    yielded; one that the application does not answer is answered with a hold.
+    """
+
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._session = self._make_session()
+        self._transport: Transport | None = None
+        self._owes_answer = False
+
+    @abstractmethod
+    def _make_session(self) -> DatagramSessionT:
+        """A new session, from `self.options`."""
+
+    @abstractmethod
+    def _join(self) -> Transport:
+        """Open the transport. Raises a DriverError."""
+
+    def _acquire(self) -> None:
+        self._session = self._make_session()
+        self._transport = self._join()
+        self._owes_answer = False
+
+    def _release(self) -> None:
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.close()
+
+    def _joined(self) -> Transport:
+        if self._transport is None:
+            raise self._not_open()
+        return self._transport
+
+    def _now_s(self) -> float:
+        return self._joined().now()
+
+    def _leave_within_s(self) -> float:
+        return WAKE_S
+
+    def _states(self, loop: int) -> Generator[RobotState, None, None]:
+        session, transport = self._session, self._transport
+        if transport is None or self._loop != loop:
+            return
+        said_s = transport.now()
+        self._say(transport, session.greeting(said_s))
+        with self._looping(loop):
+            while self._loop == loop:
+                state = None
+                for data in transport.wait():
+                    state = session.receive(data, transport.now()) or state
+                if self._loop != loop:
+                    return
+                now_s = transport.now()
+                if state is not None:
+                    said_s = now_s
+                    self._owes_answer = True
+                    yield state
+                    if self._loop == loop and self._owes_answer:
+                        self.send(HoldCommand())
+                elif now_s - said_s >= WAKE_S and session.lost(now_s):
+                    said_s = now_s
+                    self._say(transport, session.greeting(now_s))
+                    yield session.silence(now_s)
+
+    def _leave(self) -> None:
+        transport = self._joined()
+        self._owes_answer = False
+        self._say(transport, self._session.farewell(transport.now()))
+
+    def send(self, command: RobotCommand) -> None:
+        """Command the robot; the last of several calls for one state counts."""
+        transport, session = self._joined(), self._session
+        if not self._owes_answer and session.lost(transport.now()):
+            session.check(command)
+            return
+        if session.late(transport.now()):
+            # The robot has moved on since the state that this command was computed from.
+            for data in transport.waiting():
+                session.receive(data, transport.now())
+        answer = session.command(command, transport.now())
+        self._owes_answer = False
+        self._say(transport, answer)
+
+    @staticmethod
+    def _say(transport: Transport, data: bytes | None) -> None:
+        if data is not None:
+            transport.send(data)
+
+    @property
+    def link(self) -> RobotLink:
+        """Whether the controller is heard now."""
+        if self._transport is None:
+            return RobotLink.WAITING
+        return self._session.link(self._transport.now())
+
+    def metrics(self) -> dict[str, float]:
+        return self._session.metrics()

@@ -1,0 +1,171 @@
+"""The driver of the rail: a session without I/O, and the socket around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from cardan import bounds
+from cardan.drivers.datagram_robot import DatagramRobot, DatagramSession, Transport, UdpTransport
+from cardan.drivers.limiters import JointLimiter
+from cardan.drivers.lost_time import LostTime
+from cardan.drivers.robot_core import check_numbers, joint_values
+from cardan.options import check_options
+from cardan.robots import load_arm
+from cardan.types import (
+    CommandKind,
+    JointCommand,
+    RobotCapabilities,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+)
+
+from cardan_rail.protocol import (
+    LARGEST_STATE,
+    PERIOD_S,
+    Condition,
+    Positions,
+    RailCommand,
+    RailState,
+    decode_state,
+    encode_command,
+)
+
+ARM = "cardan_rail:rail.toml"
+AXES = 3
+
+LOST_AFTER_S = 0.1
+"""Twice what the controller itself waits for: by then the axes brake."""
+
+LAG_S = 0.03
+"""Measured axes are two cycles behind commanded ones, and the network takes the rest."""
+
+WHY = {
+    Condition.FOLLOWING: "",
+    Condition.BRAKING: "the rail is braking",
+    Condition.EMERGENCY_STOP: "emergency stop: release it at the rail",
+    Condition.TOO_FAST: "the controller was asked for too much speed: restart it",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RailOptions:
+    """Options of :class:`Rail`."""
+
+    host: Annotated[str, bounds.HOST] = "127.0.0.1"
+    """The controller's address."""
+    port: Annotated[int, bounds.PORT] = 7400
+    """UDP."""
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+
+class RailSession(DatagramSession[RailState]):
+    """One connection to the rail's controller.
+
+    What is sent is a reference that keeps to the axes' ranges, speeds and accelerations, whatever
+    is asked for. Cycles in which nobody commanded are not made up for.
+    """
+
+    controller = "the rail's controller"
+    advice = "check that it is switched on, and host and port"
+
+    def __init__(self) -> None:
+        limits = load_arm(ARM).limits
+        kinds = frozenset({CommandKind.HOLD, CommandKind.JOINT})
+        capabilities = RobotCapabilities(kinds, PERIOD_S, AXES, limits, lag_s=LAG_S)
+        super().__init__(capabilities, LOST_AFTER_S)
+        self._limiter = JointLimiter(*limits, longest_period_s=PERIOD_S)
+        self._lost = LostTime(AXES)
+        self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
+        """The positions asked for in the cycle before, and their speeds."""
+        self._answered: int | None = None
+        """The sequence number of the state that was answered last."""
+
+    def _decode(self, data: bytes) -> RailState | str:
+        return decode_state(data)
+
+    def _begin(self, message: RailState) -> None:
+        self._rest(message.positions)
+
+    def _rest(self, positions: Positions) -> None:
+        """The axes are not where they were commanded to be, and are not commanded now."""
+        self._limiter.reset(positions)
+        self._lost.reset()
+        self._asked = self._answered = None
+
+    def _state_of(self, message: RailState, before: RailState | None, now_s: float) -> RobotState:
+        cycles = 1 if before is None else (message.sequence - before.sequence) & 0xFFFFFFFF
+        if message.condition is not Condition.FOLLOWING:
+            self._rest(message.positions)
+        return RobotState(
+            stamp_s=now_s,
+            link=RobotLink.LIVE,
+            session=self.sessions,
+            sequence=message.sequence,
+            period_s=cycles * PERIOD_S,
+            joints=message.positions,
+            external_axes=(),
+            pose=None,
+            hold_reason=WHY[message.condition],
+        )
+
+    def check(self, command: RobotCommand) -> None:
+        for name, values in joint_values("the rail", command, self.capabilities.commands):
+            check_numbers(name, values, AXES, "axes")
+
+    def command(self, command: RobotCommand, now_s: float) -> bytes | None:
+        """The answer to the newest state; a second one to the same state is none."""
+        self.check(command)
+        message = self.message
+        if message is None or message.sequence == self._answered:
+            return None
+        if self._answered is not None:
+            missed = (message.sequence - self._answered - 1) & 0xFFFFFFFF
+            if missed:
+                # The axes have gone on as they were told.
+                self._limiter.coast(missed * PERIOD_S)
+                self._lost.passed(missed * PERIOD_S)
+        self._answered = message.sequence
+        if isinstance(command, JointCommand):
+            self._track(command.positions, command.velocities)
+        else:
+            self._asked = None
+            self._lost.reset()
+            self._limiter.brake(PERIOD_S)
+        x, y, z = self._limiter.reference
+        return encode_command(RailCommand(message.session, message.sequence, (x, y, z)))
+
+    def _track(self, positions: Sequence[float], speeds: Sequence[float] | None) -> None:
+        asked, self._asked = self._asked, (positions, speeds)
+        if self._lost.working:
+            positions, speeds = self._lost.follow(asked, positions, speeds, PERIOD_S)
+        self._limiter.track(positions, speeds, PERIOD_S)
+
+    def greeting(self, now_s: float) -> bytes:
+        return encode_command(RailCommand(0, 0, None))
+
+    def farewell(self, now_s: float) -> bytes:
+        session = 0 if self.message is None else self.message.session
+        return encode_command(RailCommand(session, 0, None))
+
+
+class Rail(DatagramRobot[RailSession]):
+    """The rail, over UDP."""
+
+    Options = RailOptions
+    summary = "a gantry of three linear axes"
+    page = "https://rail.example/cardan"
+    peer = "rail"
+    options: RailOptions
+    title = "the rail's driver"
+
+    def _make_session(self) -> RailSession:
+        return RailSession()
+
+    def _join(self) -> Transport:
+        host, port = self.options.host, self.options.port
+        return UdpTransport(host, port, f"cannot send to {host}:{port}", LARGEST_STATE)
