@@ -21,7 +21,9 @@ from cardan.cli.common import (
     EXIT_USAGE,
     ConfigFile,
     Seconds,
+    check_seconds,
     print_table,
+    print_unusable,
 )
 from cardan.cli.dissect import Dissect
 from cardan.cli.sim import sim
@@ -103,7 +105,7 @@ def demo(
     name: Annotated[
         str, typer.Argument(metavar="NAME|FILE", help="A demo, or an example file that is one.")
     ] = "gofa",
-    seconds: Annotated[float, typer.Option(help="How long to run.")] = 30.0,
+    seconds: Annotated[float, typer.Option(callback=check_seconds, help="How long to run.")] = 30.0,
     _list: Annotated[
         bool,
         typer.Option(
@@ -224,10 +226,10 @@ def drivers() -> None:
     configuration's driver = "..." takes."""
     from cardan.drivers import registry
 
-    kinds = {name: registry.load(name) for name in registry.names()}
+    found = registry.load_all()
     print_table(
         ("driver", "table", "drives", "simulated by", "documentation"),
-        (
+        [
             (
                 name,
                 "[device]" if issubclass(driver, OperatorDevice) else "[robot]",
@@ -235,9 +237,10 @@ def drivers() -> None:
                 driver.peer and f"cardan sim {driver.peer}",
                 driver.page if "://" in driver.page or not driver.page else f"docs/{driver.page}",
             )
-            for name, driver in kinds.items()
-        ),
+            for name, driver in found.classes.items()
+        ],
     )
+    print_unusable(found)
 
 
 @app.command()

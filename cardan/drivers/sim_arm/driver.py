@@ -18,6 +18,7 @@ from typing import Any, Protocol
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
+from cardan.drivers.simulated import LOOPBACK
 from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
 from cardan.sim_peers.arm import SimulatedArm
 from cardan.sockets import opened, waiting
@@ -143,6 +144,10 @@ class SimArm(LoopingRobot[SimArmSession]):
     summary = "a simulated arm"
     page = "simulated-arm.md"
     peer = "arm"
+    simulated = (
+        {"transport": ("in-process",)},
+        {"transport": ("udp",), "endpoint": LOOPBACK},
+    )
     options: SimArmOptions
     title = "the simulated arm's driver"
 

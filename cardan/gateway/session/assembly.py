@@ -90,7 +90,8 @@ def make_driver(table: registry.DriverTable, key: str) -> Driver:
     """The driver of a table, not opened yet; errors name `key`."""
     with below(key):
         driver = registry.load(table.driver)
-    return driver(read_table(driver.Options, table.options, key))
+    with registry.using(table.driver, f"{key}.driver"):
+        return driver(read_table(driver.Options, table.options, key))
 
 
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
@@ -241,7 +242,8 @@ def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
         key = f"filters.{index}"
         with below(key):
             kind = filter_registry.load(table.filter)
-        made.append(kind(read_table(kind.Options, table.options, key)))
+        with filter_registry.using(table.filter, f"{key}.filter"):
+            made.append(kind(read_table(kind.Options, table.options, key)))
         made[-1].name = table.filter
     return tuple(made)
 
