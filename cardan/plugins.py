@@ -97,7 +97,9 @@ class Finder(Generic[T]):
             try:
                 found.classes[name] = self.load(name)
             except ConfigurationError as error:
-                found.refused[name] = f"cannot be loaded: {reason(error)}"
+                cause = error.__cause__
+                why = error.message if cause is None else reason(cause)
+                found.refused[name] = f"cannot be loaded: {why}"
         used = dict(self._built_in)
         for point in self._installed():
             if (target := used.setdefault(point.name, point.value)) != point.value:

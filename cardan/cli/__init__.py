@@ -59,13 +59,26 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        app()
+        sys.exit(app(standalone_mode=False))
     except (ConfigurationError, ScriptError, CaptureError) as error:
         _fail(error, EXIT_USAGE)
     except CardanError as error:
         _fail(error, EXIT_CANNOT_OPEN)
-    except BrokenPipeError:
+    except (BrokenPipeError, typer.Abort):
         sys.exit(EXIT_FAILED)
+    except Exception as error:
+        # The command line's own errors: typer's releases have them in different modules.
+        message, context = getattr(error, "format_message", None), getattr(error, "ctx", None)
+        if message is None:
+            raise
+        if type(error).__name__ == "NoArgsIsHelpError":
+            if text := message():  # With rich, this prints it.
+                print(text)
+            sys.exit(EXIT_USAGE)
+        words = " ".join(message().split()).removesuffix(".")
+        command = context.command_path if context is not None else "cardan"
+        print(f"cardan: {words}; `{command} --help` says what there is", file=sys.stderr)
+        sys.exit(EXIT_USAGE)
 
 
 def _fail(error: CardanError, code: int) -> None:

@@ -63,6 +63,7 @@ from cardan.tables import keys_of, read_table, read_toml
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
+    DeviceCapabilities,
     RobotCapabilities,
     Vector3,
 )
@@ -91,7 +92,14 @@ def make_driver(table: registry.DriverTable, key: str) -> Driver:
     with below(key):
         driver = registry.load(table.driver)
     with registry.using(table.driver, f"{key}.driver"):
-        return driver(read_table(driver.Options, table.options, key))
+        made = driver(read_table(driver.Options, table.options, key))
+        able: object = getattr(made, "capabilities", None)
+    if not isinstance(able, (DeviceCapabilities, RobotCapabilities)):
+        raise ConfigurationError(
+            f"{key}.driver",
+            f"driver {table.driver!r} cannot be used: its capabilities are {able!r:.60}",
+        )
+    return made
 
 
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
