@@ -132,9 +132,9 @@ class Finder(Generic[T]):
             if not issubclass(ancestor, self._base):
                 continue
             for name, default in vars(ancestor).items():
-                kinds = (str,) if isinstance(default, str) else (tuple, list)
+                kinds = (str,) if type(default) is str else (tuple, list)
                 value = getattr(loaded, name, None)
-                public = not name.startswith("_") and isinstance(default, (str, tuple))
+                public = not name.startswith("_") and type(default) in (str, tuple)
                 if public and not isinstance(value, kinds):
                     word = "a text" if kinds == (str,) else "a tuple"
                     return f"{name} is {value!r:.60}; it must be {word}"

@@ -106,7 +106,7 @@ def test_a_dissector_that_cannot_be_loaded_disturbs_no_other_command(monkeypatch
     install(monkeypatch, "no_such_module:Dissector")
     assert CliRunner().invoke(app, ["--help"]).exit_code == 0
     shown = CliRunner().invoke(app, ["dissect", "--help"], terminal_width=200)
-    assert "--egm-port" in shown.output
+    assert "--simple-message-port" in shown.output
 
 
 def test_a_dissector_that_cannot_be_loaded_is_left_out_with_a_warning(monkeypatch, caplog, capture):
