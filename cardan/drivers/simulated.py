@@ -6,9 +6,9 @@ A demo moves a robot with nobody at hand, so it runs only what is declared here:
         simulated = ({"transport": ("tcp",), "host": LOOPBACK, "port": OWN},)
 
 Each mapping is one way: options by name, and what each must be. ``({},)`` says that there is no
-hardware at all. A driver without the attribute, and a filter, is held to the strictest rule: every
-text among its options is empty, a loopback address, or a file of the demo's own, and a driver has
-at least one file or port of the demo's own.
+hardware at all. What a class inherits does not count. A driver or a filter without the attribute is
+held to the strictest rule: every text among its options is empty, a loopback address, or a file of
+the demo's own, and a driver has at least one file or port of the demo's own.
 """
 
 from __future__ import annotations
@@ -77,17 +77,18 @@ def why_not_simulated(
             return name, f"{value!r} is an address that other computers have"
         if _is_host(options, name) and not is_loopback(value):
             return name, f"{value!r} is not {LOOPBACK.value}"
-    ways: tuple[Way, ...] | None = getattr(driver, "simulated", None)
+    # A subclass may reach its hardware otherwise: what it inherits does not count.
+    ways: tuple[Way, ...] | None = vars(driver).get("simulated")
     if ways is None:
         return _why_strictly_not(values, own, needs_own)
     found = []
     for way in ways:
         for name, only in way.items():
-            value = values.get(name)
+            value = values[name]
             if only is OWN:
                 good, allowed = own(name), OWN.value
             elif only is LOOPBACK:
-                good, allowed = is_loopback(value), LOOPBACK.value
+                good, allowed = value is not None and is_loopback(value), LOOPBACK.value
             elif only is LAUNCHED:
                 good, allowed = launched and not value, LAUNCHED.value
             else:

@@ -51,7 +51,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
     summary = "ABB robots over EGM"
     page = "abb-egm.md"
     peer = "abb-gofa"
-    simulated = ({"listen_host": LOOPBACK, "listen_port": OWN, "controller_host": LOOPBACK},)
+    simulated = ({"listen_host": LOOPBACK, "listen_port": OWN},)
     options: AbbEgmOptions
     title = "the EGM driver"
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from cardan.drivers import registry
-from cardan.drivers.simulated import is_elsewhere, why_not_simulated
+from cardan.drivers.simulated import is_elsewhere, is_loopback, why_not_simulated
 from cardan.errors import ConfigurationError, below
 from cardan.gateway.force.tables import RemoteForceTable, SensorForceTable
 from cardan.gateway.hand.filters import registry as filter_registry
@@ -23,6 +23,9 @@ from cardan.tables import read_table, read_toml
 
 SIMULATED_BUSES = frozenset({"udp_multicast", "socketcand", "virtual"})
 """The only ways to a CAN bus that a launched peer may be given."""
+
+ADDRESSES = frozenset({"--host", "--listen", "--to"})
+"""Options of peers that are a host, or HOST:PORT."""
 
 
 def check_unattended(demo: Demo, config: SessionConfig) -> None:
@@ -41,10 +44,14 @@ def check_unattended(demo: Demo, config: SessionConfig) -> None:
         key = f"filters.{index}"
         with below(key):
             kind = filter_registry.load(each.filter)
-        options = read_table(kind.Options, each.options, key)
-        option, why = why_not_simulated(
-            kind, options, lambda _: False, launched=False, needs_own=False
-        )
+        with filter_registry.using(each.filter, f"{key}.filter"):
+            option, why = why_not_simulated(
+                kind,
+                read_table(kind.Options, each.options, key),
+                lambda _: False,
+                launched=False,
+                needs_own=False,
+            )
         if why:
             _refuse(demo, ".".join(filter(None, (key, option))), why)
     if isinstance(config.force, RemoteForceTable) and "force.socket" not in own:
@@ -59,13 +66,12 @@ def _check_driver(
     with below(key):
         kind = registry.load(table.driver)
     with registry.using(table.driver, f"{key}.driver"):
-        options = read_table(kind.Options, table.options, key)
-    option, why = why_not_simulated(
-        kind,
-        options,
-        lambda name: f"{key}.{name}" in own,
-        launched=[kind.peer] == list(inside),
-    )
+        option, why = why_not_simulated(
+            kind,
+            read_table(kind.Options, table.options, key),
+            lambda name: f"{key}.{name}" in own,
+            launched=[kind.peer] == list(inside),
+        )
     if why:
         _refuse(demo, ".".join(filter(None, (key, option))), why)
 
@@ -102,8 +108,10 @@ def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], lis
             rest.append(word)
     for option in options:
         name, _, value = option.partition("=")
-        if name == "--uinput":
-            _refuse(demo, key, "--uinput makes input of this computer: use --events")
+        if name in ("--uinput", "--uhid"):
+            _refuse(demo, key, f"{name} makes a device of this computer: use a socket")
+        if name in ADDRESSES and not is_loopback(value):
+            _refuse(demo, key, f"{option} is not an address of this computer only")
         if name == "--interface" and value not in SIMULATED_BUSES:
             _refuse(demo, key, f"{option} may reach hardware; allowed: {sorted(SIMULATED_BUSES)}")
         if is_elsewhere(value):

@@ -181,9 +181,13 @@ def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):
         ("sim omni cardan run real.toml", "'cardan' is no option of a peer"),
         ("sim omni --script demo cardan run real.toml", "'cardan' is no option of a peer"),
         ("sim omni -- cardan run real.toml", "'--' begins a program"),
-        ("sim abb-gofa --to 192.168.125.1:6510", "other computers have"),
+        ("sim abb-gofa --to 192.168.125.1:6510", "is not an address of this computer"),
+        ("sim jr3 --channel 10.0.0.7", "other computers have"),
         ("sim jr3 --interface socketcan", "--interface=socketcan may reach hardware"),
-        ("sim keyboard --uinput", "use --events"),
+        ("sim keyboard --uinput", "--uinput makes a device of this computer"),
+        ("sim spacemouse --uhid", "--uhid makes a device of this computer"),
+        ("sim abb-gofa --to gofa:6510", "--to=gofa:6510 is not an address of this computer only"),
+        ("sim motoman-gp8 --host 0.0.0.0", "--host=0.0.0.0 is not an address of this computer"),
         ("sim spacemouse --serial /dev/ttyUSB0", "is a device of this computer"),
         ("spnav --socket x", "spnav serves {examples}/FILE"),
         ("spnav {examples}/spacemouse-gofa.toml", "spnav serves {examples}/FILE, and needs"),
@@ -230,6 +234,14 @@ class DeclaredStick(Stick):
     simulated = ({"wire": ("simulated",)},)
 
 
+class InheritingStick(DeclaredStick):
+    """It may reach its hardware otherwise than its base class."""
+
+
+class MisspeltStick(Stick):
+    simulated = ({"wier": ("simulated",)},)
+
+
 @pytest.mark.parametrize(
     ("driver", "options", "files", "words"),
     [
@@ -243,6 +255,8 @@ class DeclaredStick(Stick):
         ("DeclaredStick", "", True, "device.wire: '' may reach .*it must be 'simulated'"),
         ("DeclaredStick", 'wire = "simulated"', False, ""),
         ("DeclaredStick", 'wire = "simulated"\nhost = "10.0.0.7"', False, "other computers have"),
+        ("InheritingStick", 'wire = "simulated"', False, "device.path: '/dev/stick' may reach"),
+        ("MisspeltStick", "", True, "device.driver: driver 'stick' cannot be used: KeyError"),
     ],
 )
 def test_a_driver_of_another_package_is_held_to_the_strictest_rule(
