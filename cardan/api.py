@@ -30,6 +30,7 @@ from cardan.errors import (
     OutOfReachError as OutOfReachError,
     ScriptError as ScriptError,
 )
+from cardan.plugins import reason
 from cardan.types import (
     Axes as Axes,
     ButtonEvent as ButtonEvent,
@@ -104,21 +105,27 @@ def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDri
 def devices() -> list[FoundDevice]:
     """The operator devices that are plugged in, each with its driver and what prevents opening it.
 
-    Serial, CAN and network devices are not detected. Devices are opened only to identify them.
+    Serial, CAN and network devices are not detected. Devices are opened only to identify them. A
+    driver that cannot be loaded, or whose search fails, is in the list with that as its obstacle.
     """
-    return [
-        found._replace(driver=name)
-        for name in registry.names()
-        if issubclass(driver := registry.load(name), OperatorDevice)
-        for found in driver.find()
-    ]
+    loaded = registry.load_all()
+    found = [FoundDevice(name, "", "", "", why, name) for name, why in loaded.refused.items()]
+    for name, driver in loaded.classes.items():
+        if not issubclass(driver, OperatorDevice):
+            continue
+        try:
+            with registry.using(name, "driver"):
+                found += [each._replace(driver=name) for each in driver.find()]
+        except ConfigurationError as error:
+            found.append(FoundDevice(name, "", "", "", reason(error), name))
+    return found
 
 
 _HOMES = {
     "CartesianDevice": "cardan.gateway.arm",
     **{name: module for module, _, name in (each.partition(":") for each in BUILT_IN.values())},
 }
-_INNER = {"Any", "BUILT_IN", "TYPE_CHECKING", "annotations", "import_module", "registry"}
+_INNER = {"Any", "BUILT_IN", "TYPE_CHECKING", "annotations", "import_module", "reason", "registry"}
 
 
 def _names() -> set[str]:

@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import is_dataclass
 from importlib.metadata import EntryPoint
-from typing import Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
-from cardan.errors import ConfigurationError
+from cardan.errors import CardanError, ConfigurationError
 
 T = TypeVar("T")
+
+
+def reason(error: BaseException) -> str:
+    """What went wrong in a plug-in, in one line."""
+    words = " ".join(str(error).split())
+    return words if isinstance(error, CardanError) else f"{type(error).__name__}: {words}"
+
+
+class Loaded(NamedTuple, Generic[T]):
+    """All classes that there are, by name."""
+
+    classes: dict[str, type[T]]
+    refused: dict[str, str]
+    """Those that cannot be loaded: why, in one line."""
+    notes: list[str]
+    """What is installed and not used, as another one has its name."""
 
 
 class Finder(Generic[T]):
@@ -38,7 +56,8 @@ class Finder(Generic[T]):
     def packages(self) -> tuple[str, ...]:
         """The top-level packages of all that can be loaded; the built-in ones first."""
         targets = (*self._built_in.values(), *(point.value for point in self._installed()))
-        return tuple(dict.fromkeys(re.split("[.:]", target, maxsplit=1)[0] for target in targets))
+        names = (re.split("[.:]", target, maxsplit=1)[0] for target in targets)
+        return tuple(dict.fromkeys(filter(None, names)))
 
     def load(self, name: str) -> type[T]:
         """The class called `name`.
@@ -57,14 +76,66 @@ class Finder(Generic[T]):
                     f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",
                 )
         module, _, attribute = target.partition(":")
+        of = f"{target} of {self._word} {name!r}"
         try:
             loaded = getattr(importlib.import_module(module), attribute)
-        except (ImportError, AttributeError) as error:
+        except (Exception, SystemExit) as error:  # Whatever another package's module does.
             raise ConfigurationError(
-                self._word, f"{target} of {self._word} {name!r} cannot be loaded: {error}"
+                self._word, f"{of} cannot be loaded: {reason(error)}"
             ) from error
         if not (isinstance(loaded, type) and issubclass(loaded, self._base)):
-            raise ConfigurationError(
-                self._word, f"{target} of {self._word} {name!r} is not a cardan {self._word}"
-            )
+            raise ConfigurationError(self._word, f"{of} is not a cardan {self._word}")
+        if wrong := self._wrong_attribute(loaded):
+            raise ConfigurationError(self._word, f"{of} cannot be used: {wrong}")
         return loaded
+
+    def load_all(self) -> Loaded[T]:
+        """Every class that can be loaded, and why the others cannot: one that is broken does not
+        keep the others from being listed."""
+        found: Loaded[T] = Loaded({}, {}, [])
+        for name in self.names():
+            try:
+                found.classes[name] = self.load(name)
+            except ConfigurationError as error:
+                cause = error.__cause__
+                why = error.message if cause is None else reason(cause)
+                found.refused[name] = f"cannot be loaded: {why}"
+        used = dict(self._built_in)
+        for point in self._installed():
+            if (target := used.setdefault(point.name, point.value)) != point.value:
+                found.notes.append(
+                    f"{self._word} {point.name!r} is {target}; {point.value}, which has the same "
+                    "name, is not used"
+                )
+        return found
+
+    @contextlib.contextmanager
+    def using(self, name: str, key: str) -> Iterator[None]:
+        """What another package's class `name` raises inside is an error of `key`."""
+        try:
+            yield
+        except CardanError:
+            raise
+        except Exception as error:
+            if name in self._built_in:
+                raise
+            raise ConfigurationError(
+                key, f"{self._word} {name!r} cannot be used: {reason(error)}"
+            ) from error
+
+    def _wrong_attribute(self, loaded: type[T]) -> str:
+        """What a class declares otherwise than the interface does; empty: nothing."""
+        options: Any = getattr(loaded, "Options", None)
+        if hasattr(loaded, "Options") and not (isinstance(options, type) and is_dataclass(options)):
+            return f"Options is {options!r:.60}; it must be a dataclass"
+        for ancestor in loaded.__mro__[1:]:
+            if not issubclass(ancestor, self._base):
+                continue
+            for name, default in vars(ancestor).items():
+                kinds = (str,) if type(default) is str else (tuple, list)
+                value = getattr(loaded, name, None)
+                public = not name.startswith("_") and type(default) in (str, tuple)
+                if public and not isinstance(value, kinds):
+                    word = "a text" if kinds == (str,) else "a tuple"
+                    return f"{name} is {value!r:.60}; it must be {word}"
+        return ""

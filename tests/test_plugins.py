@@ -1,5 +1,6 @@
 """Classes are found by name, ours and those of other packages."""
 
+import re
 from importlib.metadata import EntryPoint
 
 import pytest
@@ -15,6 +16,25 @@ POINTS = [
     EntryPoint("broken", "nowhere_at_all:Trap", "group"),
     EntryPoint("empty", "math:Trap", "group"),
 ]
+
+
+class DeclaredError(ArithmeticError):
+    """What a class of the kind declares."""
+
+    summary = ""
+    matches = ()
+
+
+class NoTextError(DeclaredError):
+    summary = None
+
+
+class NoTupleError(DeclaredError):
+    matches = property(lambda _: 3)
+
+
+class NoOptionsError(DeclaredError):
+    Options = None
 
 
 @pytest.fixture
@@ -68,3 +88,64 @@ def test_what_cannot_be_loaded_is_told_with_the_reason(finder, name, words):
 def test_what_is_not_of_the_kind_is_refused(finder, name, target):
     with pytest.raises(ConfigurationError, match=f"{target} of trap '{name}' is not a cardan trap"):
         finder.load(name)
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        (":Dev", "ValueError: Empty module name"),
+        ("decimal", "has no attribute ''"),
+        ("plugin_that_raises:Trap", "RuntimeError: boom at import$"),
+        ("plugin_that_exits:Trap", "SystemExit: 7"),
+        ("decimal:Decimal", "decimal:Decimal .* is not a cardan trap"),
+        (f"{__name__}:NoTextError", "summary is None; it must be a text"),
+        (f"{__name__}:NoTupleError", "matches is .*; it must be a tuple"),
+        (f"{__name__}:NoOptionsError", "Options is None; it must be a dataclass"),
+    ],
+)
+def test_a_broken_one_is_listed_with_the_reason_beside_the_others(
+    tmp_path, monkeypatch, target, words
+):
+    (tmp_path / "plugin_that_raises.py").write_text('raise RuntimeError("boom\\nat  import")')
+    (tmp_path / "plugin_that_exits.py").write_text("raise SystemExit(7)")
+    monkeypatch.syspath_prepend(tmp_path)
+    points = [EntryPoint("bad", target, "group"), POINTS[0]]
+    finder = Finder(ArithmeticError, "trap", {"ours": "builtins:ZeroDivisionError"}, lambda: points)
+    with pytest.raises(ConfigurationError, match=words):
+        finder.load("bad")
+    found = finder.load_all()
+    assert list(found.classes) == ["ours", "theirs"]
+    assert list(found.refused) == ["bad"]
+    assert re.match(f"cannot be loaded: .*{words}", found.refused["bad"])
+    assert "\n" not in found.refused["bad"]
+    assert "" not in finder.packages()
+
+
+def test_of_two_with_one_name_the_other_is_told():
+    points = [
+        EntryPoint("ours", "decimal:Overflow", "group"),
+        EntryPoint("theirs", "decimal:DivisionByZero", "group"),
+        EntryPoint("theirs", "decimal:Underflow", "group"),
+        EntryPoint("theirs", "decimal:DivisionByZero", "group"),
+    ]
+    finder = Finder(ArithmeticError, "trap", {"ours": "builtins:ZeroDivisionError"}, lambda: points)
+    found = finder.load_all()
+    assert found.classes["ours"] is ZeroDivisionError
+    assert found.classes["theirs"].__name__ == "DivisionByZero"
+    assert found.notes == [
+        "trap 'ours' is builtins:ZeroDivisionError; decimal:Overflow, which has the same name, "
+        "is not used",
+        "trap 'theirs' is decimal:DivisionByZero; decimal:Underflow, which has the same name, "
+        "is not used",
+    ]
+
+
+def test_what_anothers_class_raises_is_an_error_of_the_key(finder):
+    words = r"device\.driver: trap 'theirs' .*KeyError: 'x'"
+    with (
+        pytest.raises(ConfigurationError, match=words),
+        finder.using("theirs", "device.driver"),
+    ):
+        raise KeyError("x")
+    with pytest.raises(KeyError), finder.using("ours", "device.driver"):
+        raise KeyError("x")

@@ -21,7 +21,9 @@ from cardan.cli.common import (
     EXIT_USAGE,
     ConfigFile,
     Seconds,
+    check_seconds,
     print_table,
+    print_unusable,
 )
 from cardan.cli.dissect import Dissect
 from cardan.cli.sim import sim
@@ -57,13 +59,26 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        app()
+        sys.exit(app(standalone_mode=False))
     except (ConfigurationError, ScriptError, CaptureError) as error:
         _fail(error, EXIT_USAGE)
     except CardanError as error:
         _fail(error, EXIT_CANNOT_OPEN)
-    except BrokenPipeError:
+    except (BrokenPipeError, typer.Abort):
         sys.exit(EXIT_FAILED)
+    except Exception as error:
+        # The command line's own errors: typer's releases have them in different modules.
+        message, context = getattr(error, "format_message", None), getattr(error, "ctx", None)
+        if message is None:
+            raise
+        if type(error).__name__ == "NoArgsIsHelpError":
+            if text := message():  # With rich, this prints it.
+                print(text)
+            sys.exit(EXIT_USAGE)
+        words = " ".join(message().split()).removesuffix(".")
+        command = context.command_path if context is not None else "cardan"
+        print(f"cardan: {words}; `{command} --help` says what there is", file=sys.stderr)
+        sys.exit(EXIT_USAGE)
 
 
 def _fail(error: CardanError, code: int) -> None:
@@ -103,7 +118,7 @@ def demo(
     name: Annotated[
         str, typer.Argument(metavar="NAME|FILE", help="A demo, or an example file that is one.")
     ] = "gofa",
-    seconds: Annotated[float, typer.Option(help="How long to run.")] = 30.0,
+    seconds: Annotated[float, typer.Option(callback=check_seconds, help="How long to run.")] = 30.0,
     _list: Annotated[
         bool,
         typer.Option(
@@ -224,10 +239,10 @@ def drivers() -> None:
     configuration's driver = "..." takes."""
     from cardan.drivers import registry
 
-    kinds = {name: registry.load(name) for name in registry.names()}
+    found = registry.load_all()
     print_table(
         ("driver", "table", "drives", "simulated by", "documentation"),
-        (
+        [
             (
                 name,
                 "[device]" if issubclass(driver, OperatorDevice) else "[robot]",
@@ -235,9 +250,10 @@ def drivers() -> None:
                 driver.peer and f"cardan sim {driver.peer}",
                 driver.page if "://" in driver.page or not driver.page else f"docs/{driver.page}",
             )
-            for name, driver in kinds.items()
-        ),
+            for name, driver in found.classes.items()
+        ],
     )
+    print_unusable(found)
 
 
 @app.command()

@@ -15,8 +15,9 @@ import typer
 from typer.core import TyperGroup
 
 from cardan.bounds import ANY_PORT
-from cardan.cli.common import Seconds, print_table
-from cardan.errors import ConfigurationError
+from cardan.cli.common import Seconds, print_table, print_unusable
+from cardan.errors import ConfigurationError, OptionError
+from cardan.plugins import reason
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import parse_faults
 from cardan.sim_peers.command import Option, PeerCommand, name_and_unit, option_of
@@ -43,7 +44,11 @@ class _Commands(Mapping[str, Any]):
         if name not in self._made:
             if name not in registry.names():
                 raise KeyError(name)
-            self._made[name] = _command(name, registry.load(name))
+            try:
+                with registry.using(name, "simulated peer"):
+                    self._made[name] = _command(name, registry.load(name))
+            except ConfigurationError as error:
+                self._made[name] = _broken(name, error)
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -64,9 +69,12 @@ sim = typer.Typer(name="sim", cls=_Peers, no_args_is_help=True, rich_markup_mode
 
 def _list_peers(wanted: bool) -> None:
     if wanted:
-        peers = {name: registry.load(name) for name in registry.names()}
-        rows = ((name, inspect.cleandoc(peer.__doc__ or "")) for name, peer in peers.items())
+        found = registry.load_all()
+        rows = (
+            (name, inspect.cleandoc(peer.__doc__ or "")) for name, peer in found.classes.items()
+        )
         print_table(("peer", "stands in for"), rows)
+        print_unusable(found)
         raise typer.Exit
 
 
@@ -202,6 +210,31 @@ def _made(options: type, values: Mapping[type, Mapping[str, Any]]) -> Any:
     return options(**inside, **values.get(options, {}))
 
 
+def _named(error: ConfigurationError, own: Mapping[str, _Given]) -> ConfigurationError:
+    """The same error, of the flags that set the fields it is of."""
+    flags = {each.option.port_field: each.flag for each in own.values() if each.option.port_field}
+    flags.update({field: each.flag for field, each in own.items()})
+    keys = [key.rpartition(".")[2] for key in error.key.split(", ")]
+    if not all(key in flags for key in keys):
+        return error
+    named = ", ".join(flags[key] for key in keys)
+    if isinstance(error, OptionError):
+        return OptionError(named, error.value, error.allowed)
+    return ConfigurationError(named, error.message)
+
+
+def _broken(name: str, error: ConfigurationError) -> Any:
+    """The command of a peer that cannot be loaded, which says why."""
+
+    def run() -> None:
+        raise error
+
+    app = typer.Typer(add_completion=False)
+    settings = {"allow_extra_args": True, "ignore_unknown_options": True}
+    app.command(name, help=f"cannot be loaded: {reason(error)}", context_settings=settings)(run)
+    return typer.main.get_command(app)
+
+
 def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
     """The command of a peer, as typer makes it of a function."""
     own = {each.field.name: each for each in _all_given(peer.Options)}
@@ -238,7 +271,11 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
         logging.basicConfig(
             stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s"
         )
-        if code := peer.run(_made(peer.Options, values), seconds):
+        try:
+            code = peer.run(_made(peer.Options, values), seconds)
+        except ConfigurationError as error:
+            raise _named(error, own) from None
+        if code:
             raise typer.Exit(code)
 
     run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from importlib.metadata import EntryPoints, entry_points
 
 from cardan.dissect.reader import Dissector
@@ -29,6 +30,10 @@ _FINDER: Finder[Dissector] = Finder(Dissector, "dissector", BUILT_IN, _installed
 
 
 def dissectors() -> list[type[Dissector]]:
-    """Every dissector there is, in the order in which they are offered packets."""
-    names = dict.fromkeys((*BUILT_IN, *_FINDER.names()))
-    return [_FINDER.load(name) for name in names]
+    """Every dissector there is, in the order in which they are offered packets. One that cannot be
+    loaded is left out, and a warning is logged."""
+    found = _FINDER.load_all()
+    for name, why in found.refused.items():
+        logging.getLogger(__name__).warning("dissector %r %s", name, why)
+    names = dict.fromkeys((*BUILT_IN, *found.classes))
+    return [found.classes[name] for name in names if name in found.classes]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoints, entry_points
 from typing import Any
 
 from cardan.drivers.base import Driver
-from cardan.plugins import Finder
+from cardan.plugins import Finder, Loaded
 from cardan.tables import OTHER_KEYS
 
 ENTRY_POINT_GROUP = "cardan.drivers"
@@ -58,3 +59,13 @@ def packages() -> tuple[str, ...]:
 def load(name: str) -> type[Driver]:
     """The driver class called `name`; ConfigurationError names the ones there are."""
     return _FINDER.load(name)
+
+
+def load_all() -> Loaded[Driver]:
+    """Every driver class, and why others cannot be loaded."""
+    return _FINDER.load_all()
+
+
+def using(name: str, key: str) -> AbstractContextManager[None]:
+    """What another package's driver raises inside is a ConfigurationError of `key`."""
+    return _FINDER.using(name, key)

@@ -17,9 +17,12 @@ _ACCESS = ', MODE="0660", TAG+="uaccess"'
 def udev_rules() -> str:
     """The rules as text: one file for the devices of all drivers."""
     text = _HEAD
-    for driver in map(registry.load, registry.names()):
+    found = registry.load_all()
+    for name, why in found.refused.items():
+        text += f"\n# driver {name} {why}\n"
+    for driver in found.classes.values():
         if issubclass(driver, OperatorDevice) and driver.udev_matches:
             text += f"\n# {driver.summary}\n"
-            for match in driver.udev_matches:
+            for match in map(str, driver.udev_matches):
                 text += f"{match}{'' if match.startswith('#') else _ACCESS}\n"
     return text

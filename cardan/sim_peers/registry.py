@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from importlib.metadata import EntryPoints, entry_points
 from typing import Any
 
-from cardan.plugins import Finder
+from cardan.plugins import Finder, Loaded
 from cardan.sim_peers.command import PeerCommand
 
 ENTRY_POINT_GROUP = "cardan.sim_peers"
@@ -40,3 +41,13 @@ def names() -> tuple[str, ...]:
 def load(name: str) -> type[PeerCommand[Any]]:
     """The declaration of the peer called `name`; ConfigurationError names the ones there are."""
     return _FINDER.load(name)
+
+
+def load_all() -> Loaded[PeerCommand[Any]]:
+    """Every peer class, and why others cannot be loaded."""
+    return _FINDER.load_all()
+
+
+def using(name: str, key: str) -> AbstractContextManager[None]:
+    """What another package's peer raises inside is a ConfigurationError of `key`."""
+    return _FINDER.using(name, key)

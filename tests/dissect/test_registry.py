@@ -105,8 +105,15 @@ def test_the_command_has_the_options_of_every_dissector(capture):
 def test_a_dissector_that_cannot_be_loaded_disturbs_no_other_command(monkeypatch):
     install(monkeypatch, "no_such_module:Dissector")
     assert CliRunner().invoke(app, ["--help"]).exit_code == 0
-    with pytest.raises(ConfigurationError, match=r"no_such_module:Dissector .* cannot be loaded"):
-        CliRunner().invoke(app, ["dissect", "--help"], catch_exceptions=False)
+    shown = CliRunner().invoke(app, ["dissect", "--help"], terminal_width=200)
+    assert "--simple-message-port" in shown.output
+
+
+def test_a_dissector_that_cannot_be_loaded_is_left_out_with_a_warning(monkeypatch, caplog, capture):
+    install(monkeypatch, "no_such_module:Dissector")
+    assert len(registry.dissectors()) == len(registry.BUILT_IN)
+    assert "dissector 'other' cannot be loaded: ModuleNotFoundError" in caplog.text
+    assert dissect_file(capture(7), io.StringIO(), egm_ports=[7]).messages["EGM"] == 1
 
 
 def test_wrong_options_are_named(capture):

@@ -169,7 +169,7 @@ def test_bad_options_are_named(bad):
     [
         (("--surface", "low"), "--surface"),
         (("--surface", "0.2:1:2:3:4"), "--surface"),
-        (("--surface", "0.2:-1"), "surface"),
+        (("--surface", "0.2:-1"), "--surface"),
         (("--force-frame", "world"), "--force-frame"),
         (("--force-sense", "pulled"), "--force-sense"),
         (("--joints", "1,2,3"), "--joints"),

@@ -14,6 +14,7 @@ from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
 from cardan.drivers.abb_egm.stream import EgmStream
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot
+from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
 from cardan.protocols.egm import MAX_DATAGRAM_BYTES, EgmRapidData, EgmRobot
 from cardan.types import NEVER_S, RobotCommand, RobotState
@@ -50,6 +51,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
     summary = "ABB robots over EGM"
     page = "abb-egm.md"
     peer = "abb-gofa"
+    simulated = ({"listen_host": LOOPBACK, "listen_port": OWN},)
     options: AbbEgmOptions
     title = "the EGM driver"
 

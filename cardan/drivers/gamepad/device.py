@@ -11,6 +11,7 @@ from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
 from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad
 from cardan.drivers.gamepad.core import GamepadCore
 from cardan.drivers.gamepad.options import GamepadOptions
+from cardan.drivers.simulated import OWN
 from cardan.protocols.evdev import (
     EV_FF,
     EVIOCRMFF,
@@ -44,6 +45,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
     summary = "gamepads"
     page = "gamepad.md"
     peer = "gamepad"
+    simulated = ({"transport": ("socket",), "path": OWN},)
     gives = "sticks, triggers, buttons"
     takes_back = "rumble"
     suits = "rate, base frame"

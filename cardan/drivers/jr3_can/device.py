@@ -11,6 +11,7 @@ from cardan.drivers.jr3_can.bus import CanBus, Unusable, can_interfaces, in_use,
 from cardan.drivers.jr3_can.core import Jr3Core
 from cardan.drivers.jr3_can.options import Jr3Options
 from cardan.drivers.reading import ReadDevice
+from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DeviceNotFoundError, DriverError
 from cardan.types import DeviceCapabilities
 
@@ -43,6 +44,11 @@ class Jr3(ReadDevice[Jr3Core]):
     summary = "JR3 force-torque sensor"
     page = "jr3.md"
     peer = "jr3"
+    simulated = (
+        {"interface": ("udp_multicast",), "hop_limit": (0,)},
+        {"interface": ("virtual",)},
+        {"interface": ("socketcand",), "host": LOOPBACK, "port": OWN},
+    )
     gives = "wrench"
     suits = "rate, tool frame (hand guiding)"
     options: Jr3Options

@@ -9,6 +9,7 @@ from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
 from cardan.drivers.evdev.nodes import GROUP_HINT, is_keyboard
 from cardan.drivers.keyboard.core import KeyboardCore
 from cardan.drivers.keyboard.options import KeyboardOptions
+from cardan.drivers.simulated import OWN
 from cardan.protocols.evdev import EVIOCGRAB, encode_int
 from cardan.types import DeviceCapabilities
 
@@ -25,6 +26,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     summary = "keyboards"
     page = "keyboard.md"
     peer = "keyboard"
+    simulated = ({"transport": ("socket",), "path": OWN},)
     gives = "keys"
     suits = "rate, base frame"
     udev_matches = (

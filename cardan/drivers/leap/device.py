@@ -14,6 +14,7 @@ from cardan.drivers.leap.connection import Connection, connect
 from cardan.drivers.leap.core import BUTTONS, LeapCore
 from cardan.drivers.leap.options import LeapOptions
 from cardan.drivers.reading import ReadDevice
+from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
 from cardan.protocols.leap import (
     FOCUS_SINCE,
@@ -54,6 +55,7 @@ class Leap(ReadDevice[LeapCore]):
     summary = "Leap Motion"
     page = "leap.md"
     peer = "leap"
+    simulated = ({"host": LOOPBACK, "port": OWN},)
     gives = "pose of the palm, grab, pinch"
     suits = "position, base frame"
     options: LeapOptions

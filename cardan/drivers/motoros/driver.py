@@ -19,6 +19,7 @@ from cardan.drivers.motoros.motion_control import Task
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
 from cardan.drivers.robot_core import LoopingRobot
+from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import AddressError, CardanError, NotOpenError
 from cardan.protocols.simple_message import ByteOrder
 from cardan.types import HoldCommand, RobotCommand, RobotState
@@ -64,6 +65,7 @@ class Motoros(LoopingRobot[MotorosSession]):
     summary = "Motoman robots over MotoROS"
     page = "motoman.md"
     peer = "motoman-gp8"
+    simulated = ({"host": LOOPBACK, "motion_port": OWN, "state_port": OWN, "io_port": OWN},)
     options: MotorosOptions
     title = "the MotoROS driver"
 

@@ -27,6 +27,7 @@ from cardan.drivers.omni.servo import Servo
 from cardan.drivers.omni.tick import Tick
 from cardan.drivers.omni.values import TickDetails
 from cardan.drivers.reading import ReadDevice
+from cardan.drivers.simulated import LAUNCHED
 from cardan.errors import CommandError, DeviceAccessError, DriverError, NotOpenError
 from cardan.haptics import FeedbackLimits, HapticCommand, HapticState, OperatingState
 from cardan.protocols.hdapi import Capability, Info, State, to_hand
@@ -82,6 +83,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     summary = "Phantom Omni, Geomagic Touch, 3D Systems Touch"
     page = "omni.md"
     peer = "omni"
+    simulated = ({"library": LAUNCHED},)
     gives = "pose of the stylus, buttons; its displacement as deflections"
     takes_back = "force at 1 kHz, light"
     suits = "position, base frame"

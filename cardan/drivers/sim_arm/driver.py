@@ -14,6 +14,7 @@ from cardan.drivers.datagram_robot import DatagramRobot, Transport, UdpTransport
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
+from cardan.drivers.simulated import LOOPBACK
 from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
 from cardan.sim_peers.arm import SimulatedArm
 
@@ -84,6 +85,10 @@ class SimArm(DatagramRobot[SimArmSession]):
     summary = "a simulated arm"
     page = "simulated-arm.md"
     peer = "arm"
+    simulated = (
+        {"transport": ("in-process",)},
+        {"transport": ("udp",), "endpoint": LOOPBACK},
+    )
     options: SimArmOptions
     title = "the simulated arm's driver"
 

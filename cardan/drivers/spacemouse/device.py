@@ -10,6 +10,7 @@ from typing import Any
 from cardan.drivers import base
 from cardan.drivers.access import obstacle, such
 from cardan.drivers.reading import ReadDevice
+from cardan.drivers.simulated import OWN
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.drivers.spacemouse.notices import Doubt, Lapse, Restart
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
@@ -70,6 +71,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     summary = "3Dconnexion mice: USB, receivers, serial"
     page = "spacemouse.md"
     peer = "spacemouse"
+    simulated = ({"transport": ("socket", "serial"), "path": OWN},)
     gives = "six deflections, buttons"
     takes_back = "light"
     suits = "rate, base frame"

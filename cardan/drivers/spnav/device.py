@@ -13,6 +13,7 @@ from typing import Any
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
+from cardan.drivers.simulated import OWN
 from cardan.drivers.spnav.core import SpnavCore
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
@@ -43,6 +44,7 @@ class Spnav(ReadDevice[SpnavCore]):
     summary = "a running spacenavd"
     page = "spnav.md"
     peer = "spacemouse"
+    simulated = ({"socket": OWN},)
     gives = "six deflections, buttons"
     takes_back = "light"
     suits = "rate, base frame"

@@ -11,6 +11,7 @@ from typing import Any
 from cardan.drivers.access import such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
+from cardan.drivers.simulated import OWN
 from cardan.drivers.wiimote.core import KERNEL_DRIVER, Identity, WiimoteCore
 from cardan.drivers.wiimote.options import WiimoteOptions
 from cardan.drivers.wiimote.transports import (
@@ -46,6 +47,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
     summary = "Wii Remotes"
     page = "wiimote.md"
     peer = "wiimote"
+    simulated = ({"transport": ("socket",), "path": OWN},)
     gives = "tilt, buttons, MotionPlus, Nunchuk"
     takes_back = "lights, rumble"
     suits = "rate, tool frame"

@@ -63,6 +63,7 @@ from cardan.tables import keys_of, read_table, read_toml
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
+    DeviceCapabilities,
     RobotCapabilities,
     Vector3,
 )
@@ -90,7 +91,15 @@ def make_driver(table: registry.DriverTable, key: str) -> Driver:
     """The driver of a table, not opened yet; errors name `key`."""
     with below(key):
         driver = registry.load(table.driver)
-    return driver(read_table(driver.Options, table.options, key))
+    with registry.using(table.driver, f"{key}.driver"):
+        made = driver(read_table(driver.Options, table.options, key))
+        able: object = getattr(made, "capabilities", None)
+    if not isinstance(able, (DeviceCapabilities, RobotCapabilities)):
+        raise ConfigurationError(
+            f"{key}.driver",
+            f"driver {table.driver!r} cannot be used: its capabilities are {able!r:.60}",
+        )
+    return made
 
 
 def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
@@ -241,7 +250,8 @@ def make_filters(config: SessionConfig) -> tuple[TwistFilter, ...]:
         key = f"filters.{index}"
         with below(key):
             kind = filter_registry.load(table.filter)
-        made.append(kind(read_table(kind.Options, table.options, key)))
+        with filter_registry.using(table.filter, f"{key}.filter"):
+            made.append(kind(read_table(kind.Options, table.options, key)))
         made[-1].name = table.filter
     return tuple(made)
 

@@ -7,6 +7,7 @@ them is the real gateway with the real drivers.
 from __future__ import annotations
 
 import contextlib
+import math
 import selectors
 import shlex
 import subprocess
@@ -25,6 +26,7 @@ from cardan.gateway.session.examples import Demo, find_demos, read_demo
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import KILL_AFTER_S, supervise
+from cardan.gateway.session.unattended import check_unattended, check_words
 from cardan.gateway.session.view import SessionView, missed_cycles, summary
 
 EXIT_INCOMPLETE = 4
@@ -108,13 +110,17 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
     """
     # Should this process be killed, its peers still end by themselves.
     until = ("--seconds", str(seconds + READY_WITHIN_S + KILL_AFTER_S))
-    through = (*CARDAN, *shlex.split(demo.launcher), "--") if demo.launcher else ()
+    through: Sequence[str] = ()
+    if demo.launcher:
+        through = (*CARDAN, *check_words(demo, "launcher", shlex.split(demo.launcher)), "--")
     with (
         tempfile.TemporaryDirectory(prefix="cardan-demo-") as folder,
         contextlib.ExitStack() as peers,
     ):
         tables, launches = demo.prepare(Path(folder))
         config = parse_config(tables)
+        check_unattended(demo, config)
+        launches = [check_words(demo, "launch", words) for words in launches]
         for words in launches:
             peers.enter_context(launched(*words, *until, folder=Path(folder)))
         yield config, through
@@ -211,10 +217,11 @@ def choose_demo(name: str) -> Demo:
 def run_demo(seconds: float, name: str = "gofa") -> int:
     """Run a demo by its name or its file; returns the exit code of the command."""
     demo = choose_demo(name)
-    if seconds < demo.shortest_s:
+    if not demo.shortest_s <= seconds < math.inf:
         raise ConfigurationError(
             "--seconds",
-            f"{seconds:g} are too few for this demo; allowed: {demo.shortest_s:g} or more",
+            f"{seconds:g} are too {'many' if seconds > demo.shortest_s else 'few'} for this demo; "
+            f"allowed: {demo.shortest_s:g} or more",
         )
     with SessionView() as view:
         view.console.print(demo.description)

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import logging
 import re
 import shlex
 import socket
@@ -32,8 +33,9 @@ from typing import Annotated, Any
 
 from cardan import bounds
 from cardan.drivers import registry
-from cardan.errors import ConfigurationError, DriverError
-from cardan.options import CODE_ONLY, Options
+from cardan.errors import ConfigurationError, DriverError, OptionError
+from cardan.options import CODE_ONLY, Options, require
+from cardan.plugins import reason
 from cardan.tables import parse_toml, read_table, read_text, read_toml
 
 _BLOCK = re.compile(r"^# /// demo\n((?:#(?: .*)?\n)*?)# ///$", re.MULTILINE)
@@ -64,6 +66,16 @@ class Demo(Options):
     shortest_s: Annotated[float, bounds.POSITIVE] = 3.0
     """A shorter run has nothing to show."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, commands in (("launch", self.launch), ("launcher", (self.launcher,))):
+            for command in commands:
+                try:
+                    words = shlex.split(command)
+                except ValueError as error:
+                    raise OptionError(key, command, f"words as in a shell ({error})") from None
+                require(words or key == "launcher", key, command, "words of a `cardan` command")
+
     @property
     def drivers(self) -> frozenset[str]:
         """The names of the drivers that its configuration has."""
@@ -77,9 +89,14 @@ class Demo(Options):
         tables = read_toml(self.file)
         for key in self.files:
             table, name = self._place(tables, key)
-            table[name] = str(folder / Path(table.get(name, name)).name)
+            said = table.get(name, name)
+            if not isinstance(said, str) or Path(said).name in ("", ".."):
+                raise self._wrong("files", key, said, "a path")
+            table[name] = str(folder / Path(said).name)
         for port, key in enumerate(self.ports, free_ports(len(self.ports)) if self.ports else 0):
             table, name = self._place(tables, key)
+            if not isinstance(said := table.get(name, 0), int) or isinstance(said, bool):
+                raise self._wrong("ports", key, said, "a port")
             table[name] = port
 
         def value(found: re.Match[str]) -> str:
@@ -94,6 +111,11 @@ class Demo(Options):
             [_KEY.sub(value, word) for word in shlex.split(command)] for command in self.launch
         ]
         return tables, words
+
+    def _wrong(self, list_: str, key: str, value: object, allowed: str) -> ConfigurationError:
+        return ConfigurationError(
+            f"{self.file}: demo.{list_}", f"{key} is {value!r:.60}; it must be {allowed}"
+        )
 
     def _place(self, tables: dict[str, Any], key: str) -> tuple[dict[str, Any], str]:
         """The table that has the key, and the key's name in it."""
@@ -121,18 +143,30 @@ def example_files() -> list[Path]:
     """Every example of every package that has drivers; our own first."""
     folders: dict[Path, None] = {}
     for package in registry.packages():
-        spec = importlib.util.find_spec(package)
+        try:
+            spec = importlib.util.find_spec(package)
+        except (ImportError, ValueError):
+            continue
         for home in (spec.submodule_search_locations or ()) if spec else ():
             inside, beside = Path(home) / "examples", Path(home).parent / "examples"
-            folders[(inside if inside.is_dir() else beside).resolve()] = None
+            if inside.is_dir():
+                folders[inside.resolve()] = None
+            elif (Path(home).parent / "pyproject.toml").is_file():  # A source tree.
+                folders[beside.resolve()] = None
     return [file for folder in folders for file in sorted(folder.glob("*.toml"))]
 
 
 def find_demos() -> dict[str, Demo]:
-    """The demos by their names; of two with one name the first."""
+    """The demos by their names; of two with one name the first. A broken file is left out, and a
+    warning is logged."""
     found: dict[str, Demo] = {}
     for file in example_files():
-        if (demo := read_demo(file)) is not None:
+        try:
+            demo = read_demo(file)
+        except ConfigurationError as error:
+            logging.getLogger(__name__).warning("example left out: %s", reason(error))
+            continue
+        if demo is not None:
             found.setdefault(demo.name, demo)
     return dict(sorted(found.items()))
 

@@ -10,6 +10,7 @@ import typer.main
 
 from cardan import cli
 from cardan.errors import ConfigurationError
+from cardan.gateway.session import examples
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.examples import (
     example_files,
@@ -90,6 +91,7 @@ def demo_file(folder, block, name="toaster-simulated.toml"):
     lines = "".join(f"# {line}\n" for line in block.splitlines())
     file.write_text(
         f'# A toaster.\n\n# /// demo\n{lines}# ///\n\n[device]\ndriver = "toaster"\npath = "slot"\n'
+        "slots = 2\n"
     )
     return file
 
@@ -130,6 +132,13 @@ def test_keys_become_files_and_ports_of_the_demos_own(tmp_path):
         (SAID + 'launch = "sim toaster"', "demo.launch: .*must be several values"),
         (SAID + 'ports = ["robot.port"]', r"demo: 'robot.port': there is no \[robot\]"),
         (SAID + 'launch = ["sim {device.plug}"]', "demo.launch: no key 'device.plug'"),
+        (SAID + 'launch = ["sim \'arm"]', "demo.launch: .* words as in a shell"),
+        (SAID + 'launch = [""]', "demo.launch: '' is not allowed"),
+        (SAID + 'launcher = "sim \'arm"', "demo.launcher: .* words as in a shell"),
+        (SAID + 'files = ["device"]', "demo.files: device is .*; it must be a path"),
+        (SAID + 'files = ["device.slots"]', "demo.files: device.slots is 2; it must be a path"),
+        (SAID + 'ports = ["device"]', "demo.ports: device is .*; it must be a port"),
+        (SAID + 'ports = ["device.path"]', "demo.ports: device.path is 'slot'; it must be a port"),
     ],
 )
 def test_a_wrong_block_is_refused_with_its_key(tmp_path, block, words):
@@ -149,3 +158,26 @@ def test_free_ports_are_free():
         for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
             with socket.socket(socket.AF_INET, kind) as probe:
                 probe.bind(("127.0.0.1", port))
+
+
+def test_a_broken_example_leaves_the_others(tmp_path, monkeypatch, caplog):
+    good = demo_file(tmp_path, SAID)
+    broken = tmp_path / "broken.toml"
+    broken.write_bytes(b"\xff\xfe")
+    monkeypatch.setattr(examples, "example_files", lambda: [broken, good])
+    assert list(find_demos()) == ["toaster"]
+    assert f"example left out: cannot read {broken}" in caplog.text
+
+
+@pytest.mark.parametrize("source_tree", [True, False])
+def test_only_a_source_tree_has_examples_beside_the_package(tmp_path, monkeypatch, source_tree):
+    site = tmp_path / "site-packages"
+    for folder in ("bread_package", "examples"):
+        (site / folder).mkdir(parents=True)
+    (site / "bread_package" / "__init__.py").touch()
+    file = demo_file(site / "examples", SAID)
+    if source_tree:
+        (site / "pyproject.toml").touch()
+    monkeypatch.syspath_prepend(site)
+    monkeypatch.setattr(examples.registry, "packages", lambda: ("bread_package",))
+    assert example_files() == ([file] if source_tree else [])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoints, entry_points
 from typing import Any
@@ -44,3 +45,8 @@ def names() -> tuple[str, ...]:
 def load(name: str) -> type[TwistFilter]:
     """The filter class called `name`; ConfigurationError names the ones there are."""
     return _FINDER.load(name)
+
+
+def using(name: str, key: str) -> AbstractContextManager[None]:
+    """What another package's filter raises inside is a ConfigurationError of `key`."""
+    return _FINDER.using(name, key)

@@ -1,0 +1,146 @@
+"""How a driver declares with which options it reaches simulated hardware only.
+
+A demo moves a robot with nobody at hand, so it runs only what is declared here::
+
+    class MyRobot(RobotDriver):
+        simulated = ({"transport": ("tcp",), "host": LOOPBACK, "port": OWN},)
+
+Each mapping is one way: options by name, and what each must be. ``({},)`` says that there is no
+hardware at all. What a class inherits does not count. A driver or a filter without the attribute is
+held to the strictest rule: every text among its options is empty, a loopback address, or a file of
+the demo's own, and a driver has at least one file or port of the demo's own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import ipaddress
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import PurePath
+from typing import Any
+
+from cardan.bounds import HOST, HOST_OR_IPV4, IPV4
+from cardan.options import hints
+
+
+class Only(enum.Enum):
+    """What an option of a simulated way must be, where that is not one of several values."""
+
+    OWN = "a path or a port of the demo's own (`files`, `ports`)"
+    LOOPBACK = "an address of this computer only, such as 127.0.0.1"
+    LAUNCHED = "empty, with the device inside `launcher`"
+
+
+OWN, LOOPBACK, LAUNCHED = Only
+
+Way = Mapping[str, Only | tuple[object, ...]]
+"""Options by name, and what each must be: one of these, or one of several values."""
+
+
+def is_loopback(text: object) -> bool:
+    """Whether a host, or HOST:PORT, is one that only this computer has; None, no host, is."""
+    if text is None or text == "localhost":
+        return True
+    host = str(text)
+    if host.count(":") == 1:
+        host = host.partition(":")[0]
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def is_elsewhere(text: str) -> bool:
+    """Whether a text is an IP address, with a port or not, that other computers may have."""
+    host = text.partition(":")[0] if text.count(":") == 1 else text
+    try:
+        address = ipaddress.ip_address(host.strip("[]"))
+    except ValueError:
+        return False
+    return not (address.is_loopback or address.is_multicast)
+
+
+def why_not_simulated(
+    driver: Any, options: Any, own: Callable[[str], bool], *, launched: bool, needs_own: bool = True
+) -> tuple[str, str]:
+    """The option by which `driver` may reach hardware, and why; both empty: it reaches none.
+
+    `own` says of an option whether the demo gives it a value of its own, `launched` whether the
+    device is inside the demo's launcher.
+    """
+    values = {each.name: getattr(options, each.name) for each in dataclasses.fields(options)}
+    for name, value in values.items():
+        if not own(name) and any(map(is_elsewhere, _texts(value))):
+            return name, f"{value!r} is an address that other computers have"
+        if _is_host(options, name) and not is_loopback(value):
+            return name, f"{value!r} is not {LOOPBACK.value}"
+    # A subclass may reach its hardware otherwise: what it inherits does not count.
+    ways: tuple[Way, ...] | None = vars(driver).get("simulated")
+    if ways is None:
+        return _why_strictly_not(values, own, needs_own)
+    found = []
+    for way in ways:
+        for name, only in way.items():
+            value = values[name]
+            if only is OWN:
+                good, allowed = own(name), OWN.value
+            elif only is LOOPBACK:
+                good, allowed = value is not None and is_loopback(value), LOOPBACK.value
+            elif only is LAUNCHED:
+                good, allowed = launched and not value, LAUNCHED.value
+            else:
+                assert isinstance(only, tuple)
+                good, allowed = value in only, " or ".join(repr(each) for each in only)
+            if not good:
+                found.append((name, f"{value!r} may reach hardware; it must be {allowed}"))
+                break
+        else:
+            return "", ""
+    return found[0] if found else ("", "it has no way to simulated hardware only")
+
+
+def _why_strictly_not(
+    values: Mapping[str, object], own: Callable[[str], bool], needs_own: bool
+) -> tuple[str, str]:
+    """The same of a driver that declares no ways."""
+    declare = "its driver may declare the option harmless (`simulated`)"
+    for name, value in values.items():
+        if not own(name) and not all(not text or is_loopback(text) for text in _texts(value)):
+            return name, (
+                f"{value!r} may reach hardware; it must be {OWN.value}, or {LOOPBACK.value}; "
+                f"or {declare}"
+            )
+    if needs_own and not any(map(own, values)):
+        return "", f"none of its options is {OWN.value}; or {declare}"
+    return "", ""
+
+
+def _texts(value: object) -> Iterator[str]:
+    """The texts in a value."""
+    if isinstance(value, enum.Enum):
+        yield from _texts(value.value)
+    elif isinstance(value, (str, PurePath)):
+        yield str(value)
+    elif isinstance(value, bytes):
+        yield repr(value)
+    elif isinstance(value, Mapping):
+        for each in value.items():
+            yield from _texts(each)
+    elif isinstance(value, (tuple, list, set, frozenset)):
+        for each in value:
+            yield from _texts(each)
+    elif dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            yield from _texts(getattr(value, field.name))
+
+
+def _is_host(options: Any, name: str) -> bool:
+    """Whether the annotation of an option says that it is a host."""
+    hint = hints(options.__class__).get(name)
+    notes = (*getattr(hint, "__metadata__", ()),)
+    for inner in getattr(hint, "__args__", ()):
+        notes += (*getattr(inner, "__metadata__", ()),)
+    return any(note in (HOST, HOST_OR_IPV4, IPV4) for note in notes)

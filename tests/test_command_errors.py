@@ -1,0 +1,219 @@
+"""What is wrong is said in one line with exit code 2, and what is broken leaves the rest."""
+
+import dataclasses
+import sys
+from importlib.metadata import EntryPoint
+from typing import ClassVar
+
+import pytest
+
+from cardan import api, cli
+from cardan.drivers import registry
+from cardan.drivers.base import Driver, FoundDevice, OperatorDevice
+from cardan.drivers.udev import udev_rules
+from cardan.errors import ConfigurationError
+from cardan.gateway.hand.filters import registry as filter_registry
+from cardan.gateway.hand.filters.base import TwistFilter
+from cardan.plugins import Finder
+from cardan.sim_peers import registry as peer_registry
+from cardan.sim_peers.command import PeerCommand
+from tests.gateway.fakes import FakeDevice
+
+
+class Searching(FakeDevice):
+    """Its search fails."""
+
+    @classmethod
+    def find(cls):
+        raise RuntimeError("no\nbus")
+
+
+class Failing(FakeDevice):
+    """Its constructor fails."""
+
+    def __init__(self, options=None, **keywords):
+        raise KeyError("boom")
+
+
+class Abstract(OperatorDevice):
+    """It implements nothing."""
+
+    Options = FakeDevice.Options
+
+
+class Mute(FakeDevice):
+    """It does not say what it gives."""
+
+    capabilities: ClassVar = None
+
+
+class NoTable(FakeDevice):
+    """It has no options."""
+
+    Options = None
+
+
+class FailingFilter(TwistFilter):
+    """It implements nothing."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Options:
+        """Nothing can be set."""
+
+
+class NoPeerOptions(PeerCommand):
+    """A peer without options."""
+
+
+PLUGINS = {
+    "searching": f"{__name__}:Searching",
+    "failing": f"{__name__}:Failing",
+    "abstract": f"{__name__}:Abstract",
+    "mute": f"{__name__}:Mute",
+    "notable": f"{__name__}:NoTable",
+    "gone": "no_such_module_at_all:Driver",
+}
+
+
+@pytest.fixture
+def plugins(monkeypatch):
+    """Drivers, a peer and a filter of other packages, each broken in its own way."""
+    points = [EntryPoint(name, target, "group") for name, target in PLUGINS.items()]
+    shadow = EntryPoint("spacemouse", f"{__name__}:Mute", "group")
+    peers = [
+        EntryPoint("gone", "no_such_module_at_all:Peer", "group"),
+        EntryPoint("odd", f"{__name__}:NoPeerOptions", "group"),
+    ]
+    filters = [EntryPoint("failing", f"{__name__}:FailingFilter", "group")]
+    for module, base, word, found in (
+        (registry, Driver, "driver", [*points, shadow]),
+        (peer_registry, PeerCommand, "simulated peer", peers),
+        (filter_registry, TwistFilter, "filter", filters),
+    ):
+        finder = Finder(base, word, module.BUILT_IN, lambda found=found: found)
+        monkeypatch.setattr(module, "_FINDER", finder)
+
+
+@pytest.fixture
+def cardan(monkeypatch, capsys):
+    """The command, in this process; gives what it said."""
+
+    def run(*words, code=0):
+        monkeypatch.setattr(sys, "argv", ["cardan", *map(str, words)])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        said = capsys.readouterr()
+        assert (ended.value.code or 0) == code, said
+        return said.out if code == 0 else said.err
+
+    return run
+
+
+@pytest.mark.usefixtures("plugins")
+def test_lists_say_what_cannot_be_loaded_and_go_on(cardan):
+    drivers = cardan("drivers")
+    assert "gone  cannot be loaded: ModuleNotFoundError: No module named" in drivers
+    assert "Options is None; it must be a dataclass" in drivers
+    assert "Mute, which has the same name, is not used" in drivers
+    assert "abb_egm" in drivers
+    peers = cardan("sim", "--list")
+    assert "gone  cannot be loaded: ModuleNotFoundError" in peers
+    assert "abb-gofa" in peers
+    help_ = cardan("sim", "--help")
+    assert "cannot be loaded: " in help_
+    assert "abb-gofa" in help_
+    for peer in ("gone", "odd"):
+        assert cardan("sim", peer, "--port", "1", code=2).count("\n") == 1
+    rules = udev_rules()
+    assert "# driver gone cannot be loaded: ModuleNotFoundError" in rules
+    assert 'TAG+="uaccess"' in rules
+
+
+@pytest.mark.usefixtures("plugins")
+def test_devices_go_on_past_a_search_that_fails(monkeypatch, cardan):
+    there = FoundDevice("a puck", "256f:c635", "hidraw", "/dev/hidraw9")
+    spacemouse = registry.load("spacemouse")
+    monkeypatch.setattr(spacemouse, "find", classmethod(lambda _: [there]))
+    found = {device.driver: device for device in api.devices()}
+    assert "RuntimeError: no bus" in found["searching"].obstacle
+    assert "cannot be loaded: ModuleNotFoundError" in found["gone"].obstacle
+    assert found["spacemouse"] == there._replace(driver="spacemouse")
+    listed = cardan("devices")
+    assert "a puck" in listed
+    assert "searching" in listed
+
+
+@pytest.mark.usefixtures("plugins")
+@pytest.mark.parametrize(
+    ("driver", "words"),
+    [
+        ("failing", "device.driver: driver 'failing' cannot be used: KeyError: 'boom'"),
+        ("abstract", "device.driver: driver 'abstract' cannot be used: TypeError: Can't inst"),
+        ("mute", "device.driver: driver 'mute' cannot be used: its capabilities are None"),
+        ("notable", "Options is None; it must be a dataclass"),
+        ("gone", "cannot be loaded: ModuleNotFoundError"),
+    ],
+)
+def test_a_configuration_with_a_broken_driver_is_refused_in_one_line(
+    cardan, tmp_path, driver, words
+):
+    file = tmp_path / "it.toml"
+    file.write_text(
+        f'[device]\ndriver = "{driver}"\n[robot]\ndriver = "sim_arm"\n[arm]\nmodel="ur5"'
+    )
+    said = cardan("check", file, code=2)
+    assert words in said
+    assert said.startswith("cardan: ")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.usefixtures("plugins")
+def test_a_configuration_with_a_broken_filter_is_refused_in_one_line(cardan, tmp_path):
+    file = tmp_path / "it.toml"
+    file.write_text(
+        '[device]\ndriver = "spacemouse"\n[robot]\ndriver = "sim_arm"\n[arm]\nmodel="ur5"\n'
+        '[[filters]]\nfilter = "failing"\n'
+    )
+    said = cardan("check", file, code=2)
+    words = (
+        "cardan: filters.0.filter: filter 'failing' cannot be used: TypeError: Can't instantiate"
+    )
+    assert said.startswith(words)
+    assert said.count("\n") == 1
+
+
+def test_a_bug_of_our_own_is_no_wrong_configuration():
+    with pytest.raises(KeyError), registry.using("spacemouse", "device.driver"):
+        raise KeyError("boom")
+    with pytest.raises(ConfigurationError), registry.using("theirs", "device.driver"):
+        raise KeyError("boom")
+
+
+@pytest.mark.parametrize("seconds", ["nan", "inf", "-1", "soon"])
+@pytest.mark.parametrize(
+    "command", [("demo",), ("run", "x.toml"), ("sim", "arm"), ("spnav",)], ids=lambda it: it[0]
+)
+def test_a_duration_is_a_finite_number(cardan, command, seconds):
+    said = cardan(*command, "--seconds", seconds, code=2)
+    assert said.startswith("cardan: ")
+    assert "--seconds" in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("abb-gofa", "--period", "nan"), "cardan: --period: nan is not allowed"),
+        (("motoman-gp8", "--base-port", "99999"), "cardan: --base-port: 99999 is not allowed"),
+        (("arm", "--sphere", "0,0,0,-1"), "cardan: --sphere: "),
+        (("gamepad",), "cardan: --events, --uinput: give either"),
+        (("jr3", "--channel", ""), "cardan: --channel: '' is not allowed"),
+        (("abb-gofa", "--log", "/nonexistent/x"), "cardan: No such option: --log"),
+        (("no-such-peer",), "cardan: No such command 'no-such-peer'"),
+    ],
+)
+def test_a_peer_names_the_flag_in_one_line(cardan, words, said):
+    told = cardan("sim", *words, code=2)
+    assert told.startswith(said)
+    assert told.count("\n") == 1
