@@ -36,8 +36,8 @@ import reprlib
 from collections.abc import Iterator
 from typing import Any
 
-_MOST_SHOWN = 200
-"""Characters of a value, or of a key, in a message: enough for every path of a socket."""
+_MOST_SHOWN = 300
+"""Characters of a value, or of a key, in a message: enough for 40 numbers, which EGM carries."""
 _PLAIN_BITS = 256
 """Python refuses to write whole numbers of more than 4300 digits."""
 
@@ -46,8 +46,7 @@ class _Brief(reprlib.Repr):
     def __init__(self) -> None:
         super().__init__()
         self.maxlevel = 4
-        self.maxtuple = self.maxlist = self.maxdict = 20
-        self.maxset = self.maxfrozenset = self.maxdeque = self.maxarray = 20
+        self.maxtuple = self.maxlist = self.maxdict = 50
         self.maxstring = self.maxother = _MOST_SHOWN
 
     def repr_int(self, x: int, level: int) -> str:
@@ -107,8 +106,11 @@ class ConfigurationError(CardanError, ValueError):
     def __init__(self, key: str, message: str) -> None:
         super().__init__(_escaped(f"{_bounded(key)}: {message}" if key else message))
         self.key = key
-        self.message = _escaped(message)
+
+    @property
+    def message(self) -> str:
         """What is wrong, without the key."""
+        return str(self).removeprefix(f"{_escaped(_bounded(self.key))}: ")
 
     def below(self, table: str) -> ConfigurationError:
         """The same error, of a setting in `table`."""
