@@ -20,6 +20,7 @@ import difflib
 import enum
 import math
 import os
+import sys
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from functools import cache
@@ -54,12 +55,17 @@ def check_options(options: Any) -> None:
     """
     allowed_types = hints(options.__class__)
     for field in fields(options):
-        given, hint = getattr(options, field.name), allowed_types[field.name]
-        value = given if type(given) in _UNCHANGEABLE else kept(hint, given)
-        if allowed := refusal(hint, value):
-            raise OptionError(field.name, given, allowed)
-        if value is not given:
-            object.__setattr__(options, field.name, value)  # They are frozen.
+        check_field(options, field.name, allowed_types[field.name])
+
+
+def check_field(options: Any, name: str, hint: Any) -> None:
+    """:func:`check_options` for one field, by `hint`."""
+    given = getattr(options, name)
+    value = given if type(given) in _UNCHANGEABLE else kept(hint, given)
+    if allowed := refusal(hint, value):
+        raise OptionError(name, given, allowed)
+    if value is not given:
+        object.__setattr__(options, name, value)  # They are frozen.
 
 
 class Options:
@@ -179,6 +185,8 @@ def refusal(hint: Any, value: object) -> str:
             good = good and "\0" not in value
         elif isinstance(value, float):
             good = good and not math.isnan(value)
+        elif hint is float and isinstance(value, int):
+            good = good and abs(value) <= sys.float_info.max
         return "" if good else words
     if allowed := choices(hint):
         # 1 == True, and an enum of texts equals its texts.

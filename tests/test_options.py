@@ -17,6 +17,7 @@ from cardan import bounds
 from cardan.bounds import LINEAR_SPEED_M_S, Range
 from cardan.drivers import registry as driver_registry
 from cardan.drivers.abb_egm import AbbEgm
+from cardan.drivers.omni.limits import UncheckedLimits
 from cardan.errors import ConfigurationError, OptionError, shown
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.hand.mapping import MappingOptions
@@ -107,7 +108,7 @@ class Point(NamedTuple):
     [
         (bool, [True, False], [0, 1, "true", None], "true or false"),
         (int, [0, -1, 10**400], [1.0, True, "1", None], "a whole number"),
-        (float, [0, 1.5, math.inf], [True, "1", None, math.nan], "a number"),
+        (float, [0, 1.5, math.inf, 10**300], [True, "1", None, math.nan, 10**400], "a number"),
         (str, ["", "x"], ["\0", 1, None, b""], "a text without a NUL"),
         (Literal["a", "b"], ["a", "b"], ["c", "", None, 1], "one of a, b"),
         (Literal["", "0"], ["", "0"], ["1", 0], 'one of "", 0'),
@@ -255,10 +256,13 @@ def test_one_value_is_checked_likewise():
 # -- what is kept of what was given ----------------------------------------------------------------
 
 
+ORIGIN = Point(1.0, 0.0)
+
+
 @dataclasses.dataclass(frozen=True)
 class Keeping(Options):
     corner: tuple[Annotated[float, CLOSED], ...] = ()
-    point: Point = Point(1.0, 0.0)
+    point: Point = ORIGIN
     pairs: tuple[tuple[int, int], ...] = ()
     either: str | tuple[str, ...] = ""
     maybe: Annotated[tuple[float, float], bounds.Directed()] | None = None
@@ -312,7 +316,7 @@ def test_a_tuple_that_needs_no_change_stays_itself():
 def test_a_path_is_its_text(tmp_path):
     assert Keeping(path=tmp_path).path == str(tmp_path)
     assert Keeping(either=tmp_path).either == str(tmp_path)
-    with pytest.raises(OptionError, match="path: .* is not allowed"):
+    with pytest.raises(OptionError, match=r"path: .* is not allowed"):
         Keeping(path=tmp_path / ("x" * 200))
 
 
@@ -329,6 +333,7 @@ def test_limits_cannot_be_taken_from_under_a_robot():
     lower[2] = math.nan
     assert robot.options.workspace_lower_m == (0.0, 0.0, 0.0)
     assert MappingOptions(device_centre_m=[0.0, 0.0, 0.0]) == MappingOptions()
+    assert UncheckedLimits(workspace_lower_m=[-9.0] * 3).workspace_lower_m == (-9.0,) * 3
 
 
 # -- values in messages ----------------------------------------------------------------------------

@@ -242,9 +242,11 @@ MISSHAPEN += [PoseCommand((1.0, 2.0)), JointVelocityCommand(7), JointCommand((10
     ],
 )
 def test_what_is_no_command_is_refused_in_words(driver, options, command):
-    with cardan.open_robot(driver, **options) as robot:
-        with pytest.raises(CommandError, match=r"takes no|cannot take|values for|; every value"):
-            robot.send(command)
+    with (
+        cardan.open_robot(driver, **options) as robot,
+        pytest.raises(CommandError, match=r"takes no|cannot take|values for|; every value"),
+    ):
+        robot.send(command)
 
 
 def test_threads_that_open_one_robot_open_it_once():

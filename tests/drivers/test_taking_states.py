@@ -353,7 +353,7 @@ def test_a_time_to_wait_that_is_none_is_refused(hand, timeout_s):
 @pytest.mark.parametrize("callback", [3, None, "print"])
 def test_a_callback_that_cannot_be_called_is_refused_at_once(hand, callback):
     before = threading.active_count()
-    with pytest.raises(OptionError, match="^callback: .* a function that takes a state"):
+    with pytest.raises(OptionError, match=r"^callback: .* a function that takes a state"):
         hand.on_state(callback)
     assert threading.active_count() == before
 
