@@ -117,7 +117,7 @@ def kept(hint: Any, value: Any) -> Any:
             return _kept_elements(kinds, value, tuple)
         if _is_class(hint) and hasattr(hint, "_fields"):  # a NamedTuple
             return _kept_elements(tuple(hints(hint).values()), value, hint._make)
-    if origin is Mapping and isinstance(value, Mapping) and not isinstance(value, FrozenMapping):
+    if origin is Mapping and isinstance(value, Mapping):
         return FrozenMapping({key: kept(inner[1], each) for key, each in value.items()})
     return value
 
