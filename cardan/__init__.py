@@ -18,6 +18,8 @@ else:
         from importlib import import_module
         from importlib.util import find_spec
 
+        if name == "__all__":
+            return sorted(import_module("cardan.api")._names())
         if not name.startswith("_"):
             if find_spec(f"cardan.{name}") is not None:
                 return import_module(f"cardan.{name}")

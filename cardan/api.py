@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from cardan.drivers import registry
 from cardan.drivers.base import (
@@ -74,6 +74,28 @@ if TYPE_CHECKING:
     from cardan.gateway.arm import CartesianDevice as CartesianDevice
 
 
+@overload
+def open_device(
+    driver: Literal["spacemouse"], /, options: Any = None, **keywords: Any
+) -> SpaceMouse: ...
+@overload
+def open_device(driver: Literal["spnav"], /, options: Any = None, **keywords: Any) -> Spnav: ...
+@overload
+def open_device(driver: Literal["wiimote"], /, options: Any = None, **keywords: Any) -> Wiimote: ...
+@overload
+def open_device(driver: Literal["leap"], /, options: Any = None, **keywords: Any) -> Leap: ...
+@overload
+def open_device(driver: Literal["gamepad"], /, options: Any = None, **keywords: Any) -> Gamepad: ...
+@overload
+def open_device(
+    driver: Literal["keyboard"], /, options: Any = None, **keywords: Any
+) -> Keyboard: ...
+@overload
+def open_device(driver: Literal["jr3_can"], /, options: Any = None, **keywords: Any) -> Jr3: ...
+@overload
+def open_device(driver: Literal["omni"], /, options: Any = None, **keywords: Any) -> Omni: ...
+@overload
+def open_device(driver: str, /, options: Any = None, **keywords: Any) -> OperatorDevice: ...
 def open_device(driver: str, /, options: Any = None, **keywords: Any) -> OperatorDevice:
     """Open the operator device that `driver` names ("spacemouse") and its options choose.
 
@@ -89,6 +111,14 @@ def open_device(driver: str, /, options: Any = None, **keywords: Any) -> Operato
     return device
 
 
+@overload
+def open_robot(driver: Literal["abb_egm"], /, options: Any = None, **keywords: Any) -> AbbEgm: ...
+@overload
+def open_robot(driver: Literal["motoros"], /, options: Any = None, **keywords: Any) -> Motoros: ...
+@overload
+def open_robot(driver: Literal["sim_arm"], /, options: Any = None, **keywords: Any) -> SimArm: ...
+@overload
+def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDriver: ...
 def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDriver:
     """Open the robot's controller that `driver` names ("abb_egm"), as :func:`open_device` does.
 
@@ -125,7 +155,10 @@ _HOMES = {
     "CartesianDevice": "cardan.gateway.arm",
     **{name: module for module, _, name in (each.partition(":") for each in BUILT_IN.values())},
 }
-_INNER = {"Any", "BUILT_IN", "TYPE_CHECKING", "annotations", "import_module", "reason", "registry"}
+_INNER = {
+    *("Any", "BUILT_IN", "Literal", "TYPE_CHECKING", "annotations", "import_module", "overload"),
+    *("reason", "registry"),
+}
 
 
 def _names() -> set[str]:

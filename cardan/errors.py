@@ -31,24 +31,86 @@ of each when it comes and what to do.
 from __future__ import annotations
 
 import contextlib
+import pickle
+import reprlib
 from collections.abc import Iterator
+from typing import Any
+
+_MOST_SHOWN = 300
+"""Characters of a value, or of a key, in a message: enough for 40 numbers, which EGM carries."""
+_PLAIN_BITS = 256
+"""Python refuses to write whole numbers of more than 4300 digits."""
+
+
+class _Brief(reprlib.Repr):
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 4
+        self.maxtuple = self.maxlist = self.maxdict = 50
+        self.maxstring = self.maxother = _MOST_SHOWN
+
+    def repr_int(self, x: int, level: int) -> str:
+        bits = x.bit_length()
+        return repr(x) if bits <= _PLAIN_BITS else f"<a whole number of {bits} bits>"
+
+
+_BRIEF = _Brief()
+
+
+def shown(value: object) -> str:
+    """`value` in a message: as repr() has it, but always short, and it never fails."""
+    try:
+        return _bounded(_BRIEF.repr(value))
+    except Exception:
+        return f"<{type(value).__name__}>"
+
+
+def _bounded(text: str) -> str:
+    return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 3]}..."
+
+
+def _escaped(text: str) -> str:
+    """`text` without what a terminal takes for a command: only line ends stay."""
+    if text.isprintable():
+        return text
+    return "".join(
+        each if each.isprintable() or each == "\n" else repr(each)[1:-1] for each in text
+    )
+
+
+def _restored(kind: type[CardanError], arguments: tuple[Any, ...]) -> CardanError:
+    return kind.__new__(kind, *arguments)
+
+
+def _portable(value: object) -> object:
+    """`value`, or how it is shown where it cannot be pickled."""
+    try:
+        pickle.dumps(value)
+    except Exception:
+        return shown(value)
+    return value
 
 
 class CardanError(Exception):
-    """Base of everything Cardan raises on purpose."""
+    """Base of everything Cardan raises on purpose. All of them can be pickled and copied."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Those with attributes are not made of their message alone, as Exception has it.
+        attributes = {name: _portable(value) for name, value in vars(self).items()}
+        return _restored, (type(self), self.args), attributes
 
 
 class ConfigurationError(CardanError, ValueError):
     """A setting is wrong. `key` is its dotted path ("limits.linear_speed_m_s")."""
 
     def __init__(self, key: str, message: str) -> None:
-        super().__init__(f"{key}: {message}" if key else message)
+        super().__init__(_escaped(f"{_bounded(key)}: {message}" if key else message))
         self.key = key
 
     @property
     def message(self) -> str:
         """What is wrong, without the key."""
-        return str(self).removeprefix(f"{self.key}: ")
+        return str(self).removeprefix(f"{_escaped(_bounded(self.key))}: ")
 
     def below(self, table: str) -> ConfigurationError:
         """The same error, of a setting in `table`."""
@@ -60,7 +122,7 @@ class OptionError(ConfigurationError):
     """An option has a value that is not allowed; `allowed` describes what is."""
 
     def __init__(self, key: str, value: object, allowed: str) -> None:
-        super().__init__(key, f"{value!r} is not allowed; it must be {allowed}")
+        super().__init__(key, f"{shown(value)} is not allowed; it must be {allowed}")
         self.value = value
         self.allowed = allowed
 

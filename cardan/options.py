@@ -19,7 +19,9 @@ from __future__ import annotations
 import difflib
 import enum
 import math
-from collections.abc import Hashable, Iterable, Mapping
+import os
+import sys
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from functools import cache
 from types import NoneType, UnionType
@@ -36,6 +38,8 @@ _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
 }
 
 
+_UNCHANGEABLE = frozenset({bool, int, float, str, NoneType})
+
 CODE_ONLY = {"from_file": False}
 """Metadata of a field that programs set and configuration files do not."""
 
@@ -45,10 +49,23 @@ def check_options(options: Any) -> None:
 
     Looks at types, choices, ranges, what may be None, the length and the elements of tuples, and
     the keys and values of mappings; an annotation of another kind allows everything.
+
+    Nobody can change what was checked: the options then have tuples for lists, and copies of
+    mappings. A text may be given as a path (`os.PathLike`), and is its text then.
     """
     allowed_types = hints(options.__class__)
     for field in fields(options):
-        check_value(field.name, getattr(options, field.name), allowed_types[field.name])
+        check_field(options, field.name, allowed_types[field.name])
+
+
+def check_field(options: Any, name: str, hint: Any) -> None:
+    """:func:`check_options` for one field, by `hint`."""
+    given = getattr(options, name)
+    value = given if type(given) in _UNCHANGEABLE else kept(hint, given)
+    if allowed := refusal(hint, value):
+        raise OptionError(name, given, allowed)
+    if value is not given:
+        object.__setattr__(options, name, value)  # They are frozen.
 
 
 class Options:
@@ -59,6 +76,58 @@ class Options:
 
     def __post_init__(self) -> None:
         check_options(self)
+
+
+class FrozenMapping(Mapping[Any, Any]):
+    """A mapping that stays as it is, unlike a dict hashable, unlike a MappingProxyType copied and
+    pickled."""
+
+    def __init__(self, items: Mapping[Any, Any]) -> None:
+        self._items = dict(items)
+
+    def __getitem__(self, key: Any) -> Any:
+        return self._items[key]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._items.items()))
+
+    def __repr__(self) -> str:
+        return repr(self._items)
+
+
+def kept(hint: Any, value: Any) -> Any:
+    """`value` as options keep it where `hint` annotates it: tuples, copies, texts for paths."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return kept(inner[0], value)
+    if origin in (Union, UnionType):
+        found = ((each, kept(each, value)) for each in inner)
+        return next((made for each, made in found if not refusal(each, made)), value)
+    if hint is str and isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, (tuple, list)):
+        if origin is tuple:
+            kinds = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
+            return _kept_elements(kinds, value, tuple)
+        if _is_class(hint) and hasattr(hint, "_fields"):  # a NamedTuple
+            return _kept_elements(tuple(hints(hint).values()), value, hint._make)
+    if origin is Mapping and isinstance(value, Mapping):
+        return FrozenMapping({key: kept(inner[1], each) for key, each in value.items()})
+    return value
+
+
+def _kept_elements(kinds: tuple[Any, ...], value: Any, made: Callable[[Any], Any]) -> Any:
+    if len(kinds) != len(value):
+        return value
+    elements = [kept(*each) for each in zip(kinds, value, strict=True)]
+    same = all(new is old for new, old in zip(elements, value, strict=True))
+    return value if same and isinstance(value, tuple) else made(elements)
 
 
 def check_value(key: str, value: object, hint: Any) -> None:
@@ -116,6 +185,8 @@ def refusal(hint: Any, value: object) -> str:
             good = good and "\0" not in value
         elif isinstance(value, float):
             good = good and not math.isnan(value)
+        elif hint is float and isinstance(value, int):
+            good = good and abs(value) <= sys.float_info.max
         return "" if good else words
     if allowed := choices(hint):
         # 1 == True, and an enum of texts equals its texts.

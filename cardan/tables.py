@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import os
 import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
@@ -16,7 +17,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
-from cardan.errors import ConfigurationError, OptionError
+from cardan.errors import ConfigurationError, OptionError, shown
 from cardan.options import CODE_ONLY, choices, hints, refusal, suggestion
 
 if sys.version_info >= (3, 11):
@@ -63,6 +64,9 @@ def parse_toml(text: str, of: object) -> dict[str, Any]:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigurationError("", f"{of} is not TOML: {error}") from None
+    except ValueError as error:  # A number of more digits than Python reads.
+        why = str(error).partition(";")[0]
+        raise ConfigurationError("", f"cannot read {of}: {why}") from None
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -70,19 +74,23 @@ def read_toml(path: Path) -> dict[str, Any]:
     return parse_toml(read_text(path), path)
 
 
-def keys_of(kind: type[Any]) -> dict[str, Field[Any]]:
-    """The keys of a table, and the fields that they set."""
-    others = (CODE_ONLY, OTHER_KEYS)
+def keys_of(kind: type[Any], from_file: bool = True) -> dict[str, Field[Any]]:
+    """The keys of a table, and the fields that they set.
+
+    Not `from_file`: the table goes from one program to another, so that the keys that only
+    programs set are among them.
+    """
+    others = (OTHER_KEYS, CODE_ONLY) if from_file else (OTHER_KEYS,)
     return {each.name: each for each in fields(kind) if each.init and each.metadata not in others}
 
 
-def read_table(kind: type[Kind], table: object, key: str = "") -> Kind:
-    """The `kind`, a dataclass, that `table` describes.
+def read_table(kind: type[Kind], table: object, key: str = "", from_file: bool = True) -> Kind:
+    """The `kind`, a dataclass, that `table` describes; `from_file` as :func:`keys_of` has it.
 
     Lists become tuples, and texts the members of an enum. ConfigurationError names the first key
     that is wrong, below `key`, and says how many more there are.
     """
-    reader = _Reader()
+    reader = _Reader(from_file)
     made: Kind = reader.table(kind, table, key)
     if reader.errors:
         first, more = reader.errors[0], len(reader.errors) - 1
@@ -92,17 +100,26 @@ def read_table(kind: type[Kind], table: object, key: str = "") -> Kind:
     return made
 
 
-def as_table(options: Any) -> dict[str, Any]:
-    """The table that describes `options`, as JSON has it: read_table makes the same of it."""
-    table = {key: _plain(getattr(options, key)) for key in keys_of(type(options))}
-    return table | (getattr(options, _others(type(options)), {}))
+def as_table(options: Any, from_file: bool = True) -> dict[str, Any]:
+    """The table that describes `options`, as JSON has it: read_table makes the same of it.
+
+    `from_file` as :func:`keys_of` has it.
+    """
+    kind = type(options)
+    table = {key: _plain(getattr(options, key), from_file) for key in keys_of(kind, from_file)}
+    others: dict[str, Any] = _plain(getattr(options, _others(kind), {}), from_file)
+    return table | others
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, from_file: bool) -> Any:
     if is_dataclass(value):
-        return as_table(value)
+        return as_table(value, from_file)
+    if isinstance(value, Mapping):
+        return {key: _plain(each, from_file) for key, each in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_plain(each) for each in value]
+        return [_plain(each, from_file) for each in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
     return value.value if isinstance(value, enum.Enum) else value
 
 
@@ -118,7 +135,8 @@ def _below(key: str, name: str) -> str:
 class _Reader:
     """Collects what is wrong, each with its whole key. What it makes of a wrong table is None."""
 
-    def __init__(self) -> None:
+    def __init__(self, from_file: bool) -> None:
+        self._from_file = from_file
         self.errors: list[ConfigurationError] = []
 
     def _wrong(self, key: str, message: str) -> None:
@@ -127,8 +145,9 @@ class _Reader:
     def table(self, kind: Any, table: object, key: str, tag: str = "") -> Any:
         """`tag` says in words which of several tables this is."""
         if not isinstance(table, Mapping):
-            return self._wrong(key, f"{table!r} is not a table")
-        before, keys, allowed = len(self.errors), keys_of(kind), hints(kind)
+            return self._wrong(key, f"{shown(table)} is not a table")
+        before, keys = len(self.errors), keys_of(kind, self._from_file)
+        allowed = hints(kind)
         values: dict[str, Any] = {}
         unknown = {name: value for name, value in table.items() if name not in keys}
         if others := _others(kind):
@@ -199,7 +218,7 @@ class _Reader:
 
     def _tagged(self, kinds: tuple[Any, ...], tag: Tag, table: Any, key: str) -> Any:
         if not isinstance(table, Mapping):
-            return self._wrong(key, f"{table!r} is not a table")
+            return self._wrong(key, f"{shown(table)} is not a table")
         by_name = {choices(hints(kind)[tag.key])[0]: kind for kind in kinds}
         name = table.get(tag.key, tag.default)
         if name == "" and tag.key not in table:

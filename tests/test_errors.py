@@ -1,8 +1,13 @@
 """One tree of errors: the docstring of cardan.errors and docs/errors.md against what there is."""
 
+import copy
 import importlib
+import inspect
+import multiprocessing
+import pickle
 import pkgutil
 import re
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -104,3 +109,35 @@ def test_errors_say_what_they_are_about():
         errors.about("joint 'j'"),
     ):
         raise ValueError("no limit")
+
+
+WAYS = {"pickled": lambda error: pickle.loads(pickle.dumps(error)), "copied": copy.copy}
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+def test_every_error_survives_being_pickled_and_copied(there, way):
+    for kind in there.values():
+        own = kind.__init__ is not Exception.__init__
+        count = len(inspect.signature(kind).parameters) if own else 1
+        error = kind(*map(str, range(count)))
+        error.more = ("an attribute", 1)
+        again = way(error)
+        assert type(again) is kind
+        assert str(again) == str(error)
+        assert again.args == error.args
+        assert vars(again) == vars(error)
+
+
+def test_an_error_about_what_cannot_be_pickled_keeps_how_it_is_shown():
+    again = pickle.loads(pickle.dumps(errors.OptionError("key", lambda: 0, "a number")))
+    assert again.value.startswith("<function")
+    assert str(again).startswith("key: <function")
+    assert (again.key, again.allowed) == ("key", "a number")
+
+
+def test_an_error_comes_out_of_another_process():
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        future = pool.submit(cardan.SpaceMouse, dead_zone=2.0)
+        with pytest.raises(errors.OptionError, match=r"dead_zone: 2\.0 is not allowed") as caught:
+            future.result(60.0)
+    assert (caught.value.key, caught.value.value) == ("dead_zone", 2.0)

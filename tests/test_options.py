@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import enum
 import math
+import pickle
+import re
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
@@ -13,8 +16,11 @@ import pytest
 from cardan import bounds
 from cardan.bounds import LINEAR_SPEED_M_S, Range
 from cardan.drivers import registry as driver_registry
-from cardan.errors import ConfigurationError, OptionError
+from cardan.drivers.abb_egm import AbbEgm
+from cardan.drivers.omni.limits import UncheckedLimits
+from cardan.errors import ConfigurationError, OptionError, shown
 from cardan.gateway.hand.filters import registry as filter_registry
+from cardan.gateway.hand.mapping import MappingOptions
 from cardan.options import (
     Options,
     check_options,
@@ -102,7 +108,7 @@ class Point(NamedTuple):
     [
         (bool, [True, False], [0, 1, "true", None], "true or false"),
         (int, [0, -1, 10**400], [1.0, True, "1", None], "a whole number"),
-        (float, [0, 1.5, math.inf], [True, "1", None, math.nan], "a number"),
+        (float, [0, 1.5, math.inf, 10**300], [True, "1", None, math.nan, 10**400], "a number"),
         (str, ["", "x"], ["\0", 1, None, b""], "a text without a NUL"),
         (Literal["a", "b"], ["a", "b"], ["c", "", None, 1], "one of a, b"),
         (Literal["", "0"], ["", "0"], ["1", 0], 'one of "", 0'),
@@ -248,3 +254,129 @@ def test_one_value_is_checked_likewise():
     check_value("number", 1.0, Annotated[float, CLOSED])
     with pytest.raises(OptionError, match="number: 3 is not allowed; it must be 1 to 2 m"):
         check_value("number", 3, Annotated[float, CLOSED])
+
+
+# -- what is kept of what was given ----------------------------------------------------------------
+
+
+ORIGIN = Point(1.0, 0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Keeping(Options):
+    corner: tuple[Annotated[float, CLOSED], ...] = ()
+    point: Point = ORIGIN
+    pairs: tuple[tuple[int, int], ...] = ()
+    either: str | tuple[str, ...] = ""
+    maybe: Annotated[tuple[float, float], bounds.Directed()] | None = None
+    names: Mapping[str, tuple[int, ...]] = dataclasses.field(default_factory=dict)
+    path: Annotated[str, bounds.SOCKET_PATH] = "here"
+
+
+def test_nobody_changes_options_that_were_checked():
+    corner, point, pair, names = [1.0, 2.0], [1.5, 2.0], [1, 2], {"a": [1]}
+    options = Keeping(corner=corner, point=point, pairs=[pair], maybe=[1.0, 0.0], names=names)
+    for each in (corner, point, pair, names["a"]):
+        each[0] = math.nan
+    names["b"] = ["x"]
+    assert options.corner == (1.0, 2.0)
+    assert options.point == Point(1.5, 2.0)
+    assert type(options.point) is Point
+    assert options.pairs == ((1, 2),)
+    assert options.maybe == (1.0, 0.0)
+    assert options.names == {"a": (1,)}
+    with pytest.raises(TypeError):
+        options.names["a"] = ()
+
+
+def test_lists_and_tuples_make_the_same_options():
+    given = Keeping(corner=[1.0], either=["a"], point=(1.0, 2.0), names={"a": (1,)})
+    same = Keeping(corner=(1.0,), either=("a",), point=Point(1.0, 2.0), names={"a": [1]})
+    assert given == same
+    assert hash(given) == hash(same)
+    assert Keeping() == Keeping(corner=[])
+
+
+def test_options_with_a_mapping_are_copied_and_pickled():
+    options = Keeping(names={"a": [1]}, corner=[1.0])
+    for copied in (
+        copy.deepcopy(options),
+        pickle.loads(pickle.dumps(options)),
+        dataclasses.replace(options),
+        Keeping(**dataclasses.asdict(options)),
+    ):
+        assert copied == options
+    assert repr(options.names) == "{'a': (1,)}"
+
+
+def test_a_tuple_that_needs_no_change_stays_itself():
+    corner, point = (1.0, 2.0), Point(1.0, 2.0)
+    options = Keeping(corner=corner, point=point)
+    assert options.corner is corner
+    assert options.point is point
+
+
+def test_a_path_is_its_text(tmp_path):
+    assert Keeping(path=tmp_path).path == str(tmp_path)
+    assert Keeping(either=tmp_path).either == str(tmp_path)
+    with pytest.raises(OptionError, match=r"path: .* is not allowed"):
+        Keeping(path=tmp_path / ("x" * 200))
+
+
+def test_a_list_that_is_refused_is_the_value_of_the_error():
+    bad = [1.0, 3.0]
+    with pytest.raises(OptionError, match=r"corner: \[1.0, 3.0\] is not allowed") as caught:
+        Keeping(corner=bad)
+    assert caught.value.value is bad
+
+
+def test_limits_cannot_be_taken_from_under_a_robot():
+    lower = [0.0, 0.0, 0.0]
+    robot = AbbEgm(workspace_lower_m=lower, workspace_upper_m=[1.0, 1.0, 1.0])
+    lower[2] = math.nan
+    assert robot.options.workspace_lower_m == (0.0, 0.0, 0.0)
+    assert MappingOptions(device_centre_m=[0.0, 0.0, 0.0]) == MappingOptions()
+    assert UncheckedLimits(workspace_lower_m=[-9.0] * 3).workspace_lower_m == (-9.0,) * 3
+
+
+# -- values in messages ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        10**6000,
+        [10**6000],
+        [[0.0] * 200_000] * 3,
+        "x" * 100_000,
+        {str(i): i for i in range(100_000)},
+        Point(10**6000, 0.0),
+        "\x1b]0;owned\x07",
+        "\ud800",
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_every_value_is_shown_in_a_short_line(value):
+    text = str(OptionError("key", value, "less"))
+    assert len(text) < 400
+    assert text.isprintable()
+
+
+def test_a_value_whose_repr_fails_is_named_by_its_type():
+    class Odd:
+        def __repr__(self):
+            raise RuntimeError
+
+    assert re.fullmatch("<Odd.*>", shown(Odd()))
+    assert shown(7) == "7"
+    assert shown(-(2**255)) == str(-(2**255))
+    assert shown(10**100) == "<a whole number of 333 bits>"
+
+
+def test_keys_and_words_cannot_command_a_terminal():
+    error = ConfigurationError("a\x1b[2J" + "k" * 1000, "is\nodd \x9b31m m/s²")
+    assert str(error).startswith("a\\x1b[2Jk")
+    assert str(error).endswith("...: is\nodd \\x9b31m m/s²")
+    assert len(str(error)) < 400
+    assert error.key.startswith("a\x1b[2J")
+    assert error.below("t").message == error.message

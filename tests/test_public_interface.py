@@ -1,7 +1,9 @@
 """``import cardan``: its names, what it costs, keywords, and one way to open everything."""
 
+import ast
 import dataclasses
 import json
+import pydoc
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +13,7 @@ import pytest
 import cardan
 from cardan import api
 from cardan.drivers import registry
-from cardan.drivers.base import Driver, FoundDevice, OperatorDevice
+from cardan.drivers.base import Driver, FoundDevice, OperatorDevice, RobotDriver
 from cardan.errors import ConfigurationError, DeviceNotFoundError, DriverError, OptionError
 from cardan.types import NEUTRAL, Axes, DeviceLink
 from tests.serving import served
@@ -68,6 +70,32 @@ def test_type_checkers_see_the_drivers_that_are_there():
         assert line in source
 
 
+def test_all_names_are_there_for_a_star_and_for_help():
+    code = "from cardan import *; import json; print(json.dumps(sorted(globals())))"
+    assert {*api._names()} <= {*in_a_new_python(code)}
+    assert {"SpaceMouse", "open_device", "CardanError", "Pose"} <= {*cardan.__all__}
+    assert not {"Literal", "overload", "registry", "__version__"} & {*cardan.__all__}
+    page = pydoc.plain(pydoc.render_doc(cardan))
+    for name in ("open_robot(driver", "class SpaceMouse(", "class OptionError("):
+        assert name in page
+
+
+def test_type_checkers_know_what_a_name_opens():
+    """An overload for each built-in name, in the order of the table; at run time it costs none."""
+    opened = {"open_device": {}, "open_robot": {}}
+    for node in ast.parse(Path(api.__file__).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and node.name in opened and node.decorator_list:
+            kind = ast.unparse(node.args.posonlyargs[0].annotation)
+            opened[node.name][kind] = ast.unparse(node.returns)
+    for function, base in (("open_device", OperatorDevice), ("open_robot", RobotDriver)):
+        expected = {
+            f"Literal['{name}']": driver.__name__
+            for name, driver in DRIVERS.items()
+            if issubclass(driver, base)
+        }
+        assert opened[function] == {**expected, "str": base.__name__}
+
+
 def test_submodules_and_unknown_names():
     code = "import cardan, json; print(json.dumps(cardan.errors.DriverError.__name__))"
     assert in_a_new_python(code) == "DriverError"
@@ -116,6 +144,13 @@ def test_a_bad_value_is_refused_by_its_name():
     assert isinstance(caught.value, ValueError)
 
 
+def test_a_path_may_be_a_path():
+    path = Path("/dev/hidraw3")
+    mouse = cardan.SpaceMouse(path=path)
+    assert mouse.options == cardan.SpaceMouse.Options(path=path)
+    assert mouse.options.path == "/dev/hidraw3"
+
+
 # -- opening -----------------------------------------------------------------------------------
 
 
@@ -152,6 +187,9 @@ def test_a_name_or_an_option_that_is_wrong_opens_nothing():
         ConfigurationError, match="there is no driver 'spacemous'; allowed: abb_egm"
     ):
         cardan.open_device("spacemous")
+    for name in (["spacemouse"], None, cardan.SpaceMouse):
+        with pytest.raises(ConfigurationError, match=r"^driver: .* it must be one of abb_egm, "):
+            cardan.open_device(name)
     with pytest.raises(ConfigurationError, match="did you mean 'path'"):
         cardan.open_device("spacemouse", pth="/dev/hidraw0")
 

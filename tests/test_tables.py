@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -191,3 +193,40 @@ def test_a_file_that_holds_no_tables_is_named(tmp_path: Path, content: bytes | N
         read_toml(path)
     with pytest.raises(ConfigurationError, match=r"cannot read .*null"):
         read_toml(tmp_path / "\0.toml")
+
+
+def test_what_only_code_sets_travels_between_programs_and_not_from_a_file():
+    scene = read_table(Scene, WHOLE)
+    changed = dataclasses.replace(scene, made_s=0.25)
+    table = as_table(changed, from_file=False)
+    assert table["made_s"] == 0.25
+    assert read_table(Scene, json.loads(json.dumps(table)), from_file=False) == changed
+    with pytest.raises(ConfigurationError, match="made_s: there is no such key"):
+        read_table(Scene, table)
+
+
+def test_what_travels_is_plain():
+    table = DriverTable("camera", {"path": Path("/dev/x"), "colour": Colour.RED, "at": (1, [2])})
+    plain = {"driver": "camera", "path": "/dev/x", "colour": "red", "at": [1, [2]]}
+    assert as_table(table) == plain
+    assert json.loads(json.dumps(plain)) == plain
+
+
+@pytest.mark.parametrize("number", ["9" * 6000, "0x" + "f" * 9000, f"[{'9, ' * 200_000}]"])
+def test_no_number_is_too_long_for_an_error_in_words(tmp_path, number):
+    path = tmp_path / "long.toml"
+    path.write_text(f"name = {number}\n")
+    with pytest.raises(ConfigurationError) as caught:
+        read_table(Scene, read_toml(path))
+    assert len(str(caught.value)) < 400 + len(str(path))
+    with pytest.raises(ConfigurationError) as caught:
+        read_table(Scene, {**read_toml(path), "best": 10**6000})
+    assert len(str(caught.value)) < 400 + len(str(path))
+
+
+def test_a_key_cannot_command_a_terminal(tmp_path):
+    path = tmp_path / "odd.toml"
+    path.write_text('name = "a"\n"\\u001b]0;owned\\u0007" = 1\n', "utf-8")
+    with pytest.raises(ConfigurationError, match="there is no such key") as caught:
+        read_table(Scene, read_toml(path))
+    assert str(caught.value).isprintable()

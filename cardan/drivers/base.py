@@ -13,11 +13,12 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
 from cardan.openable import Openable
-from cardan.options import suggestion
+from cardan.options import require, suggestion
 from cardan.types import (
     ButtonEvent,
     DeviceCapabilities,
@@ -121,14 +122,18 @@ class OperatorDevice(Driver):
     than the device gets the newest state and misses some; `button_events()` has every edge.
     """
 
-    def __init__(self, options: Any = None, **keywords: Any) -> None:
-        super().__init__(options, **keywords)
-        self._changed = threading.Condition()
-        self._notified = 0
-        """Counts calls of _notify()."""
-        self._close_count = 0
-        """Counted by drivers that may be opened again: reads that waited end then."""
-        self._reading: _StateReader | None = None
+    # What taking states needs does not wait for __init__: a driver with its own may leave ours out.
+    _notified = 0
+    """Counts calls of _notify()."""
+    _close_count = 0
+    """Counted by drivers that may be opened again: reads that waited end then."""
+    _reading: _StateReader | None = None
+
+    @cached_property
+    def _changed(self) -> threading.Condition:
+        # Threads that ask first at the same time all get the same one.
+        changed: threading.Condition = vars(self).setdefault("_changed", threading.Condition())
+        return changed
 
     gives: ClassVar[str] = ""
     """What it measures, in a few words."""
@@ -160,8 +165,15 @@ class OperatorDevice(Driver):
         Returns None where none came, or the device was closed meanwhile. The loss of a device is a
         state, too: look at `link`. For one consumer; others iterate or have on_state().
 
-        Raises NotOpenError.
+        Raises NotOpenError, and OptionError for a time that is none.
         """
+        good = isinstance(timeout_s, (int, float)) and not isinstance(timeout_s, bool)
+        require(
+            timeout_s is None or (good and 0.0 <= timeout_s <= threading.TIMEOUT_MAX),
+            "timeout_s",
+            timeout_s,
+            "a finite number of seconds, 0 or more, or None",
+        )
         if self._reading is None or self._reading.ended:
             self._reading = _StateReader(self)
         return self._reading.next(timeout_s)
@@ -180,8 +192,9 @@ class OperatorDevice(Driver):
         goes to `threading.excepthook`, which prints it; the device goes on. The function that is
         returned ends the calls, too, and waits for one that is under way.
 
-        Raises NotOpenError.
+        Raises NotOpenError, and OptionError for what cannot be called.
         """
+        require(callable(callback), "callback", callback, "a function that takes a state")
         reader = _StateReader(self)
 
         def call() -> None:

@@ -11,7 +11,10 @@ from cardan import spatial
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import CommandError, NotOpenError
 from cardan.haptics import HapticCommand
+from cardan.options import check_value
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Vector3
+
+ForceMode = Literal["cartesian", "joint"]
 
 
 class IHapticDevice:
@@ -21,14 +24,17 @@ class IHapticDevice:
     forces, the norm is clamped and not each axis, and a feedback that is not repeated ends.
     """
 
-    def __init__(
-        self, device: HapticDevice, force_mode: Literal["cartesian", "joint"] | None = None
-    ) -> None:
+    def __init__(self, device: HapticDevice, force_mode: ForceMode | None = None) -> None:
         """`force_mode` is what set_feedback() takes at first; None: the device's option of that
-        name, or forces where it has none."""
-        mode = force_mode or getattr(device.options, "force_mode", "cartesian")
+        name, or forces where it has none. Raises OptionError for another mode, CommandError for
+        joint torques of a device that takes none."""
+        if force_mode is None:
+            force_mode = getattr(device.options, "force_mode", "cartesian")
+        check_value("force_mode", force_mode, ForceMode)
         self._device = device
-        self._joint_torques = mode == "joint"
+        self._joint_torques = force_mode == "joint"
+        if self._joint_torques:
+            self._require_joint_torques()
         self._transformation = IDENTITY_POSE
         self._sequence = 0
         self._commands = threading.Lock()
@@ -70,8 +76,7 @@ class IHapticDevice:
 
         Raises CommandError for a device that takes none.
         """
-        if self._device.feedback_limits.joint_torque_n_m is None:
-            raise CommandError(f"{type(self._device).__name__} takes forces, no joint torques")
+        self._require_joint_torques()
         self._set_mode(joint_torques=True)
 
     def get_max_feedback(self) -> Vector3:
@@ -123,6 +128,10 @@ class IHapticDevice:
     def get_transformation(self) -> Pose:
         """The transformation."""
         return self._transformation
+
+    def _require_joint_torques(self) -> None:
+        if self._device.feedback_limits.joint_torque_n_m is None:
+            raise CommandError(f"{type(self._device).__name__} takes forces, no joint torques")
 
     def _set_mode(self, *, joint_torques: bool) -> None:
         with self._commands:

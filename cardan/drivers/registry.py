@@ -9,6 +9,7 @@ from importlib.metadata import EntryPoints, entry_points
 from typing import Any
 
 from cardan.drivers.base import Driver
+from cardan.options import Options, require
 from cardan.plugins import Finder, Loaded
 from cardan.tables import OTHER_KEYS
 
@@ -31,7 +32,7 @@ BUILT_IN = {
 
 
 @dataclass(frozen=True)
-class DriverTable:
+class DriverTable(Options):
     """A driver's name; all other keys of the table are that driver's options."""
 
     driver: str
@@ -58,6 +59,7 @@ def packages() -> tuple[str, ...]:
 
 def load(name: str) -> type[Driver]:
     """The driver class called `name`; ConfigurationError names the ones there are."""
+    require(isinstance(name, str), "driver", name, f"one of {', '.join(names())}")
     return _FINDER.load(name)
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import contextlib
 import threading
 from abc import abstractmethod
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from cardan.drivers.base import RobotDriver
-from cardan.errors import CommandError, NotOpenError
+from cardan.errors import CommandError, NotOpenError, shown
 from cardan.types import (
     CommandKind,
     JointCommand,
@@ -62,6 +62,8 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._open = False
+        self._opening = threading.RLock()
+        """Held while it is opened or released: one thread at a time."""
         self._loop = 0
         """Counts calls of `cycles` and `close`; only the newest loop goes on."""
         self._loop_thread = 0
@@ -102,9 +104,10 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
         return self._session.capabilities
 
     def open(self) -> None:
-        if not self._open:
-            self._acquire()
-            self._open = True
+        with self._opening:
+            if not self._open:
+                self._acquire()
+                self._open = True
 
     def close(self) -> None:
         if not self._open:
@@ -113,11 +116,12 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
         if self._loop_thread != threading.get_ident():
             # The loop in another thread sees that when it wakes up.
             self._loop_ended.wait(self._leave_within_s())
-        if self._open:
-            with contextlib.suppress(Exception):
-                self._leave()
-            self._open = False
-            self._release()
+        with self._opening:
+            if self._open:
+                with contextlib.suppress(Exception):
+                    self._leave()
+                self._open = False
+                self._release()
 
     def _not_open(self) -> NotOpenError:
         return NotOpenError(f"{self.title} is not open; call open(), or use it in `with`")
@@ -161,9 +165,17 @@ def counts(counters: Any) -> dict[str, float]:
 def wrong_kind(who: str, command: object, kinds: Collection[CommandKind]) -> CommandError:
     """To raise for a command of a kind that is not among `kinds`."""
     kind = getattr(command, "kind", None)
-    name = kind.value if isinstance(kind, CommandKind) else repr(command)
+    name = kind.value if isinstance(kind, CommandKind) else shown(command)
     allowed = ", ".join(sorted(kind.value for kind in kinds))
     return CommandError(f"{who} takes no {name}; it takes {allowed}")
+
+
+def check_command(who: str, command: RobotCommand, check: Callable[[RobotCommand], None]) -> None:
+    """`check(command)`; parts that are not what their annotations say are a CommandError, too."""
+    try:
+        check(command)
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise CommandError(f"{who} cannot take {shown(command)}: {error}") from None
 
 
 def check_count(name: str, values: Sequence[float], count: int, what: str = "joints") -> None:
@@ -190,7 +202,7 @@ def joint_values(
 
     Raises CommandError for a kind that is not among `kinds`, and for external axes.
     """
-    if command.kind not in kinds:
+    if getattr(command, "kind", None) not in kinds:
         raise wrong_kind(who, command, kinds)
     if isinstance(command, JointCommand):
         if command.external_axes:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from cardan.drivers.ihaptic import IHapticDevice
-from cardan.errors import CommandError, DriverError, NotOpenError
+from cardan.errors import CommandError, DriverError, NotOpenError, OptionError
 from cardan.haptics import FeedbackLimits
 from cardan.types import IDENTITY, ZERO3, DeviceLink, Pose, Quaternion, Vector3
 from tests.gateway.force.fakes import FakeHaptic
@@ -80,3 +80,12 @@ def test_a_position_that_is_not_known_is_an_error_in_words(device, yarp, monkeyp
     monkeypatch.setattr(device, "state", lambda: state._replace(link=DeviceLink.CLOSED))
     with pytest.raises(NotOpenError):
         yarp.get_orientation()
+
+
+def test_the_first_mode_is_checked_like_every_other(device):
+    with pytest.raises(CommandError, match="FakeHaptic takes forces, no joint torques"):
+        IHapticDevice(device, "joint")
+    for mode in ("nonsense", "", 1):
+        with pytest.raises(OptionError, match=r"^force_mode: .* one of cartesian, joint"):
+            IHapticDevice(device, mode)
+    assert IHapticDevice(device, "cartesian").is_cartesian_force_mode_enabled()

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
+import cardan
 from cardan.drivers.robot_core import (
     LoopingRobot,
     check_numbers,
@@ -224,3 +225,41 @@ def test_counts_are_the_numbers_of_a_dataclass():
         kinds: Counter[str] = field(default_factory=Counter)
 
     assert counts(Counters()) == {"lost": 3.0, "age_s": 0.5}
+
+
+MISSHAPEN = [None, "hold", (), JointCommand(None), JointCommand(("a",) * 6), PoseCommand(None)]
+MISSHAPEN += [PoseCommand((1.0, 2.0)), JointVelocityCommand(7), JointCommand((10**400, 0.5))]
+
+
+@pytest.mark.parametrize("command", MISSHAPEN, ids=str)
+@pytest.mark.parametrize(
+    ("driver", "options"),
+    [
+        ("sim_arm", {"pacing": "virtual"}),
+        ("motoros", {"host": "127.0.0.1"}),
+        ("abb_egm", {"listen_host": "127.0.0.1", "listen_port": 0}),
+        ("abb_egm", {"listen_host": "127.0.0.1", "listen_port": 0, "mode": "joint"}),
+    ],
+)
+def test_what_is_no_command_is_refused_in_words(driver, options, command):
+    with (
+        cardan.open_robot(driver, **options) as robot,
+        pytest.raises(CommandError, match=r"takes no|cannot take|values for|; every value"),
+    ):
+        robot.send(command)
+
+
+def test_threads_that_open_one_robot_open_it_once():
+    class Slow(Robot):
+        def _acquire(self) -> None:
+            super()._acquire()
+            never.wait(0.2)  # Time for the other.
+
+    robot, never = Slow(), threading.Event()
+    threads = [threading.Thread(target=robot.open) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    robot.close()
+    assert robot.log == ["acquire", "leave", "release"]

@@ -11,7 +11,7 @@ import pytest
 import cardan
 from cardan.drivers import base, registry
 from cardan.drivers.base import OperatorDevice
-from cardan.errors import NotOpenError
+from cardan.errors import NotOpenError, OptionError
 from cardan.sim_peers.omni import OmniSettings, SimulatedOmni, available, library_path
 from cardan.types import NEUTRAL, DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import demo_of, demonstrated, served
@@ -320,3 +320,50 @@ def test_who_reads_a_device_is_woken_by_its_reader(name, tmp_path, monkeypatch):
     monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)
     with simulated(name, tmp_path) as options, cardan.open_device(name, **options) as device:
         check_it_wakes_its_reader(device)
+
+
+@pytest.mark.parametrize("timeout_s", [float("nan"), float("inf"), -1.0, "x", True, 10**400])
+def test_a_time_to_wait_that_is_none_is_refused(hand, timeout_s):
+    with pytest.raises(OptionError, match=r"^timeout_s: .* a finite number of seconds, 0 or more"):
+        hand.read(timeout_s)
+
+
+@pytest.mark.parametrize("callback", [3, None, "print"])
+def test_a_callback_that_cannot_be_called_is_refused_at_once(hand, callback):
+    before = threading.active_count()
+    with pytest.raises(OptionError, match=r"^callback: .* a function that takes a state"):
+        hand.on_state(callback)
+    assert threading.active_count() == before
+
+
+class OldHand(Hand):
+    """A driver with an __init__ of its own, which does not call that of its base."""
+
+    def __init__(self, options=None):
+        self.options = options
+        self.now = DeviceState(0.0, DeviceLink.CLOSED, NEUTRAL, frozenset())
+
+
+def test_a_driver_with_an_init_of_its_own_is_read_like_any():
+    seen = threading.Event()
+    with OldHand() as hand:
+        assert hand.read(PATIENCE_S).link is DeviceLink.LIVE
+        assert hand.read(0.0) is None
+        assert next(iter(hand)).link is DeviceLink.LIVE
+        stop = hand.on_state(lambda state: state.axes.x == 0.5 and seen.set())
+        hand.move(0.5)
+        assert seen.wait(PATIENCE_S)
+        stop()
+    with hand:
+        assert hand.read(PATIENCE_S).axes.x == 0.5
+
+
+def test_all_wait_for_the_same_change():
+    hand, all_there = OldHand(), threading.Barrier(8)
+
+    def ask():
+        all_there.wait()
+        return hand._changed
+
+    results = [meanwhile(ask) for _ in range(8)]
+    assert len({id(result()) for result in results}) == 1

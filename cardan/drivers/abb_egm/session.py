@@ -11,6 +11,7 @@ from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import SILENT_PERIODS, AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
+from cardan.drivers.robot_core import check_command
 from cardan.errors import CommandError
 from cardan.histogram import LatencyHistogram
 from cardan.protocols.egm import (
@@ -467,7 +468,7 @@ class EgmSession:
 
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError, saying what is allowed, unless `reply` can take `command`."""
-        self._guidance.check(command)
+        check_command("EGM", command, self._guidance.check)
 
     def reply(self, command: RobotCommand, now_s: float) -> bytes:
         """The one answer to the datagram accepted last.
@@ -483,7 +484,7 @@ class EgmSession:
             raise CommandError("there is no datagram to answer")
         guidance = self._guidance
         if command is not None:
-            guidance.check(command)
+            self.check(command)
         nominal_s = self._nominal_s
         dt_s = self._since_reply_s
         gap_s = 0.0

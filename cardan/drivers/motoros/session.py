@@ -17,7 +17,7 @@ from cardan.drivers.motoros.motion_control import MotionControl, Phase, Task
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.session_words import findings, no_motion_connection, silence
-from cardan.drivers.robot_core import check_numbers, counts, joint_values
+from cardan.drivers.robot_core import check_command, check_numbers, counts, joint_values
 from cardan.histogram import LatencyHistogram
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
@@ -359,6 +359,9 @@ class MotorosSession:
 
         Commands beyond the limits are limited, not refused.
         """
+        check_command("MotoROS", command, self._check)
+
+    def _check(self, command: RobotCommand) -> None:
         for name, values in joint_values("MotoROS", command, KINDS):
             check_numbers(name, values, self.feed.joints)
 

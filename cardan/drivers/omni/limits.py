@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.options import check_options, check_value, hints, require_each
+from cardan.options import check_field, check_options, hints, require_each
 
 WORKSPACE_LOWER_M = (-0.12, -0.2, -0.1)
 WORKSPACE_UPPER_M = (0.075, 0.2, 0.195)
@@ -169,7 +169,7 @@ class UncheckedLimits(TickLimits):
 
     def _check_ranges(self) -> None:
         for name, hint in hints(TickLimits).items():
-            check_value(name, getattr(self, name), _of_experiments(hint))
+            check_field(self, name, _of_experiments(hint))
 
 
 def _of_experiments(hint: Any) -> Any:

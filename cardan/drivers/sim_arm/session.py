@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from cardan.drivers.datagram_robot import DatagramSession
 from cardan.drivers.lost_time import LostTime
-from cardan.drivers.robot_core import check_count, joint_values
+from cardan.drivers.robot_core import check_command, check_count, joint_values
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.errors import CommandError
 from cardan.protocols.joint_stream import (
@@ -194,6 +194,9 @@ class SimArmSession(DatagramSession[ArmState]):
 
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError for a command of a wrong kind or length, or beyond the limits."""
+        check_command("the simulated arm", command, self._check)
+
+    def _check(self, command: RobotCommand) -> None:
         for name, values in joint_values("the simulated arm", command, self.capabilities.commands):
             check_count(name, values, self._joints)
             self._within(name, values, *self._ranges[name])

@@ -87,7 +87,7 @@ class ObstacleTable(SolidTable):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServedConfig:
+class ServedConfig(Options):
     """What ``cardan spnav`` reads of a file: no robot is needed."""
 
     device: DriverTable
@@ -95,13 +95,14 @@ class ServedConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceConfig:
+class ForceConfig(Options):
     """What ``cardan force`` reads of a file: neither device nor robot is needed."""
 
     force: ForceTables = field(default_factory=NoForceTable)
     fixtures: FixtureTables = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if isinstance(self.force, RemoteForceTable):
             raise ConfigurationError(
                 "force.source",
@@ -115,7 +116,7 @@ class ForceConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SessionConfig:
+class SessionConfig(Options):
     """A whole configuration file."""
 
     device: DriverTable | None = None
@@ -137,6 +138,7 @@ class SessionConfig:
     """What the hand feels of the space around the robot."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.gives_force and self.mapping.mode is Mode.RATE:
             raise ConfigurationError(
                 "fixtures" if self.fixtures else "force",
@@ -213,6 +215,9 @@ class SessionConfig:
                 )
 
 
-def parse_config(table: Mapping[str, Any]) -> SessionConfig:
-    """Check a configuration already read; ConfigurationError names the first wrong key."""
-    return read_table(SessionConfig, table)
+def parse_config(table: Mapping[str, Any], from_file: bool = True) -> SessionConfig:
+    """Check a configuration already read; ConfigurationError names the first wrong key.
+
+    Not `from_file`: it comes from another program, with what only programs set.
+    """
+    return read_table(SessionConfig, table, from_file=from_file)

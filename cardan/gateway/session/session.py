@@ -446,7 +446,7 @@ def main(arguments: list[str] | None = None) -> int:
     last = Snapshot(finished=True)
     code = EXIT_INTERNAL
     try:
-        session = make_session(parse_config(table), channel)
+        session = make_session(parse_config(table, from_file=False), channel)
 
         def stop(_number: int, _frame: FrameType | None) -> None:
             session.stop(STOPPED_ON_REQUEST)

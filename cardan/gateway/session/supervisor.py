@@ -124,7 +124,7 @@ class SessionProcess:
         """Packets until it closes its end, or is to be killed."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError), self._process.stdin as stdin:
-            stdin.write(json.dumps(as_table(self._config)).encode())
+            stdin.write(json.dumps(as_table(self._config, from_file=False)).encode())
         beat_s = NEVER_S
         with selectors.DefaultSelector() as selector:
             selector.register(self._channel, selectors.EVENT_READ)

@@ -1,10 +1,13 @@
 """A session in a process of its own: it is started, shown, stopped, and its death is noticed."""
 
+import dataclasses
 import os
 import signal
 
 import pytest
 
+from cardan.errors import ConfigurationError
+from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.session import supervisor
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.supervisor import supervise
@@ -46,6 +49,17 @@ def test_a_command_around_it_has_its_signals_and_its_code(waiting):
     shell = ("sh", "-c", "trap 'exit 143' TERM; sleep 20 & wait", "sh")
     outcome = supervise(waiting, 30.0, poll=lambda: False, through=shell)
     assert (outcome.exit_code, outcome.last.message) == (0, "stopped before it began")
+
+
+def test_what_only_code_sets_reaches_the_session(waiting, monkeypatch):
+    sent = []
+    monkeypatch.setattr(supervisor.json, "dumps", lambda table: sent.append(table) or "{}")
+    watchdogs = Watchdogs(heartbeat_s=0.2, stall_s=0.05, following_error_joint=0.1)
+    changed = dataclasses.replace(waiting, watchdogs=watchdogs)
+    supervise(changed, 0.5)
+    assert parse_config(sent[0], from_file=False) == changed
+    with pytest.raises(ConfigurationError, match=r"watchdogs.*there is no such key"):
+        parse_config(sent[0])
 
 
 def test_poll_stops_it_even_before_it_has_begun(waiting):

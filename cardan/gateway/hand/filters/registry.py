@@ -9,6 +9,7 @@ from importlib.metadata import EntryPoints, entry_points
 from typing import Any
 
 from cardan.gateway.hand.filters.base import TwistFilter
+from cardan.options import Options
 from cardan.plugins import Finder
 from cardan.tables import OTHER_KEYS
 
@@ -22,7 +23,7 @@ BUILT_IN = {
 
 
 @dataclass(frozen=True)
-class FilterTable:
+class FilterTable(Options):
     """A filter's name; all other keys of the table are that filter's options."""
 
     filter: str
