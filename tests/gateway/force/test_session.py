@@ -323,7 +323,7 @@ def test_a_device_without_force_is_refused(tables, words):
 def test_axes_that_mirror_are_refused():
     mapping = {**TABLE["mapping"], "axes": ["-x", "y", "z", "rx", "ry", "rz"]}
     config = parse_config({**TABLE, "mapping": mapping, "fixtures": [SPHERE]})
-    with pytest.raises(ConfigurationError, match=r"mapping\.axes: .* no rotation"):
+    with pytest.raises(ConfigurationError, match=r"mapping\.axes: .* not a rotation"):
         make_force(config, make_device(config), make_robot(config))
     make_force(parse_config({**TABLE, "mapping": mapping}), make_device(config), make_robot(config))
 

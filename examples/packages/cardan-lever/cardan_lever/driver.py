@@ -12,6 +12,7 @@ from cardan.drivers.core import DeviceCore
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.serial_port import SerialPort
 from cardan.drivers.shaping import Shaper, ShapingOptions
+from cardan.drivers.simulated import OWN
 from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceCapabilities, DeviceLink
 
 from cardan_lever.protocol import BAUD, LineReader, Report
@@ -93,6 +94,7 @@ class Lever(ReadDevice[LeverCore]):
     summary = "three-axis lever"
     page = "https://lever.example/cardan"
     peer = "lever"
+    simulated = ({"path": OWN},)  # at a path of the demo's own there is only the simulated one
     gives, suits = "three deflections, a trigger", "rate, base frame"
     capabilities = DeviceCapabilities(
         gives_pose=False, buttons=("trigger",), feedback=frozenset(), battery=False
