@@ -41,8 +41,14 @@ $(VENV)/.cardan-dev: $(VENV)/.cardan
 demo: $(VENV)/.cardan
 	$(BIN)/cardan demo $(DEMO_ROBOT) --seconds $(DEMO_SECONDS)
 
+# Tests that wait for real clocks run alone and one by one; all others keep two cores busy.
 test: $(VENV)/.cardan-dev
+ifeq ($(strip $(PYTEST)),)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not realtime"
+	$(BIN)/python -m pytest -m realtime
+else
 	$(BIN)/python -m pytest $(PYTEST)
+endif
 
 # Minutes, in software emulation; what it needs is installed from Debian, and downloaded once.
 test-kernel: $(VENV)/.cardan-dev
