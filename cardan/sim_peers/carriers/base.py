@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import selectors
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Generic, Protocol, TypeVar
@@ -89,10 +88,6 @@ class Carrier(ABC, Generic[M]):
 
     def wait(self, timeout_s: float) -> None:
         """Wait for programs, at most `timeout_s`, and take what they send."""
-        selector = self.shell.selector
-        if not selector.get_map():  # with no file at all Windows does not wait
-            time.sleep(timeout_s)
-            return
-        for key, _ in selector.select(timeout_s):
+        for key, _ in self.shell.selector.select(timeout_s):
             handle: Callable[[], None] = key.data
             handle()
