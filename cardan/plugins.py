@@ -6,9 +6,9 @@ import contextlib
 import importlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import is_dataclass
+from dataclasses import dataclass, is_dataclass
 from importlib.metadata import EntryPoint
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 from cardan.errors import CardanError, ConfigurationError
 
@@ -21,7 +21,8 @@ def reason(error: BaseException) -> str:
     return words if isinstance(error, CardanError) else f"{type(error).__name__}: {words}"
 
 
-class Loaded(NamedTuple, Generic[T]):
+@dataclass(frozen=True, slots=True)
+class Loaded(Generic[T]):
     """All classes that there are, by name."""
 
     classes: dict[str, type[T]]
