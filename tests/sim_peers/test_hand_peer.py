@@ -10,7 +10,6 @@ import pytest
 
 from cardan.errors import AddressError
 from cardan.sim_peers import hand_peer
-from cardan.sim_peers.carriers import base
 from cardan.sim_peers.carriers.base import Carrier
 from cardan.sim_peers.hand_peer import STALL_S, HandOptions, HandPeer
 
@@ -115,7 +114,6 @@ class Noting(Carrier):
 def make(monkeypatch):
     clock = Clock()
     monkeypatch.setattr(hand_peer, "time", clock)
-    monkeypatch.setattr(base, "time", clock)
     monkeypatch.setattr(selectors, "SelectSelector", Waiting)
     monkeypatch.setattr(Waiting, "clock", clock, raising=False)
     peers = []
