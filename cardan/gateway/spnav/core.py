@@ -504,7 +504,7 @@ _SETTINGS: Mapping[int, tuple[int, ...]] = MappingProxyType(
         Code.GCFG_INVERT: (0,) * AXES,
         Code.GCFG_SWAPYZ: (0,),
         Code.GCFG_GRAB: (0,),
-        Code.GCFG_REPEAT: (round(1000.0 * REPEAT_PERIOD_S),),
+        Code.GCFG_REPEAT: (-1,),  # off: only what the device goes on to report is sent again
     }
 )
 """Fixed answers: these settings of spacenavd as they are here."""
