@@ -11,7 +11,7 @@ import pytest
 
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.gateway.spnav import SpnavServer, SpnavServerCore, SpnavServerOptions
+from cardan.gateway.spnav import DeviceIdentity, SpnavServer, SpnavServerCore, SpnavServerOptions
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     encode_button,
@@ -269,6 +269,11 @@ def test_find(path, monkeypatch):
     with in_a_thread(Hand(path)):
         (found,) = Spnav.find()
         assert (found.transport, found.path, found.obstacle) == ("spnav", str(path), "")
+        assert found.name == "spacenavd"
+    spaceball = DeviceIdentity("Ball", device_type=0x102)
+    with in_a_thread(Hand(path, identity=spaceball)):
+        (found,) = Spnav.find()
+        assert (found.name, found.obstacle) == ("spacenavd (Spaceball 4000 FLX)", "")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
         dead.bind(str(path))
     (found,) = Spnav.find()
@@ -311,25 +316,25 @@ SCRIPT = """
 the middle of a push."""
 
 
-@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
-def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
+@contextlib.contextmanager
+def spacenavd(folder, script, *, settings="", **options):
+    """Debian's daemon with a serial SpaceMouse that a hand moves by `script`: its socket's path."""
     daemon = shutil.which("spacenavd") or shutil.which("spacenavd", path="/usr/sbin")
     if daemon is None:
         pytest.skip("spacenavd is not installed (Debian package spacenavd)")
     # In the foreground this daemon makes its socket below its working directory.
-    (tmp_path / "run").mkdir()
-    path = tmp_path / "run" / "spnav.sock"
-    (tmp_path / "hand.txt").write_text(SCRIPT)
-    (tmp_path / "spnavrc").write_text(f"serial = {tmp_path}/port\n")
+    (folder / "run").mkdir()
+    path = folder / "run" / "spnav.sock"
+    (folder / "hand.txt").write_text(script)
+    (folder / "spnavrc").write_text(f"serial = {folder}/port\n{settings}")
+    port, hand = str(folder / "port"), str(folder / "hand.txt")
     peer = SpaceMousePeer(
-        SpaceMousePeerOptions(
-            serial=str(tmp_path / "port"), model="magellan", script=str(tmp_path / "hand.txt")
-        )
+        SpaceMousePeerOptions(serial=port, model="magellan", script=hand, **options)
     )
-    with in_a_thread(peer), (tmp_path / "log").open("w") as log:
+    with in_a_thread(peer), (folder / "log").open("w") as log:
         process = subprocess.Popen(
-            [daemon, "-d", "-c", str(tmp_path / "spnavrc")],
-            cwd=tmp_path,
+            [daemon, "-d", "-c", str(folder / "spnavrc")],
+            cwd=folder,
             stdout=log,
             stderr=subprocess.STDOUT,
         )
@@ -337,18 +342,67 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
             deadline_s = time.monotonic() + TIMEOUT_S
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as old_client:
                 while old_client.connect_ex(str(path)):  # Not there yet, or it does not listen yet.
-                    said = (tmp_path / "log").read_text()
+                    said = (folder / "log").read_text()
                     assert process.poll() is None, f"spacenavd ended: {said}"
                     assert time.monotonic() < deadline_s, f"spacenavd does not serve: {said}"
                     time.sleep(0.01)
-                with opened(path) as driver:
-                    watch(driver)
-                old_client.setblocking(False)
-                records = old_client.recv(65536)
+                yield path, old_client
         finally:
             process.terminate()
             process.wait(TIMEOUT_S)
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
+    with spacenavd(tmp_path, SCRIPT) as (path, old_client):
+        with opened(path) as driver:
+            watch(driver)
+        old_client.setblocking(False)
+        records = old_client.recv(65536)
     replay(records)
+
+
+HELD = """
+    0.30 axes 0 0 0.2 0 0 0 over 0.1
+    0.50 neutral over 0.1
+    0.80 press first
+    0.90 axes 0 0 0.6 0 0 0
+    9.00 neutral
+"""
+"""Touch and let go; then hold quite still, of which the daemon passes on nothing."""
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+@pytest.mark.parametrize("interval", [40, 250, 999])
+def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, interval):
+    settings = f"repeat-interval = {interval}\n"
+    daemon = spacenavd(tmp_path, HELD, settings=settings, jitter_lsb=0)
+    with daemon as (path, _), opened(path) as driver:
+        until(driver, lambda state: state.axes[2] > 0.5)
+        pushed_s = time.monotonic()
+        state = until(driver, lambda state: not live(state))
+        assert time.monotonic() - pushed_s < 1.0  # 0.1 s, were this machine not busy
+        assert (state.link, state.axes) == (DeviceLink.STALE, REST)
+        assert state.buttons == frozenset()
+        assert "repeat-interval" in state.reason
+        before = driver.metrics()
+        until(driver, lambda _: driver.metrics()["repeats"] > before["repeats"] + 300)
+        assert driver.state().link is DeviceLink.STALE
+        assert driver.metrics()["silences"] == before["silences"]
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
+    """A hand that trembles by one count: some packets are like those before, and not passed on."""
+    daemon = spacenavd(tmp_path, HELD, jitter_lsb=1)
+    with daemon as (path, _), opened(path) as usual, opened(path, stale_after_s=1.0) as patient:
+        assert 'transport = "serial"' in " ".join(usual.diagnosis())
+        until(patient, lambda state: state.axes[2] > 0.5)
+        end_s = time.monotonic() + 3.0
+        until(patient, lambda state: not live(state) or time.monotonic() > end_s)
+        assert live(patient.state()), patient.diagnosis()
+        assert usual.metrics()["silences"] > 0
+        assert "stale_after_s = 1" in " ".join(patient.diagnosis())
 
 
 def watch(driver):
