@@ -9,7 +9,7 @@ from cardan.types import NEVER_S
 FASTEST_PERIOD_S = 0.004
 """Identical motions that keep a higher pace are the daemon's own. Half the shortest period of a
 device, which is 8 ms; spacenavd takes the remainder of its `repeat-interval` by 1000 for
-microseconds, so that it repeats each 1 ms or faster, if not each second or slower."""
+microseconds, so that it repeats each 1.3 ms or faster, if not each second or slower."""
 
 
 class RepeatDetector:
