@@ -4,14 +4,25 @@ import contextlib
 import shutil
 import socket
 import subprocess
+import tempfile
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
+from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.gateway.spnav import DeviceIdentity, SpnavServer, SpnavServerCore, SpnavServerOptions
+from cardan.gateway.spnav import (
+    DeviceIdentity,
+    SpnavServer,
+    SpnavServerCore,
+    SpnavServerOptions,
+    identity_of,
+)
+from cardan.protocols.connexion_serial import serial_model_by_key
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     encode_button,
@@ -317,8 +328,8 @@ the middle of a push."""
 
 
 @contextlib.contextmanager
-def spacenavd(folder, script, *, settings="", **options):
-    """Debian's daemon with a serial SpaceMouse that a hand moves by `script`: its socket's path."""
+def spacenavd(folder, script, *, settings="", model="magellan", **options):
+    """Debian's daemon with a serial device that a hand moves by `script`: its socket's path."""
     daemon = shutil.which("spacenavd") or shutil.which("spacenavd", path="/usr/sbin")
     if daemon is None:
         pytest.skip("spacenavd is not installed (Debian package spacenavd)")
@@ -328,9 +339,7 @@ def spacenavd(folder, script, *, settings="", **options):
     (folder / "hand.txt").write_text(script)
     (folder / "spnavrc").write_text(f"serial = {folder}/port\n{settings}")
     port, hand = str(folder / "port"), str(folder / "hand.txt")
-    peer = SpaceMousePeer(
-        SpaceMousePeerOptions(serial=port, model="magellan", script=hand, **options)
-    )
+    peer = SpaceMousePeer(SpaceMousePeerOptions(serial=port, model=model, script=hand, **options))
     with in_a_thread(peer), (folder / "log").open("w") as log:
         process = subprocess.Popen(
             [daemon, "-d", "-c", str(folder / "spnavrc")],
@@ -403,6 +412,51 @@ def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
         assert live(patient.state()), patient.diagnosis()
         assert usual.metrics()["silences"] > 0
         assert "stale_after_s = 1" in " ".join(patient.diagnosis())
+
+
+UNTOLD = {"rezero", "plus", "minus"}
+"""Keys that spacenavd 1.1 does not tell of; those of a Magellan it tells of from 1.2 on."""
+
+
+def keys_of(model):
+    """The keys of a serial device that spacenavd tells of."""
+    return [key for key in serial_model_by_key(model).buttons.values() if key not in UNTOLD]
+
+
+def presses(model):
+    """A script that presses all keys of a device, one after the other."""
+    keys = keys_of(model)
+    return "".join(
+        f"{0.5 + 0.2 * at:.1f} press {key}\n{0.6 + 0.2 * at:.1f} release {key}\n"
+        for at, key in enumerate(keys)
+    )
+
+
+def told_presses(folder, model):
+    """The buttons that the driver has of a hand that presses all keys of a serial device."""
+    folder.mkdir()
+    edges = []
+
+    def all_were_told(_):
+        edges.extend(driver.button_events())
+        return len(edges) == 2 * len(keys_of(model))
+
+    with spacenavd(folder, presses(model), model=model) as (path, _), opened(path) as driver:
+        until(driver, all_were_told)
+    return [event.button for event in edges if event.pressed]
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+def test_spacenavd_numbers_the_keys_of_serial_devices_as_our_server_does():
+    models = ("magellan", "spaceball-2003", "spaceball-3003", "spaceball-4000")
+    # A socket's path has room for 107 bytes.
+    with tempfile.TemporaryDirectory(prefix="cardan-") as name, ThreadPoolExecutor(4) as pool:
+        told = pool.map(lambda model: told_presses(Path(name) / model, model), models)
+        told = dict(zip(models, told, strict=True))
+    for model in models:
+        mouse = SpaceMouse(transport="serial", path="PORT", model=model)
+        served = identity_of(mouse).button_numbers
+        assert told[model] == [f"button-{served[key]}" for key in keys_of(model)]
 
 
 def watch(driver):
