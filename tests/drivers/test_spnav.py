@@ -20,11 +20,13 @@ from cardan.gateway.spnav import (
     SpnavServer,
     SpnavServerCore,
     SpnavServerOptions,
+    core as server_core,
     identity_of,
 )
 from cardan.protocols.connexion_serial import serial_model_by_key
 from cardan.protocols.spnav import (
     RECORD_BYTES,
+    Code,
     encode_button,
     encode_handshake,
     encode_motion,
@@ -256,6 +258,28 @@ def test_a_daemon_that_hangs_up_at_once(path):
             driver.open()
         thread.join()
     assert driver.state().link is DeviceLink.LOST
+
+
+def test_a_daemon_that_repeats_is_refused_until_that_is_changed(path, monkeypatch):
+    settings = dict(server_core._SETTINGS)
+    monkeypatch.setattr(server_core, "_SETTINGS", settings)
+    monkeypatch.setenv("SPNAV_SOCKET", str(path))
+    settings[Code.GCFG_REPEAT] = (250,)
+    with in_a_thread(Hand(path)) as hand:
+        with pytest.raises(DeviceAccessError, match="set repeat-interval = -1 there"):
+            Spnav().open()
+        (found,) = Spnav.find()
+        assert "repeat-interval = 250" in found.obstacle
+        with opened(path, wait_for_device=True) as driver:
+            assert lost(driver.state())
+            assert "repeat-interval = 250" in driver.state().reason
+            settings[Code.GCFG_REPEAT] = (-1,)
+            until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
+            hand.touch(driver)
+            hand.axes = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+            until(driver, lambda state: state.axes[0] > 0.4)
+            settings[Code.GCFG_REPEAT] = (16,)
+            assert until(driver, lost).axes == REST
 
 
 # -- finding it ---------------------------------------------------------------------------------
