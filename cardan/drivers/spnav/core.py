@@ -302,8 +302,13 @@ class SpnavCore(DeviceCore):
     # -- events --------------------------------------------------------------------------------
 
     def _on_motion(self, value: Motion, now_s: float) -> None:
-        if self._refusal or self._repeats.take(value[:6], now_s):
-            self._on_repeat()
+        self._malformed_in_a_row = 0
+        if self._refusal:
+            return
+        if self._repeats.take(value[:6], now_s):
+            self._counts["repeats"] += 1
+            # The device may be dead since the last motion that was not ahead of its pace.
+            self._motion_s = min(self._motion_s, self._repeats.in_pace_s)
             return
         self._hear(now_s)
         if self._active:
@@ -317,12 +322,6 @@ class SpnavCore(DeviceCore):
         self._motion_s = now_s
         self._active = not self._at_rest(value)
         self._arm(now_s)
-
-    def _on_repeat(self) -> None:
-        """A motion tells nothing of the device: it may be dead since the last one that did."""
-        self._malformed_in_a_row = 0
-        self._counts["repeats"] += 1
-        self._motion_s = min(self._motion_s, self._repeats.in_pace_s)
 
     def _arm(self, now_s: float) -> None:
         """Accept the device from its first rest on, unless other motion follows at once."""
