@@ -305,10 +305,13 @@ def test_find(path, monkeypatch):
         (found,) = Spnav.find()
         assert (found.transport, found.path, found.obstacle) == ("spnav", str(path), "")
         assert found.name == "spacenavd"
-    spaceball = DeviceIdentity("Ball", device_type=0x102)
-    with in_a_thread(Hand(path, identity=spaceball)):
-        (found,) = Spnav.find()
-        assert (found.name, found.obstacle) == ("spacenavd (Spaceball 4000 FLX)", "")
+    for device_type, told in (
+        (0x20F, "spacenavd (SpaceMouse Compact)"),
+        (0x103, "spacenavd (Magellan SpaceMouse: better read without it, as spacemouse)"),
+    ):
+        with in_a_thread(Hand(path, identity=DeviceIdentity(device_type=device_type))):
+            (found,) = Spnav.find()
+            assert (found.name, found.obstacle) == (told, "")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
         dead.bind(str(path))
     (found,) = Spnav.find()

@@ -241,6 +241,11 @@ class SpnavCore(DeviceCore):
         return DEVICE_TYPES.get(self._device_type, "")
 
     @property
+    def is_serial(self) -> bool:
+        """Whether the daemon says that its device is at a serial port."""
+        return self._described and self._device_type in _SERIAL_FULL_SCALES
+
+    @property
     def version(self) -> int | None:
         """The protocol's version in force; None: not agreed yet."""
         return self._version
@@ -280,7 +285,7 @@ class SpnavCore(DeviceCore):
 
     def _notes(self, now_s: float) -> list[str]:
         words = []
-        if self._open and self._is_serial:
+        if self._open and self.is_serial:
             words.append(
                 f"the daemon's device is a {self.device_name} at a serial port, of which spacenavd "
                 "(but not `cardan spnav`) drops motion that does not change: the arm brakes while "
@@ -395,7 +400,7 @@ class SpnavCore(DeviceCore):
                 f"deflected, and for {limit_s:g} s only what the daemon repeats by itself: set "
                 "repeat-interval = -1 in its spnavrc"
             )
-        steady = "the hand may be too steady, " if self._is_serial else ""
+        steady = "the hand may be too steady, " if self.is_serial else ""
         return (
             f"deflected, but no motion for {limit_s:g} s: {steady}the device may be unplugged, or "
             "the daemon stuck"
@@ -506,10 +511,6 @@ class SpnavCore(DeviceCore):
         )
         self._dead_counts = self._options.dead_zone * self._full_scale
         self._rotation_dead_counts = self._options.dead_zone * self._rotation_full_scale
-
-    @property
-    def _is_serial(self) -> bool:
-        return self._described and self._device_type in _SERIAL_FULL_SCALES
 
     def _drop_input(self, now_s: float) -> None:
         self._motion = None

@@ -73,8 +73,12 @@ class Spnav(ReadDevice[SpnavCore]):
         state = device._core.state(time.monotonic())
         if not obstacle and state.link is DeviceLink.LOST:
             obstacle = state.reason
-        behind = f" ({device._core.device_name})" if device._core.device_name else ""
-        return [FoundDevice(f"spacenavd{behind}", "", "spnav", path, obstacle)]
+        name = "spacenavd"
+        if device._core.is_serial:
+            name += f" ({device._core.device_name}: better read without it, as spacemouse)"
+        elif device._core.device_name:
+            name += f" ({device._core.device_name})"
+        return [FoundDevice(name, "", "spnav", path, obstacle)]
 
     @property
     def capabilities(self) -> DeviceCapabilities:
