@@ -13,7 +13,11 @@ from typing import Any
 
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
+from cardan.drivers.spacemouse import SpaceMouse
 from cardan.gateway.session.examples import find_demos
+from cardan.gateway.spnav import identity_of
+from cardan.protocols.connexion import MODELS
+from cardan.protocols.connexion_serial import SERIAL_MODELS
 from cardan.sim_peers import registry as peers
 
 ROOT = Path(__file__).parents[1]
@@ -128,11 +132,35 @@ def _demos() -> str:
     return markdown(("command", "what is joined", "the same by hand"), rows)
 
 
+def _spnav_buttons() -> str:
+    """Which key has which number for programs of spacenavd."""
+    devices: dict[str, list[str]] = {}
+    for mouse in (
+        *(SpaceMouse(model=model.key) for model in MODELS if model.buttons),
+        *(
+            SpaceMouse(transport="serial", path="PORT", model=model.key)
+            for model in SERIAL_MODELS
+            if model.key != "spaceorb"  # spacenavd does not know it.
+        ),
+    ):
+        identity = identity_of(mouse)
+        keys: dict[int, list[str]] = {}
+        for label in mouse.capabilities.buttons:
+            keys.setdefault(identity.button_numbers[label], []).append(f"`{label}`")
+        told = ", ".join(f"{number} {' or '.join(keys[number])}" for number in sorted(keys))
+        devices.setdefault(told, []).append(identity.name)
+    return markdown(
+        ("devices", "N of `button-N`, and the key"),
+        ((", ".join(dict.fromkeys(names)), told) for told, names in devices.items()),
+    )
+
+
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
     ("docs/configuration.md", "drivers"): _options,
     ("docs/first-ten-minutes.md", "demos"): _demos,
+    ("docs/spnav.md", "buttons"): _spnav_buttons,
     ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
     ("docs/simulated-devices.md", "faults of serial devices"): _faults("spacemouse", serial="port"),

@@ -221,7 +221,7 @@ class Spnav(Intercepted):
 
     name = "spacenavd's socket"
     method = "on_bytes"
-    within_s = spnav.STALE_AFTER_S + STEP_S
+    within_s = spnav.USUAL_STALE_AFTER_S + STEP_S
     cut = False
 
     def shortened(self, report):

@@ -370,6 +370,7 @@ def test_pro_labels():
 
 def test_bits_and_key_arrays_are_merged():
     device = Device("spacemouse-enterprise")
+    device.report(encode_keys_down([]))
     device.report(encode_buttons(1 << 12, 5))
     device.report(encode_keys_down([13, 103]))
     device.report(encode_keys_down([103]))
@@ -391,6 +392,29 @@ def test_the_first_report_that_names_several_buttons_presses_none():
     device.core.events()
     device.report(encode_buttons(0b11, 3))
     assert device.core.state(device.now_s).buttons == frozenset()
+
+
+def test_a_key_that_only_the_array_names_is_no_press_when_it_was_down_before():
+    """The other key shows up in report 3 first; v1 has no bit there."""
+    device = Device("spacemouse-enterprise")
+    device.report(encode_buttons(1 << 12, 5))
+    device.report(encode_keys_down([13, 103]))
+    assert "v1" not in {event.button for event in device.core.events()}
+    assert "v1" not in device.core.state(device.now_s).buttons
+    device.report(encode_buttons(0, 5))
+    device.report(encode_keys_down([]))
+    device.core.events()
+    device.report(encode_keys_down([103]))
+    assert device.core.state(device.now_s).buttons == {"v1"}
+
+
+def test_two_keys_that_are_held_long_stay_down():
+    device = Device("spacemouse-enterprise")
+    for codes in ([13], [13, 26]):
+        device.report(encode_buttons(sum(1 << code - 1 for code in codes), 5))
+        device.report(encode_keys_down(codes))
+    device.report(encode_long_press([13, 26]))
+    assert device.edges() == [("1", True), ("ctrl", True)]
 
 
 def test_the_first_report_that_names_one_button_is_a_press():

@@ -4,16 +4,29 @@ import contextlib
 import shutil
 import socket
 import subprocess
+import tempfile
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
+from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.gateway.spnav import SpnavServer, SpnavServerCore, SpnavServerOptions
+from cardan.gateway.spnav import (
+    DeviceIdentity,
+    SpnavServer,
+    SpnavServerCore,
+    SpnavServerOptions,
+    core as server_core,
+    identity_of,
+)
+from cardan.protocols.connexion_serial import serial_model_by_key
 from cardan.protocols.spnav import (
     RECORD_BYTES,
+    Code,
     encode_button,
     encode_handshake,
     encode_motion,
@@ -247,6 +260,28 @@ def test_a_daemon_that_hangs_up_at_once(path):
     assert driver.state().link is DeviceLink.LOST
 
 
+def test_a_daemon_that_repeats_is_refused_until_that_is_changed(path, monkeypatch):
+    settings = dict(server_core._SETTINGS)
+    monkeypatch.setattr(server_core, "_SETTINGS", settings)
+    monkeypatch.setenv("SPNAV_SOCKET", str(path))
+    settings[Code.GCFG_REPEAT] = (250,)
+    with in_a_thread(Hand(path)) as hand:
+        with pytest.raises(DeviceAccessError, match="set repeat-interval = -1 there"):
+            Spnav().open()
+        (found,) = Spnav.find()
+        assert "repeat-interval = 250" in found.obstacle
+        with opened(path, wait_for_device=True) as driver:
+            assert lost(driver.state())
+            assert "repeat-interval = 250" in driver.state().reason
+            settings[Code.GCFG_REPEAT] = (-1,)
+            until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
+            hand.touch(driver)
+            hand.axes = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+            until(driver, lambda state: state.axes[0] > 0.4)
+            settings[Code.GCFG_REPEAT] = (16,)
+            assert until(driver, lost).axes == REST
+
+
 # -- finding it ---------------------------------------------------------------------------------
 
 
@@ -269,6 +304,14 @@ def test_find(path, monkeypatch):
     with in_a_thread(Hand(path)):
         (found,) = Spnav.find()
         assert (found.transport, found.path, found.obstacle) == ("spnav", str(path), "")
+        assert found.name == "spacenavd"
+    for device_type, told in (
+        (0x20F, "spacenavd (SpaceMouse Compact)"),
+        (0x103, "spacenavd (Magellan SpaceMouse: better read without it, as spacemouse)"),
+    ):
+        with in_a_thread(Hand(path, identity=DeviceIdentity(device_type=device_type))):
+            (found,) = Spnav.find()
+            assert (found.name, found.obstacle) == (told, "")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
         dead.bind(str(path))
     (found,) = Spnav.find()
@@ -311,25 +354,23 @@ SCRIPT = """
 the middle of a push."""
 
 
-@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
-def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
+@contextlib.contextmanager
+def spacenavd(folder, script, *, settings="", model="magellan", **options):
+    """Debian's daemon with a serial device that a hand moves by `script`: its socket's path."""
     daemon = shutil.which("spacenavd") or shutil.which("spacenavd", path="/usr/sbin")
     if daemon is None:
         pytest.skip("spacenavd is not installed (Debian package spacenavd)")
     # In the foreground this daemon makes its socket below its working directory.
-    (tmp_path / "run").mkdir()
-    path = tmp_path / "run" / "spnav.sock"
-    (tmp_path / "hand.txt").write_text(SCRIPT)
-    (tmp_path / "spnavrc").write_text(f"serial = {tmp_path}/port\n")
-    peer = SpaceMousePeer(
-        SpaceMousePeerOptions(
-            serial=str(tmp_path / "port"), model="magellan", script=str(tmp_path / "hand.txt")
-        )
-    )
-    with in_a_thread(peer), (tmp_path / "log").open("w") as log:
+    (folder / "run").mkdir()
+    path = folder / "run" / "spnav.sock"
+    (folder / "hand.txt").write_text(script)
+    (folder / "spnavrc").write_text(f"serial = {folder}/port\n{settings}")
+    port, hand = str(folder / "port"), str(folder / "hand.txt")
+    peer = SpaceMousePeer(SpaceMousePeerOptions(serial=port, model=model, script=hand, **options))
+    with in_a_thread(peer), (folder / "log").open("w") as log:
         process = subprocess.Popen(
-            [daemon, "-d", "-c", str(tmp_path / "spnavrc")],
-            cwd=tmp_path,
+            [daemon, "-d", "-c", str(folder / "spnavrc")],
+            cwd=folder,
             stdout=log,
             stderr=subprocess.STDOUT,
         )
@@ -337,18 +378,112 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
             deadline_s = time.monotonic() + TIMEOUT_S
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as old_client:
                 while old_client.connect_ex(str(path)):  # Not there yet, or it does not listen yet.
-                    said = (tmp_path / "log").read_text()
+                    said = (folder / "log").read_text()
                     assert process.poll() is None, f"spacenavd ended: {said}"
                     assert time.monotonic() < deadline_s, f"spacenavd does not serve: {said}"
                     time.sleep(0.01)
-                with opened(path) as driver:
-                    watch(driver)
-                old_client.setblocking(False)
-                records = old_client.recv(65536)
+                yield path, old_client
         finally:
             process.terminate()
             process.wait(TIMEOUT_S)
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
+    with spacenavd(tmp_path, SCRIPT) as (path, old_client):
+        with opened(path) as driver:
+            watch(driver)
+        old_client.setblocking(False)
+        records = old_client.recv(65536)
     replay(records)
+
+
+HELD = """
+    0.30 axes 0 0 0.2 0 0 0 over 0.1
+    0.50 neutral over 0.1
+    0.80 press first
+    0.90 axes 0 0 0.6 0 0 0
+    9.00 neutral
+"""
+"""Touch and let go; then hold quite still, of which the daemon passes on nothing."""
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+@pytest.mark.parametrize("interval", [40, 250, 999])
+def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, interval):
+    settings = f"repeat-interval = {interval}\n"
+    daemon = spacenavd(tmp_path, HELD, settings=settings, jitter_lsb=0)
+    with daemon as (path, _), opened(path) as driver:
+        until(driver, lambda state: state.axes[2] > 0.5)
+        pushed_s = time.monotonic()
+        state = until(driver, lambda state: not live(state))
+        assert time.monotonic() - pushed_s < 1.0  # 0.1 s, were this machine not busy
+        assert (state.link, state.axes) == (DeviceLink.STALE, REST)
+        assert state.buttons == frozenset()
+        assert "repeat-interval" in state.reason
+        before = driver.metrics()
+        until(driver, lambda _: driver.metrics()["repeats"] > before["repeats"] + 300)
+        assert driver.state().link is DeviceLink.STALE
+        assert driver.metrics()["silences"] == before["silences"]
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
+    """A hand that trembles by one count: some packets are like those before, and not passed on."""
+    daemon = spacenavd(tmp_path, HELD, jitter_lsb=1)
+    with daemon as (path, _), opened(path) as usual, opened(path, stale_after_s=1.0) as patient:
+        assert 'transport = "serial"' in " ".join(usual.diagnosis())
+        until(patient, lambda state: state.axes[2] > 0.5)
+        end_s = time.monotonic() + 3.0
+        until(patient, lambda state: not live(state) or time.monotonic() > end_s)
+        assert live(patient.state()), patient.diagnosis()
+        assert usual.metrics()["silences"] > 0
+        assert "stale_after_s = 1" in " ".join(patient.diagnosis())
+
+
+UNTOLD = {"rezero", "plus", "minus"}
+"""Keys that spacenavd 1.1 does not tell of; those of a Magellan it tells of from 1.2 on."""
+
+
+def keys_of(model):
+    """The keys of a serial device that spacenavd tells of."""
+    return [key for key in serial_model_by_key(model).buttons.values() if key not in UNTOLD]
+
+
+def presses(model):
+    """A script that presses all keys of a device, one after the other."""
+    keys = keys_of(model)
+    return "".join(
+        f"{0.5 + 0.2 * at:.1f} press {key}\n{0.6 + 0.2 * at:.1f} release {key}\n"
+        for at, key in enumerate(keys)
+    )
+
+
+def told_presses(folder, model):
+    """The buttons that the driver has of a hand that presses all keys of a serial device."""
+    folder.mkdir()
+    edges = []
+
+    def all_were_told(_):
+        edges.extend(driver.button_events())
+        return len(edges) == 2 * len(keys_of(model))
+
+    with spacenavd(folder, presses(model), model=model) as (path, _), opened(path) as driver:
+        until(driver, all_were_told)
+    return [event.button for event in edges if event.pressed]
+
+
+@pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
+def test_spacenavd_numbers_the_keys_of_serial_devices_as_our_server_does():
+    models = ("magellan", "spaceball-2003", "spaceball-3003", "spaceball-4000")
+    # A socket's path has room for 107 bytes.
+    with tempfile.TemporaryDirectory(prefix="cardan-") as name, ThreadPoolExecutor(4) as pool:
+        told = pool.map(lambda model: told_presses(Path(name) / model, model), models)
+        told = dict(zip(models, told, strict=True))
+    for model in models:
+        mouse = SpaceMouse(transport="serial", path="PORT", model=model)
+        served = identity_of(mouse).button_numbers
+        assert told[model] == [f"button-{served[key]}" for key in keys_of(model)]
 
 
 def watch(driver):

@@ -9,9 +9,10 @@ from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.drivers.spnav.core import (
     HANDSHAKE_TIMEOUT_S,
     OUT_OF_STEP,
+    REPEAT_CHECK_S,
     REPLY_TIMEOUT_S,
     SETTLE_S,
-    STALE_AFTER_S,
+    USUAL_STALE_AFTER_S,
     usual_full_scales,
 )
 from cardan.protocols.spnav import (
@@ -19,12 +20,14 @@ from cardan.protocols.spnav import (
     RECORD_BYTES,
     ClientReader,
     Code,
+    ConfigChange,
     DeviceChange,
     Handshake,
     LedMode,
     Request,
     Sensitivity,
     encode_button,
+    encode_config,
     encode_device,
     encode_handshake,
     encode_motion,
@@ -43,7 +46,9 @@ PERIOD_S = 0.016
 class Daemon:
     """A daemon of version 0 or 1, its device, and the driver's core at the other end."""
 
-    def __init__(self, *, version=1, buttons=2, usb_id=(0x046D, 0xC626), led=2, **options):
+    def __init__(
+        self, *, version=1, buttons=2, usb_id=(0x046D, 0xC626), led=2, repeat_ms=None, **options
+    ):
         self.now_s = 50.0
         self.core = SpnavCore(SpnavOptions(dead_zone=0.0, **options))
         self.version = version
@@ -51,6 +56,8 @@ class Daemon:
         self.usb_id = usb_id
         self.device_type = 0x206 if usb_id else 0x103
         self.led = led
+        self.repeat_ms = repeat_ms
+        """None: as spacenavd 1.1, which does not tell."""
         self.answers = True
         self.asked = []
         self.reopen()
@@ -80,6 +87,7 @@ class Daemon:
                 Code.DEV_USBID: self.usb_id if there else None,
                 Code.SCFG_LED: value.data[:1],
                 Code.GCFG_LED: None if self.led is None else (self.led,),
+                Code.GCFG_REPEAT: None if self.repeat_ms is None else (self.repeat_ms,),
             }
             if value.code != Code.SET_NAME:
                 answer = answers.get(value.code)
@@ -170,7 +178,7 @@ def test_silence_while_deflected_is_neutral_within_100_ms():
     daemon.send(encode_button(0, True))
     daemon.hold(PUSH, 0.2)
     assert daemon.state.axes == FORWARD
-    daemon.now_s += STALE_AFTER_S - 0.001
+    daemon.now_s += USUAL_STALE_AFTER_S - 0.001
     assert daemon.state.axes == FORWARD
     daemon.now_s += 0.0011
     state = daemon.state
@@ -374,11 +382,216 @@ def test_whatever_the_daemon_sends_nothing_is_raised_and_silence_is_neutral(chun
         daemon.send(chunk)
         daemon.exchange()
         assert all(-1.0 <= axis <= 1.0 for axis in daemon.state.axes)
-    daemon.wait(STALE_AFTER_S + 0.01)
+    daemon.wait(USUAL_STALE_AFTER_S + 0.01)
     daemon.core.diagnosis(daemon.now_s)
     assert daemon.state.axes == NEUTRAL or daemon.state.link is DeviceLink.LIVE
     if daemon.state.link is DeviceLink.LIVE:  # at rest
         assert daemon.state.axes == NEUTRAL
+
+
+# -- a daemon that repeats ----------------------------------------------------------------------
+
+FULL = (0, 0, 350, 0, 0, 0)
+"""At the stop of an axis, where a device sends the same again and again."""
+
+
+def test_a_daemon_that_repeats_is_refused():
+    daemon = Daemon(repeat_ms=250)
+    assert "repeat-interval = 250" in daemon.core.refusal
+    daemon.motion(REST)
+    daemon.motion(PUSH)
+    state = daemon.state
+    assert (state.link, state.axes) == (DeviceLink.LOST, NEUTRAL)
+    assert "repeat-interval = -1" in state.reason
+    assert "spnavrc" in state.reason
+
+
+def test_a_daemon_that_begins_to_repeat_in_a_session_is_refused():
+    daemon = Daemon(repeat_ms=-1)
+    assert daemon.core.refusal == ""
+    daemon.arm()
+    daemon.send(encode_button(0, True))
+    daemon.motion(PUSH)
+    assert daemon.state.axes == FORWARD
+    daemon.repeat_ms = 250
+    daemon.hold(PUSH, REPEAT_CHECK_S + PERIOD_S)
+    state = daemon.state
+    assert (state.link, state.axes, state.buttons) == (DeviceLink.LOST, NEUTRAL, frozenset())
+    daemon.repeat_ms = -1
+    daemon.wait(REPEAT_CHECK_S)
+    assert daemon.state.link is DeviceLink.NEEDS_NEUTRAL
+    daemon.arm()
+
+
+def test_a_daemon_that_tells_of_a_change_is_asked_at_once():
+    daemon = Daemon(repeat_ms=-1)
+    daemon.arm()
+    daemon.repeat_ms = 0
+    daemon.send(encode_config(ConfigChange(Code.SCFG_REPEAT, (0,) * 6)))
+    daemon.exchange()
+    assert daemon.state.link is DeviceLink.LOST
+
+
+def test_another_device_of_a_daemon_that_repeats_is_refused_too():
+    daemon = Daemon(repeat_ms=16)
+    daemon.send(encode_device(DeviceChange(True, 1, 0x20D, 0x256F, 0xC631)))
+    daemon.exchange()
+    daemon.motion(REST)
+    assert daemon.state.link is DeviceLink.LOST
+    assert "repeat-interval = 16" in daemon.state.reason
+
+
+def test_a_daemon_that_cannot_tell_is_not_asked_again():
+    daemon = Daemon()
+    daemon.asked.clear()
+    daemon.wait(10.0)
+    assert daemon.codes() == []
+
+
+def repeat(daemon, counts, period_s, duration_s):
+    """The daemon repeats `counts` by itself."""
+    for _ in range(round(duration_s / period_s)):
+        daemon.now_s += period_s
+        daemon.motion(counts)
+
+
+@pytest.mark.parametrize("held_s", [0.0, 60.0])
+@pytest.mark.parametrize("period_s", [60e-6, 300e-6, 1.1e-3, 2e-3])
+@pytest.mark.parametrize("version", [0, 1])
+def test_a_dead_device_behind_a_daemon_that_repeats_is_stale_in_time(version, period_s, held_s):
+    daemon = Daemon(version=version)
+    daemon.arm()
+    daemon.send(encode_button(0, True))
+    daemon.hold(PUSH, held_s + PERIOD_S)
+    last_s = daemon.now_s
+    repeat(daemon, PUSH, period_s, USUAL_STALE_AFTER_S - 0.005)
+    assert daemon.state.axes == FORWARD
+    repeat(daemon, PUSH, period_s, 0.01)
+    state = daemon.state
+    assert daemon.now_s < last_s + 0.11
+    assert (state.link, state.axes, state.buttons) == (DeviceLink.STALE, NEUTRAL, frozenset())
+    assert "repeat-interval" in state.reason
+    repeat(daemon, PUSH, period_s, 1.0)
+    assert daemon.state.link is DeviceLink.STALE
+    metrics = daemon.core.metrics(daemon.now_s)
+    assert metrics["silences"] == 1
+    assert metrics["motion_age_s"] > 1.0
+    assert "repeated by itself" in " ".join(daemon.core.diagnosis(daemon.now_s))
+
+
+def test_a_dead_device_whose_daemon_is_read_in_pieces_is_stale_in_time():
+    """The reader may get what a daemon repeats in a burst, after a pause."""
+    daemon = Daemon()
+    daemon.arm()
+    daemon.motion(PUSH)
+    for _ in range(9):
+        daemon.wait(0.02)
+        daemon.send(encode_motion(PUSH, 0) * 60)
+    assert daemon.state.link is DeviceLink.STALE
+
+
+def test_a_device_that_lives_on_counts_again_once_it_was_at_rest():
+    daemon = Daemon()
+    daemon.arm()
+    daemon.motion(PUSH)
+    repeat(daemon, PUSH, 0.001, 1.0)
+    daemon.motion(FULL)
+    assert daemon.state.link is DeviceLink.NEEDS_NEUTRAL
+    assert daemon.state.axes == NEUTRAL
+    daemon.wait(SETTLE_S)
+    daemon.motion(REST)
+    assert daemon.state.link is DeviceLink.LIVE
+    daemon.motion(PUSH)
+    assert daemon.state.axes == FORWARD
+
+
+def test_a_hand_that_moves_counts_though_the_daemon_repeats():
+    daemon = Daemon()
+    daemon.arm()
+    for step in range(100):
+        daemon.motion((0, 0, 175 + step % 2, 0, 0, 0))
+        repeat(daemon, (0, 0, 175 + step % 2, 0, 0, 0), 0.001, 0.06)
+        assert daemon.state.link is DeviceLink.LIVE
+
+
+@pytest.mark.parametrize("period_s", [0.008, 0.016, 0.06])
+def test_a_device_held_at_its_stop_is_not_taken_for_a_repeat(period_s):
+    daemon = Daemon()
+    daemon.arm()
+    for _ in range(round(60.0 / period_s)):
+        daemon.wait(period_s)
+        daemon.motion(FULL)
+        assert daemon.state.axes == (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert daemon.core.metrics(daemon.now_s)["repeats"] == 0
+
+
+@pytest.mark.parametrize("held_up_s", [0.04, 0.095])
+def test_motions_that_were_held_up_are_not_taken_for_repeats(held_up_s):
+    """A busy machine gives what a device sent meanwhile in a burst, again and again."""
+    daemon = Daemon()
+    daemon.arm()
+    daemon.motion(FULL)
+    sent = 0
+    for burst in range(1, 200):
+        daemon.wait(held_up_s)
+        due = int(burst * held_up_s / 0.008)
+        daemon.send(encode_motion(FULL, 8) * (due - sent))
+        sent = due
+        assert daemon.state.link is DeviceLink.LIVE
+    assert daemon.core.metrics(daemon.now_s)["repeats"] == 0
+
+
+# -- serial devices -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("device_type", "name"), [(0x103, "Magellan SpaceMouse"), (0x102, "Spaceball 4000 FLX")]
+)
+def test_a_serial_device_behind_the_daemon_is_told_with_the_way_out(device_type, name):
+    daemon = Daemon(usb_id=None)
+    daemon.device_type = device_type
+    daemon.reopen()
+    words = " ".join(daemon.core.diagnosis(daemon.now_s))
+    assert name in words
+    assert 'driver = "spacemouse"' in words
+    assert 'transport = "serial"' in words
+    assert daemon.core.device_name == name
+    daemon.arm()
+    daemon.motion(PUSH)
+    daemon.wait(0.11)
+    assert "steady" in daemon.state.reason
+
+
+def test_a_usb_device_is_not_told_to_be_read_at_a_serial_port():
+    daemon = Daemon()
+    assert "serial" not in " ".join(daemon.core.diagnosis(daemon.now_s))
+    assert daemon.core.device_name == "SpaceNavigator"
+
+
+@pytest.mark.parametrize("repeats", [False, True])
+def test_a_longer_silence_may_be_allowed_and_is_said(repeats):
+    daemon = Daemon(stale_after_s=0.5)
+    assert "stale_after_s = 0.5" in " ".join(daemon.core.diagnosis(daemon.now_s))
+    daemon.arm()
+    daemon.motion(PUSH)
+    if repeats:
+        repeat(daemon, PUSH, 0.001, 0.49)
+    else:
+        daemon.wait(0.49)
+    assert daemon.state.axes == FORWARD
+    daemon.wait(0.011)
+    assert daemon.state.link is DeviceLink.STALE
+    assert "0.5 s" in daemon.state.reason
+
+
+def test_what_was_held_up_within_a_longer_silence_is_no_repeat():
+    daemon = Daemon(stale_after_s=0.5)
+    daemon.arm()
+    daemon.motion(FULL)
+    for _ in range(20):
+        daemon.wait(0.48)
+        daemon.send(encode_motion(FULL, 8) * 60)
+        assert daemon.state.link is DeviceLink.LIVE
 
 
 # -- buttons ------------------------------------------------------------------------------------
@@ -519,6 +732,8 @@ def test_a_spaceball_turns_in_smaller_numbers_than_it_shifts():
     ("options", "words"),
     [
         ({"full_scale": 0.0}, "full_scale: 0.0 is not allowed"),
+        ({"stale_after_s": 0.05}, "stale_after_s: 0.05 is not allowed"),
+        ({"stale_after_s": 1.5}, "stale_after_s: 1.5 is not allowed"),
         ({"full_scale": float("nan")}, "full_scale: nan is not allowed"),
         ({"dead_zone": 1.0}, "dead_zone: 1.0 is not allowed"),
         ({"socket": "a\0b"}, "socket: .* is not allowed"),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 
+import pyspacemouse
 import pytest
 from hypothesis import given, strategies as st
+from pyspacemouse.device import SpaceMouseDevice
 
 from cardan.errors import ScriptError
 from cardan.protocols.connexion import (
@@ -148,25 +150,60 @@ def test_pro_buttons_are_seven_bytes_of_sparse_bits() -> None:
     assert device.reports(0.0)[-1] == bytes.fromhex("03 00 10 00 02 00 00")
 
 
-def test_enterprise_sends_arrays_of_keys_and_long_presses() -> None:
+def test_enterprise_sends_bits_arrays_of_keys_and_long_presses() -> None:
     device = make("spacemouse-enterprise")
     device.press("1")
     device.press("right")
+    device.press("v1")  # of which report 3 has no bit
     reports = run(device, 5.0)
     assert [report.hex() for _, report in reports] == [
+        "0300100000",
         "1c0d00" + "00" * 10,
+        "0310100000",
         "1c0d000500" + "00" * 8,
-        "1d0d000400" + "00" * 8,
+        "1c0d0005006700" + "00" * 6,
+        "1d0d0004008b00" + "00" * 6,
     ]
     assert reports[-1][0] == pytest.approx(1.0)
-    device.release("1")
-    device.release("right")
+    for label in ("1", "right", "v1"):
+        device.release(label)
     assert [report.hex() for _, report in run(device, 9.0)] == [
-        "1c0500" + "00" * 10,
-        "1d0400" + "00" * 10,
+        "0310000000",
+        "1c05006700" + "00" * 8,
+        "1d04008b00" + "00" * 8,
+        "0300000000",
+        "1c6700" + "00" * 10,
+        "1d8b00" + "00" * 10,
         "1c" + "00" * 12,
         "1d" + "00" * 12,
     ]
+
+
+@pytest.mark.judged(device="SpaceMouse", transport="HID reports", by="PySpaceMouse")
+def test_pyspacemouse_sees_the_keys_of_the_enterprise() -> None:
+    """It reads report 3 only, and says that those keys are all it found there."""
+    spec = pyspacemouse.get_device_specs()["SpaceMouseEnterprise"]
+    other = SpaceMouseDevice(spec)
+    device = make("spacemouse-enterprise")
+    seen = {}
+    for label in device.model.buttons.values():
+        for act in (device.press, device.release):
+            act(label)
+            for report in device.reports(0.0):
+                other._process(report)
+            down = [
+                name for name, on in zip(spec.button_names, other._state.buttons, strict=True) if on
+            ]
+            if act == device.press and down:
+                seen[label] = down
+            else:
+                assert down == []
+    theirs = {"roll-cw": "ROLL_CW", "rotate-lock": "LOCK"}
+    unseen = {"enter", "delete", "11", "12", "v1", "v2", "v3", "tab", "space"}
+    assert seen == {
+        label: [f"BTN_{label}" if label.isdigit() else theirs.get(label, label.upper())]
+        for label in set(device.model.buttons.values()) - unseen
+    }
 
 
 def test_enterprise_shows_six_keys_at_most() -> None:

@@ -22,6 +22,8 @@ ButtonReport = ButtonBits | KeysDown | LongPress | LongPressBits
 
 _V3DK_BITS: Mapping[int, str] = MappingProxyType({code - 1: V3DK[code] for code in V3DK})
 _TWO_BUTTON_REPORT_BYTES = 3
+_WHOLE = frozenset({ButtonBits, KeysDown})
+"""Kinds of reports that name all keys that are down, of those they know."""
 
 
 class Buttons(ButtonEdges):
@@ -36,8 +38,8 @@ class Buttons(ButtonEdges):
     def __init__(self, model: Model | None) -> None:
         super().__init__()
         self.model = model
-        self._unheard = True
-        """No report of buttons came since the device was opened."""
+        self._heard: set[type[ButtonReport]] = set()
+        """Kinds of reports that came since the device was opened."""
         self._bits: list[str] = []
         self._keys: list[str] = []
         self._long_bits: list[str] = []
@@ -53,7 +55,7 @@ class Buttons(ButtonEdges):
 
     def on_opened(self) -> None:
         """The device was opened (again): what its first report names may be down since long."""
-        self._unheard = True
+        self._heard.clear()
 
     def on_report(self, value: ButtonReport, size: int, now_s: float) -> None:
         """Take a report of `size` bytes; each tells the whole state of what it tells about.
@@ -73,10 +75,12 @@ class Buttons(ButtonEdges):
             told = self._long_keys = self._long_labels(value.codes)
         else:
             told = self._long_bits = self._long_labels([bit + 1 for bit in _bits_of(value.mask)])
-        if self._unheard:
-            self._unheard = False
-            if len(told) > 1:  # which of them was pressed now is not known
+        kind = type(value)
+        if kind not in self._heard:
+            # Which of several was pressed now is not known. A long press is none that is new.
+            if len(told) > 1 and (kind in _WHOLE or not self._heard):
                 self.mask(told)
+            self._heard.add(kind)
         self.set((*self._bits, *self._keys, *self._long_bits, *self._long_keys), now_s)
 
     def _labels_of(self, size: int) -> Mapping[int, str]:

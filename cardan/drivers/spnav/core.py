@@ -6,30 +6,36 @@ release, then nothing. So silence counts as rest only after a motion of zero:
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until a motion inside the
   dead zone came. An untouched device sends nothing, so the operator touches the cap and lets
   go once.
-- A deflected device that falls silent for `STALE_AFTER_S` is STALE: the axes are zero and the
-  buttons count as released. The daemon tells clients of version 0 nothing else when its device is
-  unplugged, and drops zeros and releases for a client that was slow.
+- A deflected device that falls silent for the option `stale_after_s` is STALE: the axes are zero
+  and the buttons count as released. The daemon tells clients of version 0 nothing else when its
+  device is unplugged, and drops zeros and releases for a client that was slow.
 - The daemon reports unplugging to a client of version 1: LOST, until a device is there again.
+- A daemon that is set to repeat the last motion (`repeat-interval`) does so for a dead device, too.
+  One that tells of it is LOST, until that is changed. Identical motions that come faster than any
+  device sends them are the daemon's own, and count as silence.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar
 
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import Shaper
 from cardan.drivers.spnav.options import SpnavOptions
+from cardan.drivers.spnav.repeats import RepeatDetector
 from cardan.protocols.connexion import Family, find_model
 from cardan.protocols.spnav import (
+    DEVICE_TYPES,
     MASK_V1,
     NEWEST_VERSION,
     RECORD_BYTES,
     REQUEST_TAG,
     Button,
     Code,
+    ConfigChange,
     DeviceChange,
     EventMask,
     Handshake,
@@ -46,8 +52,10 @@ from cardan.protocols.spnav import (
 )
 from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
 
-STALE_AFTER_S = 0.1
-"""Silence of a deflected device beyond this; the slowest devices report each 60 ms."""
+USUAL_STALE_AFTER_S = SpnavOptions().stale_after_s
+
+REPEAT_CHECK_S = 1.0
+"""How often the daemon is asked whether it repeats: not all tell when their settings change."""
 
 SETTLE_S = 0.016
 """Motions of zero this soon after a silence may be old ones that had queued up meanwhile."""
@@ -79,6 +87,11 @@ OPENED_REASON = "not seen at rest yet: touch the cap and let go once"
 RESUMED_REASON = "it fell silent while deflected: let go of the cap once"
 NO_DEVICE_REASON = "the daemon has no device: plug it in, or see why the daemon does not open it"
 UNPLUGGED_REASON = "the daemon's device was unplugged"
+REPEATS_REASON = (
+    "the daemon repeats the last deflection by itself (repeat-interval = {} in its spnavrc), and "
+    "would do so for a device that is dead: set repeat-interval = -1 there (usually "
+    "/etc/spnavrc), and restart it"
+)
 
 _FIRST_REQUESTS = (
     Code.SET_EVMASK,
@@ -86,6 +99,7 @@ _FIRST_REQUESTS = (
     Code.DEV_TYPE,
     Code.DEV_USBID,
     Code.GCFG_LED,
+    Code.GCFG_REPEAT,
 )
 """What is asked of a daemon of version 1, one after the other; again when a device came or went."""
 
@@ -95,13 +109,6 @@ class SpnavCore(DeviceCore):
 
     What is to be sent waits in `outgoing()`.
     """
-
-    _counters: ClassVar[Mapping[str, str]] = {
-        "silences": f"silences of more than {STALE_AFTER_S:.1f} s while deflected",
-        "malformed_records": "records from the daemon that mean nothing, ignored",
-        "unanswered_requests": "requests that the daemon did not answer",
-        "unasked_replies": "answers that nothing was asked for, ignored",
-    }
 
     def __init__(self, options: SpnavOptions) -> None:
         super().__init__()
@@ -131,9 +138,15 @@ class SpnavCore(DeviceCore):
         self._led_found: int | None = None
         """The daemon's LED setting as it was found; None: it has none."""
         self._led_set: int | None = None
+        self._repeat_check_s = math.inf
+        """When to ask again whether the daemon repeats."""
+        self._refusal = ""
+        """Why no motion of this daemon counts; empty: it does."""
         self._motion: Motion | None = None
         self._active = False
         self._motion_s = NEVER_S
+        """When the device was last heard to move."""
+        self._repeats = RepeatDetector(self._options.stale_after_s)
 
     # -- what happens to the connection --------------------------------------------------------
 
@@ -159,6 +172,8 @@ class SpnavCore(DeviceCore):
                 self._on_reply(value, now_s)
             elif isinstance(value, DeviceChange):
                 self._on_device(value, now_s)
+            elif isinstance(value, ConfigChange) and self._version:
+                self._ask(Code.GCFG_REPEAT, (), now_s)
             elif isinstance(value, Handshake):
                 self._on_version(value.version, now_s)
             elif isinstance(value, Malformed):
@@ -177,6 +192,9 @@ class SpnavCore(DeviceCore):
             self._counts["unanswered_requests"] += 1
             self._asked = None
             self._ask_next(now_s)
+        if now_s >= self._repeat_check_s:
+            self._repeat_check_s = now_s + REPEAT_CHECK_S
+            self._ask(Code.GCFG_REPEAT, (), now_s)
         if self._active:
             self._watch(now_s)
 
@@ -211,6 +229,23 @@ class SpnavCore(DeviceCore):
         return self._version is not None and self._asked is None
 
     @property
+    def refusal(self) -> str:
+        """Why no motion of this daemon counts, and what to do; empty: it does."""
+        return self._refusal
+
+    @property
+    def device_name(self) -> str:
+        """What the daemon's device is; empty when it does not tell, or has none."""
+        if not (self._described and self._device_type):
+            return ""
+        return DEVICE_TYPES.get(self._device_type, "")
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether the daemon says that its device is at a serial port."""
+        return self._described and self._device_type in _SERIAL_FULL_SCALES
+
+    @property
     def version(self) -> int | None:
         """The protocol's version in force; None: not agreed yet."""
         return self._version
@@ -230,6 +265,17 @@ class SpnavCore(DeviceCore):
         """Counts of translation of a full deflection."""
         return self._full_scale
 
+    @property
+    def _counters(self) -> Mapping[str, str]:
+        return {
+            "silences": f"silences of more than {self._options.stale_after_s:g} s while deflected",
+            "repeats": "motions that the daemon repeated by itself, ignored: set repeat-interval "
+            "= -1 in its spnavrc",
+            "malformed_records": "records from the daemon that mean nothing, ignored",
+            "unanswered_requests": "requests that the daemon did not answer",
+            "unasked_replies": "answers that nothing was asked for, ignored",
+        }
+
     def _figures(self, now_s: float) -> dict[str, float]:
         return {
             "motion_age_s": now_s - self._motion_s,
@@ -238,16 +284,37 @@ class SpnavCore(DeviceCore):
         }
 
     def _notes(self, now_s: float) -> list[str]:
-        if not (self._open and self._version == 0):
-            return []
-        return [
-            "an old daemon (protocol version 0): it tells neither of unplugging nor of full scale "
-            "and buttons"
-        ]
+        words = []
+        if self._open and self.is_serial:
+            words.append(
+                f"the daemon's device is a {self.device_name} at a serial port, of which spacenavd "
+                "(but not `cardan spnav`) drops motion that does not change: the arm brakes while "
+                'the hand is steady. End spacenavd, and set driver = "spacemouse", transport = '
+                '"serial" and path = the port'
+            )
+        if self._open and self._version == 0:
+            words.append(
+                "an old daemon (protocol version 0): it tells neither of unplugging nor of full "
+                "scale and buttons"
+            )
+        if self._options.stale_after_s > USUAL_STALE_AFTER_S:
+            words.append(
+                f"stale_after_s = {self._options.stale_after_s:g}: when the device dies, the arm "
+                "runs on for so long"
+            )
+        return words
 
     # -- events --------------------------------------------------------------------------------
 
     def _on_motion(self, value: Motion, now_s: float) -> None:
+        self._malformed_in_a_row = 0
+        if self._refusal:
+            return
+        if self._repeats.take(value[:6], now_s):
+            self._counts["repeats"] += 1
+            # The device may be dead since the last motion that was not ahead of its pace.
+            self._motion_s = min(self._motion_s, self._repeats.in_pace_s)
+            return
         self._hear(now_s)
         if self._active:
             self._watch(now_s)
@@ -322,12 +389,22 @@ class SpnavCore(DeviceCore):
         """Check for silence of a deflected device; accept one that stayed at rest."""
         if not self._active:
             self._arm(now_s)
-        elif now_s - self._motion_s > STALE_AFTER_S:
-            self._fall_silent(
-                f"deflected, but no motion for {STALE_AFTER_S:.1f} s: the device may be unplugged, "
-                "or the daemon stuck; let go of the cap",
-                now_s,
+        elif now_s - self._motion_s > self._options.stale_after_s:
+            self._fall_silent(f"{self._silence()}; let go of the cap", now_s)
+
+    def _silence(self) -> str:
+        """What a silence of a deflected device looks like."""
+        limit_s = self._options.stale_after_s
+        if self._repeats.repeating:
+            return (
+                f"deflected, and for {limit_s:g} s only what the daemon repeats by itself: set "
+                "repeat-interval = -1 in its spnavrc"
             )
+        steady = "the hand may be too steady, " if self.is_serial else ""
+        return (
+            f"deflected, but no motion for {limit_s:g} s: {steady}the device may be unplugged, or "
+            "the daemon stuck"
+        )
 
     # -- requests ------------------------------------------------------------------------------
 
@@ -348,6 +425,7 @@ class SpnavCore(DeviceCore):
 
     def _ask_all(self, now_s: float) -> None:
         if self._version:
+            self._repeat_check_s = now_s + REPEAT_CHECK_S
             for code in _FIRST_REQUESTS:
                 # With configuration events masked, some daemons send an empty motion instead.
                 data = (MASK_V1 | EventMask.CONFIG,) if code == Code.SET_EVMASK else ()
@@ -395,6 +473,21 @@ class SpnavCore(DeviceCore):
             self._set_full_scale()
         elif code == Code.GCFG_LED and self._led_set is None:
             self._led_found = data[0] if ok and data[0] in tuple(LedMode) else None
+        elif code == Code.GCFG_REPEAT:
+            self._on_repeat_setting(data[0] if ok else None, now_s)
+
+    def _on_repeat_setting(self, repeat_ms: int | None, now_s: float) -> None:
+        """What the daemon's `repeat-interval` is, below 0: off; None: it does not tell."""
+        if repeat_ms is None:
+            self._repeat_check_s = math.inf
+        elif repeat_ms >= 0:
+            self._refusal = REPEATS_REASON.format(repeat_ms)
+            if self._link is not DeviceLink.LOST or self._has_device:
+                self._invalidate_input(DeviceLink.LOST, self._refusal, now_s)
+        elif self._refusal:
+            self._refusal = ""
+            if self._has_device:
+                self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, OPENED_REASON, now_s)
 
     # -- inside --------------------------------------------------------------------------------
 

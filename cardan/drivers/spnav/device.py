@@ -18,7 +18,7 @@ from cardan.drivers.spnav.core import SpnavCore
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.protocols.spnav import DEFAULT_SOCKET, LedMode
-from cardan.types import DeviceCapabilities, DeviceFeedback
+from cardan.types import DeviceCapabilities, DeviceFeedback, DeviceLink
 
 SOCKET_VARIABLE = "SPNAV_SOCKET"
 """Environment variable with the socket's path, as libspnav reads it."""
@@ -59,15 +59,26 @@ class Spnav(ReadDevice[SpnavCore]):
 
     @classmethod
     def find(cls) -> list[FoundDevice]:
-        """The daemon's socket, if there is one."""
+        """The daemon's socket, if there is one, and what the daemon tells of its device."""
         path = socket_path("")
         if not os.path.exists(path):
             return []
+        device = cls(SpnavOptions())
+        obstacle = ""
         try:
-            _connected(path).close()
+            device._connect()
         except DriverError as error:
-            return [FoundDevice("spacenavd", "", "spnav", path, str(error))]
-        return [FoundDevice("spacenavd", "", "spnav", path)]
+            obstacle = str(error)
+        device._release()
+        state = device._core.state(time.monotonic())
+        if not obstacle and state.link is DeviceLink.LOST:
+            obstacle = state.reason
+        name = "spacenavd"
+        if device._core.is_serial:
+            name += f" ({device._core.device_name}: better read without it, as spacemouse)"
+        elif device._core.device_name:
+            name += f" ({device._core.device_name})"
+        return [FoundDevice(name, "", "spnav", path, obstacle)]
 
     @property
     def capabilities(self) -> DeviceCapabilities:
@@ -99,6 +110,8 @@ class Spnav(ReadDevice[SpnavCore]):
                 f"cannot use the daemon at {socket_path(self.options.socket)}: "
                 f"{error.strerror or error}"
             ) from None
+        if self._core.refusal:
+            raise DeviceAccessError(self._core.refusal)
 
     def _serve(self, stop: threading.Event) -> None:
         sock = self._socket

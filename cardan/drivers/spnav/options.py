@@ -8,6 +8,13 @@ from typing import Annotated
 from cardan import bounds
 from cardan.drivers.shaping import ShapingOptions
 
+STALE_AFTER_S = bounds.Range(
+    0.1,
+    1.0,
+    "s",
+    "the slowest devices report each 0.06 s, and a device that is dead moves the arm for so long",
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SpnavOptions(ShapingOptions):
@@ -17,5 +24,9 @@ class SpnavOptions(ShapingOptions):
     """Path of the socket; empty: what SPNAV_SOCKET says, else /var/run/spnav.sock."""
     full_scale: Annotated[float, bounds.COUNTS] | None = None
     """Counts of a full deflection; None: what the daemon's device usually gives, 350 or 500."""
+    stale_after_s: Annotated[float, STALE_AFTER_S] = 0.1
+    """Silence of a deflected device after which it counts as dead, s. The default is for every
+    device that is read in the usual way; more is for a serial device with a steady hand, and the
+    arm runs on for so long when the device dies."""
     wait_for_device: bool = False
     """open() succeeds without the daemon, which is found once it runs."""

@@ -67,10 +67,11 @@ _ONE = bits_of(1.0)
 class SpnavServerCore:
     """The clients and what each is to be sent. Times are monotonic, s.
 
-    `buttons` are numbered from 0 in their order; a button that is not among them gets the next
-    number when it is first seen. Of a device that lists none, "left" and "right" are 0 and 1,
-    "button-7" is 7 and "7" is 6, whatever is pressed first; all others follow. `on_led` switches
-    the device's LED; None: it has none, or it is not for programs to switch. `full_scale` is in
+    Buttons have the numbers that `identity` says. All others of `buttons` are numbered from 0 in
+    their order; a button that is not among them gets the next number when it is first seen. Of a
+    device that lists none, "left" and "right" are 0 and 1, "button-7" is 7 and "7" is 6, whatever
+    is pressed first; all others follow. `on_led` switches the device's LED; None: it has none, or
+    it is not for programs to switch. `full_scale` is in
     counts; None: what programs take for a full deflection of such a device. Raises OptionError for
     one that is not in `COUNTS` of :mod:`cardan.bounds`.
     """
@@ -107,7 +108,8 @@ class SpnavServerCore:
         self._offered_s = NEVER_S
         self._motion_s = NEVER_S
         self._due_s = NEVER_S
-        self.identify(identity or DeviceIdentity())
+        self._identity = DeviceIdentity()
+        self.identify(identity or self._identity)
         self.name_buttons(buttons)
 
     # -- clients -------------------------------------------------------------------------------
@@ -186,8 +188,13 @@ class SpnavServerCore:
         return self._present
 
     def identify(self, identity: DeviceIdentity) -> None:
-        """Set what programs are told of the device, best while it is absent."""
-        self._identity = identity
+        """Set what programs are told of the device, best while it is absent.
+
+        Its buttons are numbered anew when it is another device.
+        """
+        before, self._identity = self._identity, identity
+        if identity.button_numbers != before.button_numbers:
+            self._renumber()
         linear, angular = (
             identity.full_scales if self._full_scale is None else (self._full_scale,) * 2
         )
@@ -288,8 +295,10 @@ class SpnavServerCore:
         """The number of `button`, assigned where it had none; None: no number is left."""
         number = self._numbers.get(button)
         if number is None:
-            number = None if self._listed else _usual_number(button)
-            if number is None or number in self._taken:
+            own = number = self._identity.button_numbers.get(button)
+            if number is None and not self._listed:
+                number = _usual_number(button)
+            if number is None or (own is None and number in self._taken):
                 number = max(self._button_count, 0 if self._listed else len(TWO_BUTTONS))
             if number >= MAX_BUTTONS:
                 number = next((n for n in range(MAX_BUTTONS) if n not in self._taken), None)
@@ -298,6 +307,15 @@ class SpnavServerCore:
                 self._taken.add(number)
                 self._button_count = max(self._button_count, number + 1)
         return number
+
+    def _renumber(self) -> None:
+        """Number the buttons anew, in the order in which they were numbered before."""
+        buttons = tuple(self._numbers)
+        self._numbers.clear()
+        self._taken.clear()
+        self._button_count = 0
+        for button in buttons:
+            self._number(button)
 
     def _on_button(self, event: ButtonEvent) -> None:
         before = self._button_count
@@ -504,7 +522,7 @@ _SETTINGS: Mapping[int, tuple[int, ...]] = MappingProxyType(
         Code.GCFG_INVERT: (0,) * AXES,
         Code.GCFG_SWAPYZ: (0,),
         Code.GCFG_GRAB: (0,),
-        Code.GCFG_REPEAT: (round(1000.0 * REPEAT_PERIOD_S),),
+        Code.GCFG_REPEAT: (-1,),  # off: only what the device goes on to report is sent again
     }
 )
 """Fixed answers: these settings of spacenavd as they are here."""

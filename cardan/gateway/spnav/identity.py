@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spnav.core import usual_full_scales
-from cardan.protocols.spnav import UNKNOWN_DEVICE
+from cardan.protocols.spnav import UNKNOWN_DEVICE, button_number
 
 DEFAULT_NAME = "Cardan"
 """Name of a device whose model is unknown."""
@@ -24,6 +24,8 @@ class DeviceIdentity(NamedTuple):
     vendor_id: int = 0
     product_id: int = 0
     """0, 0: no USB device, or unknown."""
+    button_numbers: Mapping[str, int] = MappingProxyType({})
+    """spacenavd's numbers of its buttons by label; of buttons that are not here, any will do."""
 
     @property
     def full_scales(self) -> tuple[float, float]:
@@ -43,6 +45,13 @@ class KnownModel(Protocol):
     def vendor_id(self) -> int: ...
     @property
     def product_id(self) -> int: ...
+    @property
+    def buttons(self) -> Mapping[int, str]:
+        """Label by bit of HID report 3, or of what a serial device has in its place."""
+
+    @property
+    def receiver(self) -> bool:
+        """Whether its buttons are those of a puck that is paired with it, and not known."""
 
 
 def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
@@ -65,8 +74,24 @@ def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
         ),
         vendor_id=model.vendor_id,
         product_id=model.product_id,
+        button_numbers=_button_numbers(model),
     )
 
+
+def _button_numbers(model: KnownModel) -> Mapping[str, int]:
+    """spacenavd's numbers by label.
+
+    With a receiver "right" is that of a puck with two buttons, though a larger one has such a key.
+    """
+    numbers = {
+        label: number
+        for bit, label in model.buttons.items()
+        if (number := button_number(model.vendor_id, model.product_id, bit)) is not None
+    }
+    return MappingProxyType({**numbers, **_OF_TWO} if model.receiver else numbers)
+
+
+_OF_TWO: Mapping[str, int] = MappingProxyType({"left": 0, "right": 1})
 
 _USB_TYPES: Mapping[tuple[int, int], int] = MappingProxyType(
     {

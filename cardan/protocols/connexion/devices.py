@@ -44,7 +44,7 @@ class Model(NamedTuple):
     buttons: Mapping[int, str]
     """Label by bit of report 3, lowest first. Key-array reports carry the bit number plus 1."""
     key_array: bool = False
-    """Reports its keys as an array of V3DK codes (report 0x1C)."""
+    """Reports its keys as an array of V3DK codes, too (report 0x1C); report 3 has not all."""
     led: bool = False
     battery: bool = False
     full_scale: int = DEFAULT_FULL_SCALE

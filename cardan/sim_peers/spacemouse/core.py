@@ -112,14 +112,14 @@ class SimulatedSpaceMouse:
         bit = self._bit(label)
         if bit not in self._down:
             self._down[bit] = self._now_s
-            self._report_keys()
+            self._report_keys(bit)
 
     def release(self, label: str) -> None:
         """Let a button go; ScriptError when the model has none of that label."""
         bit = self._bit(label)
         if bit in self._down and bit != self._stuck_bit:
             del self._down[bit]
-            self._report_keys()
+            self._report_keys(bit)
             if bit in self._long:
                 self._long.discard(bit)
                 self._report_long_press()
@@ -295,15 +295,18 @@ class SimulatedSpaceMouse:
         ):
             self._line.carry(encode_battery(self.battery_percent, False), due_s)
 
-    def _report_keys(self) -> None:
+    def _report_keys(self, changed: int) -> None:
+        """Tell of the buttons after that of the bit `changed` was pressed or let go."""
         if self._mute:
             return
+        length = self.model.button_report_bytes
+        bits = 8 * (length - 1)
+        if changed < bits:
+            mask = sum(1 << bit for bit in self._down if bit < bits)
+            self._key_reports.append(encode_buttons(mask, length))
         if self.model.key_array:
             codes = [bit + 1 for bit in self._down][:KEY_SLOTS]
             self._key_reports.append(encode_keys_down(codes))
-        else:
-            mask = sum(1 << bit for bit in self._down)
-            self._key_reports.append(encode_buttons(mask, self.model.button_report_bytes))
 
     def _report_long_press(self) -> None:
         if not self._mute:

@@ -480,7 +480,7 @@ def test_settings_cardan_does_not_have():
     assert program.ask(Code.GCFG_KBMAP, 7).data[:2] == (7, 0)
     assert program.ask(Code.GCFG_SWAPYZ).data[0] == 0
     assert program.ask(Code.GCFG_GRAB).data[0] == 0
-    assert program.ask(Code.GCFG_REPEAT).data[0] == 16
+    assert program.ask(Code.GCFG_REPEAT).data[0] == -1
     assert StringAssembler().take(program.ask(Code.GCFG_SERDEV).data) == ""
     for code in (Code.GCFG_DEADZONE, Code.GCFG_AXISMAP, Code.GCFG_BNMAP):
         assert not program.ask(code, -1).ok

@@ -13,8 +13,16 @@ from cardan.gateway.spnav import (
 )
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.protocols.connexion_serial import SERIAL_MODELS
-from cardan.protocols.spnav import DEVICE_TYPES, Motion, ServerReader, encode_handshake
-from cardan.types import DeviceLink, DeviceState
+from cardan.protocols.spnav import (
+    DEVICE_TYPES,
+    Button,
+    Code,
+    Motion,
+    ServerReader,
+    encode_handshake,
+    encode_request,
+)
+from cardan.types import ButtonEvent, DeviceLink, DeviceState
 
 UNTOLD = {
     "lipari",
@@ -85,6 +93,91 @@ def test_full_deflection_is_what_programs_take_for_it(mouse):
     )
     assert counts_of((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), identity).z == linear
     assert counts_of((0.0, 0.0, 0.0, 0.0, 0.0, 1.0), identity).ry == angular
+
+
+PRO = "1 2 3 4 menu fit top right front roll-cw rotate-lock esc alt shift ctrl"
+ENTERPRISE = (
+    "1 2 3 4 5 6 7 8 9 10 11 12 menu fit top right front roll-cw esc alt shift ctrl rotate-lock "
+    "enter delete tab space v1 v2 v3 iso1"
+)
+SPACENAVD = {
+    "spacemouse-pro": PRO,
+    "spacemouse-pro-wireless": PRO,
+    "spacemouse-pro-wireless-receiver": PRO,
+    "spacemouse-pro-wireless-bt": PRO,
+    "spacemouse-enterprise": ENTERPRISE,
+}
+"""Keys in the order of the numbers that spacenavd's table of devices gives them."""
+
+
+def numbers_of(mouse):
+    """What a program gets for each button of `mouse`, and how many there are."""
+    core = SpnavServerCore()
+    core.identify(identity_of(mouse))
+    core.name_buttons(mouse.capabilities.buttons)
+    number = core.connect(0.0)
+    core.receive(number, encode_handshake(1), 0.0)
+    core.offer(DeviceState(1.0, DeviceLink.LIVE, (0.0,) * 6, frozenset()), (), 1.0)
+    reader, told = ServerReader(), {}
+    while record := core.outgoing(number, 2.0):
+        reader.feed(record)
+        core.sent(number, len(record))
+    for label in mouse.capabilities.buttons:
+        edges = [ButtonEvent(1.0, label, pressed) for pressed in (True, False)]
+        core.offer(DeviceState(1.0, DeviceLink.LIVE, (0.0,) * 6, frozenset()), edges, 1.0)
+        values = []
+        while record := core.outgoing(number, 2.0):
+            values += reader.feed(record)
+            core.sent(number, len(record))
+        told[label] = [value.number for value in values if isinstance(value, Button)]
+    core.receive(number, encode_request(Code.DEV_NBUTTONS), 2.0)
+    (count,) = reader.feed(core.outgoing(number, 2.0))
+    assert all(down == up for down, up in told.values())
+    return {label: down for label, (down, _) in told.items()}, count.data[0]
+
+
+@pytest.mark.parametrize("model", [m for m in MODELS if not m.receiver], ids=lambda m: m.key)
+def test_every_button_has_spacenavds_number(model):
+    """The keys of most models have the bit of their report."""
+    keys = (
+        dict(enumerate(SPACENAVD[model.key].split())) if model.key in SPACENAVD else model.buttons
+    )
+    numbers, count = numbers_of(usb_mouse(model))
+    assert numbers == {label: number for number, label in keys.items()}
+    assert count == max(keys, default=-1) + 1
+
+
+@pytest.mark.parametrize("model", SERIAL_MODELS, ids=lambda m: m.key)
+def test_the_buttons_of_a_serial_device_have_spacenavds_numbers(model):
+    """Its numbers are in the order of ours; it knows no button for zero."""
+    numbers, _ = numbers_of(serial_mouse(model))
+    assert numbers == {label: number for number, label in enumerate(model.buttons.values())}
+
+
+@pytest.mark.parametrize("model", [m for m in MODELS if m.receiver], ids=lambda m: m.key)
+def test_the_puck_of_a_universal_receiver_keeps_the_numbers_of_its_reports(model):
+    numbers, _ = numbers_of(usb_mouse(model))
+    assert numbers["left"] == numbers["menu"] == 0
+    assert numbers["right"] == numbers["fit"] == 1
+    assert (numbers["1"], numbers["esc"], numbers["rotate-lock"]) == (12, 22, 26)
+
+
+def test_another_device_has_its_own_numbers():
+    core = SpnavServerCore()
+    mice = [usb_mouse(model_by_key(f"spacemouse-{key}")) for key in ("pro", "enterprise")]
+    number = core.connect(0.0)
+    core.receive(number, encode_handshake(1), 0.0)
+    reader, told = ServerReader(), []
+    for mouse in (*mice, mice[0]):
+        core.offer(DeviceState(1.0, DeviceLink.LOST, (0.0,) * 6, frozenset()), (), 1.0)
+        core.identify(identity_of(mouse))
+        core.name_buttons(mouse.capabilities.buttons)
+        edges = [ButtonEvent(1.0, "menu", True)]
+        core.offer(DeviceState(1.0, DeviceLink.LIVE, (0.0,) * 6, frozenset()), edges, 1.0)
+        while record := core.outgoing(number, 2.0):
+            told += [each for each in reader.feed(record) if isinstance(each, Button)]
+            core.sent(number, len(record))
+    assert [button.number for button in told if button.pressed] == [4, 12, 4]
 
 
 def test_a_full_scale_that_is_given_counts_for_every_device():

@@ -1,0 +1,49 @@
+"""Tells what a device sends from what the daemon repeats by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cardan.types import NEVER_S
+
+FASTEST_PERIOD_S = 0.004
+"""Identical motions that keep a higher pace are the daemon's own. Half the shortest period of a
+device, which is 8 ms; spacenavd takes the remainder of its `repeat-interval` by 1000 for
+microseconds, so that it repeats each 1.3 ms or faster, if not each second or slower."""
+
+
+class RepeatDetector:
+    """Finds motions that say nothing new, and come faster than any device sends them.
+
+    Motions that were held up come in a burst. So identical ones may be ahead of the fastest
+    device's pace by up to `queued_s`.
+    """
+
+    __slots__ = ("_ahead_s", "_counts", "_queued_s", "_stamp_s", "in_pace_s", "repeating")
+
+    def __init__(self, queued_s: float) -> None:
+        self._queued_s = queued_s
+        self._counts: Sequence[int] = ()
+        self._stamp_s = NEVER_S
+        self._ahead_s = 0.0
+        self.in_pace_s = NEVER_S
+        """When the last motion came that was not ahead: the last that a device has surely sent."""
+        self.repeating = False
+        """The last motion was the daemon's own, and so are those to come that are like it."""
+
+    def take(self, counts: Sequence[int], now_s: float) -> bool:
+        """Whether the motion of `counts`, which came at `now_s`, is the daemon's own."""
+        before, self._counts = self._counts, counts
+        elapsed_s = now_s - self._stamp_s
+        self._stamp_s = now_s
+        if counts != before:
+            self.repeating = False
+            self._ahead_s = FASTEST_PERIOD_S
+            self.in_pace_s = now_s
+        elif not self.repeating:
+            self._ahead_s = max(0.0, self._ahead_s - elapsed_s)
+            if self._ahead_s == 0.0:
+                self.in_pace_s = now_s
+            self._ahead_s += FASTEST_PERIOD_S
+            self.repeating = self._ahead_s > self._queued_s
+        return self.repeating
