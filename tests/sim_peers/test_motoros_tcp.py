@@ -283,7 +283,7 @@ def test_the_command_serves_it(tmp_path):
         finally:
             process.terminate()
     assert process.returncode == 0
-    assert path.read_text().startswith("time_s,")
+    assert path.read_text().startswith("monotonic_s,")
 
 
 @pytest.mark.parametrize(
