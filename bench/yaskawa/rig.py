@@ -212,10 +212,8 @@ def _on_a_grid(
 ) -> Recording:
     goal_s, goal = np.array(goals).T
     device_s, deflection = np.array(reports).T
-    begin_s, end_s = (
-        max(goal_s[0], rows["monotonic_s"][0]),
-        min(goal_s[-1], rows["monotonic_s"][-1]),
-    )
+    logged_s = rows["monotonic_s"]
+    begin_s, end_s = max(goal_s[0], logged_s[0]), min(goal_s[-1], logged_s[-1])
     times_s = np.arange(begin_s, end_s, GRID_S)
     # A mouse repeats itself while deflected and is silent at rest: the last report holds.
     held = deflection[np.clip(np.searchsorted(device_s, times_s, "right") - 1, 0, None)]
