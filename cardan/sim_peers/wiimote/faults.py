@@ -48,7 +48,7 @@ FAULTS = (
 _UNKNOWN_ID = 0x2A
 
 SLOT_PAIR_S = 2 * 625e-6
-"""A remote has one time slot of Bluetooth for each of the host's, 625 µs both: a report goes in one.
+"""The remote has every other time slot of Bluetooth, of 625 µs; a report goes in one.
 Source: Bluetooth Core Specification, baseband."""
 WAITING_REPORTS = 32
 """Reports that the remote keeps for slots to come; more are lost."""
