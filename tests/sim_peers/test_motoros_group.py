@@ -103,17 +103,35 @@ def test_a_refused_speed_of_point_0_is_kept():
     assert it.queue[0][1][0] == pytest.approx(2.0 * PER_RAD[0] * IPC_S, rel=0.05)
 
 
-def test_a_refused_point_0_while_a_point_is_converted_breaks_what_is_under_way():
+def converting():
+    """The filler waits for room in the queue."""
     it = group(queue=50)
     it.begin(0.0, (0.0, 0.0), (0.0, 0.0))
     it.add(0.4005, (0.1, 0.0), (0.0, 0.0))
     it.fill(True)
-    queued = sum(axes[0] for _, axes in it.queue)
-    assert it.begin(0.0, (1.0, 0.0), (0.0, 0.0)) == InvalidSubcode.DATA_START_POS
     it.execute(it.take(True), True)
+    return it
+
+
+@pytest.mark.parametrize("away", [0.0, 1.0])
+def test_point_0_while_a_point_is_converted_changes_nothing_of_that(away):
+    """The sample that waits is counted already, and sets the pulses of the one before anew."""
+    it, other = converting(), converting()
+    it.begin(0.0, (away, 0.0), (0.0, 0.0))
+    assert play(it) == play(other)
+    assert it.command == it.pulses((0.1, 0.0))
+
+
+def test_point_0_while_a_point_is_converted_stays_when_that_is_dropped():
+    it = converting()
+    it.begin(1.0, (1.0, 0.0), (0.5, 0.0))
+    it.clear()
+    before = list(it.command)
+    it.add(1.4005, (1.0, 0.0), (0.0, 0.0))
     it.fill(True)
-    # It counts from the command at point 0, 50 increments ago.
-    assert it.queue[-1][1][0] > queued
+    time_ms, pulses = it.queue[0]
+    assert time_ms == 1004
+    assert before[0] + pulses[0] == pytest.approx(1.002 * PER_RAD[0], abs=10)
 
 
 def test_what_is_no_number_is_refused_and_of_point_0_kept_all_the_same():

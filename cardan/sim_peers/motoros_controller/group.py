@@ -11,6 +11,7 @@ import math
 import struct
 from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from cardan.protocols.simple_message import InvalidSubcode
 
@@ -46,6 +47,16 @@ def _finite(time_s: float, joints_rad: list[float], speeds_rad_s: list[float]) -
 def _too_fast(speed_rad_s: float, highest_rad_s: float) -> bool:
     """The C code takes the whole part before it compares."""
     return abs(int(speed_rad_s)) > highest_rad_s
+
+
+class _Start(NamedTuple):
+    """Where the next segment begins."""
+
+    time_ms: int
+    position: list[float]
+    speed: list[float]
+    previous: list[int]
+    """Pulses that the first increment is counted from."""
 
 
 class _Segment:
@@ -102,6 +113,8 @@ class ControlGroup:
         self._speed = [0.0] * self.axes
         self._todo: tuple[int, list[float], list[float]] = (0, [], [])
         self._segment: _Segment | None = None
+        self._overwritten: _Start | None = None
+        """A point 0 that came while the filler waited inside a segment."""
         self._left_ms = 0
         self._previous = list(self.command)
         self._queue_time_ms = 0
@@ -129,23 +142,31 @@ class ControlGroup:
 
         As in MotionServer.c all of it is kept before anything is checked, a refused one too: the
         points that follow go on from it, with the whole way from the command to it in their first
-        increment. The axes are checked one after the other, the position of each before its speed.
+        increment. While the filler waits for room in the queue its next sample undoes that. The
+        axes are checked one after the other, the position of each before its speed.
         """
-        self._time_ms = self._queue_time_ms = milliseconds(time_s)
-        self._position = list(joints_rad[: self.axes])
-        self._speed = list(speeds_rad_s[: self.axes])
+        axes = self.axes
+        joints, speeds = list(joints_rad[:axes]), list(speeds_rad_s[:axes])
+        self._queue_time_ms = milliseconds(time_s)
         self._left_ms = 0
-        self._previous = list(self.command)
-        if not _finite(time_s, self._position, self._speed):
+        start = _Start(self._queue_time_ms, joints, speeds, list(self.command))
+        if self._segment is None:
+            self._begin_at(start)
+        else:
+            self._overwritten = start
+        if not _finite(time_s, joints, speeds):
             return InvalidSubcode.DATA
         for wanted, now, speed, highest in zip(
-            self.pulses(joints_rad), self.command, self._speed, self.speeds_rad_s, strict=True
+            self.pulses(joints), self.command, speeds, self.speeds_rad_s, strict=True
         ):
             if abs(wanted - now) > START_PULSES:
                 return InvalidSubcode.DATA_START_POS
             if _too_fast(speed, highest):
                 return InvalidSubcode.DATA_SPEED
         return 0
+
+    def _begin_at(self, start: _Start) -> None:
+        self._time_ms, self._position, self._speed, self._previous = start
 
     def add(self, time_s: float, joints_rad: Sequence[float], speeds_rad_s: Sequence[float]) -> int:
         """Any further point, while `has_data` is False. 0, or the InvalidSubcode it is refused
@@ -201,6 +222,7 @@ class ControlGroup:
                 )
             )
             self._previous = pulses
+            self._overwritten = None
             if now_ms >= end_ms:
                 self._segment = None
                 self.has_data = False
@@ -231,6 +253,9 @@ class ControlGroup:
             ]
         self._segment = None
         self.has_data = False
+        if self._overwritten is not None:
+            self._begin_at(self._overwritten)
+            self._overwritten = None
 
     # -- the increment task -----------------------------------------------------------------------
 
