@@ -75,7 +75,7 @@ def drive(rate_hz: int, seconds: float, plant: str = "ideal") -> Run:
         rows = read_log(log)
     first = began_s + FIRST_PUSH_S - 0.5
     # The last periods are the session's own farewell.
-    moving = (rows["time_s"] > first) & (rows["time_s"] < began_s + wall_s - 0.5)
+    moving = (rows["monotonic_s"] > first) & (rows["monotonic_s"] < began_s + wall_s - 0.5)
     ages_s = rows["command_age_s"][moving]
     found = np.isfinite(ages_s)
     return Run(

@@ -1,14 +1,19 @@
 """A GoFa over EGM driven by the model of its arm: the whole chain in virtual time."""
 
+import itertools
 import math
 
 import pytest
 
-from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions
+from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions, EgmSession
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
+from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.session.assembly import make_arm
 from cardan.gateway.session.config import parse_config
-from cardan.sim_peers.egm_controller import Mode
+from cardan.robots import load_arm
+from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode
 from tests.chain import PUSH, Chain
 
 INTO_THE_SINGULARITY = PUSH.replace("-0.5", "0.9")
@@ -64,3 +69,47 @@ def test_a_silent_controller_needs_the_deliberate_act(mode):
     run.run(1.0)
     assert math.dist(here, run.samples[-1].position) < 5e-3
     assert run.core.phase is not Phase.MOVING
+
+
+def test_every_verb_with_default_options():
+    """A robot that is sent joints by a program, in the controller's cycles."""
+    controller = EgmController(EgmControllerOptions())
+    robot = AbbEgm(AbbEgmOptions(robot="gofa_crb15000_5"))
+    session = EgmSession(robot.options, 0.0)
+    verbs = ArmVerbs.alone(load_arm("gofa_crb15000_5"), robot.capabilities)
+    cycles = itertools.count()
+
+    def run(seconds, until=lambda: False):
+        for _ in range(round(seconds / controller.options.period_s)):
+            now_s = next(cycles) * controller.options.period_s
+            data = controller.cycle(now_s)
+            state = session.receive(data, ("127.0.0.1", 40000), now_s) if data else None
+            if state is not None:
+                controller.receive(session.reply(verbs.controller.tick(state), now_s))
+                assert now_s < 0.1 or state.hold_reason == ""
+            if until():
+                return
+
+    def over(motion):
+        run(20.0, lambda: verbs.start_pending() or motion.over)
+        assert motion.outcome is Outcome.DONE, motion
+        run(0.5)
+        return verbs.stat().pose[:3]
+
+    run(0.2)
+    start = verbs.stat().pose
+    assert over(verbs.movl([start[0] - 0.02, *start[1:]]))[0] == pytest.approx(
+        start[0] - 0.02, abs=1e-3
+    )
+    assert over(verbs.movj(start)) == pytest.approx(start[:3], abs=1e-3)
+    assert over(verbs.relj([0.0, 0.0, -0.02, 0.0, 0.0, 0.0]))[2] == pytest.approx(
+        start[2] - 0.02, abs=1e-3
+    )
+    verbs.movv([-0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    run(2.0)
+    verbs.stop()
+    run(1.0)
+    assert verbs.at_rest
+    assert -0.02 < verbs.stat().pose[0] - start[0] < -0.015
+    with pytest.raises(MotionRefusedError, match="this needs torque"):
+        verbs.gcmp()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cardan.drivers.motoros import Motoros
+from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verbs import ArmVerbs
@@ -290,3 +291,36 @@ def test_the_cartesian_controller_drives_it_too(mode, plant):
     assert there == pytest.approx(goal[:3], abs=2e-3)
     back = run(controller.movj(list(start)))
     assert back == pytest.approx(start[:3], abs=2e-3)
+
+
+@pytest.mark.parametrize("velocity_mode", [True, False])
+def test_every_verb_with_default_options(velocity_mode):
+    rig = Rig(velocity_mode=velocity_mode)
+    verbs = ArmVerbs.alone(load_arm("gp8"), Motoros(rig.options).capabilities)
+    rig.answer = verbs.controller.tick
+    rig.ready().run(0.1)
+
+    def over(motion):
+        rig.run(20.0, until=lambda: verbs.start_pending() or motion.over)
+        assert motion.outcome is Outcome.DONE, motion
+        rig.run(0.3)
+        return verbs.stat().pose[:3]
+
+    start = verbs.stat().pose
+    assert over(verbs.movl([start[0] - 0.02, *start[1:]]))[0] == pytest.approx(
+        start[0] - 0.02, abs=1e-3
+    )
+    assert over(verbs.movj(start)) == pytest.approx(start[:3], abs=1e-3)
+    assert over(verbs.relj([0.0, 0.0, -0.02, 0.0, 0.0, 0.0]))[2] == pytest.approx(
+        start[2] - 0.02, abs=1e-3
+    )
+    verbs.movv([-0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    rig.run(2.0)
+    verbs.stop()
+    rig.run(1.0)
+    assert verbs.at_rest
+    assert -0.02 < verbs.stat().pose[0] - start[0] < -0.015
+    with pytest.raises(MotionRefusedError, match="this needs torque"):
+        verbs.gcmp()
+    rig.run(0.1)
+    assert rig.states[-1].hold_reason == ""

@@ -212,7 +212,8 @@ def _on_a_grid(
 ) -> Recording:
     goal_s, goal = np.array(goals).T
     device_s, deflection = np.array(reports).T
-    begin_s, end_s = max(goal_s[0], rows["time_s"][0]), min(goal_s[-1], rows["time_s"][-1])
+    logged_s = rows["monotonic_s"]
+    begin_s, end_s = max(goal_s[0], logged_s[0]), min(goal_s[-1], logged_s[-1])
     times_s = np.arange(begin_s, end_s, GRID_S)
     # A mouse repeats itself while deflected and is silent at rest: the last report holds.
     held = deflection[np.clip(np.searchsorted(device_s, times_s, "right") - 1, 0, None)]
@@ -225,8 +226,8 @@ def _on_a_grid(
         times_s,
         np.cumsum(held) * GRID_S * JOINT_SPEED_RAD_S,
         np.interp(times_s, goal_s, goal),
-        np.interp(times_s, rows["time_s"], rows[f"command_{JOINT}"]),
-        np.interp(times_s, rows["time_s"], rows[f"measured_{JOINT}"]),
+        np.interp(times_s, logged_s, rows[f"command_{JOINT}"]),
+        np.interp(times_s, logged_s, rows[f"measured_{JOINT}"]),
         starts[starts > goal_s[0] + 1.0] if len(starts) else starts,
         snapshot,
     )

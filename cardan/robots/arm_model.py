@@ -160,6 +160,8 @@ class ArmModel(NamedTuple):
     """A configuration to start from, rad or m: inside limits, not singular."""
     task: Task
     urdf: str
+    counterbalanced_joints: int = 0
+    """So many joints from the base are relieved of the arm's weight by springs; 0: none."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -265,6 +267,8 @@ class ArmFile(Options):
     """Revolute joints in deg, prismatic ones in m."""
     acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None
     """One for all joints or one each; prismatic ones in m/s²."""
+    counterbalance: str = ""
+    """Last joint from the base that springs relieve of the arm's weight; empty: there are none."""
     task: Task = field(default_factory=Task)
     collision: CollisionTable = field(default_factory=CollisionTable)
 
@@ -399,6 +403,7 @@ def _build(text: str, file: ArmFile) -> ArmModel:
         home=_home(joints, file.home_deg),
         task=file.task,
         urdf=text,
+        counterbalanced_joints=_counterbalanced(names, file.counterbalance),
     )
 
 
@@ -520,6 +525,16 @@ def _accelerated(joints: list[ArmJoint], given: float | tuple[float, ...]) -> li
     values = given if isinstance(given, tuple) else [given] * len(joints)
     accelerations = _each("acceleration_deg_s2", values, joints)
     return [j._replace(acceleration=a) for j, a in zip(joints, accelerations, strict=True)]
+
+
+def _counterbalanced(names: list[str], last: str) -> int:
+    if not last:
+        return 0
+    if last not in names:
+        raise ConfigurationError(
+            "counterbalance", f"there is no joint {last!r}; allowed: {', '.join(names)}"
+        )
+    return names.index(last) + 1
 
 
 def _home(joints: list[ArmJoint], given: tuple[float, ...] | None) -> tuple[float, ...]:

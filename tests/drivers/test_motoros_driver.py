@@ -167,7 +167,7 @@ def test_a_record_is_written_at_close(tmp_path):
         run(robot, TURN, lambda state: bool(state.joints) and state.joints[0] > 0.02)
     rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     assert {row["kind"] for row in rows} == {"feedback", "start", "point"}
-    assert float(rows[-1]["time_s"]) > float(rows[0]["time_s"])
+    assert float(rows[-1]["monotonic_s"]) > float(rows[0]["monotonic_s"])
     points = [row for row in rows if row["kind"] == "point"]
     assert float(points[-1]["commanded_1_rad"]) > 0.02
 

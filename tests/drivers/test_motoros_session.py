@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.drivers.motoros.feedback import StateFeed
+from cardan.drivers.motoros.motion import START_TRIES
 from cardan.drivers.motoros.motion_control import Phase
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
@@ -20,6 +21,7 @@ from cardan.protocols.simple_message import (
     topic,
     wire,
 )
+from cardan.robots import load_arm
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
@@ -31,6 +33,7 @@ from cardan.types import (
 )
 from tests.drivers.motoros_rig import Rig
 
+HOME = load_arm("gp8").home
 MODES = ("velocity", "stream", "standard")
 SMOOTH = ("velocity", "stream")
 STATUS = RobotStatus(1, 0, 0, 0, 0, 2, 1)
@@ -297,6 +300,42 @@ def test_a_start_that_is_refused_says_why():
     run.run(6.0)
     assert run.session.phase is Phase.IDLE
     assert "TEACH" in run.states[-1].hold_reason
+
+
+def misplace(run, times):
+    """The arm is 0.005 rad from where the client says that it is, at its next `times` points 0;
+    returns the subcodes that they get."""
+    (group,) = run.controller._groups
+    begin, answers = group.begin, []
+
+    def begin_elsewhere(time_s, joints, speeds):
+        away = 0.005 if len(answers) < times else 0.0
+        answers.append(int(begin(time_s, [q + away for q in joints], speeds)))
+        return answers[-1]
+
+    group.begin = begin_elsewhere
+    return answers
+
+
+@pytest.mark.parametrize("mode", ["stream", "standard"])
+@pytest.mark.parametrize("times", [1, 3, 1000])
+def test_a_refused_first_point_is_followed_by_no_other(mode, times):
+    """The controller has kept it: the next point would make the arm jump there."""
+    run = turning(rig(mode).run(1.0))
+    answers = misplace(run, times)
+    run.session.enable(run.now_s)
+    run.run(3.0)
+    refused = min(times, START_TRIES + 1)
+    assert answers[:refused] == [3011] * refused
+    assert answers[refused:] == [0] * len(answers[refused:])
+    turned = run.controller.command_rad(0)[0] - run.trace[0][1]
+    if times == 1000:
+        assert turned == 0.0
+        assert "30 pulses" in run.states[-1].hold_reason
+    else:
+        assert turned > 0.2
+    assert max(abs(speed) for _, speed in commanded_speeds(run)) < 0.9  # 0.005 in 4 ms: 1.25
+    assert run.controller.command_rad(0)[1] == pytest.approx(HOME[1], abs=1e-4)
 
 
 @pytest.mark.parametrize("mode", SMOOTH)

@@ -221,6 +221,12 @@ def test_defaults_where_the_file_says_nothing(arm_file):
     assert arm.tcp.position.z == 0.5
     assert arm.task.weights == (1.0,) * 6
     assert arm.shapes == ()
+    assert arm.counterbalanced_joints == 0
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_springs_carry_the_arms_of_a_pr2_to_the_elbow(name):
+    assert load_arm(name).counterbalanced_joints == (4 if name.startswith("pr2") else 0)
 
 
 def test_a_shape_of_one_s_own_takes_the_place_of_a_mesh(arm_file):
@@ -248,6 +254,10 @@ def changed(old, new):
         (changed('"hand"', '"paw"'), "tcp: there is no link 'paw'; allowed: base, one, two, hand"),
         (changed('tcp = "hand"', 'tcp = "one"'), "tcp: link 'one' is not moved by the last joint"),
         (changed('flange = "two"', 'flange = "x"'), "flange: there is no link 'x'"),
+        (
+            'counterbalance = "ankle"\n' + OWN,
+            "counterbalance: there is no joint 'ankle'; allowed: lift, elbow",
+        ),
         (changed("[0.5, 30.0]", "[0.5]"), "home_deg: has 1 values for 2 joints"),
         (changed("[0.5, 30.0]", "[0.5, 200]"), "home_deg: elbow at 200 is outside -57.* to 114"),
         (changed("[0.5, 30.0]", "[0.5, nan]"), r"home_deg: \[0.5, nan\] .*-1000000 to 1000000"),

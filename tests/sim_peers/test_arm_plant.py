@@ -122,6 +122,54 @@ def test_torque_mode_keeps_energy():
     assert fastest_j > 20.0
 
 
+def pr2(side="left", **options):
+    return ArmPlant(load_arm(f"pr2_{side}_arm"), PlantOptions(**options))
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_springs_carry_what_their_joints_would(side):
+    plant = pr2(side)
+    run(plant, 0.5)
+    weight = gravity_torque(plant)
+    assert abs(weight[1]) > 35.0  # of 30 N·m that the lift joint has
+    assert np.abs(plant.torques).max() < 0.5
+    assert np.abs(np.array(plant.positions) - plant.arm.home).max() < 1e-6
+    # With the wrist straight the springs carry all there is.
+    straight = [*plant.arm.home[:4], 0.0, 0.0, 0.0]
+    plant.set_state(straight)
+    run(plant, 0.5)
+    assert np.array(plant.torques)[:4] == pytest.approx(np.zeros(4), abs=1e-6)
+
+
+def test_springs_carry_no_load():
+    """1 kg at the TCP is the drives'."""
+    bare, loaded = pr2(), pr2(payload_kg=1.0)
+    for plant in (bare, loaded):
+        run(plant, 0.5)
+    more = np.array(loaded.torques) - bare.torques
+    assert more == pytest.approx(gravity_torque(loaded) - gravity_torque(bare), abs=0.05)
+    assert abs(more[1]) > 3.0
+
+
+def test_springs_make_no_energy():
+    plant = pr2(**FRICTIONLESS)
+    plant.set_state(plant.arm.home, (0.3, -0.4, 0.5, 0.4, 0.5, -0.4, 0.5))
+    plant.command_torques((0.0,) * 7)
+    energy_j = plant.energy_j()
+    for _ in range(80):
+        before = np.array(plant.positions)
+        run(plant, 0.01)
+        assert plant.energy_j() == pytest.approx(energy_j, abs=2e-4)
+    assert np.abs(np.array(plant.positions) - before).max() > 1e-3  # still moving
+
+
+def test_the_feed_forward_knows_the_springs():
+    plant = pr2(gravity_feedforward=True)
+    plant.command_positions(plant.arm.home)
+    run(plant, 1.0)
+    assert plant.positions == pytest.approx(plant.arm.home, abs=1e-6)
+
+
 def test_zero_torque_falls_and_inverse_dynamics_hold():
     falling, held = gofa(**FRICTIONLESS), gofa(**FRICTIONLESS)
     zero = np.zeros(6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -42,6 +43,13 @@ from cardan.types import IDENTITY_POSE, Pose, Vector3
 IPC_S = 0.004
 HOME = load_arm("gp8").home
 SUCCESS, BUSY, FAILURE, INVALID, NOT_READY = 0, 1, 2, 3, 5
+
+
+def point_message(sequence, time_s, joints, speeds=(), group=0, fields=7):
+    body = JointTrajPtFull(
+        group, sequence, fields, time_s, joints10(joints), joints10(speeds), ZEROS
+    )
+    return request(body)
 
 
 class Cell:
@@ -88,10 +96,7 @@ class Cell:
         return answer
 
     def point(self, sequence, time_s, joints=HOME, speeds=(), group=0, fields=7):
-        body = JointTrajPtFull(
-            group, sequence, fields, time_s, joints10(joints), joints10(speeds), ZEROS
-        )
-        return self.ask(request(body)).body
+        return self.ask(point_message(sequence, time_s, joints, speeds, group, fields)).body
 
     def velocity(
         self, *speeds, sequence=None, group=0, fields=4, time_s=0.0, acc=ZEROS, wants=True
@@ -402,9 +407,58 @@ def test_points_are_refused_in_this_order():
     assert cell.point(-1, 0.0, far, (99.0,))[3:5] == (INVALID, 3005)
     assert cell.point(0, 0.0, far, (99.0,))[3:5] == (INVALID, 3011)
     assert cell.point(0, 0.0, HOME, (99.0,))[3:5] == (INVALID, 3013)
+    second_far = [HOME[0], HOME[1] + 0.1, *HOME[2:]]
+    assert cell.point(0, 0.0, second_far, (99.0,))[3:5] == (INVALID, 3013)
+    assert cell.point(0, 0.0, second_far, (0.0, 99.0))[3:5] == (INVALID, 3011)
+    assert cell.point(0, math.nan, HOME)[3:5] == (INVALID, 3010)
+    assert cell.point(-1, math.nan, HOME)[3:5] == (INVALID, 3005)
     assert cell.point(0, 0.0, HOME)[:5] == (0, 0, 14, SUCCESS, 0)
     assert cell.point(1, 0.1, far, (99.0,))[3:5] == (INVALID, 3013)
-    assert cell.point(1, math.nan, far)[3] == INVALID
+    assert cell.point(1, math.nan, far)[3:5] == (INVALID, 3010)
+    assert cell.point(1, math.inf, far)[3:5] == (INVALID, 3016)
+    assert cell.point(1, 0.0505, HOME).result == SUCCESS
+    assert cell.point(2, math.nan, far).result == BUSY
+
+
+@pytest.mark.parametrize("groups", [1, 2])
+def test_a_client_that_ignores_a_refused_point_0_makes_the_arm_jump(groups):
+    """3011 is not harmless: MotionServer.c has taken the point over by then."""
+    cell = Cell(groups=groups).start()
+    away = [q + 0.005 for q in HOME]  # as far as an axis may go in one IPC
+    if groups == 1:
+        assert cell.point(0, 0.0, away)[3:5] == (INVALID, 3011)
+        assert cell.point(1, 0.4005, away).result == SUCCESS
+    else:
+        assert cell.ask(ex(0, (0, 0.0, away), (1, 0.0, HOME))).body[3:5] == (INVALID, 3011)
+        assert cell.ask(ex(1, (0, 0.4005, away))).body.result == SUCCESS
+    commands = [cell.it.command_pulses(0)]
+    for _ in range(100):
+        cell.run(IPC_S)
+        commands.append(cell.it.command_pulses(0))
+    moved = [after for before, after in pairwise(commands) if after != before]
+    assert len(moved) == 1  # all of it in one IPC
+    assert cell.it.command_rad(0) == pytest.approx(away, abs=1e-4)
+
+
+def test_a_client_that_ignores_a_point_0_far_away_is_stopped_with_5012():
+    cell = Cell().start()
+    away = [HOME[0] + 1.0, *HOME[1:]]
+    assert cell.point(0, 0.0, away)[3:5] == (INVALID, 3011)
+    assert cell.point(1, 2.0005, away).result == SUCCESS  # at 0.5 rad/s it would be slow enough
+    cell.run(0.05)
+    assert cell.reason() == (FAILURE, 5012)
+    assert cell.it.command_rad(0) == pytest.approx(HOME, abs=1e-4)
+
+
+def test_point_0_in_energy_saving_is_kept_even_when_the_drives_do_not_wake():
+    cell = Cell().start()
+    cell.it.energy_saving(True, cell.now_s)
+    cell.it.motion(point_message(0, 0.0, HOME), cell.now_s)
+    cell.it.hold(True, cell.now_s)
+    while cell.it.blocked:
+        cell.run(0.001)
+    assert cell.it.replies.pop().body.result == SUCCESS
+    assert cell.point(1, 0.1)[3] == NOT_READY
 
 
 def test_a_point_is_busy_while_the_one_before_is_converted():

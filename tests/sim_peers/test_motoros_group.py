@@ -63,6 +63,96 @@ def test_point_0_must_be_within_30_pulses_of_the_command():
     assert it.command == [0, 0]
 
 
+@pytest.mark.parametrize(
+    ("joints", "speeds", "subcode"),
+    [
+        ((0.01, 0.0), (0.0, 0.0), InvalidSubcode.DATA_START_POS),
+        ((0.01, 0.0), (99.0, 0.0), InvalidSubcode.DATA_START_POS),
+        ((0.0, 0.0), (99.0, 0.0), InvalidSubcode.DATA_SPEED),
+        # The axes are checked one after the other: the first one's speed before the second's start.
+        ((0.0, 0.01), (99.0, 0.0), InvalidSubcode.DATA_SPEED),
+        ((0.01, 0.0), (0.0, 99.0), InvalidSubcode.DATA_START_POS),
+        ((0.0, 0.01), (0.0, 99.0), InvalidSubcode.DATA_START_POS),
+    ],
+)
+def test_point_0_is_checked_axis_by_axis(joints, speeds, subcode):
+    assert group().begin(0.0, joints, speeds) == subcode
+
+
+def test_a_refused_point_0_is_kept_and_the_next_increment_has_the_whole_way_to_it():
+    it = group()
+    assert it.begin(0.0, (0.0, 0.0), (0.0, 0.0)) == 0
+    for time_s in (0.0105, 0.0205):  # leaves a partial step
+        it.add(time_s, (0.0, 0.0), (0.0, 0.0))
+        it.fill(True)
+    play(it)
+    away = (100.5 / PER_RAD[0], -60.5 / PER_RAD[1])
+    assert it.begin(5.0, away, (0.0, 0.0)) == InvalidSubcode.DATA_START_POS
+    assert it.add(5.0125, away, (0.0, 0.0)) == 0
+    it.fill(True)
+    assert list(it.queue) == [(5004, [100, -60]), (5008, [0, 0]), (5012, [0, 0])]
+    assert len(play(it)) == 3
+    assert it.command == [100, -60]
+
+
+def test_a_refused_speed_of_point_0_is_kept():
+    it = group(speeds=(0.5, 0.5))
+    assert it.begin(0.0, (0.0, 0.0), (2.0, 0.0)) == InvalidSubcode.DATA_SPEED
+    it.add(0.4005, (0.0, 0.0), (0.0, 0.0))
+    it.fill(True)
+    assert it.queue[0][1][0] == pytest.approx(2.0 * PER_RAD[0] * IPC_S, rel=0.05)
+
+
+def converting():
+    """The filler waits for room in the queue."""
+    it = group(queue=50)
+    it.begin(0.0, (0.0, 0.0), (0.0, 0.0))
+    it.add(0.4005, (0.1, 0.0), (0.0, 0.0))
+    it.fill(True)
+    it.execute(it.take(True), True)
+    return it
+
+
+@pytest.mark.parametrize("away", [0.0, 1.0])
+def test_point_0_while_a_point_is_converted_changes_nothing_of_that(away):
+    """The sample that waits is counted already, and sets the pulses of the one before anew."""
+    it, other = converting(), converting()
+    it.begin(0.0, (away, 0.0), (0.0, 0.0))
+    assert play(it) == play(other)
+    assert it.command == it.pulses((0.1, 0.0))
+
+
+def test_point_0_while_a_point_is_converted_stays_when_that_is_dropped():
+    it = converting()
+    it.begin(1.0, (1.0, 0.0), (0.5, 0.0))
+    it.clear()
+    before = list(it.command)
+    it.add(1.4005, (1.0, 0.0), (0.0, 0.0))
+    it.fill(True)
+    time_ms, pulses = it.queue[0]
+    assert time_ms == 1004
+    assert before[0] + pulses[0] == pytest.approx(1.002 * PER_RAD[0], abs=10)
+
+
+def test_what_is_no_number_is_refused_and_of_point_0_kept_all_the_same():
+    it = group()
+    for bad in (math.nan, math.inf, -math.inf):
+        for time_s, joints, speeds in (
+            (bad, (0.0, 0.0), (0.0, 0.0)),
+            (0.0, (0.0, bad), (0.0, 0.0)),
+            (0.0, (0.0, 0.0), (0.0, bad)),
+        ):
+            assert it.begin(0.0, (0.0, 0.0), (0.0, 0.0)) == 0
+            assert it.add(0.1 + time_s, joints, speeds) == InvalidSubcode.DATA
+            assert not it.has_data
+            assert it.begin(time_s, joints, speeds) == InvalidSubcode.DATA
+            assert it.add(0.1, (0.0, 0.0), (0.0, 0.0)) == 0
+            it.fill(True)
+            if time_s == 0.0:
+                assert it.refuses(it.take(True))
+            it.clear()
+
+
 def test_only_the_whole_part_of_a_speed_is_checked():
     it = group(speeds=(4.2, 6.5))
     assert it.begin(0.0, (0.0, 0.0), (4.9, -6.9)) == 0

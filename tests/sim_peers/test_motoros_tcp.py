@@ -262,7 +262,7 @@ def test_every_interpolation_cycle_becomes_a_row(tmp_path):
     peer.close()
     with path.open() as file:
         header, *rows = csv.reader(file)
-    assert header[0] == "time_s"
+    assert header[0] == "monotonic_s"
     assert {len(row) for row in rows} == {len(header)}
     times = [float(row[0]) for row in rows]
     assert len(times) > 10
@@ -283,7 +283,7 @@ def test_the_command_serves_it(tmp_path):
         finally:
             process.terminate()
     assert process.returncode == 0
-    assert path.read_text().startswith("time_s,")
+    assert path.read_text().startswith("monotonic_s,")
 
 
 @pytest.mark.parametrize(

@@ -326,7 +326,7 @@ def test_the_program_in_c_feels_its_floor(tmp_path):
     assert height_mm == pytest.approx(-10.0 - 0.8 / 0.3, abs=1.5)
     assert force_n == pytest.approx(0.8, abs=0.4)
     rows = log.read_text(encoding="utf-8").splitlines()
-    assert rows[0].startswith("time_s,")
+    assert rows[0].startswith("monotonic_s,")
     assert len(rows) > 1000
 
 

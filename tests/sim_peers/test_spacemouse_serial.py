@@ -240,6 +240,18 @@ def test_the_start_ups_of_spacenavd_and_vrpn_at_a_spaceball():
     assert port.say(b"W\r") == b"?W\r"
 
 
+def test_a_line_that_is_full_is_no_reason_to_be_late():
+    """More than 9600 baud carry: the device measures when the line is free, and queues nothing."""
+    port = Port("spaceball-3003", faults={"garbage": 1.0})
+    port.run(1.0)
+    port.say(b"MSSV\rP@T@T\r")  # every 20 ms, with noise before each
+    port.puck.set_axes(UP)
+    port.run(20.0)
+    port.puck.set_axes(REST)
+    port.run(0.2)
+    assert port.run(1.0) == b""
+
+
 @pytest.mark.parametrize(
     ("key", "name"), [("spaceball-2003", b"Hm2003C\r"), ("spaceball-3003", b"Hm3003C\r")]
 )

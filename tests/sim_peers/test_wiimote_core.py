@@ -569,3 +569,14 @@ def test_hands_that_cannot_be():
             act(math.nan, 0.0)
     with pytest.raises(ValueError, match="finite"):
         remote.set_acceleration((0.0, math.inf, 0.0))
+
+
+def test_no_number_of_requests_makes_it_send_more_than_its_slots_carry():
+    remote = SimulatedWiimote()
+    remote.connect(0.0)
+    reports = 0
+    for tick in range(1000):
+        for _ in range(20):
+            remote.output(encode_output(StatusRequest()), 0.001 * tick)
+        reports += len(remote.reports(0.001 * tick))
+    assert 750 < reports <= 800 + 33

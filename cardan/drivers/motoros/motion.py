@@ -83,7 +83,7 @@ class MotionCounters:
 class MotionRecord:
     """Rows of commands and feedback, kept in memory and written when all is over."""
 
-    HEADER = ("time_s", "kind")
+    HEADER = ("monotonic_s", "kind")
 
     def __init__(self, path: str, joints: int) -> None:
         self.path = path

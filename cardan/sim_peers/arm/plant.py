@@ -11,12 +11,14 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from cardan.robots import ArmModel, Capsule, JointKind
+from cardan.robots.counterbalance import Counterbalance
 from cardan.sim_peers.arm.options import PlantOptions
 from cardan.types import Pose, Quaternion, Vector3, Wrench
 
@@ -65,6 +67,10 @@ class ArmPlant:
         self._armature: Array = self._solver.armature
         """A view: writing it changes the model that is integrated."""
         self._rotors = self._armature.copy()
+        self._springs: Counterbalance | None = None
+        if arm.counterbalanced_joints:
+            bare = build_model(arm, replace(options, payload_kg=0.0))
+            self._springs = Counterbalance(bare, arm.counterbalanced_joints)
         self._tcp = _placement(arm.tcp)
         self._lower = np.array(arm.lower)
         self._upper = np.array(arm.upper)
@@ -196,16 +202,17 @@ class ArmPlant:
 
     def _settle(self) -> None:
         """Start in equilibrium: the servo already carries the arm."""
-        load = pin.computeGeneralizedGravity(self._solver, self._data, self._q)
-        np.clip(load, -self._effort, self._effort, out=self._drive)
+        np.clip(self._load(self._solver), -self._effort, self._effort, out=self._drive)
         self._reference += (self._drive - self._feed_forward()) / self.stiffness
         self._target[:] = self._reference
 
+    def _load(self, model: pin.Model) -> Array:
+        """What the drives need to hold the arm where it is: its weight less what springs carry."""
+        load: Array = pin.computeGeneralizedGravity(model, self._data, self._q)
+        return load if self._springs is None else load - self._springs.torques(self._q)
+
     def _feed_forward(self) -> Array | float:
-        if not self.options.gravity_feedforward:
-            return 0.0
-        gravity: Array = pin.computeGeneralizedGravity(self.model, self._data, self._q)
-        return gravity
+        return self._load(self.model) if self.options.gravity_feedforward else 0.0
 
     # -- time -----------------------------------------------------------------------------------
 
@@ -276,9 +283,12 @@ class ArmPlant:
         if locked:
             for joint in (*self._stops, *(() if self.jammed is None else (self.jammed,))):
                 v[joint] = self._mid_v[joint] = 0.0
+        springs = None if self._springs is None else self._springs.torques(self._mid)
         for _ in range(_PASSES):
             np.add(self._rotors, servo_inertia, out=armature)
             np.copyto(work, drive)
+            if springs is not None:
+                np.add(work, springs, out=work)
             if self._has_friction:
                 friction = self._friction
                 np.subtract(work, friction * v, out=work)
@@ -493,8 +503,7 @@ class ArmPlant:
 
     def give_in(self) -> None:
         """Stop where the arm is: forget the reference, keep no more than gravity needs."""
-        load = pin.computeGeneralizedGravity(self._solver, self._data, self._q)
-        np.clip(load, -self._effort, self._effort, out=load)
+        load = np.clip(self._load(self._solver), -self._effort, self._effort)
         self._integral[:] = 0.0
         self._speed[:] = self._v
         self._wanted_speed[:] = 0.0
@@ -528,11 +537,13 @@ class ArmPlant:
         self.give_in()
 
     def energy_j(self) -> float:
-        """Kinetic (rotors included) and potential."""
+        """Kinetic (rotors included) and potential, that of springs included."""
         data = self.model.createData()
         mass = np.triu(pin.crba(self.model, data, self._q))
         mass = mass + np.triu(mass, 1).T
         potential: float = pin.computePotentialEnergy(self.model, data, self._q)
+        if self._springs is not None:
+            potential += self._springs.energy_j(self._q)
         return potential + 0.5 * float(self._v @ mass @ self._v)
 
 

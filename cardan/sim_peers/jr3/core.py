@@ -48,8 +48,21 @@ LOOP_S = (0.001, 0.002)
 """The main loop sleeps 1 ms, which the board's system makes 1 to 2 ms."""
 EEPROM_S = 0.3
 """How long reading the sensor's calibration takes."""
-SHORTEST_PERIOD_S = 0.00025
-"""Shortest period of samples: two frames fill the bus for this time."""
+BIT_RATE = 1_000_000
+"""Of the bus, bit/s."""
+WAITING_FRAMES = 32
+"""Frames that the board keeps while the bus is busy; more are lost."""
+
+
+def frame_s(size: int) -> float:
+    """How long the bus is busy with an eleven-bit frame of `size` bytes at `BIT_RATE`: 47 bits of
+    its own with the pause after it, and as many stuff bits as there can be. Source: ISO 11898-1."""
+    return (47 + 8 * size + (33 + 8 * size) // 4) / BIT_RATE
+
+
+SHORTEST_PERIOD_S = 2.0 * frame_s(8)
+"""Shortest period of samples: a pair of frames fills the bus for this time, however short a period
+a host asks for."""
 
 
 class SimulatedJr3:
@@ -90,6 +103,8 @@ class SimulatedJr3:
         """Frames for this node that the board does not know."""
         self.dropped = 0
         """Commands that found the queue full."""
+        self.unsent = 0
+        """Frames that were lost because the bus could not take so many."""
         self.starts = 0
         """How often acquisition was started."""
         self.on_first_start: Callable[[float], None] = lambda now_s: None
@@ -101,6 +116,7 @@ class SimulatedJr3:
         self._random = random.Random(seed)
         self._now_s = 0.0
         self._under_way: list[tuple[float, int, CanFrame]] = []
+        self._bus_free_s = 0.0
         self._sent = 0
         self._acks = 0
         self._pairs = 0
@@ -174,19 +190,18 @@ class SimulatedJr3:
     @property
     def next_due_s(self) -> float:
         """When `reports` has something to do next; inf when nothing is planned."""
-        arrival_s = self._under_way[0][0] if self._under_way else math.inf
-        return min(self._event_s, arrival_s)
+        return min(self._event_s, self._arrival_s)
 
     def reports(self, now_s: float) -> list[CanFrame]:
         """What the board has sent by `now_s`, in order."""
+        arrived: list[CanFrame] = []
         while (event_s := self._event_s) <= now_s:
             self._now_s = max(self._now_s, event_s)
+            self._carry(self._now_s, arrived)
             self._act(self._now_s)
         self._now_s = max(self._now_s, now_s)
         self._sample(self._now_s)
-        arrived = []
-        while self._under_way and self._under_way[0][0] <= now_s:
-            arrived.append(heapq.heappop(self._under_way)[2])
+        self._carry(now_s, arrived)
         return arrived
 
     def skip_to(self, now_s: float) -> None:
@@ -396,8 +411,25 @@ class SimulatedJr3:
     def _push(self, frame: CanFrame, sent_s: float) -> None:
         if self.hung or self._random.random() < self._faults.get("lost", 0.0):
             return
+        if len(self._under_way) >= WAITING_FRAMES:
+            self.unsent += 1
+            return
         self._sent += 1
         heapq.heappush(self._under_way, (sent_s, self._sent, frame))
+
+    @property
+    def _arrival_s(self) -> float:
+        """When the next frame has gone over the bus; inf: there is none."""
+        if not self._under_way:
+            return math.inf
+        sent_s, _, frame = self._under_way[0]
+        return max(sent_s, self._bus_free_s) + frame_s(len(frame.data))
+
+    def _carry(self, now_s: float, arrived: list[CanFrame]) -> None:
+        """Add what has gone over the bus by `now_s` to `arrived`."""
+        while (arrival_s := self._arrival_s) <= now_s:
+            self._bus_free_s = arrival_s
+            arrived.append(heapq.heappop(self._under_way)[2])
 
     def _strikes(self, fault: str, count: int) -> bool:
         return fault in self._faults and count % int(self._faults[fault]) == 0

@@ -216,7 +216,7 @@ class MotorosController(MotomanRobot):
             result, subcode = MotionResult.INVALID, int(InvalidSubcode.GROUPNO)
         elif point.valid_fields & _TRAJECTORY_FIELDS != _TRAJECTORY_FIELDS:
             result, subcode = MotionResult.INVALID, int(InvalidSubcode.DATA_INSUFFICIENT)
-        elif not point.time < LONGEST_TIME_S:
+        elif point.time >= LONGEST_TIME_S:
             result, subcode = MotionResult.INVALID, int(InvalidSubcode.DATA_TIME)
         elif point.sequence == 0 and self._inputs.energy_saving:
             self._start(self._wake_for_point(asked, point))
@@ -227,11 +227,8 @@ class MotorosController(MotomanRobot):
         self._answer(asked, point.group, point.sequence, result, subcode)
 
     def _wake_for_point(self, asked: Message, point: JointTrajPtFull) -> Steps:
+        """Whether the drives wake or not, point 0 is kept."""
         yield from self._wake()
-        refusal = self._refusal()
-        if refusal:
-            self._answer(asked, point.group, point.sequence, MotionResult.NOT_READY, refusal)
-            return False
         self._take_point(asked, point.sequence, point)
         return True
 
@@ -245,10 +242,7 @@ class MotorosController(MotomanRobot):
         """Whether the point was taken; a refusal is always answered, success if `answered`."""
         group = self._groups[point.group]
         result, subcode = MotionResult.SUCCESS, 0
-        if not all(map(math.isfinite, (point.time, *point.pos, *point.vel))):
-            # C makes some integer of it, which the arm's own checks refuse sooner or later.
-            result, subcode = MotionResult.INVALID, int(InvalidSubcode.DATA)
-        elif sequence < 0:
+        if sequence < 0:
             result, subcode = MotionResult.INVALID, int(InvalidSubcode.SEQUENCE)
         elif sequence == 0:
             subcode = group.begin(point.time, point.pos, point.vel)
@@ -293,7 +287,7 @@ class MotorosController(MotomanRobot):
 
     def _wake_for_points(self, asked: Message, body: JointTrajPtFullEx) -> Steps:
         yield from self._wake()
-        self._points(asked, body)
+        self._take_points(asked, body)
         return True
 
     def _take_points(self, asked: Message, body: JointTrajPtFullEx) -> None:

@@ -11,6 +11,7 @@ import math
 import struct
 from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from cardan.protocols.simple_message import InvalidSubcode
 
@@ -21,6 +22,8 @@ _REFUSED_SPEED = 1.1
 """Increments above this share of an axis's highest speed the controller does not execute."""
 
 _LONGEST_MS = 2**31 - 1
+_NO_INTEGER = -(2**31)
+"""What C makes of a number that no integer can hold, on x86; other processors make another one."""
 _SINGLE = struct.Struct("<f")
 
 
@@ -28,12 +31,32 @@ def milliseconds(time_s: float) -> int:
     """Whole ms of a time on the wire: the product in single precision, then truncated.
 
     So 0.6 to 1 % of the times on a grid of 1 ms come out 1 ms low, as on the controller. Times
-    that do not fit are the longest that do.
+    that do not fit, and NaN, are the longest that do.
     """
-    if abs(time_s) >= _LONGEST_MS / 1000:
+    if not abs(time_s) < _LONGEST_MS / 1000:
         return int(math.copysign(_LONGEST_MS, time_s))
     single = _SINGLE.unpack(_SINGLE.pack(time_s))[0]
     return int(_SINGLE.unpack(_SINGLE.pack(single * 1000.0))[0])
+
+
+def _finite(time_s: float, joints_rad: list[float], speeds_rad_s: list[float]) -> bool:
+    """MotoROS does not look; see 3010 in docs/simulated-peers.md."""
+    return math.isfinite(time_s) and all(map(math.isfinite, (*joints_rad, *speeds_rad_s)))
+
+
+def _too_fast(speed_rad_s: float, highest_rad_s: float) -> bool:
+    """The C code takes the whole part before it compares."""
+    return abs(int(speed_rad_s)) > highest_rad_s
+
+
+class _Start(NamedTuple):
+    """Where the next segment begins."""
+
+    time_ms: int
+    position: list[float]
+    speed: list[float]
+    previous: list[int]
+    """Pulses that the first increment is counted from."""
 
 
 class _Segment:
@@ -90,6 +113,8 @@ class ControlGroup:
         self._speed = [0.0] * self.axes
         self._todo: tuple[int, list[float], list[float]] = (0, [], [])
         self._segment: _Segment | None = None
+        self._overwritten: _Start | None = None
+        """A point 0 that came while the filler waited inside a segment."""
         self._left_ms = 0
         self._previous = list(self.command)
         self._queue_time_ms = 0
@@ -103,41 +128,59 @@ class ControlGroup:
     # -- points -----------------------------------------------------------------------------------
 
     def pulses(self, joints_rad: Sequence[float]) -> list[int]:
-        """Joints in pulses, truncated toward zero."""
-        return [int(q * each) for q, each in zip(joints_rad, self.pulses_per_rad, strict=False)]
+        """Joints in pulses, truncated toward zero. What is no number, or too large for an integer
+        of the controller, is one that it executes no increments to."""
+        return [
+            int(pulses) if -_LONGEST_MS <= (pulses := q * each) <= _LONGEST_MS else _NO_INTEGER
+            for q, each in zip(joints_rad, self.pulses_per_rad, strict=False)
+        ]
 
     def begin(
         self, time_s: float, joints_rad: Sequence[float], speeds_rad_s: Sequence[float]
     ) -> int:
-        """Point 0. 0, or the InvalidSubcode it is refused with."""
-        for wanted, now in zip(self.pulses(joints_rad), self.command, strict=True):
+        """Point 0. 0, or the InvalidSubcode it is refused with.
+
+        As in MotionServer.c all of it is kept before anything is checked, a refused one too: the
+        points that follow go on from it, with the whole way from the command to it in their first
+        increment. While the filler waits for room in the queue its next sample undoes that. The
+        axes are checked one after the other, the position of each before its speed.
+        """
+        axes = self.axes
+        joints, speeds = list(joints_rad[:axes]), list(speeds_rad_s[:axes])
+        self._queue_time_ms = milliseconds(time_s)
+        self._left_ms = 0
+        start = _Start(self._queue_time_ms, joints, speeds, list(self.command))
+        if self._segment is None:
+            self._begin_at(start)
+        else:
+            self._overwritten = start
+        if not _finite(time_s, joints, speeds):
+            return InvalidSubcode.DATA
+        for wanted, now, speed, highest in zip(
+            self.pulses(joints), self.command, speeds, self.speeds_rad_s, strict=True
+        ):
             if abs(wanted - now) > START_PULSES:
                 return InvalidSubcode.DATA_START_POS
-        if self._too_fast(speeds_rad_s):
-            return InvalidSubcode.DATA_SPEED
-        self._time_ms = self._queue_time_ms = milliseconds(time_s)
-        self._position = list(joints_rad[: self.axes])
-        self._speed = list(speeds_rad_s[: self.axes])
-        self._left_ms = 0
-        self._previous = list(self.command)
+            if _too_fast(speed, highest):
+                return InvalidSubcode.DATA_SPEED
         return 0
 
+    def _begin_at(self, start: _Start) -> None:
+        self._time_ms, self._position, self._speed, self._previous = start
+
     def add(self, time_s: float, joints_rad: Sequence[float], speeds_rad_s: Sequence[float]) -> int:
-        """Any further point, while `has_data` is False. 0, or an InvalidSubcode."""
-        if self._too_fast(speeds_rad_s):
-            return InvalidSubcode.DATA_SPEED
+        """Any further point, while `has_data` is False. 0, or the InvalidSubcode it is refused
+        with, which changes nothing."""
         axes = self.axes
-        self._todo = (milliseconds(time_s), list(joints_rad[:axes]), list(speeds_rad_s[:axes]))
+        joints, speeds = list(joints_rad[:axes]), list(speeds_rad_s[:axes])
+        if not _finite(time_s, joints, speeds):
+            return InvalidSubcode.DATA
+        if any(map(_too_fast, speeds, self.speeds_rad_s)):
+            return InvalidSubcode.DATA_SPEED
+        self._todo = (milliseconds(time_s), joints, speeds)
         self._segment = None
         self.has_data = True
         return 0
-
-    def _too_fast(self, speeds_rad_s: Sequence[float]) -> bool:
-        """The C code takes the whole part before it compares."""
-        return any(
-            abs(int(speed)) > highest
-            for speed, highest in zip(speeds_rad_s, self.speeds_rad_s, strict=False)
-        )
 
     # -- the filler -------------------------------------------------------------------------------
 
@@ -155,7 +198,7 @@ class ControlGroup:
                 self.has_data = False
                 return
             segment = self._segment = self._planned(end_ms, end_position, end_speed)
-        queue, per_rad, ipc_ms = self.queue, self.pulses_per_rad, self._ipc_ms
+        queue, ipc_ms = self.queue, self._ipc_ms
         while len(queue) < self._room:
             now_ms = segment.now_ms + segment.step_ms
             if now_ms < end_ms:
@@ -171,7 +214,7 @@ class ControlGroup:
                 self._left_ms = now_ms - end_ms
                 self._time_ms, self._position, self._speed = end_ms, end_position, end_speed
                 position = end_position
-            pulses = [int(q * each) for q, each in zip(position, per_rad, strict=True)]
+            pulses = self.pulses(position)
             queue.append(
                 (
                     self._time_ms,
@@ -179,6 +222,7 @@ class ControlGroup:
                 )
             )
             self._previous = pulses
+            self._overwritten = None
             if now_ms >= end_ms:
                 self._segment = None
                 self.has_data = False
@@ -209,6 +253,9 @@ class ControlGroup:
             ]
         self._segment = None
         self.has_data = False
+        if self._overwritten is not None:
+            self._begin_at(self._overwritten)
+            self._overwritten = None
 
     # -- the increment task -----------------------------------------------------------------------
 

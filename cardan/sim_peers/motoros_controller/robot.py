@@ -607,7 +607,7 @@ class MotomanRobot:
         messages of velocity since the start."""
         names = self.arm.joint_names
         return (
-            "time_s",
+            "monotonic_s",
             "mode",
             "queue",
             "command_age_s",

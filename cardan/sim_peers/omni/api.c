@@ -206,9 +206,12 @@ static int have_device(void) {
     return 0;
 }
 
+/* Before the first hdInitDevice there is an error, and the handle that the first device gets, 0:
+ * pyOpenHaptics, written against the vendor's library, goes on only if the two are the same. */
 HD_API HHD hdGetCurrentDevice(void) {
     omni_enter();
-    HHD handle = have_device() ? omni.device.handle : HD_INVALID_HANDLE;
+    int known = have_device() || omni.device.next_handle == 0;
+    HHD handle = known ? omni.device.handle : HD_INVALID_HANDLE;
     omni_leave();
     return handle;
 }

@@ -535,7 +535,7 @@ int simFault(const char *name, double value) {
 #define LOG_LINE 1024  /* no line is longer */
 
 static const char LOG_HEADER[] =
-    "time_s,tick,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,target_x_m,target_y_m,target_z_m,"
+    "monotonic_s,tick,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,target_x_m,target_y_m,target_z_m,"
     "hand_x_n,hand_y_n,hand_z_n,commanded_x_n,commanded_y_n,commanded_z_n,"
     "delivered_x_n,delivered_y_n,delivered_z_n,delivered_j,hand_j,lost_j,kinetic_j,"
     "temperature,buttons,docked,gripped,amplifier,calibrated,period_s\n";

@@ -335,7 +335,7 @@ class SimulatedSerialPuck(ABC):
             self._spontaneous(at_s)
         while self._moving and self._due_s <= until_s:
             self._send_motion(max(self._due_s, self._now_s))
-            self._due_s += self._period_s
+            self._due_s = max(self._due_s + self._period_s, self._line.free_s)
         if self._due_s <= until_s:
             # At rest the device goes on measuring at its period.
             self._due_s += (

@@ -53,7 +53,8 @@ class SerialLine(ReportLine):
         self._motions = 0
         self._keys = 0
         self._rests = 0
-        self._free_s = 0.0
+        self.free_s = 0.0
+        """When all that was taken has been sent: no motion is begun before."""
 
     def carry_motion(self, packet: bytes, sent_s: float, *, rest: bool) -> None:
         """Take a motion packet; `rest`: it says that the cap is back at rest."""
@@ -85,16 +86,16 @@ class SerialLine(ReportLine):
 
     def carry(self, packet: bytes, sent_s: float) -> None:
         """Take any packet, ready to be sent at `sent_s`; it goes when the line is free."""
-        start_s = max(sent_s, self._free_s)
+        start_s = max(sent_s, self.free_s)
         for begin in range(0, len(packet), FIFO_BYTES):
             portion = packet[begin : begin + FIFO_BYTES]
             super().carry(portion, start_s + (begin + len(portion)) * self._byte_s)
-        self._free_s = start_s + len(packet) * self._byte_s
+        self.free_s = start_s + len(packet) * self._byte_s
 
     def cut_at(self, now_s: float) -> None:
         """Lose everything under way; the line is free again at `now_s`."""
         self.cut()
-        self._free_s = now_s
+        self.free_s = now_s
 
     def _noise(self) -> bytes:
         return self._random.randbytes(self._random.randint(1, 12))

@@ -47,6 +47,12 @@ FAULTS = (
 
 _UNKNOWN_ID = 0x2A
 
+SLOT_PAIR_S = 2 * 625e-6
+"""The remote has every other time slot of Bluetooth, of 625 µs; a report goes in one.
+Source: Bluetooth Core Specification, baseband."""
+WAITING_REPORTS = 32
+"""Reports that the remote keeps for slots to come; more are lost."""
+
 
 def check_faults(faults: Mapping[str, float], *, tr: bool) -> None:
     """Raise ScriptError for a fault that does not exist or does not fit."""
@@ -56,11 +62,27 @@ def check_faults(faults: Mapping[str, float], *, tr: bool) -> None:
 
 
 class FaultyLink(ReportLine):
-    """The radio link between remote and host: carries reports, mangles or delays them."""
+    """The radio link between remote and host: carries reports, mangles or delays them.
+
+    Reports arrive when they are sent, so a few may come at once; but no more of them than there are
+    slots, however many a host asks for.
+    """
 
     def __init__(self, faults: Mapping[str, float], seed: int) -> None:
         super().__init__(faults, seed)
         self._data_reports = 0
+        self._free_s = 0.0
+        self.lost = 0
+        """Reports that found `WAITING_REPORTS` others waiting for a slot."""
+
+    def carry(self, report: bytes, sent_s: float) -> None:
+        """Take any report, sent at `sent_s`, for which there is a slot."""
+        slot_s = max(sent_s, self._free_s)
+        if slot_s - sent_s > WAITING_REPORTS * SLOT_PAIR_S:
+            self.lost += 1
+            return
+        self._free_s = slot_s + SLOT_PAIR_S
+        super().carry(report, sent_s)
 
     def carry_data(self, report: bytes, sent_s: float) -> None:
         """Take a data report, sent at `sent_s`."""

@@ -17,6 +17,7 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray
 from cardan.options import Options
 from cardan.robots import ArmModel
+from cardan.robots.counterbalance import Counterbalance
 from cardan.spatial import add, is_finite, limit_norm, norm, subtract
 from cardan.types import ZERO3, Frame, RobotState, TorqueCommand, Vector3, Wrench
 
@@ -65,7 +66,7 @@ class TorqueMotion(Activity):
         self._speeds: FloatArray = np.zeros(len(model.joints))
         self._braking = self._caught = False
         self._kinematics = kinematics
-        self._data = kinematics.model.createData()
+        self._weight = _Weight(model, kinematics)
         self._effort = np.array([joint.effort for joint in model.joints])
         self._fastest = limits.speed_share * kinematics.velocity
         self.target = Wrench(ZERO3, ZERO3)
@@ -124,8 +125,7 @@ class TorqueMotion(Activity):
 
     def check_weight(self, q: FloatArray) -> None:
         """Raises MotionRefusedError where a joint cannot hold the arm's weight at `q`."""
-        model = self._kinematics.model
-        gravity = pin.computeGeneralizedGravity(model, model.createData(), q)
+        gravity = _Weight(self._kinematics.arm, self._kinematics).torques(q)
         excess = np.abs(gravity) - self._effort
         worst = int(np.argmax(excess))
         if excess[worst] > 0.0:
@@ -174,7 +174,7 @@ class TorqueMotion(Activity):
         target = self.target
         self._force = _slewed(self._force, target.force, limits.force_slew_n_s * dt_s)
         self._torque = _slewed(self._torque, target.torque, limits.torque_slew_nm_s * dt_s)
-        gravity = pin.computeGeneralizedGravity(kinematics.model, self._data, q)
+        gravity = self._weight.torques(q)
         kinematics.update(q)
         wrench = self._in_tcp_axes
         wrench[:3], wrench[3:] = self._force, self._torque
@@ -191,6 +191,21 @@ class TorqueMotion(Activity):
             self.share = float((np.maximum(room[tight], 0.0) / size[tight]).min())
         torques = np.clip(gravity + self.share * added, -self._effort, self._effort)
         return TorqueCommand(tuple(torques.tolist()))
+
+
+class _Weight:
+    """What the joints need to hold the arm: its weight, less what its springs carry."""
+
+    def __init__(self, arm: ArmModel, kinematics: ArmKinematics) -> None:
+        self._model = kinematics.model
+        self._data = self._model.createData()
+        joints = arm.counterbalanced_joints
+        self._springs = Counterbalance(self._model, joints) if joints else None
+
+    def torques(self, q: FloatArray) -> FloatArray:
+        """At the joint positions `q`, N·m or N."""
+        weight: FloatArray = pin.computeGeneralizedGravity(self._model, self._data, q)
+        return weight if self._springs is None else weight - self._springs.torques(q)
 
 
 def _slewed(now: Vector3, target: Vector3, most: float) -> Vector3:

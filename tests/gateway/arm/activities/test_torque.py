@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from cardan.errors import (
@@ -12,6 +13,7 @@ from cardan.gateway.arm.activities.torque import TorqueLimits
 from cardan.gateway.arm.codes import State
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.robots import load_arm
 from cardan.types import (
     JointCommand,
     TorqueCommand,
@@ -124,7 +126,23 @@ def test_a_silent_wrench_stream_leaves_the_weight():
     assert "silent" in world.verbs.stream("wrench", [0.0] * 6)
 
 
-def test_arms_that_cannot_carry_themselves_are_refused():
+def test_springs_of_the_arm_are_left_out_of_the_torques():
     world = World("pr2_left_arm")
+    world.verbs.gcmp()
+    world.tick()
+    model = world.verbs.servo.kinematics.model
+    weight = pin.computeGeneralizedGravity(model, model.createData(), world.q)
+    assert abs(weight[1]) > 35.0
+    assert np.abs(world.command.torques).max() < 0.5
+    assert world.command.torques[4:] == pytest.approx(weight[4:])  # beyond the springs
+
+
+def test_arms_that_cannot_carry_themselves_are_refused(tmp_path):
+    """A PR2's without its springs."""
+    (tmp_path / "arm.urdf").write_text(load_arm("pr2_left_arm").urdf, encoding="utf-8")
+    (tmp_path / "arm.toml").write_text(
+        'urdf = "arm.urdf"\nhome_deg = [20, 20, 40, -90, 0, -60, 0]', encoding="utf-8"
+    )
+    world = World(str(tmp_path / "arm.toml"))
     with pytest.raises(MotionRefusedError, match=r"to hold the arm's weight; it has 30.0 N·m"):
         world.verbs.gcmp()
