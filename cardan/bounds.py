@@ -150,7 +150,6 @@ LEASH_RAD = Range(
 )
 ANGLE_DEG = Range(-360.0, 360.0, "deg", "after a whole turn it is as before")
 JOINT_ANGLE_DEG = Range(-3600.0, 3600.0, "deg", "no joint with cables turns ten times")
-JOINT_POSITION = Range(-100.0, 100.0, "rad or m", "no joint turns so often or is so long")
 DIRECTION = Range(-1e6, 1e6, "", "only its direction counts")
 
 Length = Annotated[float, LENGTH_M]
@@ -162,6 +161,17 @@ Bounds = tuple[Coordinate, Coordinate]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Angles = tuple[Angle, Angle, Angle]
 Direction = Annotated[tuple[Component, Component, Component], Directed()]
+
+# -- what a robot measures and is commanded: one range for both ------------------------------------
+
+JOINT_POSITION = Range(
+    -2000.0, 2000.0, "rad or m", "a wrist that turns on and on does so 250 times, no oftener"
+)
+JOINT_VELOCITY = Range(-1000.0, 1000.0, "rad/s or m/s", "no motor turns a joint so fast")
+JOINT_TORQUE = Range(-1e5, 1e5, "N·m or N", "the largest joints hold a tonne at four metres")
+LINEAR_VELOCITY_M_S = Range(-100.0, 100.0, "m/s", "no arm's TCP is nearly so fast")
+ANGULAR_VELOCITY_RAD_S = Range(-1000.0, 1000.0, "rad/s", "no wrist turns so fast")
+ROTATION_LENGTH = Range(0.99, 1.01, "", "a quaternion that is a rotation has length 1")
 
 # -- times for which something may go on unseen ----------------------------------------------------
 

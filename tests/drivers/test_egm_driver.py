@@ -387,6 +387,74 @@ class TestLeaving:
         assert speeds[-1] == 0.0
         assert robot.metrics()["late_commands"] == 1
 
+    def test_a_controller_that_fell_silent_long_ago_is_told_nothing(
+        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        cycles = robot.cycles()
+        run(robot, peer, cycles, 30)
+        monotonic = driver_module._monotonic
+        for how in ("leave", "send"):
+            peer.say()
+            next(cycles)
+            with monkeypatch.context() as later:
+                later.setattr(driver_module, "_monotonic", lambda: monotonic() + 0.8)
+                if how == "send":
+                    robot.send(FAST)
+                else:
+                    cycles.close()
+                    cycles = robot.cycles()
+            assert peer.rest() == []
+        assert robot.metrics()["answers"] == 30
+        assert robot.metrics()["farewells"] == 0
+        assert robot.metrics()["reply_latency_max_s"] < 0.2
+
+    def test_a_last_message_is_no_answer(self, robot: AbbEgm, peer: Peer) -> None:
+        cycles = robot.cycles()
+        run(robot, peer, cycles, 30)
+        assert next(cycles).link is RobotLink.LOST
+        cycles.close()
+        assert self.last_words(peer) == ZEROS
+        metrics = robot.metrics()
+        assert (metrics["answers"], metrics["farewells"]) == (30, 1)
+        assert metrics["reply_latency_max_s"] < 0.1
+
+
+class TestStolenPort:
+    def test_a_program_on_the_controllers_address_does_not_get_the_robot(
+        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Not in hiccups of the controller either."""
+        thief = Peer(robot)
+        cycles = robot.cycles()
+        run(robot, peer, cycles, 30)
+        monotonic, hiccups = driver_module._monotonic, 0
+        monkeypatch.setattr(driver_module, "_monotonic", lambda: monotonic() + 0.05 * hiccups)
+        for _ in range(50):
+            hiccups += 1
+            thief.say()
+            peer.say()
+            assert next(cycles).session == 1
+            robot.send(FAST)
+            peer.hear()
+        assert thief.rest() == []
+        assert robot.metrics()["foreign"] == 50
+        thief.socket.close()
+
+    def test_the_port_before_is_left_at_rest(self, robot: AbbEgm, peer: Peer) -> None:
+        cycles = robot.cycles()
+        run(robot, peer, cycles, 30)
+        assert robot.session.moving
+        assert next(cycles).link is RobotLink.LOST
+        after = Peer(robot)
+        after.say()
+        state = next(cycles)
+        assert (state.link, state.session) == (RobotLink.LIVE, 2)
+        assert [speeds_of(answer) for answer in peer.rest()] == [ZEROS]
+        robot.send(FAST)
+        assert speeds_of(after.hear()) == ZEROS
+        assert robot.metrics()["farewells"] == 1
+        after.socket.close()
+
 
 class TestOpening:
     def test_open_and_close_twice(self) -> None:

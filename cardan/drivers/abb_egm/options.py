@@ -25,6 +25,9 @@ SAMPLE_RATE_MS = Range(
 )
 JOINTS = Range(6, 7, "", "EGM has six joints, and a seventh among the external axes")
 EXTERNAL_AXES = Range(0, 6, "", "EGM has six external axes")
+COMM_TIMEOUT_S = Range(
+    0.0, 10.0, "s", "a robot that goes on at its last speed for longer leaves its cell", above=True
+)
 EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
 
 
@@ -82,6 +85,9 @@ class AbbEgmOptions(Options):
     """Silence (at least three periods) after which the link is LOST."""
     command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Delay of a command (at least three periods) from which the robot is braked instead."""
+    comm_timeout_s: Annotated[float, COMM_TIMEOUT_S] = 0.2
+    """\\CommTimeout of the RAPID program. A controller that is silent for longer has ended its run
+    and is sent nothing: the last message would be the first of its next run."""
     digital_output: bool | None = None
     """RAPIDtoRobot.digVal at the start (RobotWare 7.7 and later); None: not sent."""
     output_values: tuple[Annotated[float, bounds.OUTPUT_VALUE], ...] = ()
