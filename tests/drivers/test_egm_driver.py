@@ -498,6 +498,27 @@ class TestOpening:
         with pytest.raises(AddressError, match=r"192\.0\.2\.1 is not an address of this computer"):
             AbbEgm(AbbEgmOptions(listen_host="192.0.2.1")).open()
 
+    def test_a_networks_broadcast_address_is_no_address_to_guide_a_robot_by(self) -> None:
+        words = "127.255.255.255 is a broadcast address"
+        with pytest.raises(AddressError, match=f"listen_host .*{words}"):
+            AbbEgm(listen_host="127.255.255.255", listen_port=0).open()
+        with pytest.raises(AddressError, match=f"controller_host .*{words}"):
+            AbbEgm(listen_port=0, controller_host="127.255.255.255").open()
+
+    def test_anybodys_robot_is_warned_of(self) -> None:
+        for safe in (
+            AbbEgm(),
+            AbbEgm(listen_host="localhost"),
+            AbbEgm(listen_host="0.0.0.0", controller_host="192.168.125.1"),
+        ):
+            assert safe.cautions() == ()
+        for host in ("0.0.0.0", "192.168.125.50"):
+            (words,) = AbbEgm(listen_host=host).cautions()
+            assert words.startswith(f"listen_host {host} without controller_host")
+            assert "set controller_host to the controller's address" in words
+        with AbbEgm(listen_host="0.0.0.0", listen_port=0) as robot:
+            assert robot.diagnosis()[0].startswith("listen_host 0.0.0.0 without controller_host")
+
     @pytest.mark.parametrize(
         ("error", "words"),
         [

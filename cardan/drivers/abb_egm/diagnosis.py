@@ -79,13 +79,17 @@ class Diagnosed(Protocol):
 
 def diagnose(session: Diagnosed, now_s: float) -> tuple[str, ...]:
     """Everything to report about `session`, worst first."""
-    words: list[str] = []
+    # While nobody has come, this may still be changed; after that it is no news.
+    caution = session.options.caution
+    words = [caution] if caution and session.state is None else []
     words += _silence(session, now_s)
     if session.state is not None and not session.silent:
         words += _standing(session)
     words += _refused(session)
     words += _quality(session)
     words += _setup(session)
+    if caution and session.state is not None:
+        words.append(caution)
     return tuple(words)
 
 

@@ -299,5 +299,9 @@ class AbbEgm(LoopingRobot[EgmSession]):
     def output_values(self) -> tuple[float, ...]:
         return self._session.outputs.dnum
 
+    def cautions(self) -> tuple[str, ...]:
+        caution = self.options.caution
+        return (caution,) if caution else ()
+
     def metrics(self) -> dict[str, float]:
         return self._session.metrics()
