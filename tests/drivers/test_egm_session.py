@@ -1169,7 +1169,9 @@ class TestInsight:
         words = self.words(bench, 3.0)
         for part in ("6510", "3.0 s", "Remote Address", "firewall", "OmniCore", "listen_host"):
             assert part in words
-        assert "listen_host" not in self.words(Bench(listen_host="192.168.125.10"), 3.0)
+        assert "listen_host" not in self.words(
+            Bench(listen_host="192.168.125.10", controller_host=PEER[0]), 3.0
+        )
 
     def test_silence_after_a_session(self) -> None:
         bench = Bench().started()
