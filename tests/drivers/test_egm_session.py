@@ -1062,6 +1062,15 @@ class TestBadBytes:
         assert bench.session.last_malformed.startswith("feedBack.orient")
         assert f"has length {length:g}" in bench.session.last_malformed
 
+    def test_joint_mode_needs_no_orientation(self) -> None:
+        bench = Bench()
+        bench.controller.orientation = Quaternion(0.5, 0.0, 0.0, 0.0)
+        for first in (0.0, 120.0):
+            bench.controller.joints = (first, *HOME[1:])
+            state = bench.hear()
+            assert state is not None
+            assert (state.pose, state.joints[0]) == (None, pytest.approx(first))
+
     @given(st.lists(wild, min_size=6, max_size=6), st.tuples(wild, wild, wild))
     def test_what_is_a_state_may_be_sent_back(
         self, degrees: list[float], millimetres: tuple[float, float, float]

@@ -190,23 +190,22 @@ class EgmSession:
         if position is not None and orientation is not None:
             pose = _pose(position, orientation, self._orientation)
         if (
-            (position is None or orientation is None)
-            if self._needs_pose
-            else (self._needs_joints and len(joints) != 6)
-        ) or (self._needs_external and len(external) < self._needs_external):
+            (self._needs_pose and (position is None or orientation is None))
+            or (self._needs_joints and len(joints) != 6)
+            or (self._needs_external and len(external) < self._needs_external)
+        ):
             self.counters.malformed["incomplete"] += 1
             self.last_malformed = self._missing_field(feedback)
             return None
         if external:
             joints, external = self._ordered(joints, external)
-        wrong = outside("feedBack.joints", joints, JOINT_POSITION)
+        numbers = joints if position is None else joints + position
         if external:
-            wrong = wrong or outside("feedBack.externalJoints", external, JOINT_POSITION)
-        if position is not None:
-            wrong = wrong or outside("feedBack.pos", position, COORDINATE_M)
-        if self._needs_pose and pose is None and orientation is not None:
-            wrong = wrong or no_rotation("feedBack.orient", orientation)
-        if wrong:
+            numbers += external
+        # The usual case by one comparison, which a NaN does not pass.
+        turn = orientation if self._needs_pose else None
+        usual = sum(map(abs, numbers)) <= _USUAL and (pose is not None or turn is None)
+        if not usual and (wrong := _implausible(joints, external, position, turn)):
             self.counters.malformed["implausible"] += 1
             self._flood += 1
             self.last_malformed = wrong
@@ -708,6 +707,25 @@ class EgmSession:
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
         """Problems, and what else deserves attention, worst first."""
         return diagnose(self, now_s)
+
+
+_USUAL = COORDINATE_M.highest
+"""No number of a sum up to this is outside of its range."""
+
+
+def _implausible(
+    joints: tuple[float, ...],
+    external: tuple[float, ...],
+    position: Vector3 | None,
+    orientation: Quaternion | None,
+) -> str:
+    """Why no robot measures this, in words; empty where one may."""
+    return (
+        outside("feedBack.joints", joints, JOINT_POSITION)
+        or outside("feedBack.externalJoints", external, JOINT_POSITION)
+        or ("" if position is None else outside("feedBack.pos", position, COORDINATE_M))
+        or ("" if orientation is None else no_rotation("feedBack.orient", orientation))
+    )
 
 
 def _pose(position: Vector3, orientation: Quaternion, previous: Quaternion | None) -> Pose | None:
