@@ -1062,10 +1062,50 @@ class TestBadBytes:
         assert bench.session.last_malformed.startswith("feedBack.orient")
         assert f"has length {length:g}" in bench.session.last_malformed
 
-    def test_joint_mode_needs_no_orientation(self) -> None:
+    @pytest.mark.parametrize("mode", ["pose", "joint"])
+    def test_a_place_that_no_arm_comes_to_in_a_period_is_no_state(self, mode: str) -> None:
+        """One such reading changes nothing."""
+        bench, twin = Bench(mode=mode).started(), Bench(mode=mode).started()
+        command = pose_target(0.1) if mode == "pose" else joint_target(0.1)
+        for k in range(20):
+            place, joints = bench.controller.position, bench.controller.joints
+            if k == 10:
+                bench.controller.position = Vector3(10.0, 0.0, 0.8)
+                bench.controller.joints = (10.0, *HOME[1:])
+                assert bench.hear() is None
+                twin.hear()
+                bench.controller.position, bench.controller.joints = place, joints
+                assert " from the one before" in bench.session.last_malformed
+            else:
+                bench.cycle(command)
+                twin.cycle(command)
+        assert bench.session.sessions == 1
+        assert bench.session.counters.lost == 1
+        if mode == "joint":
+            assert bench.controller.joints == pytest.approx(twin.controller.joints, abs=0.01)
+        else:
+            assert bench.controller.position == pytest.approx(twin.controller.position, abs=0.01)
+
+    def test_a_wrong_first_reading_is_not_commanded_for_ever(self) -> None:
         bench = Bench()
-        bench.controller.orientation = Quaternion(0.5, 0.0, 0.0, 0.0)
+        bench.controller.joints = (1900.0, *HOME[1:])
+        bench.hear()
+        answer = bench.session.reply(HOLD, bench.now_s)
+        assert joints_in(answer)[0] == pytest.approx(1900.0)
+        bench.controller.joints = HOME
+        states = []
+        for _ in range(30):
+            states.append(bench.hear())
+            bench.session.tick(bench.now_s)
+        after = next(state for state in states if state is not None)
+        assert states.index(after) <= 25
+        assert (after.session, after.hold_reason) == (2, FIRST_ANSWER)
+        assert joints_in(bench.cycle()) == pytest.approx(HOME)
+
+    def test_joint_mode_needs_no_orientation(self) -> None:
         for first in (0.0, 120.0):
+            bench = Bench()
+            bench.controller.orientation = Quaternion(0.5, 0.0, 0.0, 0.0)
             bench.controller.joints = (first, *HOME[1:])
             state = bench.hear()
             assert state is not None

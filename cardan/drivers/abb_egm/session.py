@@ -71,6 +71,10 @@ _EARLY_DATAGRAMS = 4
 """So many more than the silence allows may a new port have sent: the controller's clock and the
 network are not exact."""
 
+_LEAP, _LEAP_PER_S = math.tau, 30.0
+"""Farthest that an arm goes between two datagrams, rad or m, and by the second: a whole turn, and
+what all joints together may do. A nearer leap is for those to judge who know the arm."""
+
 _GAP_PERIODS = 1.5
 """Time since the last answer from which at least one period had none."""
 
@@ -232,8 +236,12 @@ class EgmSession:
                 cause = f"the sequence number fell from {self._seqno} to {seqno}"
             elif (step - 1) * self._nominal_s > 2.0 * (now_s - self._last_s) + self._lost_after_s:
                 cause = f"the sequence number jumped from {self._seqno} to {seqno}"
-            else:
-                self.counters.lost += step - 1
+        if not cause:
+            if wrong := self._leap(joints, position, now_s):
+                self.counters.malformed["implausible"] += 1
+                self.last_malformed = wrong
+                return None
+            self.counters.lost += step - 1
         superseded = None
         if cause:
             if peer is not None and source != peer:
@@ -349,6 +357,24 @@ class EgmSession:
         self._flood += 1
         self.last_foreign = f"{source[0]}:{source[1]}"
         self.last_foreign_counts_on = counts_on
+
+    def _leap(self, joints: tuple[float, ...], position: Vector3 | None, now_s: float) -> str:
+        """Why the robot cannot have come here from where it was measured last; empty: it can.
+
+        It is lost when it stays there, and a new session begins where it then is.
+        """
+        before = self.state
+        if before is None:
+            return ""
+        way = 0.0
+        if self._needs_joints:
+            way = math.dist(joints, before.joints)
+        elif position is not None and before.pose is not None:
+            way = math.dist(position, before.pose.position)
+        if way <= _LEAP + _LEAP_PER_S * (now_s - self._last_s):
+            return ""
+        unit = "rad" if self._needs_joints else "m"
+        return f"the measured position is {way:.3g} {unit} from the one before"
 
     def _refuse(self, malformed: Malformed) -> None:
         self.counters.malformed[malformed.fault.name.lower()] += 1
