@@ -7,8 +7,10 @@ overflow on its way to a robot.
 
 from __future__ import annotations
 
+import ipaddress
 import math
 import re
+import socket
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -71,6 +73,49 @@ class Text:
 
     def __str__(self) -> str:
         return self.words
+
+
+@dataclass(frozen=True)
+class Host(Text):
+    """The address or the name of one computer, for ``Annotated[str, HOST]``."""
+
+    listens: bool = False
+    """An address to listen on: may be all of this computer's own (0.0.0.0)."""
+
+    def __contains__(self, value: object) -> bool:
+        if not super().__contains__(value):
+            return False
+        kind = shared_address(str(value))
+        return not kind or (self.listens and kind == _ALL_OWN)
+
+
+_ALL_OWN = "an address that stands for all of a computer's"
+
+
+def shared_address(host: str) -> str:
+    """What kind of address `host` is, where it is none of one computer alone; empty where it may
+    be, and for a name.
+
+    A network's own broadcast address looks like any other (`cardan.sockets` asks the system).
+    """
+    try:
+        address: ipaddress.IPv4Address | ipaddress.IPv6Address
+        try:
+            # Systems take short forms, too: "0" for 0.0.0.0, "224.1" for 224.0.0.1.
+            address = ipaddress.IPv4Address(socket.inet_aton(host))
+        except OSError:
+            address = ipaddress.ip_address(host.strip("[]"))
+    except ValueError:
+        return ""
+    address = getattr(address, "ipv4_mapped", None) or address
+    if address.is_unspecified:
+        return _ALL_OWN
+    if address.is_multicast:
+        return "a multicast address"
+    return "a broadcast address" if address == _BROADCAST else ""
+
+
+_BROADCAST = ipaddress.IPv4Address("255.255.255.255")
 
 
 @dataclass(frozen=True)
@@ -150,7 +195,6 @@ LEASH_RAD = Range(
 )
 ANGLE_DEG = Range(-360.0, 360.0, "deg", "after a whole turn it is as before")
 JOINT_ANGLE_DEG = Range(-3600.0, 3600.0, "deg", "no joint with cables turns ten times")
-JOINT_POSITION = Range(-100.0, 100.0, "rad or m", "no joint turns so often or is so long")
 DIRECTION = Range(-1e6, 1e6, "", "only its direction counts")
 
 Length = Annotated[float, LENGTH_M]
@@ -162,6 +206,17 @@ Bounds = tuple[Coordinate, Coordinate]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Angles = tuple[Angle, Angle, Angle]
 Direction = Annotated[tuple[Component, Component, Component], Directed()]
+
+# -- what a robot measures and is commanded: one range for both ------------------------------------
+
+JOINT_POSITION = Range(
+    -2000.0, 2000.0, "rad or m", "a wrist that turns on and on does so 250 times, no oftener"
+)
+JOINT_VELOCITY = Range(-1000.0, 1000.0, "rad/s or m/s", "no motor turns a joint so fast")
+JOINT_TORQUE = Range(-1e5, 1e5, "N·m or N", "the largest joints hold a tonne at four metres")
+LINEAR_VELOCITY_M_S = Range(-100.0, 100.0, "m/s", "no arm's TCP is nearly so fast")
+ANGULAR_VELOCITY_RAD_S = Range(-1000.0, 1000.0, "rad/s", "no wrist turns so fast")
+ROTATION_LENGTH = Range(0.99, 1.01, "", "a quaternion that is a rotation has length 1")
 
 # -- times for which something may go on unseen ----------------------------------------------------
 
@@ -237,9 +292,15 @@ CAN_PORTS = {"udp_multicast": 43113, "socketcand": 29536}
 """Default ports of python-can's interfaces over a network."""
 HOP_LIMIT = Range(0, 255, "", "it has 8 bits", zero="this computer")
 CAN_NAME = Text(r"[^\0]+", "a name, as python-can calls it")
-HOST = Text(r"[^\s\x00-\x1f\x7f]+", "an address or a host name")
-HOST_OR_IPV4 = Text(r"[^\s:\x00-\x1f\x7f]+", "an IPv4 address or a host name")
-IPV4 = Text(rf"{_BYTE}(\.{_BYTE}){{3}}", "an IPv4 address, as 127.0.0.1")
+_ONE = "of one computer: no multicast, broadcast or wildcard address"
+_OWN = "of this computer: no multicast or broadcast address"
+_NAME = r"[^\s\x00-\x1f\x7f]+"
+_NAME_OR_IPV4 = r"[^\s:\x00-\x1f\x7f]+"
+HOST = Host(_NAME, f"the address or the name {_ONE}")
+HOST_OR_IPV4 = Host(_NAME_OR_IPV4, f"the IPv4 address or the name {_ONE}")
+LISTEN_HOST = Host(_NAME, f"the address or the name {_OWN}", listens=True)
+LISTEN_HOST_OR_IPV4 = Host(_NAME_OR_IPV4, f"the IPv4 address or the name {_OWN}", listens=True)
+IPV4 = Host(rf"{_BYTE}(\.{_BYTE}){{3}}", f"an IPv4 address, as 127.0.0.1, {_OWN}", listens=True)
 SOCKET_PATH = Text(r"[^\0]+", f"a path of up to {_SOCKET_PATH_BYTES} bytes", _SOCKET_PATH_BYTES)
 BLUETOOTH_ADDRESS = Text(
     "([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}", 'six bytes such as "00:1F:32:AA:BB:CC"'

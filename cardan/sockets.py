@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
+import ipaddress
 import socket
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
+from cardan.bounds import shared_address
 from cardan.errors import AddressError
 
 DRAIN_AT_MOST: Final = 256
 """Datagrams taken from a socket at once: a flood must not keep a cycle from its schedule."""
+
+_ANY_PORT: Final = 9
+"""For asking the system about an address: nothing is sent."""
+
+
+def refuse_shared(problem: str, address: str, *, listens: bool) -> None:
+    """Raise an AddressError that begins with `problem` unless `address`, a number, is one
+    computer's; where it `listens`, it may stand for all of this computer's own."""
+    kind = shared_address(address)
+    if kind and listens and ipaddress.ip_address(address).is_unspecified:
+        return
+    if not kind and ":" not in address:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect((address, _ANY_PORT))
+            except PermissionError:  # A network's broadcast address needs a permission of its own.
+                kind = "a broadcast address"
+            except OSError:
+                pass
+    if kind:
+        raise AddressError(f"{problem}: {address} is {kind}; give the address of one computer")
 
 
 def opened(
@@ -27,6 +50,9 @@ def opened(
     sock = None
     try:
         found = socket.getaddrinfo(host, port, family=family, type=kind)[0]
+        if kind is socket.SOCK_DGRAM:
+            listens = join is not socket.socket.connect
+            refuse_shared(problem, str(found[4][0]), listens=listens)
         sock = socket.socket(*found[:3])
         join(sock, found[4])
     except (OSError, UnicodeError) as error:

@@ -10,10 +10,11 @@ import pytest
 
 from cardan.bounds import Range
 from cardan.drivers import registry
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.session.config import SessionConfig
 from cardan.options import check_options, hints
+from cardan.sim_peers import registry as peers
 from cardan.tables import keys_of, read_table
 from tests.ranges import spoilt
 
@@ -114,6 +115,37 @@ def test_defaults_are_in_their_ranges(name):
 def test_every_number_of_a_driver_has_its_range(name):
     for field, hint in numeric(DRIVERS[name].Options).items():
         assert "Range(" in repr(hint), field
+
+
+# -- hosts -----------------------------------------------------------------------------------------
+
+PEERS = {name: peers.load(name) for name in sorted(peers.BUILT_IN)}
+HOSTS = [
+    pytest.param(options, name, id=f"{key}.{name}")
+    for key, options in {
+        **{key: kind.Options for key, kind in {**DRIVERS, **FILTERS}.items()},
+        **{f"sim {key}": peer.Options for key, peer in PEERS.items()},
+    }.items()
+    for name, hint in hints(options).items()
+    if "host" in name.split("_") or (key, name) == ("sim_arm", "endpoint")
+    if not name.endswith("_hz")
+]
+
+
+def test_every_host_is_found():
+    assert len(HOSTS) >= 12
+
+
+@pytest.mark.parametrize(("options", "name"), HOSTS)
+def test_no_host_is_an_address_of_many(options, name):
+    port = ":6520" if name == "endpoint" else ""
+    assert getattr(options(**{name: f"127.0.0.1{port}"}), name)
+    for bad in ("224.0.0.1", "239.255.0.1", "255.255.255.255"):
+        with pytest.raises(OptionError, match=rf"^{name}: .*{bad}.* no multicast"):
+            options(**{name: f"{bad}{port}"})
+    if "address or the name of one" in str(hints(options)[name]) or port:
+        with pytest.raises(OptionError, match="wildcard"):
+            options(**{name: f"0.0.0.0{port}"})
 
 
 # -- ranges ----------------------------------------------------------------------------------------

@@ -140,20 +140,45 @@ def test_what_an_annotation_allows(hint, good, bad, allowed):
         assert refusal(hint, value) == allowed, value
 
 
+SHARED = ["0.0.0.0", "0", "224.0.0.1", "224.1", "239.255.255.255", "255.255.255.255", "0xffffffff"]
+"""Addresses that are of no one computer."""
+
+
 @pytest.mark.parametrize(
     ("form", "good", "bad"),
     [
         (
             bounds.IPV4,
-            ["0.0.0.0", "192.168.125.1", "255.255.255.255"],
-            ["256.0.0.1", "1.2.3.04", "1.2.3.4.5", "1.2.3.4 ", "::1", "localhost", "１.2.3.4"],
+            ["0.0.0.0", "192.168.125.1", "223.255.255.255", "240.0.0.1"],
+            [
+                "255.255.255.255",
+                "224.0.0.1",
+                "239.1.2.3",
+                "256.0.0.1",
+                "1.2.3.04",
+                "1.2.3.4.5",
+                "1.2.3.4 ",
+                "::1",
+                "localhost",
+                "１.2.3.4",
+            ],
         ),
         (
             bounds.HOST,
-            ["localhost", "10.0.0.1", "::1", "müller"],
-            ["", "a b", "a\n", "a\0", "\x7f"],
+            ["localhost", "10.0.0.1", "::1", "[::1]", "fe80::1%eth0", "müller", "224-0-0-1"],
+            ["", "a b", "a\n", "a\0", "\x7f", "::", "[::]", "ff02::1", "::ffff:224.0.0.1", *SHARED],
         ),
-        (bounds.HOST_OR_IPV4, ["localhost", "10.0.0.1"], ["", "::1", "a b", "host:80"]),
+        (bounds.HOST_OR_IPV4, ["localhost", "10.0.0.1"], ["", "::1", "a b", "host:80", *SHARED]),
+        (
+            bounds.LISTEN_HOST,
+            ["localhost", "10.0.0.1", "::1", "0.0.0.0", "0", "::"],
+            ["", "255.255.255.255", "224.0.0.1", "ff02::1"],
+        ),
+        (
+            bounds.LISTEN_HOST_OR_IPV4,
+            ["localhost", "10.0.0.1", "0.0.0.0"],
+            ["::", "255.255.255.255", "224.0.0.1", "host:80"],
+        ),
         (
             bounds.SOCKET_PATH,
             ["x" * 107, "ü" * 53],

@@ -137,11 +137,13 @@ def demo(
 @app.command(epilog=EPILOG)
 def run(file: ConfigFile, seconds: Seconds = None) -> None:
     """Join the device and the robot of a configuration file until Ctrl-C."""
-    from cardan.gateway.session.assembly import load_config
+    from cardan.gateway.session.assembly import cautions, load_config
     from cardan.gateway.session.supervisor import supervise
     from cardan.gateway.session.view import SessionView, summary
 
     config = load_config(file)
+    for words in cautions(config):
+        print(f"cardan: WARNING: {words}", file=sys.stderr)
     with SessionView() as view:
         outcome = supervise(config, math.inf if seconds is None else seconds, view.show)
     if outcome.last.cycles or outcome.last.elapsed_s:
@@ -171,11 +173,14 @@ def _final_problem(last: Snapshot) -> str:
 def check(file: ConfigFile) -> None:
     """Check a configuration file without opening anything, and say what it would do."""
     from cardan.gateway.hand.mapping import Mode
-    from cardan.gateway.session.assembly import load_config, make_filters
+    from cardan.gateway.session.assembly import cautions, load_config, make_filters
 
     config = load_config(file)
     mapping, limits = config.mapping, config.limits
-    print(f"{file}: fine")
+    warnings = cautions(config)
+    print(f"{file}: fine{', with WARNINGS' if warnings else ''}")
+    for words in warnings:
+        print(f"  WARNING  {words}")
     print(f"  device   {config.device.driver if config.device else 'none'}")
     print(f"  robot    {config.robot.driver}")
     if config.device is None:

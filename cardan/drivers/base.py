@@ -94,6 +94,11 @@ class Driver(Openable):
     def diagnosis(self) -> tuple[str, ...]:
         """Problems, and what else deserves attention, worst first."""
 
+    def cautions(self) -> tuple[str, ...]:
+        """What the options allow and rarely should, in words that name them and say what to do
+        instead: `cardan check` and `cardan run` print it. Open or not."""
+        return ()
+
     def metrics(self) -> dict[str, float]:
         """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""
         return {}

@@ -15,7 +15,8 @@ from collections import Counter
 from collections.abc import Generator
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
-from cardan.drivers.robot_core import WAKE_S, LoopingRobot
+from cardan.bounds import LONGEST_BLIND_S
+from cardan.drivers.robot_core import WAKE_S, LoopingRobot, implausible
 from cardan.protocols.joint_stream import is_newer
 from cardan.sockets import opened, waiting
 from cardan.types import (
@@ -29,6 +30,9 @@ from cardan.types import (
 
 _FLOOD: Final = 50
 """Excess of bad over good datagrams that counts as a flood: motion is not safe then."""
+
+_IMPLAUSIBLE: Final = "implausible"
+"""The reason of states that no robot measures."""
 
 
 class Numbered(Protocol):
@@ -68,6 +72,8 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.capabilities = capabilities
         self.ignored: Counter[str] = Counter()
         """Datagrams without effect, by reason."""
+        self.last_implausible = ""
+        """What no robot measures in the last state that was ignored for it."""
         self.accepted = 0
         self.state: RobotState | None = None
         """The newest."""
@@ -88,11 +94,12 @@ class DatagramSession(ABC, Generic[MessageT]):
     @abstractmethod
     def _state_of(self, message: MessageT, before: MessageT | None, now_s: float) -> RobotState:
         """The state, stamped `now_s`, its session `sessions`; `before` is the message before it in
-        the same session."""
+        the same session. Changes nothing: a state that no robot measures is ignored."""
 
     @abstractmethod
     def _begin(self, message: MessageT) -> None:
-        """A session of the controller begins with `message`: forget what was commanded."""
+        """A session of the controller begins with `message`, or it takes no commands now
+        (`hold_reason`): forget what was commanded."""
 
     @abstractmethod
     def check(self, command: RobotCommand) -> None:
@@ -107,7 +114,9 @@ class DatagramSession(ABC, Generic[MessageT]):
         return None
 
     def farewell(self, now_s: float) -> bytes | None:
-        """What brings the robot to rest when nothing comes after it."""
+        """What brings the robot to rest when nothing comes after it. Not asked for where the
+        controller has been silent for `LONGEST_BLIND_S`: it has stopped by itself, and its next
+        run is not ours to command."""
         return self.command(HoldCommand(), now_s)
 
     # -- states ---------------------------------------------------------------------------------
@@ -116,8 +125,7 @@ class DatagramSession(ABC, Generic[MessageT]):
         """The state in `data`, stamped `now_s`; None when it is none, late or double."""
         message = self._decode(data)
         if isinstance(message, str):
-            self.ignored[message] += 1
-            self._flood = min(self._flood + 1, 2 * _FLOOD)
+            self._ignore(message)
             return None
         before = self.message
         if before is not None and not self.lost(now_s):
@@ -128,24 +136,39 @@ class DatagramSession(ABC, Generic[MessageT]):
             elif not is_newer(message.session, before.session):
                 self.ignored["an earlier session"] += 1
                 return None
-        if before is None or not _continues(message, before):
+        if before is not None and not _continues(message, before):
             before = None
-            self.sessions += 1
+        begins = before is None
+        self.sessions += begins
+        state = self._state_of(message, before, now_s)
+        if wrong := implausible(state):
+            self.sessions -= begins
+            self.last_implausible = wrong
+            self._ignore(_IMPLAUSIBLE)
+            return None
+        if begins or state.hold_reason:
             self._begin(message)
-        else:
+        if before is not None:
             self._skipped += (message.sequence - before.sequence - 1) & 0xFFFFFFFF
         self.message, self._heard_s = message, now_s
         self.accepted += 1
         self._flood = max(self._flood - 1, 0)
-        state = self._state_of(message, before, now_s)
         if self._flood >= _FLOOD:
             state = state._replace(alarm="the port is flooded with other datagrams")
         self.state = state
         return state
 
+    def _ignore(self, reason: str) -> None:
+        self.ignored[reason] += 1
+        self._flood = min(self._flood + 1, 2 * _FLOOD)
+
+    def silence_s(self, now_s: float) -> float:
+        """Time since the newest state, s; infinite before the first."""
+        return now_s - self._heard_s
+
     def lost(self, now_s: float) -> bool:
         """True when the newest state is too old (or there is none)."""
-        return now_s - self._heard_s > self._lost_after_s
+        return self.silence_s(now_s) > self._lost_after_s
 
     def late(self, now_s: float) -> bool:
         """True when a newer state than the newest should be there."""
@@ -190,10 +213,12 @@ class DatagramSession(ABC, Generic[MessageT]):
             advice = f"; {self.advice}" if self.advice else ""
             found.append(f"nothing was heard of {self.controller}{advice}")
         elif self.lost(now_s):
-            found.append(f"{self.controller} is silent for {now_s - self._heard_s:.1f} s")
+            found.append(f"{self.controller} is silent for {self.silence_s(now_s):.1f} s")
         elif self.state.hold_reason:
             found.append(self.state.hold_reason)
-        found += [f"{count} datagrams ignored: {why}" for why, count in self.ignored.most_common()]
+        for why, count in self.ignored.most_common():
+            last = f" ({self.last_implausible})" if why == _IMPLAUSIBLE else ""
+            found.append(f"{count} datagrams ignored: {why}{last}")
         return tuple(found)
 
 
@@ -326,7 +351,9 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
     def _leave(self) -> None:
         transport = self._joined()
         self._owes_answer = False
-        self._say(transport, self._session.farewell(transport.now()))
+        now_s = transport.now()
+        if self._session.silence_s(now_s) <= LONGEST_BLIND_S:
+            self._say(transport, self._session.farewell(now_s))
 
     def send(self, command: RobotCommand) -> None:
         """Command the robot; the last of several calls for one state counts."""

@@ -7,12 +7,21 @@ without sockets, clocks and threads that knows the protocol.
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from abc import abstractmethod
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
+from cardan.bounds import (
+    COORDINATE_M,
+    JOINT_POSITION,
+    JOINT_TORQUE,
+    JOINT_VELOCITY,
+    ROTATION_LENGTH,
+    Range,
+)
 from cardan.drivers.base import RobotDriver
 from cardan.errors import CommandError, NotOpenError, shown
 from cardan.types import (
@@ -27,10 +36,6 @@ from cardan.types import (
 
 WAKE_S: Final = 0.1
 """A silent robot is reported at least this often (contract of `RobotDriver.cycles`)."""
-
-ABSURD: Final = 1e6
-"""No joint, speed or length is so large, in whatever unit it is."""
-SENSIBLE: Final = "every value must be finite and below a million"
 
 
 class RobotSession(Protocol):
@@ -178,27 +183,70 @@ def check_command(who: str, command: RobotCommand, check: Callable[[RobotCommand
         raise CommandError(f"{who} cannot take {shown(command)}: {error}") from None
 
 
+def outside(name: str, values: Sequence[float], allowed: Range) -> str:
+    """Why `values` are neither a reading nor a command, in words; empty: all are in `allowed`.
+
+    `allowed` reaches as far below zero as above.
+    """
+    largest = allowed.highest
+    with contextlib.suppress(TypeError):
+        # The usual case first; NaN is not below anything.
+        if sum(map(abs, values)) <= largest or all(abs(value) <= largest for value in values):
+            return ""
+    return f"{name}: {tuple(values)}; every value must be finite, and {allowed}: {allowed.reason}"
+
+
+def no_rotation(name: str, orientation: Sequence[float]) -> str:
+    """Why a quaternion is no rotation, in words; empty where it is one."""
+    w, x, y, z = orientation
+    squared = w * w + x * x + y * y + z * z
+    if _SHORTEST <= squared <= _LONGEST:
+        return ""
+    return (
+        f"{name}: {(w, x, y, z)} has length {math.hypot(w, x, y, z):g}; a rotation has length 1 "
+        f"({ROTATION_LENGTH} is taken)"
+    )
+
+
+_SHORTEST, _LONGEST = ROTATION_LENGTH.lowest**2, ROTATION_LENGTH.highest**2
+
+
+def implausible(state: RobotState) -> str:
+    """Why no robot measures `state`, in words; empty where one may.
+
+    Its wrench is judged where forces are used (`cardan.gateway.force.sources`).
+    """
+    pose = state.pose
+    return (
+        outside("joints", state.joints, JOINT_POSITION)
+        or outside("external_axes", state.external_axes, JOINT_POSITION)
+        or outside("velocities", state.velocities, JOINT_VELOCITY)
+        or outside("torques", state.torques, JOINT_TORQUE)
+        or ("" if pose is None else outside("position", pose.position, COORDINATE_M))
+        or ("" if pose is None else no_rotation("orientation", pose.orientation))
+    )
+
+
 def check_count(name: str, values: Sequence[float], count: int, what: str = "joints") -> None:
     """Raise CommandError unless there are `count` values."""
     if len(values) != count:
         raise CommandError(f"{name}: {len(values)} values for {count} {what}")
 
 
-def check_numbers(name: str, values: Sequence[float], count: int, what: str = "joints") -> None:
-    """Raise CommandError unless there are `count` values and all are sensible numbers."""
-    try:
-        if len(values) == count and sum(map(abs, values)) < ABSURD:  # NaN is not below anything
-            return
-    except TypeError:
-        pass
+def check_numbers(
+    name: str, values: Sequence[float], allowed: Range, count: int, what: str = "joints"
+) -> None:
+    """Raise CommandError unless there are `count` values and all are in `allowed`."""
     check_count(name, values, count, what)
-    raise CommandError(f"{name}: {tuple(values)}; {SENSIBLE}")
+    if refused := outside(name, values, allowed):
+        raise CommandError(refused)
 
 
 def joint_values(
     who: str, command: RobotCommand, kinds: Collection[CommandKind]
-) -> Sequence[tuple[str, tuple[float, ...]]]:
-    """The numbers of a command to joints, each with its name; of a hold there are none.
+) -> Sequence[tuple[str, tuple[float, ...], Range]]:
+    """The numbers of a command to joints, each with its name and what any robot can take; of a
+    hold there are none.
 
     Raises CommandError for a kind that is not among `kinds`, and for external axes.
     """
@@ -207,9 +255,13 @@ def joint_values(
     if isinstance(command, JointCommand):
         if command.external_axes:
             raise CommandError(f"external_axes: {who} has none")
-        positions = ("positions", command.positions)
+        positions = ("positions", command.positions, JOINT_POSITION)
         speeds = command.velocities
-        return (positions,) if speeds is None else (positions, ("velocities", speeds))
+        if speeds is None:
+            return (positions,)
+        return (positions, ("velocities", speeds, JOINT_VELOCITY))
     if isinstance(command, JointVelocityCommand):
-        return (("velocities", command.velocities),)
-    return (("torques", command.torques),) if isinstance(command, TorqueCommand) else ()
+        return (("velocities", command.velocities, JOINT_VELOCITY),)
+    if isinstance(command, TorqueCommand):
+        return (("torques", command.torques, JOINT_TORQUE),)
+    return ()

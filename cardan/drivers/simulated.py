@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import PurePath
 from typing import Any
 
-from cardan.bounds import HOST, HOST_OR_IPV4, IPV4
+from cardan.bounds import Host
 from cardan.options import hints
 
 
@@ -143,4 +143,4 @@ def _is_host(options: Any, name: str) -> bool:
     notes = (*getattr(hint, "__metadata__", ()),)
     for inner in getattr(hint, "__args__", ()):
         notes += (*getattr(inner, "__metadata__", ()),)
-    return any(note in (HOST, HOST_OR_IPV4, IPV4) for note in notes)
+    return any(isinstance(note, Host) for note in notes)

@@ -387,6 +387,74 @@ class TestLeaving:
         assert speeds[-1] == 0.0
         assert robot.metrics()["late_commands"] == 1
 
+    def test_a_controller_that_fell_silent_long_ago_is_told_nothing(
+        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        cycles = robot.cycles()
+        run(robot, peer, cycles, 30)
+        monotonic = driver_module._monotonic
+        for how in ("leave", "send"):
+            peer.say()
+            next(cycles)
+            with monkeypatch.context() as later:
+                later.setattr(driver_module, "_monotonic", lambda: monotonic() + 0.8)
+                if how == "send":
+                    robot.send(FAST)
+                else:
+                    cycles.close()
+                    cycles = robot.cycles()
+            assert peer.rest() == []
+        assert robot.metrics()["answers"] == 30
+        assert robot.metrics()["farewells"] == 0
+        assert robot.metrics()["reply_latency_max_s"] < 0.2
+
+    def test_a_last_message_is_no_answer(self, robot: AbbEgm, peer: Peer) -> None:
+        cycles = robot.cycles()
+        run(robot, peer, cycles, 30)
+        assert next(cycles).link is RobotLink.LOST
+        cycles.close()
+        assert self.last_words(peer) == ZEROS
+        metrics = robot.metrics()
+        assert (metrics["answers"], metrics["farewells"]) == (30, 1)
+        assert metrics["reply_latency_max_s"] < 0.1
+
+
+class TestStolenPort:
+    def test_a_program_on_the_controllers_address_does_not_get_the_robot(
+        self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Not in hiccups of the controller either."""
+        thief = Peer(robot)
+        cycles = robot.cycles()
+        run(robot, peer, cycles, 30)
+        monotonic, hiccups = driver_module._monotonic, 0
+        monkeypatch.setattr(driver_module, "_monotonic", lambda: monotonic() + 0.05 * hiccups)
+        for _ in range(50):
+            hiccups += 1
+            thief.say()
+            peer.say()
+            assert next(cycles).session == 1
+            robot.send(FAST)
+            peer.hear()
+        assert thief.rest() == []
+        assert robot.metrics()["foreign"] == 50
+        thief.socket.close()
+
+    def test_the_port_before_is_left_at_rest(self, robot: AbbEgm, peer: Peer) -> None:
+        cycles = robot.cycles()
+        run(robot, peer, cycles, 30)
+        assert robot.session.moving
+        assert next(cycles).link is RobotLink.LOST
+        after = Peer(robot)
+        after.say()
+        state = next(cycles)
+        assert (state.link, state.session) == (RobotLink.LIVE, 2)
+        assert [speeds_of(answer) for answer in peer.rest()] == [ZEROS]
+        robot.send(FAST)
+        assert speeds_of(after.hear()) == ZEROS
+        assert robot.metrics()["farewells"] == 1
+        after.socket.close()
+
 
 class TestOpening:
     def test_open_and_close_twice(self) -> None:
@@ -429,6 +497,27 @@ class TestOpening:
     def test_an_address_that_is_not_ours(self) -> None:
         with pytest.raises(AddressError, match=r"192\.0\.2\.1 is not an address of this computer"):
             AbbEgm(AbbEgmOptions(listen_host="192.0.2.1")).open()
+
+    def test_a_networks_broadcast_address_is_no_address_to_guide_a_robot_by(self) -> None:
+        words = "127.255.255.255 is a broadcast address"
+        with pytest.raises(AddressError, match=f"listen_host .*{words}"):
+            AbbEgm(listen_host="127.255.255.255", listen_port=0).open()
+        with pytest.raises(AddressError, match=f"controller_host .*{words}"):
+            AbbEgm(listen_port=0, controller_host="127.255.255.255").open()
+
+    def test_anybodys_robot_is_warned_of(self) -> None:
+        for safe in (
+            AbbEgm(),
+            AbbEgm(listen_host="localhost"),
+            AbbEgm(listen_host="0.0.0.0", controller_host="192.168.125.1"),
+        ):
+            assert safe.cautions() == ()
+        for host in ("0.0.0.0", "192.168.125.50"):
+            (words,) = AbbEgm(listen_host=host).cautions()
+            assert words.startswith(f"listen_host {host} without controller_host")
+            assert "set controller_host to the controller's address" in words
+        with AbbEgm(listen_host="0.0.0.0", listen_port=0) as robot:
+            assert robot.diagnosis()[0].startswith("listen_host 0.0.0.0 without controller_host")
 
     @pytest.mark.parametrize(
         ("error", "words"),

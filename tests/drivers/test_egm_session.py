@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import pytest
@@ -63,8 +64,12 @@ from .egm_controller import (
 )
 
 PEER = ("192.168.125.1", 51000)
+OTHER_PORT = (PEER[0], 50999)
 HOLD = HoldCommand()
 ZEROS = (0.0,) * 6
+
+wild = st.one_of(st.floats(-400.0, 400.0), st.floats(allow_nan=False, allow_infinity=False))
+"""Degrees or mm: what a robot has, or anything finite."""
 
 
 class Bench:
@@ -228,17 +233,97 @@ class TestPinning:
             assert bench.hear() is not None
         assert bench.session.sessions == 1
 
-    def test_a_changed_port_is_a_new_session(self) -> None:
+    def test_a_port_that_begins_anew_after_a_silence_is_a_new_session(self) -> None:
         bench = Bench().started()
         bench.cycle(joint_target(1.0))
-        states = [bench.hear((PEER[0], 50999)) for _ in range(3)]
-        assert states[:2] == [None, None]
-        assert states[2] is not None
-        assert states[2].session == 2
-        assert bench.session.peer == (PEER[0], 50999)
+        assert bench.session.moving
+        last = joints_in(bench.cycle(joint_target(1.0)))
+        bench.controller.seqno = 0
+        states = [bench.hear(OTHER_PORT) for _ in range(24)]
+        assert states == [None] * 24
+        assert bench.session.parting is None
+        bench.now_s += PERIOD_S
+        assert bench.session.tick(bench.now_s) is not None
+        state = bench.hear(OTHER_PORT)
+        assert state is not None
+        assert (state.session, state.sequence) == (2, 24)
+        assert bench.session.peer == OTHER_PORT
+        # The port before is left at rest, where it was told to be.
+        assert bench.session.parting is not None
+        last_words, port = bench.session.parting
+        assert port == PEER
+        assert joints_in(last_words) == pytest.approx(last)
+        assert speeds_of(last_words) == ZEROS
+        assert bench.session.counters.farewells == 1
         answer = bench.session.reply(joint_target(1.0), bench.now_s)
         assert joints_in(answer) == pytest.approx(bench.controller.joints)
         assert speeds_of(answer) == ZEROS
+
+    @pytest.mark.parametrize("silence_s", [0.012, 0.05, 0.099])
+    def test_a_hiccup_gives_no_other_port_the_robot(self, silence_s: float) -> None:
+        bench = Bench(silence_s=0.012).started()
+        bench.controller.seqno = 0
+        bench.now_s += silence_s - PERIOD_S
+        bench.session.tick(bench.now_s)
+        assert bench.hear(OTHER_PORT) is None
+        assert bench.session.peer == PEER
+        assert bench.session.sessions == 1
+
+    def test_another_program_on_the_controllers_address_does_not_take_over(self) -> None:
+        """It sends all the time, and the controller pauses now and then."""
+        bench = Bench().started()
+        thief = Controller(seqno=0)
+        answered: set[tuple[str, int]] = set()
+        for k in range(1500):
+            bench.now_s += PERIOD_S
+            stolen = bench.session.receive(thief.datagram(), OTHER_PORT, bench.now_s)
+            assert stolen is None
+            data = bench.controller.datagram()
+            if not (400 <= k < 420 or 800 <= k < 1050):  # 80 ms and 1 s of silence
+                assert bench.session.receive(data, PEER, bench.now_s) is not None
+                bench.session.reply(HOLD, bench.now_s)
+                assert bench.session.peer is not None
+                answered.add(bench.session.peer)
+            bench.session.tick(bench.now_s)
+        assert answered == {PEER}
+        assert bench.session.counters.foreign == 1500
+        assert bench.session.sessions == 2
+        diagnosis = " ".join(bench.session.diagnosis(bench.now_s))
+        assert "only 192.168.125.1:51000 is answered" in diagnosis
+
+    def test_a_sequence_that_goes_on_from_another_port_takes_the_operators_consent(self) -> None:
+        bench = Bench().started()
+        bench.controller.seqno = 5000
+        bench.now_s += 3.0
+        bench.session.tick(bench.now_s)
+        assert bench.hear(OTHER_PORT) is None
+        diagnosis = " ".join(bench.session.diagnosis(bench.now_s))
+        assert "began before the controller fell silent" in diagnosis
+        assert "if it is the controller, open the driver again" in diagnosis
+        opened_again = EgmSession(bench.options, bench.now_s)
+        bench.now_s += PERIOD_S
+        data = bench.controller.datagram()
+        assert opened_again.receive(data, OTHER_PORT, bench.now_s) is not None
+
+    def test_a_silence_that_the_application_slept_through_is_none(self) -> None:
+        bench = Bench().started()
+        waiting = [bench.controller.datagram() for _ in range(50)]
+        bench.now_s += 0.2
+        thief = Controller()
+        assert bench.session.receive(thief.datagram(), OTHER_PORT, bench.now_s) is None
+        for data in waiting:
+            assert bench.session.receive(data, PEER, bench.now_s) is not None
+        assert bench.session.sessions == 1
+
+    def test_a_port_left_at_rest_or_long_ago_is_told_nothing(self) -> None:
+        for command, silence_s in ((HOLD, 0.11), (joint_target(1.0), 0.21)):
+            bench = Bench().started()
+            bench.cycle(command)
+            bench.controller.seqno = 0
+            bench.now_s += silence_s
+            bench.session.tick(bench.now_s)
+            assert bench.hear(OTHER_PORT) is not None
+            assert bench.session.parting is None
 
 
 class TestSequence:
@@ -796,6 +881,23 @@ class TestStopping:
     def test_nobody_to_take_leave_from(self) -> None:
         assert Bench().session.farewell(1000.0) is None
 
+    def test_the_last_message_is_no_answer(self) -> None:
+        bench = Bench().started()
+        bench.cycle(joint_target(0.5))
+        assert bench.session.farewell(bench.now_s + 0.15) is not None
+        metrics = bench.session.metrics()
+        assert (metrics["answers"], metrics["farewells"]) == (2, 1)
+        assert metrics["reply_latency_max_s"] < 0.001
+
+    def test_a_run_that_is_over_is_sent_no_last_message(self) -> None:
+        for options in ({}, {"comm_timeout_s": 0.5}):
+            bench = Bench(**options).started()
+            bench.cycle(joint_target(0.5))
+            late_s = bench.options.comm_timeout_s + 0.01
+            assert bench.session.farewell(bench.now_s + late_s) is None
+            assert bench.session.farewell(bench.now_s + late_s - 0.02) is not None
+            assert bench.session.counters.farewells == 1
+
     def test_a_first_datagram_never_answered_is_left_with_the_measured_position(self) -> None:
         bench = Bench()
         bench.hear()
@@ -829,7 +931,7 @@ class TestContent:
         bench = Bench(mode="pose")
         previous: Quaternion | None = None
         for k in range(20):
-            sign = -1.1 if k % 3 else 0.9
+            sign = -1.009 if k % 3 else 0.991
             bench.controller.orientation = Quaternion(*(sign * c for c in ORIENTATION))
             state = bench.hear()
             assert state is not None
@@ -921,6 +1023,123 @@ class TestBadBytes:
             assert bench.cycle(joint_target(0.1 * k)) == twin.cycle(joint_target(0.1 * k))
         assert sum(bench.session.counters.malformed.values()) == 3 * len(garbage)
 
+    @pytest.mark.parametrize("mode", ["pose", "joint"])
+    @pytest.mark.parametrize(
+        ("part", "words"),
+        [
+            ({"joints": (0.0, 1e300, 0.0, 0.0, 0.0, 0.0)}, "feedBack.joints"),
+            ({"joints": (math.radians(1e6), *HOME[1:])}, "-2000 to 2000 rad or m: a wrist"),
+            ({"position": Vector3(1e6, 0.0, 0.8)}, "feedBack.pos: .* -100 to 100 m"),
+            ({"external": (0.0, 0.0, math.degrees(-2001.0))}, "feedBack.externalJoints"),
+        ],
+    )
+    def test_what_no_robot_measures_is_no_state(
+        self, mode: str, part: dict[str, Any], words: str
+    ) -> None:
+        bench = Bench(mode=mode)
+        sane = dict(vars(bench.controller))
+        vars(bench.controller).update(part)
+        for _ in range(3):
+            assert bench.hear() is None
+        assert bench.session.peer is None
+        assert bench.session.counters.malformed == {"implausible": 3}
+        assert re.search(words, bench.session.last_malformed)
+        for name in part:
+            setattr(bench.controller, name, sane[name])
+        answer = bench.cycle(pose_target() if mode == "pose" else joint_target(0.0))
+        if mode == "pose":
+            assert pose_in(answer)[0] == pytest.approx(POSITION)
+        else:
+            assert joints_in(answer) == pytest.approx(HOME)
+
+    @pytest.mark.parametrize("length", [0.5, 2.0])
+    def test_an_orientation_that_is_no_rotation_is_refused_for_its_length(
+        self, length: float
+    ) -> None:
+        bench = Bench(mode="pose").started()
+        bench.controller.orientation = Quaternion(*(length * c for c in ORIENTATION))
+        assert bench.hear() is None
+        assert bench.session.last_malformed.startswith("feedBack.orient")
+        assert f"has length {length:g}" in bench.session.last_malformed
+
+    @pytest.mark.parametrize("mode", ["pose", "joint"])
+    def test_a_place_that_no_arm_comes_to_in_a_period_is_no_state(self, mode: str) -> None:
+        """One such reading changes nothing."""
+        bench, twin = Bench(mode=mode).started(), Bench(mode=mode).started()
+        command = pose_target(0.1) if mode == "pose" else joint_target(0.1)
+        for k in range(20):
+            place, joints = bench.controller.position, bench.controller.joints
+            if k == 10:
+                bench.controller.position = Vector3(10.0, 0.0, 0.8)
+                bench.controller.joints = (10.0, *HOME[1:])
+                assert bench.hear() is None
+                twin.hear()
+                bench.controller.position, bench.controller.joints = place, joints
+                assert " from the one before" in bench.session.last_malformed
+            else:
+                bench.cycle(command)
+                twin.cycle(command)
+        assert bench.session.sessions == 1
+        assert bench.session.counters.lost == 1
+        if mode == "joint":
+            assert bench.controller.joints == pytest.approx(twin.controller.joints, abs=0.01)
+        else:
+            assert bench.controller.position == pytest.approx(twin.controller.position, abs=0.01)
+
+    def test_a_wrong_first_reading_is_not_commanded_for_ever(self) -> None:
+        bench = Bench()
+        bench.controller.joints = (1900.0, *HOME[1:])
+        bench.hear()
+        answer = bench.session.reply(HOLD, bench.now_s)
+        assert joints_in(answer)[0] == pytest.approx(1900.0)
+        bench.controller.joints = HOME
+        states = []
+        for _ in range(30):
+            states.append(bench.hear())
+            bench.session.tick(bench.now_s)
+        after = next(state for state in states if state is not None)
+        assert states.index(after) <= 25
+        assert (after.session, after.hold_reason) == (2, FIRST_ANSWER)
+        assert joints_in(bench.cycle()) == pytest.approx(HOME)
+
+    def test_joint_mode_needs_no_orientation(self) -> None:
+        for first in (0.0, 120.0):
+            bench = Bench()
+            bench.controller.orientation = Quaternion(0.5, 0.0, 0.0, 0.0)
+            bench.controller.joints = (first, *HOME[1:])
+            state = bench.hear()
+            assert state is not None
+            assert (state.pose, state.joints[0]) == (None, pytest.approx(first))
+
+    @given(st.lists(wild, min_size=6, max_size=6), st.tuples(wild, wild, wild))
+    def test_what_is_a_state_may_be_sent_back(
+        self, degrees: list[float], millimetres: tuple[float, float, float]
+    ) -> None:
+        for mode in ("joint", "pose"):
+            bench = Bench(mode=mode)
+            bench.controller.joints = tuple(map(math.radians, degrees))
+            bench.controller.position = Vector3(*(0.001 * value for value in millimetres))
+            state = bench.hear()
+            if state is None:
+                assert bench.session.counters.malformed["implausible"] == 1
+            elif mode == "joint":
+                bench.session.check(JointCommand(state.joints))
+            elif state.pose is not None:
+                bench.session.check(PoseCommand(state.pose))
+
+    def test_a_reference_of_the_controller_that_no_robot_has_is_not_followed(self) -> None:
+        bench, twin = Bench().started(), Bench().started()
+        bench.controller.fields["planned"] = EgmMotion(joints=(1e9,) * 6)
+        twin.controller.fields["planned"] = None
+        for each in (bench, twin):
+            for k in range(40):
+                if k == 20:
+                    each.now_s += 0.05
+                    each.controller.clock_us += 50_000
+                    each.controller.seqno += 12
+                each.cycle(joint_target(0.5))
+        assert joints_in(bench.cycle()) == joints_in(twin.cycle())
+
     def test_every_cut_of_a_datagram_is_refused_or_whole(self) -> None:
         bench = Bench(mode="pose")
         data = bench.controller.datagram()
@@ -970,7 +1189,7 @@ class TestBadBytes:
             (
                 "pose",
                 {"feed_back": EgmMotion(cartesian=EgmPose(POSITION, Quaternion(0, 0, 0, 0)))},
-                "position and orientation",
+                "feedBack.orient: (0.0, 0.0, 0.0, 0.0) has length 0",
             ),
         ],
     )
@@ -999,7 +1218,9 @@ class TestInsight:
         words = self.words(bench, 3.0)
         for part in ("6510", "3.0 s", "Remote Address", "firewall", "OmniCore", "listen_host"):
             assert part in words
-        assert "listen_host" not in self.words(Bench(listen_host="192.168.125.10"), 3.0)
+        assert "listen_host" not in self.words(
+            Bench(listen_host="192.168.125.10", controller_host=PEER[0]), 3.0
+        )
 
     def test_silence_after_a_session(self) -> None:
         bench = Bench().started()
@@ -1110,7 +1331,13 @@ class TestOptions:
             ("listen_port", 1.5),
             ("listen_host", ""),
             ("listen_host", "fe80::1"),
+            ("listen_host", "224.0.0.1"),
+            ("listen_host", "255.255.255.255"),
             ("controller_host", "0.0.0.0"),
+            ("controller_host", "224.0.0.1"),
+            ("controller_host", "255.255.255.255"),
+            ("comm_timeout_s", 0.0),
+            ("comm_timeout_s", 10.1),
             ("controller_host", "two words"),
             ("mode", "force"),
             ("speed_reference", "always"),

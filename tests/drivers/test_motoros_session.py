@@ -660,6 +660,22 @@ def test_options_that_cannot_be_are_named(options, key):
 # -- bad bytes ------------------------------------------------------------------------------------
 
 
+def test_a_feedback_that_no_robot_measures_is_ignored():
+    feed = StateFeed(MotorosOptions(trust_velocity=True))
+
+    def hear(first, speed, now_s):
+        body = JointFeedback(0, 6, 0.0, (first, *ZEROS[1:]), (speed, *ZEROS[1:]), ZEROS)
+        feed.received(wire().encode(topic(body)), now_s)
+
+    hear(0.5, 0.1, 1.0)
+    assert (feed.positions[0], feed.velocities[0]) == (0.5, pytest.approx(0.1))
+    hear(-2001.0, 0.1, 1.1)
+    assert (feed.positions[0], feed.feedback_s) == (0.5, 1.0)
+    assert feed.ignored == {"a feedback that is beyond any joint's range": 1}
+    hear(0.5, 1e9, 1.2)
+    assert (feed.velocities, feed.feedback_s) == ((), 1.2)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.binary(max_size=200)), max_size=8))
 def test_arbitrary_bytes_never_raise_and_send_no_command(pieces):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 import time
 from collections import Counter
@@ -11,10 +12,12 @@ from dataclasses import dataclass, field
 import pytest
 
 import cardan
+from cardan.bounds import JOINT_POSITION, JOINT_TORQUE, JOINT_VELOCITY
 from cardan.drivers.robot_core import (
     LoopingRobot,
     check_numbers,
     counts,
+    implausible,
     joint_values,
     wrong_kind,
 )
@@ -180,11 +183,13 @@ def test_close_waits_for_a_loop_in_another_thread():
 def test_numbers_of_a_command():
     joints = JointCommand((1.0, 2.0), (3.0, 4.0))
     assert joint_values("it", joints, KINDS) == (
-        ("positions", (1.0, 2.0)),
-        ("velocities", (3.0, 4.0)),
+        ("positions", (1.0, 2.0), JOINT_POSITION),
+        ("velocities", (3.0, 4.0), JOINT_VELOCITY),
     )
-    assert joint_values("it", JointCommand((1.0, 2.0)), KINDS) == (("positions", (1.0, 2.0)),)
-    assert joint_values("it", TorqueCommand((5.0, 6.0)), KINDS) == (("torques", (5.0, 6.0)),)
+    alone = joint_values("it", JointCommand((1.0, 2.0)), KINDS)
+    assert alone == (("positions", (1.0, 2.0), JOINT_POSITION),)
+    torques = joint_values("it", TorqueCommand((5.0, 6.0)), KINDS)
+    assert torques == (("torques", (5.0, 6.0), JOINT_TORQUE),)
     assert joint_values("it", HoldCommand(), KINDS) == ()
 
 
@@ -202,19 +207,53 @@ def test_commands_that_cannot_be():
     ("values", "words"),
     [
         ((0.0,), "positions: 1 values for 2 joints"),
-        ((0.0, math.nan), "finite and below a million"),
+        ((0.0, math.nan), "finite, and -2000 to 2000 rad or m: a wrist"),
         ((math.inf, 0.0), "finite"),
-        ((-1e6, 0.0), "below a million"),
+        ((-2000.1, 0.0), "-2000 to 2000"),
         ((None, 0.0), "finite"),
     ],
 )
 def test_numbers_that_are_none(values, words):
     with pytest.raises(CommandError, match=words):
-        check_numbers("positions", values, 2)
+        check_numbers("positions", values, JOINT_POSITION, 2)
 
 
-def test_sensible_numbers_pass():
-    check_numbers("positions", (0.0, -999_999.0), 2)
+def test_each_number_may_be_as_large_as_its_range():
+    check_numbers("positions", (2000.0, -2000.0), JOINT_POSITION, 2)
+
+
+NAUGHT = RobotState(
+    stamp_s=0.0,
+    link=RobotLink.LIVE,
+    session=1,
+    sequence=1,
+    period_s=0.004,
+    joints=(0.0, 0.5),
+    external_axes=(),
+    pose=IDENTITY_POSE,
+    hold_reason="",
+)
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ({"joints": (0.0, 1e300)}, r"joints: \(0.0, 1e\+300\)"),
+        ({"joints": (0.0, math.nan)}, "joints"),
+        ({"external_axes": (-2001.0,)}, "external_axes"),
+        ({"velocities": (0.0, 1e4)}, "velocities"),
+        ({"torques": (0.0, 1e6)}, "torques"),
+        ({"pose": IDENTITY_POSE._replace(position=(0.0, 1e6, 0.0))}, "position: .* -100 to 100 m"),
+        (
+            {"pose": IDENTITY_POSE._replace(orientation=(0.5, 0.0, 0.0, 0.0))},
+            r"orientation: .* has length 0.5; a rotation has length 1 \(0.99 to 1.01 is taken\)",
+        ),
+        ({"pose": IDENTITY_POSE._replace(orientation=(2.0, 0.0, 0.0, 0.0))}, "has length 2"),
+    ],
+)
+def test_what_no_robot_measures(part, words):
+    assert implausible(NAUGHT) == ""
+    assert re.search(words, implausible(NAUGHT._replace(**part)))
 
 
 def test_counts_are_the_numbers_of_a_dataclass():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import time
 from contextlib import contextmanager
 from itertools import islice, pairwise
@@ -13,7 +14,7 @@ import pytest
 from cardan.drivers import registry
 from cardan.drivers.sim_arm import SimArm, SimArmOptions, SimArmSession
 from cardan.errors import AddressError, CommandError, NotOpenError
-from cardan.protocols.joint_stream import ArmState, ControlMode, encode_state
+from cardan.protocols.joint_stream import ArmState, ControlMode, decode_command, encode_state
 from cardan.sim_peers.arm import FAULTS, PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from cardan.types import (
     IDENTITY_POSE,
@@ -301,6 +302,69 @@ def test_a_flood_of_junk_is_an_alarm():
     for number in range(2, 30):
         state = session.receive(encode_state(STATE._replace(sequence=number)), 0.0)
     assert state.alarm == ""
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ({"positions": (1e300,) + (0.0,) * 5}, "joints: .* -2000 to 2000 rad or m"),
+        ({"velocities": (-1e9,) + (0.0,) * 5}, "velocities"),
+        ({"torques": (1e9,) + (0.0,) * 5}, "torques"),
+        ({"pose": (1e9, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)}, "position: .* -100 to 100 m"),
+    ],
+)
+def test_a_state_that_no_robot_measures_is_none(part, words):
+    session = SimArmSession(SimArmOptions(robot=ROBOT))
+    assert session.receive(encode_state(STATE._replace(**part)), 0.0) is None
+    assert (session.sessions, session.message) == (0, None)
+    assert session.command(HoldCommand(), 0.0) is None
+    assert session.receive(encode_state(STATE), 0.0).session == 1
+    assert session.receive(encode_state(STATE._replace(sequence=2, **part)), 0.002) is None
+    assert session.state.joints == STATE.positions
+    assert session.ignored == {"implausible": 2}
+    assert re.search(f"2 datagrams ignored: implausible .{words}", session.diagnosis(0.002)[-1])
+
+
+class Line:
+    """A transport in virtual time: what is said, and one state."""
+
+    def __init__(self, silence_s):
+        self.said = []
+        self.time_s = 0.0
+        self._silence_s = silence_s
+        self._states = [encode_state(STATE)]
+
+    def now(self):
+        return self.time_s
+
+    def send(self, data):
+        self.said.append(decode_command(data).mode)
+
+    def wait(self):
+        if self._states:
+            return [self._states.pop()]
+        self.time_s += self._silence_s
+        return []
+
+    def waiting(self):
+        return []
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize(("silence_s", "told"), [(0.45, 1), (0.55, 0)])
+def test_an_arm_that_fell_silent_long_ago_is_told_nothing(monkeypatch, silence_s, told):
+    line = Line(silence_s)
+    monkeypatch.setattr(SimArm, "_join", lambda _: line)
+    with SimArm(SimArmOptions(robot=ROBOT)) as robot:
+        states = robot.cycles()
+        assert next(states).link is RobotLink.LIVE
+        robot.send(SPEED)
+        assert next(states).link is RobotLink.LOST
+        line.said.clear()
+        states.close()
+        assert line.said == [ControlMode.HOLD] * told
 
 
 # -- over UDP -----------------------------------------------------------------------------------

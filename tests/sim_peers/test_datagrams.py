@@ -131,3 +131,16 @@ def test_a_flood_does_not_keep_a_cycle_waiting(listener):
 def test_an_address_that_is_none(host, port):
     with pytest.raises(AddressError, match=r"^cannot listen: "):
         opened(host, port, socket.SOCK_STREAM, socket.socket.bind, "cannot listen")
+
+
+@pytest.mark.parametrize("host", ["224.0.0.1", "255.255.255.255", "127.255.255.255"])
+@pytest.mark.parametrize("join", [socket.socket.bind, socket.socket.connect])
+def test_an_address_of_many(host, join):
+    with pytest.raises(AddressError, match=f"^no way: {host} is a (multicast|broadcast) address"):
+        opened(host, 6510, socket.SOCK_DGRAM, join, "no way")
+
+
+def test_an_address_that_stands_for_all_is_one_to_listen_on():
+    opened("0.0.0.0", 0, socket.SOCK_DGRAM, socket.socket.bind, "no way").close()
+    with pytest.raises(AddressError, match="stands for all of a computer's"):
+        opened("0.0.0.0", 6510, socket.SOCK_DGRAM, socket.socket.connect, "no way")

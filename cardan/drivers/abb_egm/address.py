@@ -8,6 +8,7 @@ import socket
 from pathlib import Path
 
 from cardan.errors import AddressError
+from cardan.sockets import refuse_shared
 
 _FIRST_UNPRIVILEGED_PORT = 1024
 
@@ -20,6 +21,11 @@ def bind_udp(host: str, port: int) -> socket.socket:
     except OSError as error:
         sock.close()
         raise AddressError(_explain(host, port, error)) from error
+    try:
+        refuse_shared(f"listen_host {host!r}", sock.getsockname()[0], listens=True)
+    except AddressError:
+        sock.close()
+        raise
     return sock
 
 
@@ -32,7 +38,9 @@ def resolve(host: str) -> str:
             f"controller_host {host!r} has no IPv4 address ({error}); "
             "give the controller's address itself"
         ) from error
-    return str(found[0][4][0])
+    address = str(found[0][4][0])
+    refuse_shared(f"controller_host {host!r}", address, listens=False)
+    return address
 
 
 def _explain(host: str, port: int, error: OSError) -> str:

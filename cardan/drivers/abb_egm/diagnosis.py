@@ -50,6 +50,7 @@ class Diagnosed(Protocol):
     last_cause: str
     last_malformed: str
     last_foreign: str
+    last_foreign_counts_on: bool
     last_send_error: str
 
     @property
@@ -78,13 +79,17 @@ class Diagnosed(Protocol):
 
 def diagnose(session: Diagnosed, now_s: float) -> tuple[str, ...]:
     """Everything to report about `session`, worst first."""
-    words: list[str] = []
+    # While nobody has come, this may still be changed; after that it is no news.
+    caution = session.options.caution
+    words = [caution] if caution and session.state is None else []
     words += _silence(session, now_s)
     if session.state is not None and not session.silent:
         words += _standing(session)
     words += _refused(session)
     words += _quality(session)
     words += _setup(session)
+    if caution and session.state is not None:
+        words.append(caution)
     return tuple(words)
 
 
@@ -150,11 +155,22 @@ def _refused(session: Diagnosed) -> list[str]:
             answered = f"{session.peer[0]}:{session.peer[1]}"
         else:
             answered = f"controller_host {session.options.controller_host}"
-        words.append(
+        found = (
             f"{counters.foreign} datagrams from other addresses were refused, the last from "
-            f"{session.last_foreign}; only {answered} is answered. If that is the wrong one, set "
-            "controller_host to the right one's address and open the driver again"
+            f"{session.last_foreign}; only {answered} is answered. "
         )
+        if session.last_foreign_counts_on:
+            found += (
+                "Its sequence began before the controller fell silent: it is another program on "
+                "the controller's address, or the controller itself, counting on from another "
+                "port; if it is the controller, open the driver again"
+            )
+        else:
+            found += (
+                "If that is the wrong one, set controller_host to the right one's address and "
+                "open the driver again"
+            )
+        words.append(found)
     malformed = sum(counters.malformed.values())
     if malformed:
         kinds = ", ".join(f"{n} {kind}" for kind, n in counters.malformed.most_common())

@@ -11,7 +11,7 @@ from typing import Any
 
 from cardan.drivers.abb_egm.address import bind_udp, resolve
 from cardan.drivers.abb_egm.options import AbbEgmOptions
-from cardan.drivers.abb_egm.session import EgmSession
+from cardan.drivers.abb_egm.session import Address, EgmSession
 from cardan.drivers.abb_egm.stream import EgmStream
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot
 from cardan.drivers.simulated import LOOPBACK, OWN
@@ -133,7 +133,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         if sock is None or self._loop != loop:
             return
         session = self._session
-        receive = session.receive
+        receive = self._receive
         recvfrom = sock.recvfrom
         poll = self._poll.poll
         yielded_s = _monotonic()
@@ -151,7 +151,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
                     now_s = _monotonic()
                     # A datagram that waited for less than a period has no newer one behind it.
                     more = now_s - self._drained_s > self._period_s and poll(0)
-                    state = receive(data, source, now_s)
+                    state = receive(sock, data, source, now_s)
                     if more:
                         taken = session.counters.accepted
                         state = self._drain(sock) or state
@@ -193,22 +193,48 @@ class AbbEgm(LoopingRobot[EgmSession]):
         if now_s - state.stamp_s > self._period_s:
             # The robot has moved on since the state that this command was computed from.
             self._drain(sock)
+            if not self._owed():
+                session.check(command)
+                return
         self._transmit(sock, session.reply(command, now_s))
 
-    def _transmit(self, sock: socket.socket, data: bytes) -> None:
+    def _owed(self) -> bool:
+        """Whether a datagram waits for its answer; one of a run that is over gets none."""
         session = self._session
-        peer = session.peer
-        if peer is None:
-            return
-        try:
-            sock.sendto(data, peer)
-        except OSError as error:
-            session.send_failed(error.strerror or str(error))
-        else:
+        if session.owes_answer and session.is_over(_monotonic()):
+            session.skip()
+        return session.owes_answer
+
+    def _transmit(self, sock: socket.socket, answer: bytes) -> None:
+        session = self._session
+        if self._say(sock, answer, session.peer):
             now_s = _monotonic()
             if not self._poll.poll(0):
                 self._drained_s = now_s
             session.answered(now_s)
+
+    def _say(self, sock: socket.socket, data: bytes, peer: Address | None) -> bool:
+        """Send `data`; whether it has left."""
+        if peer is None:
+            return False
+        try:
+            sock.sendto(data, peer)
+        except OSError as error:
+            self._session.send_failed(error.strerror or str(error))
+            return False
+        return True
+
+    def _receive(
+        self, sock: socket.socket, data: bytes, source: Address, now_s: float
+    ) -> RobotState | None:
+        """What the session makes of a datagram; a port that the controller has left is told."""
+        session = self._session
+        state = session.receive(data, source, now_s)
+        if session.parting is not None:
+            last_words, port_before = session.parting
+            session.parting = None
+            self._say(sock, last_words, port_before)
+        return state
 
     def _drain(self, sock: socket.socket) -> RobotState | None:
         """Read all waiting datagrams; the newest state, if any of them is valid."""
@@ -220,7 +246,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
                 data, source = sock.recvfrom(_RECEIVE_BYTES, socket.MSG_DONTWAIT)
             except BlockingIOError:  # what was there had a bad checksum
                 break
-            newest = self._session.receive(data, source, _monotonic()) or newest
+            newest = self._receive(sock, data, source, _monotonic()) or newest
         return newest
 
     def _hold(self, sock: socket.socket) -> None:
@@ -229,17 +255,18 @@ class AbbEgm(LoopingRobot[EgmSession]):
         state = self._session.state
         if state is not None and now_s - state.stamp_s > self._late_after_s:
             self._brake(sock)
-        else:
+        elif self._owed():
             self._transmit(sock, self._session.hold(now_s))
 
     def _brake(self, sock: socket.socket) -> None:
         """Bring the robot to rest, answering its datagrams until it is, or until they cease."""
         session = self._session
         deadline_s = _monotonic() + _BRAKE_S
-        patience_ms = 1e3 * self.options.lost_after_s
+        # A silence that was seen already is not waited for: the last message must not be late.
+        patience_ms = 0.0 if session.silent else 1e3 * self.options.lost_after_s
         self._drain(sock)
         while True:
-            if session.owes_answer:
+            if self._owed():
                 self._transmit(sock, session.hold(_monotonic()))
             if not session.moving or _monotonic() > deadline_s or not self._poll.poll(patience_ms):
                 return
@@ -251,9 +278,10 @@ class AbbEgm(LoopingRobot[EgmSession]):
         try:
             self._brake(sock)
         finally:
-            last_words = self._session.farewell(_monotonic())
+            session = self._session
+            last_words = session.farewell(_monotonic())
             if last_words is not None:
-                self._transmit(sock, last_words)
+                self._say(sock, last_words, session.peer)
 
     # -- the rest -------------------------------------------------------------------------------
 
@@ -270,6 +298,10 @@ class AbbEgm(LoopingRobot[EgmSession]):
 
     def output_values(self) -> tuple[float, ...]:
         return self._session.outputs.dnum
+
+    def cautions(self) -> tuple[str, ...]:
+        caution = self.options.caution
+        return (caution,) if caution else ()
 
     def metrics(self) -> dict[str, float]:
         return self._session.metrics()

@@ -12,10 +12,17 @@ from collections.abc import Sequence
 from copy import copy
 from typing import Any, Generic, TypeVar
 
+from cardan.bounds import (
+    ANGULAR_VELOCITY_RAD_S,
+    COORDINATE_M,
+    JOINT_POSITION,
+    JOINT_VELOCITY,
+    LINEAR_VELOCITY_M_S,
+)
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
 from cardan.drivers.lost_time import LostTime
-from cardan.drivers.robot_core import ABSURD, SENSIBLE, check_numbers, wrong_kind
+from cardan.drivers.robot_core import check_numbers, no_rotation, outside, wrong_kind
 from cardan.errors import CommandError
 from cardan.protocols.egm import (
     EgmHeader,
@@ -157,7 +164,7 @@ class _Externals:
                 raise CommandError(
                     "external_axes are given but option external_axes is 0; set it to their number"
                 )
-            check_numbers("external_axes", values, self.count, "axes")
+            check_numbers("external_axes", values, JOINT_POSITION, self.count, "axes")
 
     def step(self, values: Sequence[float], dt_s: float) -> None:
         if values:
@@ -400,12 +407,12 @@ class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
         return (state.joints,)
 
     def _check_target(self, command: JointCommand) -> None:
-        check_numbers("positions", command.positions, self._count)
+        check_numbers("positions", command.positions, JOINT_POSITION, self._count)
         if command.velocities is not None:
-            check_numbers("velocities", command.velocities, self._count)
+            check_numbers("velocities", command.velocities, JOINT_VELOCITY, self._count)
 
     def _check_speed(self, command: JointVelocityCommand) -> None:
-        check_numbers("velocities", command.velocities, self._count)
+        check_numbers("velocities", command.velocities, JOINT_VELOCITY, self._count)
 
     def near(self, state: RobotState) -> bool:
         return _follows(state.joints, self._limiter.reference, self._limiter.velocity)
@@ -464,10 +471,6 @@ class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
         return None if self._speed_only else (self._limiter.reference, heading.joints)
 
 
-_NORM_TOLERANCE = 0.02
-"""Tolerance of a quaternion's squared length: passes rounding, rejects mistakes."""
-
-
 class PoseGuidance(_ReferenceGuidance[PoseCommand, TwistCommand]):
     """Pose mode: EGMRunPose."""
 
@@ -495,17 +498,14 @@ class PoseGuidance(_ReferenceGuidance[PoseCommand, TwistCommand]):
         return state.pose[:2]
 
     def _check_target(self, command: PoseCommand) -> None:
-        (x, y, z), (qw, qx, qy, qz), frame = command.pose
+        position, orientation, frame = command.pose
         if frame is not Frame.BASE:
             raise CommandError(f"the pose is in the {frame.value} frame; it must be in base")
-        if not abs(x) + abs(y) + abs(z) < ABSURD:
-            raise CommandError(f"the position is {(x, y, z)}; {SENSIBLE}")
-        squared = qw * qw + qx * qx + qy * qy + qz * qz
-        if not abs(squared - 1.0) <= _NORM_TOLERANCE:
-            raise CommandError(
-                f"the orientation {(qw, qx, qy, qz)} has the length {math.sqrt(squared):g}; "
-                "a rotation has length 1"
-            )
+        x, y, z = position
+        if refused := (
+            outside("position", (x, y, z), COORDINATE_M) or no_rotation("orientation", orientation)
+        ):
+            raise CommandError(refused)
         if command.twist is not None:
             _check_twist(command.twist)
 
@@ -588,8 +588,11 @@ def _check_twist(twist: Twist) -> None:
     (vx, vy, vz), (wx, wy, wz), frame = twist
     if frame is not Frame.BASE:
         raise CommandError(f"the twist is in the {frame.value} frame; it must be in base")
-    if not abs(vx) + abs(vy) + abs(vz) + abs(wx) + abs(wy) + abs(wz) < ABSURD:
-        raise CommandError(f"the twist is {(vx, vy, vz, wx, wy, wz)}; {SENSIBLE}")
+    if refused := (
+        outside("linear", (vx, vy, vz), LINEAR_VELOCITY_M_S)
+        or outside("angular", (wx, wy, wz), ANGULAR_VELOCITY_RAD_S)
+    ):
+        raise CommandError(refused)
 
 
 _AGE_MS_MAX = 2**32 - 1
@@ -614,7 +617,7 @@ class PathGuidance(Guidance):
             return
         if not isinstance(command, PathCorrectionCommand):
             raise wrong_kind("EGM in path-correction mode", command, self.kinds)
-        check_numbers("offset", command.offset, 3, "axes")
+        check_numbers("offset", command.offset, COORDINATE_M, 3, "axes")
         if not 0.0 <= command.age_s * 1000.0 <= _AGE_MS_MAX:
             raise CommandError(f"age_s is {command.age_s}; it must be 0 or more")
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import ipaddress
 import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import Range
+from cardan.drivers.simulated import is_loopback
 from cardan.options import Options, require_each
 from cardan.protocols.egm.messages import DNUM_MAX
 from cardan.robots import arm_names, load_arm
@@ -25,6 +25,9 @@ SAMPLE_RATE_MS = Range(
 )
 JOINTS = Range(6, 7, "", "EGM has six joints, and a seventh among the external axes")
 EXTERNAL_AXES = Range(0, 6, "", "EGM has six external axes")
+COMM_TIMEOUT_S = Range(
+    0.0, 10.0, "s", "a robot that goes on at its last speed for longer leaves its cell", above=True
+)
 EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
 
 
@@ -32,7 +35,7 @@ EXTERNAL_AXIS = Range(0, 5, "", "EGM has six external axes, counted from 0")
 class AbbEgmOptions(Options):
     """Options of :class:`AbbEgm`. Lengths in m, angles as the controller's own terms: degrees."""
 
-    listen_host: Annotated[str, bounds.HOST_OR_IPV4] = "127.0.0.1"
+    listen_host: Annotated[str, bounds.LISTEN_HOST_OR_IPV4] = "127.0.0.1"
     """This computer's address on the robot's network (RobotStudio on this machine: 127.0.0.1)."""
     listen_port: Annotated[int, bounds.ANY_PORT] = 6510
     """UDP port; the controller's UdpUc device names it as Remote Port Number. 0: any free one."""
@@ -82,6 +85,9 @@ class AbbEgmOptions(Options):
     """Silence (at least three periods) after which the link is LOST."""
     command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Delay of a command (at least three periods) from which the robot is braked instead."""
+    comm_timeout_s: Annotated[float, COMM_TIMEOUT_S] = 0.2
+    """\\CommTimeout of the RAPID program. A controller that is silent for longer has ended its run
+    and is sent nothing: the last message would be the first of its next run."""
     digital_output: bool | None = None
     """RAPIDtoRobot.digVal at the start (RobotWare 7.7 and later); None: not sent."""
     output_values: tuple[Annotated[float, bounds.OUTPUT_VALUE], ...] = ()
@@ -93,11 +99,6 @@ class AbbEgmOptions(Options):
         self._check_limits()
         require_each(
             self,
-            (
-                "controller_host",
-                not _is_wildcard(self.controller_host or ""),
-                "one controller's address",
-            ),
             (
                 "output_values",
                 len(self.output_values) <= DNUM_MAX,
@@ -160,6 +161,17 @@ class AbbEgmOptions(Options):
         return (lower, upper) if lower else None
 
     @property
+    def caution(self) -> str:
+        """Why it is not safe who guides the robot; empty where it is."""
+        if self.controller_host is not None or is_loopback(self.listen_host):
+            return ""
+        return (
+            f"listen_host {self.listen_host} without controller_host: the robot is whose datagram "
+            f"comes first to UDP port {self.listen_port}, from any computer that reaches it; set "
+            "controller_host to the controller's address"
+        )
+
+    @property
     def period_s(self) -> float:
         """The controller's control period, s."""
         default_ms = 48 if self.mode == "path-correction" else 4
@@ -198,10 +210,3 @@ class AbbEgmOptions(Options):
 
 def _is_below(low: tuple[float, ...], high: tuple[float, ...]) -> bool:
     return len(low) == len(high) and all(a < b for a, b in zip(low, high, strict=True))
-
-
-def _is_wildcard(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_unspecified
-    except ValueError:
-        return False

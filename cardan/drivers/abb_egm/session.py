@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from cardan.bounds import COORDINATE_M, JOINT_POSITION, OUTPUT_VALUE
 from cardan.drivers.abb_egm.counters import EgmCounters
 from cardan.drivers.abb_egm.diagnosis import diagnose
 from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
-from cardan.drivers.abb_egm.options import SILENT_PERIODS, AbbEgmOptions
+from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
-from cardan.drivers.robot_core import check_command
+from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
 from cardan.histogram import LatencyHistogram
 from cardan.protocols.egm import (
@@ -63,6 +64,17 @@ _REORDERED_MAX = 16
 _LATE_MAX = 250
 """A larger step back (1 s) is a restart, whatever the datagram's clock says."""
 
+NEW_PORT_SILENCE_S = 0.1
+"""Shortest silence of the controller after which another port of its address may be its own: a
+program on its computer must not take the robot over in a hiccup of the network."""
+_EARLY_DATAGRAMS = 4
+"""So many more than the silence allows may a new port have sent: the controller's clock and the
+network are not exact."""
+
+_LEAP, _LEAP_PER_S = math.tau, 30.0
+"""Farthest that an arm goes between two datagrams, rad or m, and by the second: a whole turn, and
+what all joints together may do. A nearer leap is for those to judge who know the arm."""
+
 _GAP_PERIODS = 1.5
 """Time since the last answer from which at least one period had none."""
 
@@ -98,6 +110,12 @@ class EgmSession:
         """Why the present session counts as a new one."""
         self.last_malformed = ""
         self.last_foreign = ""
+        self.last_foreign_counts_on = False
+        """Whether that was another port of the controller's address whose sequence began before
+        the controller fell silent."""
+        self.parting: tuple[bytes, Address] | None = None
+        """What the controller's port before is to be left with, and that port; the shell sends it
+        once, and sets None."""
         self.last_send_error = ""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two receptions from the controller's own period."""
@@ -110,6 +128,7 @@ class EgmSession:
         self._nominal_s = options.period_s
         self._lost_after_s = options.lost_after_s
         self._late_after_s = options.late_after_s
+        self._comm_timeout_s = options.comm_timeout_s
         self._joints = options.joints
         self._needs_pose = options.mode == "pose"
         self._needs_joints = options.mode == "joint"
@@ -159,9 +178,7 @@ class EgmSession:
         """Take one datagram; the robot's state if it is to be answered, None if it is refused."""
         peer = self.peer
         if source != peer and not self._admissible(source, now_s):
-            self.counters.foreign += 1
-            self._flood += 1
-            self.last_foreign = f"{source[0]}:{source[1]}"
+            self._refuse_foreign(source)
             return None
         feedback = self._reader.read(data)
         if isinstance(feedback, Malformed):
@@ -170,16 +187,32 @@ class EgmSession:
         seqno, tm_ms, joints, position, orientation, external, time_us, states, force, rate = (
             feedback
         )
+        if source != peer and peer is not None and not self._began_in_silence(seqno, now_s):
+            self._refuse_foreign(source, counts_on=True)
+            return None
         pose = None
         if position is not None and orientation is not None:
             pose = _pose(position, orientation, self._orientation)
         if (
-            (pose is None and self._needs_pose)
+            (self._needs_pose and (position is None or orientation is None))
             or (self._needs_joints and len(joints) != 6)
             or (self._needs_external and len(external) < self._needs_external)
         ):
             self.counters.malformed["incomplete"] += 1
             self.last_malformed = self._missing_field(feedback)
+            return None
+        if external:
+            joints, external = self._ordered(joints, external)
+        numbers = joints if position is None else joints + position
+        if external:
+            numbers += external
+        # The usual case by one comparison, which a NaN does not pass.
+        turn = orientation if self._needs_pose else None
+        usual = sum(map(abs, numbers)) <= _USUAL and (pose is not None or turn is None)
+        if not usual and (wrong := _implausible(joints, external, position, turn)):
+            self.counters.malformed["implausible"] += 1
+            self._flood += 1
+            self.last_malformed = wrong
             return None
         step = 1
         cause = ""
@@ -203,10 +236,17 @@ class EgmSession:
                 cause = f"the sequence number fell from {self._seqno} to {seqno}"
             elif (step - 1) * self._nominal_s > 2.0 * (now_s - self._last_s) + self._lost_after_s:
                 cause = f"the sequence number jumped from {self._seqno} to {seqno}"
-            else:
-                self.counters.lost += step - 1
+        if not cause:
+            if wrong := self._leap(joints, position, now_s):
+                self.counters.malformed["implausible"] += 1
+                self.last_malformed = wrong
+                return None
+            self.counters.lost += step - 1
         superseded = None
         if cause:
+            if peer is not None and source != peer:
+                last_words = self.farewell(now_s)
+                self.parting = None if last_words is None else (last_words, peer)
             self._begin(cause, source)
             period_s = self._nominal_s
             self._session_s = now_s
@@ -232,8 +272,6 @@ class EgmSession:
             self._enter(states)
         if pose is not None:
             self._orientation = pose.orientation
-        if external:
-            joints, external = self._ordered(joints, external)
         wrench = None
         if len(force) == 6:
             fx, fy, fz, tx, ty, tz = force
@@ -305,9 +343,38 @@ class EgmSession:
         """Whether a datagram from another source than the peer may be looked at."""
         if self.peer is None:
             return self._ip is None or source[0] == self._ip
-        # The controller's port may change, but not while the old one is still heard.
+        # The controller's port may change, but not while the old one is still heard, and only
+        # after a silence that `tick` has seen: one that the application slept through may be none.
         silence_s = now_s - self._last_s
-        return source[0] == self.peer[0] and silence_s >= SILENT_PERIODS * self._nominal_s
+        return source[0] == self.peer[0] and self._silent and silence_s >= NEW_PORT_SILENCE_S
+
+    def _began_in_silence(self, seqno: int, now_s: float) -> bool:
+        """Whether a sequence that has come to `seqno` began after the controller fell silent."""
+        return seqno <= (now_s - self._last_s) / self._nominal_s + _EARLY_DATAGRAMS
+
+    def _refuse_foreign(self, source: Address, counts_on: bool = False) -> None:
+        self.counters.foreign += 1
+        self._flood += 1
+        self.last_foreign = f"{source[0]}:{source[1]}"
+        self.last_foreign_counts_on = counts_on
+
+    def _leap(self, joints: tuple[float, ...], position: Vector3 | None, now_s: float) -> str:
+        """Why the robot cannot have come here from where it was measured last; empty: it can.
+
+        It is lost when it stays there, and a new session begins where it then is.
+        """
+        before = self.state
+        if before is None:
+            return ""
+        way = 0.0
+        if self._needs_joints:
+            way = math.dist(joints, before.joints)
+        elif position is not None and before.pose is not None:
+            way = math.dist(position, before.pose.position)
+        if way <= _LEAP + _LEAP_PER_S * (now_s - self._last_s):
+            return ""
+        unit = "rad" if self._needs_joints else "m"
+        return f"the measured position is {way:.3g} {unit} from the one before"
 
     def _refuse(self, malformed: Malformed) -> None:
         self.counters.malformed[malformed.fault.name.lower()] += 1
@@ -412,7 +479,8 @@ class EgmSession:
             self._needs_joints and len(joints) != self._joints
         ):
             return None
-        return state._replace(joints=joints, pose=pose)
+        heading = state._replace(joints=joints, pose=pose)
+        return None if implausible(heading) else heading
 
     def _follow_controller(self, state: RobotState, gap_s: float) -> None:
         """Update the reference for what the controller did by itself in `gap_s`."""
@@ -511,6 +579,7 @@ class EgmSession:
                 guidance.step(None, state, dt_s)
             else:
                 guidance.step(command, state, dt_s)
+        self.counters.answers += 1
         return self._encode(now_s)
 
     def hold(self, now_s: float) -> bytes:
@@ -538,13 +607,22 @@ class EgmSession:
     def farewell(self, now_s: float) -> bytes | None:
         """The message to leave the controller with: the last position, no speed.
 
-        None where the last message said that already, or no controller is known.
+        None where the last message said that already, no controller is known, or the controller's
+        run is over. It is no answer: neither counted as one nor timed.
         """
         if not (self.owes_answer or self._said_speed) or self.peer is None or self.state is None:
             return None
+        if self.is_over(now_s):
+            return None
         if self._replied_s == NEVER_S:
             self._guidance.reset(self.state)
+        self.counters.farewells += 1
         return self._encode(now_s, still=True)
+
+    def is_over(self, now_s: float) -> bool:
+        """Whether the run of the newest datagram is over: none came for the controller's
+        CommTimeout. What is sent then would be the first message to its next run."""
+        return now_s - self._last_s > self._comm_timeout_s
 
     @property
     def moving(self) -> bool:
@@ -563,7 +641,6 @@ class EgmSession:
         self._since_reply_s = 0.0
         self._answered = (self.state, self._data)
         self.owes_answer = False
-        self.counters.answers += 1
         return data
 
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
@@ -575,8 +652,8 @@ class EgmSession:
             raise CommandError("path correction carries no outputs; use pose or joint mode")
         if len(values) > DNUM_MAX:
             raise CommandError(f"values has {len(values)} numbers; EGM carries up to {DNUM_MAX}")
-        if not all(map(math.isfinite, values)):
-            raise CommandError(f"values is {tuple(values)}; every number must be finite")
+        if refused := outside("values", values, OUTPUT_VALUE):
+            raise CommandError(refused)
         before = self._outputs
         self._outputs = EgmRapidData(
             before.dig_val if digital is None else bool(digital),
@@ -632,6 +709,7 @@ class EgmSession:
             "sessions": self._sessions,
             "datagrams": counters.accepted,
             "answers": counters.answers,
+            "farewells": counters.farewells,
             "lost": counters.lost,
             "duplicates": counters.duplicates,
             "old": counters.old,
@@ -657,12 +735,31 @@ class EgmSession:
         return diagnose(self, now_s)
 
 
+_USUAL = COORDINATE_M.highest
+"""No number of a sum up to this is outside of its range."""
+
+
+def _implausible(
+    joints: tuple[float, ...],
+    external: tuple[float, ...],
+    position: Vector3 | None,
+    orientation: Quaternion | None,
+) -> str:
+    """Why no robot measures this, in words; empty where one may."""
+    return (
+        outside("feedBack.joints", joints, JOINT_POSITION)
+        or outside("feedBack.externalJoints", external, JOINT_POSITION)
+        or ("" if position is None else outside("feedBack.pos", position, COORDINATE_M))
+        or ("" if orientation is None else no_rotation("feedBack.orient", orientation))
+    )
+
+
 def _pose(position: Vector3, orientation: Quaternion, previous: Quaternion | None) -> Pose | None:
     """A pose with a unit quaternion on the side of `previous`; None where it is no rotation."""
     w, x, y, z = orientation
     squared = w * w + x * x + y * y + z * z
     if not -_ROUNDING < squared - 1.0 < _ROUNDING:
-        if not 0.5 < squared < 2.0:
+        if no_rotation("", orientation):
             return None
         w, x, y, z = orientation = normalized(orientation)
     if previous is not None:

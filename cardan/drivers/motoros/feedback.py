@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 
+from cardan.bounds import JOINT_POSITION, JOINT_VELOCITY
 from cardan.drivers.motoros.options import MotorosOptions
+from cardan.drivers.robot_core import outside
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
     ByteOrder,
@@ -23,8 +25,6 @@ from cardan.protocols.simple_message import (
 from cardan.protocols.simple_message.codes import MessageType
 from cardan.types import NEVER_S
 
-_ABSURD = 1e3
-"""Position, rad or m, that no joint has."""
 _KINDS_OF_IGNORED = 32
 """Most reasons that are counted separately."""
 
@@ -157,7 +157,7 @@ class StateFeed:
                 self._ignore("a feedback without positions")
             elif not all(map(math.isfinite, positions)):
                 self._ignore("a feedback with values that are not numbers")
-            elif max(map(abs, positions)) > _ABSURD:
+            elif outside("positions", positions, JOINT_POSITION):
                 self._ignore("a feedback that is beyond any joint's range")
             else:
                 self._bad = 0
@@ -170,6 +170,7 @@ class StateFeed:
                 self.feedbacks += 1
                 speeds = body.vel[:n]
                 told = self._trust_velocity and body.valid_fields & ValidFields.VELOCITY
-                self.velocities = speeds if told and all(map(math.isfinite, speeds)) else ()
+                plausible = told and not outside("velocities", speeds, JOINT_VELOCITY)
+                self.velocities = speeds if plausible else ()
         elif message.msg_type != MessageType.MOTO_JOINT_FEEDBACK_EX:
             self._ignore(f"{name_of(MessageType, message.msg_type)} on the state port")

@@ -21,7 +21,7 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Final
 
-from cardan.bounds import POSITIVE
+from cardan.bounds import JOINT_POSITION, JOINT_VELOCITY, POSITIVE
 from cardan.drivers.robot_core import check_numbers, wrong_kind
 from cardan.errors import CommandError, ConfigurationError
 from cardan.options import check_value
@@ -141,9 +141,9 @@ class JointGuide:
         Raises CommandError, and changes nothing, for a wrong length or what is not a sensible
         number.
         """
-        check_numbers("positions", positions, len(self._axes))
+        check_numbers("positions", positions, JOINT_POSITION, len(self._axes))
         if velocities is not None:
-            check_numbers("velocities", velocities, len(self._axes))
+            check_numbers("velocities", velocities, JOINT_VELOCITY, len(self._axes))
         self._following = False
         self._speedy = self._jerky = self._ranged = 0
         for i in self._axes:
@@ -183,15 +183,15 @@ class JointGuide:
         """
         if isinstance(command, JointCommand):
             forward = command.velocities
-            check_numbers("positions", command.positions, len(self._axes))
+            check_numbers("positions", command.positions, JOINT_POSITION, len(self._axes))
             if forward is not None:
-                check_numbers("velocities", forward, len(self._axes))
+                check_numbers("velocities", forward, JOINT_VELOCITY, len(self._axes))
             if command.external_axes:
                 raise CommandError("external_axes: the guide has none")
             if dt_s >= SHORTEST_STEP_S:
                 self._follow(command.positions, forward, min(dt_s, LONGEST_STEP_S))
         elif isinstance(command, JointVelocityCommand):
-            check_numbers("velocities", command.velocities, len(self._axes))
+            check_numbers("velocities", command.velocities, JOINT_VELOCITY, len(self._axes))
             if dt_s >= SHORTEST_STEP_S:
                 self._following = False
                 self._wanted[:] = command.velocities

@@ -362,8 +362,8 @@ class MotorosSession:
         check_command("MotoROS", command, self._check)
 
     def _check(self, command: RobotCommand) -> None:
-        for name, values in joint_values("MotoROS", command, KINDS):
-            check_numbers(name, values, self.feed.joints)
+        for name, values, allowed in joint_values("MotoROS", command, KINDS):
+            check_numbers(name, values, allowed, self.feed.joints)
 
     # -- diagnosis --------------------------------------------------------------------------------
 

@@ -92,6 +92,7 @@ class SimArmOptions(Options):
         host, _, port = self.endpoint.rpartition(":")
         good = host and port.isdecimal() and int(port) in bounds.PORT
         require(good, "endpoint", self.endpoint, "HOST:PORT, as 127.0.0.1:6520")
+        require(host in bounds.HOST, "endpoint", self.endpoint, f"HOST:PORT with {bounds.HOST}")
         return host, int(port)
 
     @property

@@ -197,7 +197,8 @@ class SimArmSession(DatagramSession[ArmState]):
         check_command("the simulated arm", command, self._check)
 
     def _check(self, command: RobotCommand) -> None:
-        for name, values in joint_values("the simulated arm", command, self.capabilities.commands):
+        kinds = self.capabilities.commands
+        for name, values, _ in joint_values("the simulated arm", command, kinds):
             check_count(name, values, self._joints)
             self._within(name, values, *self._ranges[name])
 

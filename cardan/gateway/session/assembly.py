@@ -494,6 +494,17 @@ def _read_part(kind: type[Part], path: Path) -> Part:
     return read_table(kind, {key: each for key, each in read_toml(path).items() if key in keys})
 
 
+def cautions(config: SessionConfig) -> list[str]:
+    """What the drivers say of their options that are allowed and rarely should be."""
+    drivers = {"robot": config.robot, "device": config.device}
+    return [
+        f"{key}: {words}"
+        for key, table in drivers.items()
+        if table is not None
+        for words in make_driver(table, key).cautions()
+    ]
+
+
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
     config = parse_config(read_toml(path))

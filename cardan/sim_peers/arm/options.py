@@ -147,7 +147,7 @@ class SimulatedArmOptions(Options):
     robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
     """As :func:`cardan.robots.load_arm` takes it."""
     plant: PlantOptions = field(default_factory=PlantOptions)
-    host: Annotated[str, bounds.HOST] = option(
+    host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1",
         "Where it takes commands; port 0: any.",
         name="listen",

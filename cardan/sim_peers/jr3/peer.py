@@ -39,7 +39,7 @@ class Jr3PeerOptions(HandOptions):
     )
     serve_socketcand: bool = option(False, "Serve a bus of its own, by socketcand's protocol.")
     """Instead of joining one: at `host` and `port`; needs no python-can."""
-    host: Annotated[str, bounds.HOST] = option(
+    host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1", "Address of socketcand, served or joined.", metavar="HOST"
     )
     port: Annotated[int, bounds.ANY_PORT] | None = option(

@@ -28,7 +28,7 @@ JITTER = Range(0.0, 0.9, "", "a frame comes before the next one")
 class LeapPeerOptions(HandOptions):
     """What to simulate and where. Raises OptionError for a value that is not allowed."""
 
-    host: Annotated[str, bounds.HOST] = option(
+    host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1", "The address it listens on.", metavar="HOST"
     )
     port: Annotated[int, bounds.ANY_PORT] = option(PORT, "Its port; 0: any.", metavar="PORT")

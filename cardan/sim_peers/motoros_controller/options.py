@@ -45,7 +45,7 @@ class MotorosControllerOptions(Options):
     groups: Annotated[int, GROUPS] = option(
         1, "Control groups, each with such an arm.", metavar="1..4"
     )
-    host: Annotated[str, bounds.HOST] = option(
+    host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1", "The address it listens on.", metavar="HOST"
     )
     base_port: Annotated[int, BASE_PORT] = option(

@@ -95,7 +95,7 @@ class SpaceMousePeerOptions(HandOptions):
     """The kernel's file."""
     physical_path: str = "cardan/uhid"
     """Physical location that the kernel gets for the device of `uhid`, to distinguish several."""
-    host: Annotated[str, bounds.HOST] = "127.0.0.1"
+    host: Annotated[str, bounds.LISTEN_HOST] = "127.0.0.1"
     """Address to listen on for USB/IP."""
     bus_id: Annotated[str, BUS_ID] = "1-1"
     """What the host calls the device that it attaches over USB/IP."""

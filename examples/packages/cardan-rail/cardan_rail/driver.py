@@ -26,7 +26,6 @@ from cardan_rail.protocol import (
     LARGEST_STATE,
     PERIOD_S,
     Condition,
-    Positions,
     RailCommand,
     RailState,
     decode_state,
@@ -89,18 +88,12 @@ class RailSession(DatagramSession[RailState]):
         return decode_state(data)
 
     def _begin(self, message: RailState) -> None:
-        self._rest(message.positions)
-
-    def _rest(self, positions: Positions) -> None:
-        """The axes are not where they were commanded to be, and are not commanded now."""
-        self._limiter.reset(positions)
+        self._limiter.reset(message.positions)
         self._lost.reset()
         self._asked = self._answered = None
 
     def _state_of(self, message: RailState, before: RailState | None, now_s: float) -> RobotState:
         cycles = 1 if before is None else (message.sequence - before.sequence) & 0xFFFFFFFF
-        if message.condition is not Condition.FOLLOWING:
-            self._rest(message.positions)
         return RobotState(
             stamp_s=now_s,
             link=RobotLink.LIVE,
@@ -114,8 +107,9 @@ class RailSession(DatagramSession[RailState]):
         )
 
     def check(self, command: RobotCommand) -> None:
-        for name, values in joint_values("the rail", command, self.capabilities.commands):
-            check_numbers(name, values, AXES, "axes")
+        kinds = self.capabilities.commands
+        for name, values, allowed in joint_values("the rail", command, kinds):
+            check_numbers(name, values, allowed, AXES, "axes")
 
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
         """The answer to the newest state; a second one to the same state is none."""

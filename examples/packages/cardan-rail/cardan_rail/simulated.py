@@ -154,7 +154,7 @@ class RailController:
 class RailPeerOptions:
     """Where the controller listens, and what goes wrong."""
 
-    host: Annotated[str, bounds.HOST] = option(
+    host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1",
         "Where it takes commands; port 0: any.",
         name="listen",
