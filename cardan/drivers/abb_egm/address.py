@@ -8,19 +8,16 @@ import socket
 from pathlib import Path
 
 from cardan.errors import AddressError
+from cardan.sockets import opened
 
 _FIRST_UNPRIVILEGED_PORT = 1024
 
 
 def bind_udp(host: str, port: int) -> socket.socket:
     """A UDP socket bound to an IPv4 `host` and `port`. AddressError says what to do instead."""
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        sock.bind((host, port))
-    except OSError as error:
-        sock.close()
-        raise AddressError(_explain(host, port, error)) from error
-    return sock
+    return opened(
+        host, port, socket.SOCK_DGRAM, socket.socket.bind, lambda error: _explain(host, port, error)
+    )
 
 
 def resolve(host: str) -> str:
