@@ -22,6 +22,7 @@ LEAVES = {
     "haptics",
     "plugins",
     "sockets",
+    "files",
     "__init__",
 }
 
