@@ -23,6 +23,7 @@ LEAVES = {
     "plugins",
     "sockets",
     "files",
+    "printable",
     "__init__",
 }
 

@@ -28,6 +28,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import KILL_AFTER_S, supervise
 from cardan.gateway.session.unattended import check_unattended, check_words
 from cardan.gateway.session.view import SessionView, missed_cycles, summary
+from cardan.printable import printable
 
 EXIT_INCOMPLETE = 4
 
@@ -75,7 +76,7 @@ def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
             yield _endpoint(process, shlex.join(words[:2]))
         except BaseException:
             log.seek(0)
-            sys.stderr.write(log.read()[-2000:])
+            sys.stderr.write(printable(log.read()[-2000:], "\n"))
             raise
         finally:
             process.terminate()
@@ -224,7 +225,7 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
             f"allowed: {demo.shortest_s:g} or more",
         )
     with SessionView() as view:
-        view.console.print(demo.description)
+        view.console.print(demo.description, markup=False)
         with simulated_hardware(demo, seconds) as (config, through):
             outcome = supervise(config, seconds, view.show, through=through)
     if outcome.exit_code == EXIT_OK or outcome.last.cycles:
@@ -240,5 +241,5 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
     for line in problems:
         print(f"cardan demo: {line}", file=sys.stderr)
     if not problems:
-        view.console.print(_success(demo, outcome.last, options))
+        view.console.print(_success(demo, outcome.last, options), markup=False)
     return EXIT_INCOMPLETE if problems else EXIT_OK

@@ -28,6 +28,7 @@ from cardan.gateway.force.link import (
 from cardan.gateway.force.sources import ForceSource, PointVelocity
 from cardan.gateway.session.assembly import make_conditioner, make_source
 from cardan.gateway.session.config import ForceConfig
+from cardan.printable import printable
 from cardan.realtime import ask_for_real_time
 from cardan.sockets import absence, connected
 from cardan.spatial import add, norm
@@ -143,7 +144,7 @@ def _serve(session: socket.socket, node: ForceNode, ended: threading.Event, end_
             continue  # The session has ended, or refuses: the next packet says which.
         if node.reason != said and now_s >= say_s:
             said, say_s = node.reason, now_s + SAY_S
-            print(said or "the measured force is there", flush=True)
+            print(printable(said) or "the measured force is there", flush=True)
     return sent
 
 

@@ -46,6 +46,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.worker import RequestWorker
 from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
+from cardan.printable import make_logs_printable
 from cardan.realtime import ask_for_real_time
 from cardan.spatial import norm, subtract
 from cardan.types import (
@@ -440,6 +441,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--channel-fd", type=int, required=True)
     parser.add_argument("--seconds", type=float, default=math.inf)
     options = parser.parse_args(arguments)
+    make_logs_printable()
     channel = socket.socket(fileno=options.channel_fd)
     channel.setblocking(False)
     table: dict[str, Any] = json.load(sys.stdin)
