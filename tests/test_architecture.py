@@ -24,6 +24,7 @@ LEAVES = {
     "sockets",
     "files",
     "printable",
+    "shortage",
     "__init__",
 }
 

@@ -48,6 +48,7 @@ from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
 from cardan.printable import make_logs_printable
 from cardan.realtime import ask_for_real_time
+from cardan.shortage import shortage
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,
@@ -466,6 +467,10 @@ def main(arguments: list[str] | None = None) -> int:
         code, last.error = EXIT_CANNOT_OPEN, str(error)
     except CardanError as error:
         last.error = str(error)
+    except Exception as error:
+        last.error = shortage(error)
+        if not last.error:
+            raise
     if last.error:
         last.finished = True
         channel.setblocking(True)
