@@ -62,10 +62,11 @@ machine that keeps up; on one without real-time scheduling 1 % of the delays are
 @contextlib.contextmanager
 def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
     """Run ``cardan WORDS``, which prints READY, in `folder` (None: here); gives its endpoint once
-    it serves, and ends it after."""
+    it serves, and ends it after. If this process is killed, it ends and `folder` is removed."""
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(
-            [*CARDAN, *words],
+            [sys.executable, "-m", "cardan.gateway.session.leashed", str(folder or ""), *words],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
@@ -85,8 +86,9 @@ def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-            assert process.stdout is not None
-            process.stdout.close()
+            for pipe in (process.stdin, process.stdout):
+                assert pipe is not None
+                pipe.close()
 
 
 def _endpoint(process: subprocess.Popen[str], name: str) -> str:
@@ -109,21 +111,22 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
 
     Gives the session's configuration, and the command that it is run through (see `supervise`).
     """
-    # Should this process be killed, its peers still end by themselves.
+    # Should this process be stopped for ever, its peers still end by themselves.
     until = ("--seconds", str(seconds + READY_WITHIN_S + KILL_AFTER_S))
     through: Sequence[str] = ()
     if demo.launcher:
         through = (*CARDAN, *check_words(demo, "launcher", shlex.split(demo.launcher)), "--")
-    with (
-        tempfile.TemporaryDirectory(prefix="cardan-demo-") as folder,
-        contextlib.ExitStack() as peers,
-    ):
-        tables, launches = demo.prepare(Path(folder))
+    with contextlib.ExitStack() as peers:
+        folder = Path()
+        if demo.launch or demo.files:
+            made = tempfile.TemporaryDirectory(prefix="cardan-demo-")
+            folder = Path(peers.enter_context(made))
+        tables, launches = demo.prepare(folder)
         config = parse_config(tables)
         check_unattended(demo, config)
         launches = [check_words(demo, "launch", words) for words in launches]
         for words in launches:
-            peers.enter_context(launched(*words, *until, folder=Path(folder)))
+            peers.enter_context(launched(*words, *until, folder=folder))
         yield config, through
 
 

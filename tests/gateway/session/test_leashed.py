@@ -1,0 +1,90 @@
+"""A demo that is killed leaves no process and no folder behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from pathlib import Path
+
+import pytest
+
+from cardan.gateway.session.demo import launched
+
+pytestmark = pytest.mark.realtime
+
+GONE_WITHIN_S = 20.0
+MARK = "CARDAN_TEST_MARK"
+LEASHED = (sys.executable, "-m", "cardan.gateway.session.leashed")
+
+
+def marked(mark):
+    """The processes that have `mark` in their environment."""
+    found = []
+    for process in Path("/proc").iterdir():
+        if process.name.isdigit():
+            try:
+                if f"{MARK}={mark}".encode() in (process / "environ").read_bytes():
+                    found.append(int(process.name))
+            except OSError:
+                continue
+    return found
+
+
+def until(condition):
+    give_up_s = time.monotonic() + GONE_WITHIN_S
+    while not condition() and time.monotonic() < give_up_s:
+        time.sleep(0.02)
+    return condition()
+
+
+@pytest.fixture
+def mark():
+    made = uuid.uuid4().hex
+    yield made
+    for process in marked(made):
+        os.kill(process, signal.SIGKILL)
+
+
+@pytest.mark.parametrize("name", ["gofa", "omni", "omni-sphere"])
+@pytest.mark.parametrize("early", [True, False], ids=["early", "running"])
+def test_a_killed_demo_takes_everything_with_it(name, early, mark, tmp_path):
+    environment = {**os.environ, MARK: mark, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen(
+        [sys.executable, "-m", "cardan", "demo", name, "--seconds", "60"],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    ) as demo:
+        if early:
+            assert until(lambda: len(marked(mark)) > 1)
+        else:
+            while b"moving" not in demo.stdout.readline():
+                pass
+            assert len(marked(mark)) > 2
+        demo.send_signal(signal.SIGKILL)
+    assert until(lambda: not marked(mark))
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_command_whose_launcher_is_gone_already_ends(mark, tmp_path):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    done = subprocess.run(
+        [*LEASHED, str(folder), "sim", "spacemouse", "--hid", "s"],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        timeout=GONE_WITHIN_S,
+    )
+    assert done.returncode in (0, 128 + signal.SIGTERM)
+    assert not folder.exists()
+
+
+def test_a_launcher_that_ends_it_keeps_its_folder(tmp_path):
+    with launched("sim", "spacemouse", "--hid", "s", folder=tmp_path):
+        assert (tmp_path / "s").exists()
+    assert os.listdir(tmp_path) == []
