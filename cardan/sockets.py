@@ -12,6 +12,7 @@ import os
 import socket
 import stat
 import struct
+import tempfile
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
@@ -165,6 +166,35 @@ def user_of(peer: socket.socket) -> int | None:
     data = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     user: int = _CREDENTIALS.unpack(data)[1]
     return user
+
+
+def runtime_path(name: str) -> str:
+    """Where a socket `name` of this user's programs is, unless another path is given.
+
+    In the folder that the system keeps for that, XDG_RUNTIME_DIR; without one in the folder
+    cardan-UID among the temporary files.
+    """
+    folder = os.environ.get("XDG_RUNTIME_DIR", "")
+    if not os.path.isabs(folder):
+        user = os.getuid() if hasattr(os, "getuid") else 0
+        folder = os.path.join(tempfile.gettempdir(), f"cardan-{user}")
+    return os.path.join(folder, name)
+
+
+def make_runtime_folder() -> None:
+    """Make the folder of `runtime_path`, unless it is there. Raises AddressError where another user
+    may change what is in it."""
+    folder = os.path.dirname(runtime_path(""))
+    try:
+        with contextlib.suppress(FileExistsError):
+            os.mkdir(folder, 0o700)
+        status = os.lstat(folder)
+    except OSError as error:
+        raise AddressError(f"cannot make the folder {folder}: {error.strerror}") from None
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o22:
+        raise AddressError(
+            f"{folder} is no folder that only you can change: remove it, or give another path"
+        )
 
 
 def absence(path: str, what: str = "socket") -> str:
