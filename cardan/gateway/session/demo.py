@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import math
+import secrets
 import selectors
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -117,14 +119,15 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
     if demo.launcher:
         through = (*CARDAN, *check_words(demo, "launcher", shlex.split(demo.launcher)), "--")
     with contextlib.ExitStack() as peers:
-        folder = Path()
-        if demo.launch or demo.files:
-            made = tempfile.TemporaryDirectory(prefix="cardan-demo-")
-            folder = Path(peers.enter_context(made))
+        folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(8)}")
         tables, launches = demo.prepare(folder)
         config = parse_config(tables)
         check_unattended(demo, config)
         launches = [check_words(demo, "launch", words) for words in launches]
+        if demo.launch or demo.files:
+            # As late as can be: until a peer runs nobody removes it if this process is killed.
+            folder.mkdir(0o700)
+            peers.callback(shutil.rmtree, folder, ignore_errors=True)
         for words in launches:
             peers.enter_context(launched(*words, *until, folder=folder))
         yield config, through

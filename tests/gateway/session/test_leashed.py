@@ -49,13 +49,22 @@ def mark():
         os.kill(process, signal.SIGKILL)
 
 
-@pytest.mark.parametrize("name", ["gofa", "omni", "omni-sphere"])
-@pytest.mark.parametrize("early", [True, False], ids=["early", "running"])
-def test_a_killed_demo_takes_everything_with_it(name, early, mark, tmp_path):
-    environment = {**os.environ, MARK: mark, "TMPDIR": str(tmp_path)}
+@pytest.mark.parametrize(
+    ("name", "early", "number"),
+    [
+        *((name, early, "KILL") for name in ("gofa", "omni", "omni-sphere") for early in (0, 1)),
+        ("gofa", 0, "QUIT"),
+    ],
+)
+def test_a_killed_demo_takes_everything_with_it(name, early, number, mark, tmp_path):
+    folder, elsewhere = tmp_path / "folder", tmp_path / "elsewhere"
+    folder.mkdir()
+    elsewhere.mkdir()
+    environment = {**os.environ, MARK: mark, "TMPDIR": str(folder)}
     with subprocess.Popen(
         [sys.executable, "-m", "cardan", "demo", name, "--seconds", "60"],
         env=environment,
+        cwd=elsewhere,  # There may be a core dump.
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
     ) as demo:
@@ -65,9 +74,9 @@ def test_a_killed_demo_takes_everything_with_it(name, early, mark, tmp_path):
             while b"moving" not in demo.stdout.readline():
                 pass
             assert len(marked(mark)) > 2
-        demo.send_signal(signal.SIGKILL)
+        demo.send_signal(signal.Signals[f"SIG{number}"])
     assert until(lambda: not marked(mark))
-    assert os.listdir(tmp_path) == []
+    assert os.listdir(folder) == []
 
 
 def test_a_command_whose_launcher_is_gone_already_ends(mark, tmp_path):
