@@ -119,7 +119,7 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
     if demo.launcher:
         through = (*CARDAN, *check_words(demo, "launcher", shlex.split(demo.launcher)), "--")
     with contextlib.ExitStack() as peers:
-        folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(8)}")
+        folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(4)}")
         tables, launches = demo.prepare(folder)
         config = parse_config(tables)
         check_unattended(demo, config)

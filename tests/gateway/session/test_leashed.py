@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import uuid
 from pathlib import Path
@@ -49,6 +50,13 @@ def mark():
         os.kill(process, signal.SIGKILL)
 
 
+@pytest.fixture
+def folder():
+    """One with a short path: the paths of sockets have 107 bytes at most."""
+    with tempfile.TemporaryDirectory() as made:
+        yield Path(made)
+
+
 @pytest.mark.parametrize(
     ("name", "early", "number"),
     [
@@ -56,30 +64,27 @@ def mark():
         ("gofa", 0, "QUIT"),
     ],
 )
-def test_a_killed_demo_takes_everything_with_it(name, early, number, mark, tmp_path):
-    folder, elsewhere = tmp_path / "folder", tmp_path / "elsewhere"
-    folder.mkdir()
-    elsewhere.mkdir()
+def test_a_killed_demo_takes_everything_with_it(name, early, number, mark, folder, tmp_path):
     environment = {**os.environ, MARK: mark, "TMPDIR": str(folder)}
     with subprocess.Popen(
         [sys.executable, "-m", "cardan", "demo", name, "--seconds", "60"],
         env=environment,
-        cwd=elsewhere,  # There may be a core dump.
+        cwd=tmp_path,  # There may be a core dump.
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
     ) as demo:
         if early:
             assert until(lambda: len(marked(mark)) > 1)
         else:
-            while b"moving" not in demo.stdout.readline():
-                pass
+            while b"moving" not in (line := demo.stdout.readline()):
+                assert line, "the demo has ended"
             assert len(marked(mark)) > 2
         demo.send_signal(signal.Signals[f"SIG{number}"])
     assert until(lambda: not marked(mark))
     assert os.listdir(folder) == []
 
 
-def test_a_command_whose_launcher_is_gone_already_ends(mark, tmp_path):
+def test_a_command_whose_launcher_is_gone_already_ends(tmp_path):
     folder = tmp_path / "folder"
     folder.mkdir()
     done = subprocess.run(
