@@ -44,9 +44,9 @@ def main() -> None:
     def leave(_number: int, _frame: FrameType | None) -> None:
         sys.exit(128 + signal.SIGTERM)
 
-    signal.signal(signal.SIGTERM, leave)  # Until the command has its own.
-    threading.Thread(target=watch, name="cardan-leash", daemon=True).start()
     try:
+        signal.signal(signal.SIGTERM, leave)  # Until the command has its own.
+        threading.Thread(target=watch, name="cardan-leash", daemon=True).start()
         run("cardan.cli")
     finally:
         clean_up()
