@@ -112,10 +112,11 @@ class UnixSocket:
             os.chmod(path, mode)
         except OSError as error:
             self.sock.close()
-            why = absence(path) or error.strerror or str(error)
-            raise AddressError(f"cannot create the socket {path!r}: {why}; {advice.refused}") from (
-                None
-            )
+            why = error.strerror or str(error)
+            if folder := _missing_folder(path):
+                why = f"there is no directory {folder}"
+            problem = f"cannot create the socket {path!r}: {why}; {advice.refused}"
+            raise AddressError(problem) from None
 
     def close(self) -> None:
         """Close it and remove its path, if that is still ours. Never raises; twice is fine."""
@@ -200,10 +201,15 @@ def make_runtime_folder() -> None:
 def absence(path: str, what: str = "socket") -> str:
     """What is missing on the way to `path`, which may be relative; empty: it is there."""
     whole = os.path.abspath(path)
-    folder = os.path.dirname(whole)
-    if not os.path.isdir(folder):
-        return f"there is no directory {folder}"
-    return "" if os.path.lexists(whole) else f"there is no {what} at {whole}"
+    if os.path.lexists(whole):
+        return ""
+    folder = _missing_folder(path)
+    return f"there is no {what} at {whole}" + (f", and no directory {folder}" if folder else "")
+
+
+def _missing_folder(path: str) -> str:
+    folder = os.path.dirname(os.path.abspath(path))
+    return "" if os.path.isdir(folder) else folder
 
 
 def _identity(path: str) -> tuple[int, int]:

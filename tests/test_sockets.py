@@ -69,6 +69,11 @@ class TestPath:
         with pytest.raises(AddressError, match="give a short path in a directory"):
             taken(str(tmp_path / name))
 
+    def test_a_directory_that_is_missing_is_named(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        with pytest.raises(AddressError, match=f"there is no directory {tmp_path}/no/such; give"):
+            taken("no/such/device")
+
     def test_only_what_is_still_ours_is_removed(self, path):
         first = taken(path)
         os.unlink(path)
@@ -145,6 +150,8 @@ class TestTrust:
 def test_what_is_missing_is_named_in_full(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert absence("no.sock") == f"there is no socket at {tmp_path}/no.sock"
-    assert absence("no/such.sock") == f"there is no directory {tmp_path}/no"
+    assert absence("no/such.sock") == (
+        f"there is no socket at {tmp_path}/no/such.sock, and no directory {tmp_path}/no"
+    )
     (tmp_path / "there").touch()
     assert absence("there") == ""
