@@ -14,10 +14,13 @@ _FIRST_UNPRIVILEGED_PORT = 1024
 
 
 def bind_udp(host: str, port: int) -> socket.socket:
-    """A UDP socket bound to an IPv4 `host` and `port`. AddressError says what to do instead."""
-    return opened(
+    """A blocking UDP socket bound to an IPv4 `host` and `port`. AddressError says what to do
+    instead."""
+    sock = opened(
         host, port, socket.SOCK_DGRAM, socket.socket.bind, lambda error: _explain(host, port, error)
     )
+    sock.setblocking(True)
+    return sock
 
 
 def resolve(host: str) -> str:
