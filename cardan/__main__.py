@@ -1,5 +1,12 @@
 """``python -m cardan`` is the ``cardan`` command."""
 
-from cardan.cli import main
+from cardan.shortage import run
 
-main()
+
+def main() -> None:
+    """Run the command line."""
+    run("cardan.cli")
+
+
+if __name__ == "__main__":
+    main()

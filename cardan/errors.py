@@ -36,8 +36,12 @@ import reprlib
 from collections.abc import Iterator
 from typing import Any
 
+from cardan.printable import printable
+
 _MOST_SHOWN = 300
 """Characters of a value, or of a key, in a message: enough for 40 numbers, which EGM carries."""
+_LINE_END = "\n"
+"""Stays in messages of several lines, as those about a file."""
 _PLAIN_BITS = 256
 """Python refuses to write whole numbers of more than 4300 digits."""
 
@@ -69,15 +73,6 @@ def _bounded(text: str) -> str:
     return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 3]}..."
 
 
-def _escaped(text: str) -> str:
-    """`text` without what a terminal takes for a command: only line ends stay."""
-    if text.isprintable():
-        return text
-    return "".join(
-        each if each.isprintable() or each == "\n" else repr(each)[1:-1] for each in text
-    )
-
-
 def _restored(kind: type[CardanError], arguments: tuple[Any, ...]) -> CardanError:
     return kind.__new__(kind, *arguments)
 
@@ -104,13 +99,13 @@ class ConfigurationError(CardanError, ValueError):
     """A setting is wrong. `key` is its dotted path ("limits.linear_speed_m_s")."""
 
     def __init__(self, key: str, message: str) -> None:
-        super().__init__(_escaped(f"{_bounded(key)}: {message}" if key else message))
+        super().__init__(printable(f"{_bounded(key)}: {message}" if key else message, _LINE_END))
         self.key = key
 
     @property
     def message(self) -> str:
         """What is wrong, without the key."""
-        return str(self).removeprefix(f"{_escaped(_bounded(self.key))}: ")
+        return str(self).removeprefix(f"{printable(_bounded(self.key), _LINE_END)}: ")
 
     def below(self, table: str) -> ConfigurationError:
         """The same error, of a setting in `table`."""

@@ -11,13 +11,17 @@ from importlib.metadata import EntryPoint
 from typing import Any, Generic, TypeVar
 
 from cardan.errors import CardanError, ConfigurationError
+from cardan.printable import printable
+from cardan.shortage import shortage
 
 T = TypeVar("T")
 
 
 def reason(error: BaseException) -> str:
     """What went wrong in a plug-in, in one line."""
-    words = " ".join(str(error).split())
+    if lacking := shortage(error):
+        return lacking
+    words = printable(" ".join(str(error).split()))
     return words if isinstance(error, CardanError) else f"{type(error).__name__}: {words}"
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
+from cardan import files
 from cardan.errors import ConfigurationError, OptionError, shown
 from cardan.options import CODE_ONLY, choices, hints, refusal, suggestion
 
@@ -48,10 +49,10 @@ class AtMost(NamedTuple):
     most: int
 
 
-def read_text(path: Path) -> str:
-    """The text of a file. Raises ConfigurationError."""
+def read_text(path: Path, most_bytes: int = files.TEXT_BYTES) -> str:
+    """The text of a file, of at most `most_bytes`. Raises ConfigurationError."""
     try:
-        return path.read_text("utf-8")
+        return files.read_text(path, most_bytes)
     except OSError as error:
         raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:  # Not UTF-8, or a path that is none.

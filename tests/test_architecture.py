@@ -22,6 +22,9 @@ LEAVES = {
     "haptics",
     "plugins",
     "sockets",
+    "files",
+    "printable",
+    "shortage",
     "__init__",
 }
 

@@ -30,6 +30,7 @@ from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, OptionError, ScriptError
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.printable import make_logs_printable, printable
 from cardan.types import DeviceLink, RobotLink
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    make_logs_printable()
     try:
         sys.exit(app(standalone_mode=False))
     except (ConfigurationError, ScriptError, CaptureError) as error:
@@ -82,7 +84,8 @@ def main() -> None:
 
 
 def _fail(error: CardanError, code: int) -> None:
-    print(f"cardan: {error}", file=sys.stderr)
+    keep = "\n" if isinstance(error, ConfigurationError) else ""
+    print(f"cardan: {printable(str(error), keep)}", file=sys.stderr)
     sys.exit(code)
 
 
@@ -199,17 +202,17 @@ def check(file: ConfigFile) -> None:
             f"{math.degrees(mapping.angular_speed_rad_s):.0f} deg/s, {mapping.frame.value} axes"
         )
     for each in make_filters(config):
-        print(f"  filter   {each.name}: {each.describe()}")
+        print(f"  filter   {each.name}: {printable(each.describe())}")
     if config.arm is not None:
         around = (
             f", {len(config.obstacles)} obstacles" if config.arm.collisions else ", collisions OFF"
         )
-        print(f"  arm      {config.arm.model}, policy {config.arm.policy.value}{around}")
+        print(f"  arm      {printable(config.arm.model)}, policy {config.arm.policy.value}{around}")
     if config.fixtures:
         print(f"  fixtures {', '.join(each.shape for each in config.fixtures)}")
     force = config.force
     if force.source == "remote":
-        print(f"  force    remote, by a force node at {force.socket}")
+        print(f"  force    remote, by a force node at {printable(force.socket)}")
     elif force.source != "none":
         print(f"  force    {force.source}, {force.scale:g} N for each N of the robot")
     print(

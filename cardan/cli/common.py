@@ -14,6 +14,7 @@ from rich.text import Text
 
 from cardan.errors import OptionError
 from cardan.plugins import Loaded
+from cardan.printable import printable
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -39,14 +40,15 @@ Seconds = Annotated[
 def print_unusable(found: Loaded[Any]) -> None:
     """Print a line for each plug-in that cannot be loaded or is not used."""
     for name, why in found.refused.items():
-        print(f"{name}  {why}")
+        print(f"{printable(name)}  {printable(why)}")
     for note in found.notes:
-        print(note)
+        print(printable(note))
 
 
 def print_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     """Print rows of cells under their columns' names."""
     table = Table(*columns, box=None)
     for cells in rows:
-        table.add_row(*map(Text, cells))  # What stands in brackets is no markup.
+        # What stands in brackets is no markup.
+        table.add_row(*(Text(printable(cell)) for cell in cells))
     Console().print(table)

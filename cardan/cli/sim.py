@@ -18,6 +18,7 @@ from cardan.bounds import ANY_PORT
 from cardan.cli.common import Seconds, print_table, print_unusable
 from cardan.errors import ConfigurationError, OptionError
 from cardan.plugins import reason
+from cardan.printable import PrintableFormatter
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import parse_faults
 from cardan.sim_peers.command import Option, PeerCommand, name_and_unit, option_of
@@ -268,9 +269,9 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
                 values[peer.Options][field] = faults
             else:
                 values[peer.Options][field] = value
-        logging.basicConfig(
-            stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s"
-        )
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(PrintableFormatter("%(asctime)s %(name)s: %(message)s"))
+        logging.basicConfig(handlers=[handler], level=logging.INFO)
         try:
             code = peer.run(_made(peer.Options, values), seconds)
         except ConfigurationError as error:

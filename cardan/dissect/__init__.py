@@ -26,6 +26,7 @@ from cardan.dissect.ports import EGM_PORTS, SIMPLE_MESSAGE_PORTS
 from cardan.dissect.reader import Dissector, PacketLine, ProtocolReader
 from cardan.dissect.statistics import tally
 from cardan.errors import CaptureError, ConfigurationError
+from cardan.printable import printable
 
 __all__ = [
     "EGM_PORTS",
@@ -77,7 +78,7 @@ def dissect_file(
         for packet, line in lines:
             if not summary:
                 time_s = (packet.time_ns - start_ns) / 1e9
-                print(f"#{packet.number} {time_s:.6f} {line}", file=out)
+                print(f"#{packet.number} {time_s:.6f} {printable(line)}", file=out)
 
     try:
         for packet in Capture(path):
@@ -106,7 +107,7 @@ def dissect_file(
     malformed = {d.name: r.malformed.total() for d, r in readers.by_dissector.items()}
     counts = Counts(packets, readers.messages, malformed, others.total())
     for line in _summary(readers, counts, others):
-        print(line, file=out)
+        print(printable(line), file=out)
     if stopped:
         print(f"stopped at the limit of {limit}; the rest of the capture is not read", file=out)
     if damage is not None:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple, cast
 
 from cardan.errors import CaptureError
+from cardan.files import open_file
 
 MAX_BLOCK_BYTES = 256 * 2**20
 """Twice what libpcap lets a USB capture have; a longer block is a damaged length."""
@@ -77,7 +78,7 @@ class Capture:
 
     def __iter__(self) -> Iterator[CapturedPacket]:
         try:
-            with open(self.path, "rb") as stream:
+            with open_file(self.path) as stream:
                 yield from self._packets(stream)
         except FileNotFoundError:
             raise CaptureError(f"{self.path}: there is no such file") from None

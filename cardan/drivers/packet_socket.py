@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from cardan.errors import DeviceAccessError
+from cardan.sockets import absence, connected
 
 TIMEOUT_S = 1.0
 """Longest wait for a connection or a write; a running program takes both at once."""
@@ -16,18 +17,6 @@ _ROOM = 4096
 """Size of every read: one that is too small loses the rest of the packet."""
 
 L = TypeVar("L")
-
-
-def connect(path: str) -> socket.socket:
-    """A socket connected to the one at `path`. Raises OSError."""
-    peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    try:
-        peer.settimeout(TIMEOUT_S)
-        peer.connect(path)
-    except OSError:
-        peer.close()
-        raise
-    return peer
 
 
 def require_unix_sockets() -> None:
@@ -43,7 +32,7 @@ def open_simulated(name: str, path: str, link: Callable[[str], L]) -> L:
         return link(path)
     except OSError as error:
         raise DeviceAccessError(
-            f"cannot open {name} at {path}: {error.strerror or error}; "
+            f"cannot open {name} at {path}: {absence(path) or error.strerror or error}; "
             "is its simulated device running?"
         ) from None
 
@@ -52,7 +41,7 @@ class PacketSocket:
     """A connection to the socket at `path`; OSError once the other end is gone."""
 
     def __init__(self, path: str) -> None:
-        self._peer = connect(path)
+        self._peer = connected(path, socket.SOCK_SEQPACKET, TIMEOUT_S)
 
     def receive(self, timeout_s: float) -> bytes | None:
         """One packet; None when none comes in time."""

@@ -21,6 +21,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from cardan import bounds
 from cardan.bounds import Length, Point, Range
 from cardan.errors import ConfigurationError, about, below
+from cardan.files import MODEL_BYTES
 from cardan.options import Options, require
 from cardan.spatial import (
     add,
@@ -310,13 +311,13 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
 
 def _read(path: Path) -> ArmModel:
     if path.suffix == ".urdf":
-        text = read_text(path)
+        text = read_text(path, MODEL_BYTES)
         with about(path):
             return parse_urdf(text)
     table = read_toml(path)
     with about(path):
         file = read_table(ArmFile, table)
-        return _build(read_text(path.parent / file.urdf), file)
+        return _build(read_text(path.parent / file.urdf, MODEL_BYTES), file)
 
 
 def parse_urdf(text: str) -> ArmModel:

@@ -17,11 +17,11 @@ import time
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from pathlib import Path
 from types import FrameType
 from typing import Generic, NamedTuple, TypeVar
 
 from cardan.errors import ScriptError
+from cardan.files import read_text
 from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
 
@@ -156,12 +156,12 @@ def load_script(
     """A built-in script by name, or one read from a file."""
     if name_or_file in built_in:
         return parse_script(built_in[name_or_file], verbs)
-    path = Path(name_or_file)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(name_or_file)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
         raise ScriptError(
-            f"script {name_or_file!r} is neither a file that can be read ({error}) nor one of: "
+            f"script {name_or_file!r} is neither a file that can be read ({why}) nor one of: "
             f"{', '.join(sorted(built_in))}"
         ) from None
     return parse_script(text, verbs)

@@ -11,7 +11,9 @@ from typing import Generic, TypeVar
 from cardan.options import Options
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.carriers.base import Carrier, M
+from cardan.sim_peers.command import option
 from cardan.sim_peers.scripted import Hand, HeldDevice, play
+from cardan.sockets import EVERYBODY, OWNER_ONLY
 
 STALL_S = 0.02
 """Reports older than this when a peer comes to run are left out: a late peer makes no burst."""
@@ -32,6 +34,19 @@ class HandOptions(Options):
     start_on_connect: bool = True
     """The script starts when the first program opens the device, not when the peer opens. Without
     effect on carriers that cannot tell (uinput, CAN)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeOptions(HandOptions):
+    """What those take that programs open at a path: a socket, or a serial port."""
+
+    everybody: bool = option(False, "Let every user of this machine open it, not its owner alone.")
+    """Its socket or port has mode 0666 instead of 0600, whatever the umask."""
+
+    @property
+    def mode(self) -> int:
+        """The mode of the socket or port."""
+        return EVERYBODY if self.everybody else OWNER_ONLY
 
 
 class HandPeer(SimulatedPeer, Generic[D, M]):

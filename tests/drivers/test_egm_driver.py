@@ -536,7 +536,11 @@ class TestOpening:
 
         monkeypatch.setattr(socket, "socket", Refusing)
         with pytest.raises(AddressError, match=words):
-            address.bind_udp("somewhere", 80)
+            address.bind_udp("127.0.0.1", 80)
+
+    def test_the_loop_waits_in_the_socket_itself(self) -> None:
+        with address.bind_udp("127.0.0.1", 0) as sock:
+            assert sock.getblocking()
 
     def test_a_controller_given_by_name_is_the_only_one(self) -> None:
         options = AbbEgmOptions(listen_port=0, mode="joint", controller_host="localhost")

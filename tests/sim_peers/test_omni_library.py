@@ -1109,6 +1109,11 @@ def test_a_program_takes_its_settings_from_the_environment(tmp_path: Path) -> No
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=20)
     assert done.returncode == 3
     assert "line 1: mass" in done.stderr
+    settings.unlink()
+    os.mkfifo(settings)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=20)
+    assert done.returncode == 3
+    assert "it must be a file" in done.stderr
 
 
 KILLED_PROGRAM = """

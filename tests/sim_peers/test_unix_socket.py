@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import selectors
 import socket
 
 import pytest
 
-from cardan.errors import AddressError
 from cardan.sim_peers.carriers.server import PacketClient
-from cardan.sim_peers.carriers.unix_socket import Advice, PacketServer, PacketSocket
+from cardan.sim_peers.carriers.unix_socket import PacketServer
 
 
 @pytest.fixture
@@ -39,52 +37,6 @@ def handle(selector: selectors.BaseSelector) -> None:
     while ready := selector.select(0):
         for key, _ in ready:
             key.data()
-
-
-class TestPath:
-    def test_is_taken_and_removed(self, path):
-        taken = PacketSocket(path)
-        assert os.path.exists(path)
-        taken.close()
-        taken.close()
-        assert not os.path.exists(path)
-
-    def test_a_socket_left_behind_is_replaced(self, path):
-        PacketSocket(path).sock.close()
-        PacketSocket(path).close()
-        assert not os.path.exists(path)
-
-    def test_another_programs_is_refused_and_left_alone(self, path):
-        served = PacketSocket(path)
-        served.sock.listen()
-        with pytest.raises(AddressError) as error:
-            PacketSocket(path, Advice(served="go away"))
-        assert str(error.value) == f"another program serves {path!r} (it answers); go away"
-        connected(path).close()
-        served.close()
-
-    def test_another_kind_is_refused_and_left_alone(self, path, tmp_path):
-        (tmp_path / "device").write_text("mine")
-        with pytest.raises(AddressError) as error:
-            PacketSocket(path)
-        assert str(error.value) == f"{path!r} exists and is not a socket; give another path"
-        assert (tmp_path / "device").read_text() == "mine"
-        with pytest.raises(AddressError, match="socket; give another directory"):
-            PacketSocket(path, Advice(no_socket="give another directory"))
-
-    @pytest.mark.parametrize("name", ["no/such/device", "d" * 150])
-    def test_one_that_cannot_be_made_is_refused(self, tmp_path, name):
-        with pytest.raises(AddressError, match="give a short path in a directory"):
-            PacketSocket(str(tmp_path / name))
-
-    def test_only_what_is_still_ours_is_removed(self, path):
-        first = PacketSocket(path)
-        os.unlink(path)
-        second = PacketSocket(path)
-        first.close()
-        assert os.path.exists(path)
-        second.close()
-        assert not os.path.exists(path)
 
 
 class Queue(PacketClient):

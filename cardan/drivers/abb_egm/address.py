@@ -8,24 +8,18 @@ import socket
 from pathlib import Path
 
 from cardan.errors import AddressError
-from cardan.sockets import refuse_shared
+from cardan.sockets import opened, refuse_shared
 
 _FIRST_UNPRIVILEGED_PORT = 1024
 
 
 def bind_udp(host: str, port: int) -> socket.socket:
-    """A UDP socket bound to an IPv4 `host` and `port`. AddressError says what to do instead."""
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        sock.bind((host, port))
-    except OSError as error:
-        sock.close()
-        raise AddressError(_explain(host, port, error)) from error
-    try:
-        refuse_shared(f"listen_host {host!r}", sock.getsockname()[0], listens=True)
-    except AddressError:
-        sock.close()
-        raise
+    """A blocking UDP socket bound to an IPv4 `host` and `port`. AddressError says what to do
+    instead."""
+    sock = opened(
+        host, port, socket.SOCK_DGRAM, socket.socket.bind, lambda error: _explain(host, port, error)
+    )
+    sock.setblocking(True)
     return sock
 
 

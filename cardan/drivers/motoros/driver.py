@@ -22,6 +22,7 @@ from cardan.drivers.robot_core import LoopingRobot
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import AddressError, CardanError, NotOpenError
 from cardan.protocols.simple_message import ByteOrder
+from cardan.sockets import opened
 from cardan.types import HoldCommand, RobotCommand, RobotState
 
 _RECEIVE_BYTES = 65536
@@ -37,6 +38,18 @@ _SELECT_MAX = 1024
 """select() takes no higher file numbers; poll() would, but waits whole milliseconds only."""
 
 _monotonic = time.monotonic
+
+
+def _begin_to_connect(sock: socket.socket, address: Any) -> None:
+    """Begin to connect to the controller, without waiting for it. Raises OSError."""
+    if sock.fileno() >= _SELECT_MAX:
+        raise OSError(errno.EMFILE, "this process has too many files open")
+    sock.setblocking(False)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    code = sock.connect_ex(address)
+    if code not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
+        raise OSError(code, os.strerror(code))
 
 
 class _Link:
@@ -184,23 +197,16 @@ class Motoros(LoopingRobot[MotorosSession]):
     def _connect(self, session: MotorosSession, channel: Channel, now_s: float) -> None:
         options = self.options
         port = options.motion_port if channel == "motion" else options.state_port
-        sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        if sock.fileno() >= _SELECT_MAX:
-            sock.close()
-            session.connect_failed(channel, "this process has too many files open", now_s)
-            return
         try:
-            sock.setblocking(False)
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-            code = sock.connect_ex((self._address, port))
-        except OSError as error:
-            sock.close()
-            session.connect_failed(channel, error.strerror or str(error), now_s)
-            return
-        if code not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
-            sock.close()
-            session.connect_failed(channel, os.strerror(code), now_s)
+            sock = opened(
+                self._address,
+                port,
+                socket.SOCK_STREAM,
+                _begin_to_connect,
+                lambda error: error.strerror or str(error),
+            )
+        except AddressError as error:
+            session.connect_failed(channel, str(error), now_s)
             return
         self._links[channel] = _Link(sock, now_s)
 

@@ -7,7 +7,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 from cardan.drivers.motoros.diagnosis import reply_in_words
@@ -16,6 +15,7 @@ from cardan.drivers.motoros.guide import JointGuide
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import Answer, MotionRequests
 from cardan.errors import CardanError
+from cardan.files import create_file
 from cardan.protocols.simple_message import (
     ControllerMode,
     InvalidSubcode,
@@ -115,7 +115,7 @@ class MotionRecord:
         ]
         empty = ("",) * self._joints
         try:
-            with Path(self.path).open("w", newline="", encoding="utf-8") as file:
+            with create_file(self.path) as file:
                 rows = csv.writer(file)
                 rows.writerow(header)
                 for time_s, kind, commanded, measured, count in self.rows:

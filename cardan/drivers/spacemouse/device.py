@@ -38,6 +38,7 @@ from cardan.protocols.connexion import (
     model_by_key,
 )
 from cardan.protocols.connexion_serial import serial_model_by_key
+from cardan.sockets import absence
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 READ_TIMEOUT_S = 0.05
@@ -278,9 +279,9 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     def _not_found(self) -> str:
         options = self.options
         if options.transport == "socket":
-            return f"there is no socket at {options.path!r}: start the simulated device first"
+            return f"{absence(options.path)}: start the simulated device first"
         if options.transport == "serial":
-            return f"there is no serial port at {options.path!r}: check the adapter and its name"
+            return f"{absence(options.path, 'serial port')}: check the adapter and its name"
         wanted = such(options, "path", "model", "serial", "port", "slot")
         return f"no 3Dconnexion device{wanted} is plugged in; `cardan devices` lists what there is"
 

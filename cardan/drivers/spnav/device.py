@@ -18,6 +18,7 @@ from cardan.drivers.spnav.core import SpnavCore
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.protocols.spnav import DEFAULT_SOCKET, LedMode
+from cardan.sockets import UntrustedServerError, absence, connected
 from cardan.types import DeviceCapabilities, DeviceFeedback, DeviceLink
 
 SOCKET_VARIABLE = "SPNAV_SOCKET"
@@ -170,23 +171,21 @@ def _connected(path: str) -> socket.socket:
     """A socket connected to the daemon. DriverError says why there is none."""
     if not hasattr(socket, "AF_UNIX"):
         raise DeviceAccessError("this system has no Unix sockets, and so no spacenavd")
-    sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    sock.settimeout(_CONNECT_TIMEOUT_S)
     try:
-        sock.connect(path)
+        return connected(path, socket.SOCK_STREAM, _CONNECT_TIMEOUT_S)
     except OSError as error:
-        sock.close()
         raise _refusal(path, error) from None
-    return sock
 
 
 def _refusal(path: str, error: OSError) -> DriverError:
     """What `error` of connecting means, and what to do."""
     start = f"start spacenavd, or `cardan spnav --socket {path}`"
     if isinstance(error, FileNotFoundError):
-        return DeviceNotFoundError(f"there is no socket at {path}: {start}")
+        return DeviceNotFoundError(f"{absence(path)}: {start}")
     if isinstance(error, ConnectionRefusedError):
         return DeviceNotFoundError(f"no program serves the socket {path}: {start}")
+    if isinstance(error, UntrustedServerError):
+        return DeviceAccessError(f"refused the socket {path}: {error.strerror}")
     if isinstance(error, PermissionError):
         return DeviceAccessError(
             f"no permission for the socket {path}: let its owner give access (`cardan spnav` has "

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from cardan.drivers.access import obstacle
 from cardan.drivers.hid import REPORT_ROOM, HidDevice, load_hid
-from cardan.drivers.packet_socket import connect, require_unix_sockets
+from cardan.drivers.packet_socket import TIMEOUT_S, require_unix_sockets
 from cardan.errors import DeviceAccessError, DriverError
 from cardan.protocols.wiimote import (
     CONTROL_PSM,
@@ -31,6 +31,7 @@ from cardan.protocols.wiimote import (
     WIIMOTE_TR,
     model_of,
 )
+from cardan.sockets import connected
 
 if sys.platform == "linux":
     import fcntl
@@ -268,7 +269,11 @@ class SocketTransport(Transport):
         require_unix_sockets()
         hint = "is it running, and does no other program hold it?"
         name = f"the simulated remote in {self._folder!r}"
-        return _connect_both(name, lambda psm: connect(self._socket(psm)), hint)
+
+        def connect(psm: int) -> socket.socket:
+            return connected(self._socket(psm), socket.SOCK_SEQPACKET, TIMEOUT_S)
+
+        return _connect_both(name, connect, hint)
 
     def _socket(self, psm: int) -> str:
         return os.path.join(self._folder, f"psm{psm:02x}")

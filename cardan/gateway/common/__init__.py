@@ -1,1 +1,1 @@
-"""Shared by the rooms of the gateway: how its commands serve on Unix sockets."""
+"""Shared by the rooms of the gateway: how its commands that serve are ended."""

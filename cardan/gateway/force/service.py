@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import socket
 
-from cardan.errors import AddressError
-from cardan.gateway.common.serving import make_room
 from cardan.gateway.force.lease import Lease
 from cardan.gateway.force.link import (
     MAX_PACKET_BYTES,
@@ -20,6 +17,7 @@ from cardan.gateway.force.link import (
 )
 from cardan.gateway.force.sources import ForceSource, Reading
 from cardan.haptics import WorldMap
+from cardan.sockets import Advice, UnixSocket
 from cardan.types import NEVER_S, Frame, Pose, RobotLink, RobotState
 
 ACCEPT_PERIOD_S = 0.05
@@ -30,6 +28,13 @@ TAKEN_AT_MOST = 16
 
 SEND_BUFFER_BYTES = 4096
 """Room for a few states: a node that was asleep gets new ones soon; the session never blocks."""
+
+_BACKLOG = 4
+_ADVICE = Advice(
+    no_socket="give another path in force.socket",
+    served="end that session, or give another path in force.socket",
+    refused="give force.socket a short path in a directory that can be written",
+)
 
 
 class RemoteSource(ForceSource):
@@ -44,8 +49,7 @@ class RemoteSource(ForceSource):
         self.lease = Lease(max_age_s)
         self.unreadable = 0
         """Packets that were malformed."""
-        self._listener: socket.socket | None = None
-        self._identity = (0, 0)
+        self._offered: UnixSocket | None = None
         self._node: socket.socket | None = None
         self._number = self._nodes = 0
         """The connected node's number, and how many there were."""
@@ -55,35 +59,16 @@ class RemoteSource(ForceSource):
 
     def open(self) -> None:
         """Create the socket. Raises AddressError where that is impossible."""
-        path = self._path
-        make_room(path, socket.SOCK_SEQPACKET, "another session")
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with contextlib.suppress(OSError):
-            # On Linux the node is made with its descriptor's mode: no other user gets in.
-            os.fchmod(listener.fileno(), 0o600)
-        try:
-            listener.bind(path)
-            os.chmod(path, 0o600)
-            status = os.stat(path)
-            listener.listen(4)
-            listener.setblocking(False)
-        except OSError as error:
-            listener.close()
-            raise AddressError(
-                f"cannot offer {path} to a force node: {error.strerror or error}"
-            ) from None
-        self._listener, self._identity = listener, (status.st_dev, status.st_ino)
+        offered = UnixSocket(self._path, socket.SOCK_SEQPACKET, advice=_ADVICE)
+        offered.sock.listen(_BACKLOG)
+        self._offered = offered
 
     def close(self) -> None:
         """Disconnect the node and remove the socket."""
         self._drop()
-        listener, self._listener = self._listener, None
-        if listener is not None:
-            listener.close()
-            with contextlib.suppress(OSError):
-                status = os.stat(self._path)
-                if (status.st_dev, status.st_ino) == self._identity:
-                    os.unlink(self._path)
+        offered, self._offered = self._offered, None
+        if offered is not None:
+            offered.close()
 
     def publish(
         self, state: RobotState, tcp: Pose | None, world: WorldMap | None, now_s: float
@@ -129,10 +114,10 @@ class RemoteSource(ForceSource):
         return tuple(words)
 
     def _accept(self, now_s: float) -> None:
-        if self._listener is None:
+        if self._offered is None:
             return
         try:
-            node, _ = self._listener.accept()
+            node, _ = self._offered.sock.accept()
         except OSError:
             return
         node.setblocking(False)

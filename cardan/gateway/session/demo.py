@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import math
+import secrets
 import selectors
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -28,6 +30,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import KILL_AFTER_S, supervise
 from cardan.gateway.session.unattended import check_unattended, check_words
 from cardan.gateway.session.view import SessionView, missed_cycles, summary
+from cardan.printable import printable
 
 EXIT_INCOMPLETE = 4
 
@@ -61,10 +64,11 @@ machine that keeps up; on one without real-time scheduling 1 % of the delays are
 @contextlib.contextmanager
 def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
     """Run ``cardan WORDS``, which prints READY, in `folder` (None: here); gives its endpoint once
-    it serves, and ends it after."""
+    it serves, and ends it after. If this process is killed, it ends and `folder` is removed."""
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(
-            [*CARDAN, *words],
+            [sys.executable, "-m", "cardan.gateway.session.leashed", str(folder or ""), *words],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
@@ -75,7 +79,7 @@ def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
             yield _endpoint(process, shlex.join(words[:2]))
         except BaseException:
             log.seek(0)
-            sys.stderr.write(log.read()[-2000:])
+            sys.stderr.write(printable(log.read()[-2000:], "\n"))
             raise
         finally:
             process.terminate()
@@ -84,8 +88,9 @@ def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-            assert process.stdout is not None
-            process.stdout.close()
+            for pipe in (process.stdin, process.stdout):
+                assert pipe is not None
+                pipe.close()
 
 
 def _endpoint(process: subprocess.Popen[str], name: str) -> str:
@@ -108,21 +113,23 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
 
     Gives the session's configuration, and the command that it is run through (see `supervise`).
     """
-    # Should this process be killed, its peers still end by themselves.
+    # Should this process be stopped for ever, its peers still end by themselves.
     until = ("--seconds", str(seconds + READY_WITHIN_S + KILL_AFTER_S))
     through: Sequence[str] = ()
     if demo.launcher:
         through = (*CARDAN, *check_words(demo, "launcher", shlex.split(demo.launcher)), "--")
-    with (
-        tempfile.TemporaryDirectory(prefix="cardan-demo-") as folder,
-        contextlib.ExitStack() as peers,
-    ):
-        tables, launches = demo.prepare(Path(folder))
+    with contextlib.ExitStack() as peers:
+        folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(4)}")
+        tables, launches = demo.prepare(folder)
         config = parse_config(tables)
         check_unattended(demo, config)
         launches = [check_words(demo, "launch", words) for words in launches]
+        if demo.launch or demo.files:
+            # As late as can be: until a peer runs nobody removes it if this process is killed.
+            folder.mkdir(0o700)
+            peers.callback(shutil.rmtree, folder, ignore_errors=True)
         for words in launches:
-            peers.enter_context(launched(*words, *until, folder=Path(folder)))
+            peers.enter_context(launched(*words, *until, folder=folder))
         yield config, through
 
 
@@ -224,7 +231,7 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
             f"allowed: {demo.shortest_s:g} or more",
         )
     with SessionView() as view:
-        view.console.print(demo.description)
+        view.console.print(demo.description, markup=False)
         with simulated_hardware(demo, seconds) as (config, through):
             outcome = supervise(config, seconds, view.show, through=through)
     if outcome.exit_code == EXIT_OK or outcome.last.cycles:
@@ -240,5 +247,5 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
     for line in problems:
         print(f"cardan demo: {line}", file=sys.stderr)
     if not problems:
-        view.console.print(_success(demo, outcome.last, options))
+        view.console.print(_success(demo, outcome.last, options), markup=False)
     return EXIT_INCOMPLETE if problems else EXIT_OK

@@ -28,7 +28,9 @@ from cardan.gateway.force.link import (
 from cardan.gateway.force.sources import ForceSource, PointVelocity
 from cardan.gateway.session.assembly import make_conditioner, make_source
 from cardan.gateway.session.config import ForceConfig
+from cardan.printable import printable
 from cardan.realtime import ask_for_real_time
+from cardan.sockets import absence, connected
 from cardan.spatial import add, norm
 from cardan.types import ZERO3
 
@@ -142,7 +144,7 @@ def _serve(session: socket.socket, node: ForceNode, ended: threading.Event, end_
             continue  # The session has ended, or refuses: the next packet says which.
         if node.reason != said and now_s >= say_s:
             said, say_s = node.reason, now_s + SAY_S
-            print(said or "the measured force is there", flush=True)
+            print(printable(said) or "the measured force is there", flush=True)
     return sent
 
 
@@ -164,14 +166,11 @@ def _newest(session: socket.socket) -> bytes:
 def _connect(path: str, ended: threading.Event, end_s: float) -> socket.socket:
     give_up_s = min(end_s, time.monotonic() + CONNECT_WITHIN_S)
     while True:
-        session = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
-            session.connect(path)
-            return session
+            return connected(path, socket.SOCK_SEQPACKET, CONNECT_WITHIN_S)
         except OSError as error:
-            session.close()
             if ended.wait(RETRY_S) or time.monotonic() >= give_up_s:
                 raise AddressError(
-                    f"no session offers {path}: {error.strerror or error}; start one with "
+                    f"no session offers {path}: {absence(path) or error.strerror}; start one with "
                     f'[force] source = "remote" and socket = "{path}"'
                 ) from None

@@ -46,7 +46,9 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.worker import RequestWorker
 from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
+from cardan.printable import make_logs_printable
 from cardan.realtime import ask_for_real_time
+from cardan.shortage import shortage
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,
@@ -440,6 +442,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--channel-fd", type=int, required=True)
     parser.add_argument("--seconds", type=float, default=math.inf)
     options = parser.parse_args(arguments)
+    make_logs_printable()
     channel = socket.socket(fileno=options.channel_fd)
     channel.setblocking(False)
     table: dict[str, Any] = json.load(sys.stdin)
@@ -464,6 +467,10 @@ def main(arguments: list[str] | None = None) -> int:
         code, last.error = EXIT_CANNOT_OPEN, str(error)
     except CardanError as error:
         last.error = str(error)
+    except Exception as error:
+        last.error = shortage(error)
+        if not last.error:
+            raise
     if last.error:
         last.finished = True
         channel.setblocking(True)

@@ -11,6 +11,8 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from cardan.printable import printable
+
 MAX_SNAPSHOT_BYTES = 65536
 """Room for a packet: a real snapshot has 2 to 4 kB, diagnosis included."""
 
@@ -134,8 +136,16 @@ class Snapshot:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Snapshot:
-        """From one packet."""
-        return cls(**json.loads(data))
+        """From one packet. What it tells is printable: much of it came over a wire."""
+        return cls(**_printable(json.loads(data)))
+
+
+def _printable(value: Any) -> Any:
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, dict):
+        return {printable(key): _printable(item) for key, item in value.items()}
+    return [_printable(item) for item in value] if isinstance(value, list) else value
 
 
 def _finite(value: Any) -> Any:

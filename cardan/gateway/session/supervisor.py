@@ -71,6 +71,7 @@ class SessionProcess:
                     *through,
                     sys.executable,
                     "-m",
+                    "cardan.shortage",
                     "cardan.gateway.session.session",
                     f"--channel-fd={theirs.fileno()}",
                     f"--seconds={seconds}",

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
-from rich.markup import escape
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -103,7 +102,7 @@ def render(snapshot: Snapshot) -> RenderableType:
     )
     if s.haptic_state:
         robot.add_row("force felt, peak", f"{s.force_n:.2f} N, {s.force_peak_n:.2f} N")
-        robot.add_row("force", _force_words(s))
+        robot.add_row("force", Text(_force_words(s)))
         if s.measured_force_n is not None:
             robot.add_row("for the hand, x y z", f"{_newtons(s.measured_force_n)} N, base axes")
         if s.contact_force_n is not None:
@@ -289,7 +288,7 @@ def summary(snapshot: Snapshot) -> Table:
         *_force_rows(s),
         ("scheduling of the loop", s.scheduling or "–"),
         ("teleoperation disengaged", f"{s.trips} times"),
-        ("last message", escape(s.message) or "–"),
+        ("last message", s.message or "–"),
     ):
-        table.add_row(name, value)
+        table.add_row(name, Text(value))  # What stands in brackets is no markup.
     return table

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import selectors
 import socket
 import threading
@@ -12,13 +11,14 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from cardan.drivers.base import OperatorDevice
-from cardan.errors import AddressError, DriverError
-from cardan.gateway.common.serving import interruptible, make_room
+from cardan.errors import DriverError
+from cardan.gateway.common.serving import interruptible
 from cardan.gateway.spnav.core import MOTION_PERIOD_S, SpnavServerCore
 from cardan.gateway.spnav.identity import DEFAULT_NAME, DeviceIdentity, identity_of
 from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
+from cardan.sockets import EVERYBODY, OWNER_ONLY, Advice, UnixSocket
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 
 POLL_PERIOD_S = 0.004
@@ -40,7 +40,8 @@ _SMALLEST_BUFFER = 1
 """Makes the kernel buffer as little as it can (about six records): newer motion waits here, where
 it is merged."""
 
-_MODES = {"owner": 0o600, "everybody": 0o666}
+_MODES = {"owner": OWNER_ONLY, "everybody": EVERYBODY}
+_ADVICE = Advice(served="end that (spacenavd?), or choose another path")
 
 
 class SpnavServer(Openable):
@@ -50,7 +51,7 @@ class SpnavServer(Openable):
         self._core = core
         self._options = options
         self._listener: socket.socket | None = None
-        self._identity: tuple[int, int] | None = None
+        self._offered: UnixSocket | None = None
         self._selector: selectors.BaseSelector | None = None
         self._sockets: dict[int, socket.socket] = {}
         self._numbers: dict[socket.socket, int] = {}
@@ -67,26 +68,11 @@ class SpnavServer(Openable):
         """
         if self._listener is not None:
             return
-        if not hasattr(socket, "AF_UNIX"):
-            raise AddressError("this system has no Unix sockets, and so no programs of spacenavd")
-        path = self._options.socket
-        make_room(path, socket.SOCK_STREAM, "another program (spacenavd?)")
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        mode = _MODES[self._options.access]
-        # On Linux the node is made with its descriptor's mode: no other user gets in before.
-        with contextlib.suppress(OSError):
-            os.fchmod(listener.fileno(), mode)
-        try:
-            listener.bind(path)
-            os.chmod(path, mode)
-            status = os.stat(path)
-            listener.listen(_BACKLOG)
-            listener.setblocking(False)
-        except OSError as error:
-            listener.close()
-            raise AddressError(f"cannot serve at {path}: {error.strerror or error}") from None
-        self._listener = listener
-        self._identity = (status.st_dev, status.st_ino)
+        options = self._options
+        offered = UnixSocket(options.socket, socket.SOCK_STREAM, _MODES[options.access], _ADVICE)
+        listener = offered.sock
+        listener.listen(_BACKLOG)
+        self._offered, self._listener = offered, listener
         self._selector = selectors.DefaultSelector()
         self._selector.register(listener, selectors.EVENT_READ)
 
@@ -123,13 +109,9 @@ class SpnavServer(Openable):
         if self._selector is not None:
             self._selector.close()
             self._selector = None
-        if self._listener is not None:
-            self._listener.close()
-            self._listener = None
-            with contextlib.suppress(OSError):
-                status = os.stat(self._options.socket)
-                if (status.st_dev, status.st_ino) == self._identity:
-                    os.unlink(self._options.socket)
+        offered, self._offered, self._listener = self._offered, None, None
+        if offered is not None:
+            offered.close()
 
     def _accept(self) -> None:
         assert self._listener is not None

@@ -22,7 +22,7 @@ from cardan.errors import AddressError
 from cardan.options import require
 from cardan.protocols.wiimote import CONTROL_PSM, INPUT_HEADER, INTERRUPT_PSM
 from cardan.sim_peers.carriers.base import Carrier, Shell
-from cardan.sim_peers.carriers.unix_socket import Advice, PacketSocket
+from cardan.sockets import OWNER_ONLY, Advice, UnixSocket
 
 AF_BLUETOOTH = 31
 """Linux's number; a Python built without Bluetooth headers has no name for it."""
@@ -245,11 +245,12 @@ class ChannelCarrier(Carrier[bytes]):
 class UnixChannels(ChannelCarrier):
     """Sockets (AF_UNIX, SOCK_SEQPACKET) `psm11` and `psm13` in a directory."""
 
-    def __init__(self, remote: Remote, directory: str) -> None:
+    def __init__(self, remote: Remote, directory: str, mode: int = OWNER_ONLY) -> None:
         super().__init__(remote)
         self._directory = directory
+        self._mode = mode
         self._made_directory = False
-        self._sockets: dict[int, PacketSocket] = {}
+        self._sockets: dict[int, UnixSocket] = {}
 
     @property
     def endpoint(self) -> str:
@@ -260,8 +261,10 @@ class UnixChannels(ChannelCarrier):
         """Make the directory. Raises AddressError."""
         super().open(shell)
         try:
-            os.mkdir(self._directory)
+            os.mkdir(self._directory, 0o700)
             self._made_directory = True
+            if self._mode != OWNER_ONLY:
+                os.chmod(self._directory, 0o755)
         except FileExistsError:
             if not os.path.isdir(self._directory):
                 raise AddressError(
@@ -274,7 +277,7 @@ class UnixChannels(ChannelCarrier):
 
     def _bind(self, psm: int) -> socket.socket:
         path = os.path.join(self._directory, f"psm{psm:x}")
-        self._sockets[psm] = PacketSocket(path, _ADVICE)
+        self._sockets[psm] = UnixSocket(path, socket.SOCK_SEQPACKET, self._mode, _ADVICE)
         return self._sockets[psm].sock
 
     def _unbind(self, psm: int) -> None:

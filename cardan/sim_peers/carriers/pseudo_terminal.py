@@ -16,6 +16,7 @@ from typing import Protocol
 
 from cardan.errors import AddressError
 from cardan.sim_peers.carriers.base import Carrier, Shell
+from cardan.sockets import OWNER_ONLY
 
 WATCH_PERIOD_S = 0.01
 """Period of checks whether a host has opened the port: a pseudo-terminal does not report it."""
@@ -39,11 +40,14 @@ class PseudoTerminal(Carrier[bytes]):
     Unplugging hangs the port up and removes the link; replugging brings both back. A locked file
     beside the link, its name with ".lock", tells a link in use from one that a killed peer left.
     `device` is told of power and of what programs write; None: it has power of its own, and takes
-    nothing.
+    nothing. `mode` names the users who may open the port.
     """
 
-    def __init__(self, link: str, device: SerialDevice | None = None) -> None:
+    def __init__(
+        self, link: str, device: SerialDevice | None = None, mode: int = OWNER_ONLY
+    ) -> None:
         self._link = link
+        self._mode = mode
         self._device = device
         self._lock: int | None = None
         self._master: int | None = None
@@ -79,6 +83,7 @@ class PseudoTerminal(Carrier[bytes]):
         port = os.ttyname(slave)
         # A line discipline would echo what the device says back to it.
         tty.setraw(slave)
+        os.fchmod(slave, self._mode)  # The system's own lets its group write.
         os.close(slave)
         os.set_blocking(master, False)
         try:
@@ -192,7 +197,7 @@ def _take_lock(link: str) -> int:
     path = _lock_path(link)
     while True:
         try:
-            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, OWNER_ONLY)
         except OSError as error:
             raise AddressError(
                 f"cannot create the link {link!r} and {path!r}: {error.strerror}; give a path in "

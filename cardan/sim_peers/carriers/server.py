@@ -8,9 +8,9 @@ import socket
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from cardan.errors import AddressError
+from cardan.sockets import opened
 
 _ROOM = 65536
 _SMALLEST_BUFFER = 1
@@ -195,17 +195,12 @@ def bound_to(
 ) -> socket.socket:
     """A TCP socket bound to `host` and `port` (0: any). AddressError says that it cannot do
     `action` there, why, and gives `advice`."""
-    sock = None
-    try:
-        found, kind, protocol, _, address = socket.getaddrinfo(
-            host, port, family=family, type=socket.SOCK_STREAM
-        )[0]
-        sock = socket.socket(found, kind, protocol)
+
+    def bind(sock: socket.socket, address: Any) -> None:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(address)
-    except (OSError, UnicodeError) as error:
-        if sock is not None:
-            sock.close()
-        reason = getattr(error, "strerror", None) or error
-        raise AddressError(f"cannot {action} on {host}:{port}: {reason}{advice}") from None
-    return sock
+
+    def problem(error: OSError) -> str:
+        return f"cannot {action} on {host}:{port}: {error.strerror or error}{advice}"
+
+    return opened(host, port, socket.SOCK_STREAM, bind, problem, socket.AddressFamily(family))

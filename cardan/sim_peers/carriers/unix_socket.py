@@ -2,68 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import os
 import selectors
 import socket
-import stat
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, TypeVar
 
-from cardan.errors import AddressError
 from cardan.sim_peers.carriers.base import Carrier, M
 from cardan.sim_peers.carriers.server import PacketClient, Server
+from cardan.sockets import OWNER_ONLY, UnixSocket
 
 MAX_CLIENTS = 8
 """Programs that may have the device open at once."""
 QUEUE_REPORTS = 64
 """Reports kept for a program that does not read: what Linux keeps for a hidraw node."""
-
-
-class Advice(NamedTuple):
-    """What to do when a path cannot be used, in terms of the option that the user gave."""
-
-    no_socket: str = "give another path"
-    """The path is that of something else."""
-    served: str = "end it or give another path"
-    """Another program serves it."""
-    refused: str = "give a short path in a directory that can be written"
-    """The system refuses it."""
-
-
-ANOTHER_PATH = Advice()
-
-
-class PacketSocket:
-    """A socket (AF_UNIX, SOCK_SEQPACKET) bound at `path`; it does not listen yet.
-
-    A socket that a program left behind there is removed. Raises AddressError when the path cannot
-    be had.
-    """
-
-    def __init__(self, path: str, advice: Advice = ANOTHER_PATH) -> None:
-        _remove_stale(path, advice)
-        self.path = path
-        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        try:
-            self.sock.setblocking(False)
-            self.sock.bind(path)
-            self._identity: tuple[int, int] | None = _identity(path)
-        except OSError as error:
-            self.sock.close()
-            raise AddressError(
-                f"cannot create the socket {path!r}: {error.strerror or error}; {advice.refused}"
-            ) from None
-
-    def close(self) -> None:
-        """Close it and remove its path, if that is still ours. Never raises; twice is fine."""
-        self.sock.close()
-        with contextlib.suppress(OSError):
-            if self._identity is not None and _identity(self.path) == self._identity:
-                os.unlink(self.path)
-        self._identity = None
 
 
 C = TypeVar("C", bound=PacketClient)
@@ -82,9 +34,10 @@ class PacketServer(Server[C]):
         meet: Callable[[socket.socket], C],
         take: Callable[[C, bytes], None],
         part: Callable[[C], None],
+        mode: int = OWNER_ONLY,
     ) -> None:
         super().__init__(selector, most, meet=meet, take=take, part=part)
-        self._socket = PacketSocket(path)
+        self._socket = UnixSocket(path, socket.SOCK_SEQPACKET, mode)
 
     def listen(self) -> None:
         """Let programs connect, from now on."""
@@ -100,13 +53,15 @@ class PacketServer(Server[C]):
 
 
 class PacketCarrier(Carrier[M], Generic[M, C]):
-    """A socket at `path` that stands for a node, for up to `MAX_CLIENTS` programs.
+    """A socket at `path` that stands for a node, for up to `MAX_CLIENTS` programs of the users
+    whom `mode` names.
 
     Unplugging closes their connections and removes the socket.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, mode: int = OWNER_ONLY) -> None:
         self._path = path
+        self._mode = mode
         self._server: PacketServer[C] | None = None
         self._lost_of_gone = 0
 
@@ -156,6 +111,7 @@ class PacketCarrier(Carrier[M], Generic[M, C]):
             meet=meet,
             take=self._take,
             part=self._part,
+            mode=self._mode,
         )
 
     def vanish(self) -> None:
@@ -209,8 +165,9 @@ class ReportSocket(PacketCarrier[bytes, ReportClient]):
         take: Callable[[bytes, float], None] = lambda *_: None,
         *,
         keep_oldest: bool = False,
+        mode: int = OWNER_ONLY,
     ) -> None:
-        super().__init__(path)
+        super().__init__(path, mode)
         self._take_output = take
         self._keep_oldest = keep_oldest
 
@@ -229,38 +186,10 @@ class ReportSocket(PacketCarrier[bytes, ReportClient]):
 
 
 def _only_looked(sock: socket.socket) -> bool:
-    """True when a program connected and hung up at once, as `_remove_stale` does."""
+    """True when a program connected and hung up at once: it looked whether the path is served."""
     try:
         return not sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
     except BlockingIOError:
         return False
     except OSError:
         return True
-
-
-def _identity(path: str) -> tuple[int, int]:
-    info = os.stat(path)
-    return info.st_dev, info.st_ino
-
-
-def _remove_stale(path: str, advice: Advice) -> None:
-    """Remove a socket file that no program listens on. Raises AddressError for anything else."""
-    try:
-        if not stat.S_ISSOCK(os.lstat(path).st_mode):
-            raise AddressError(f"{path!r} exists and is not a socket; {advice.no_socket}")
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise AddressError(f"cannot use {path!r}: {error.strerror}") from None
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
-        probe.setblocking(False)
-        try:
-            result = probe.connect_ex(path)
-        except OSError as error:
-            raise AddressError(f"cannot use {path!r}: {error}") from None
-    if result == errno.ECONNREFUSED:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(path)
-    elif result != errno.ENOENT:
-        how = os.strerror(result) if result else "it answers"
-        raise AddressError(f"another program serves {path!r} ({how}); {advice.served}")

@@ -63,6 +63,7 @@ from cardan.sim_peers.carriers.base import Carrier
 from cardan.sim_peers.carriers.server import PacketClient
 from cardan.sim_peers.carriers.unix_socket import PacketCarrier
 from cardan.sim_peers.evdev.core import EFFECTS, InputEvents, SimulatedInput
+from cardan.sockets import OWNER_ONLY
 
 if sys.platform != "win32":
     import fcntl
@@ -96,9 +97,14 @@ class EventSocket(PacketCarrier[InputEvents, _Client]):
     """
 
     def __init__(
-        self, path: str, device: SimulatedInput, faults: Mapping[str, float], seed: int
+        self,
+        path: str,
+        device: SimulatedInput,
+        faults: Mapping[str, float],
+        seed: int,
+        mode: int = OWNER_ONLY,
     ) -> None:
-        super().__init__(path)
+        super().__init__(path, mode)
         self._device = device
         self._faults = faults
         self._random = random.Random(seed)

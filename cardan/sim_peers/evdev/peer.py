@@ -14,11 +14,11 @@ from cardan.sim_peers.evdev.carriers import EventSocket, UinputCarrier
 from cardan.sim_peers.evdev.core import InputEvents, SimulatedInput
 from cardan.sim_peers.evdev.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 from cardan.sim_peers.evdev.models import MODELS, Model
-from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvdevPeerOptions(HandOptions):
+class EvdevPeerOptions(NodeOptions):
     """What to simulate and where."""
 
     kind: Literal["gamepad", "keyboard"] = "gamepad"
@@ -62,7 +62,7 @@ class EvdevPeer(HandPeer[SimulatedInput, InputEvents]):
         if options.uinput:
             carrier = UinputCarrier(device)
         else:
-            carrier = EventSocket(options.path, device, options.faults, options.seed)
+            carrier = EventSocket(options.path, device, options.faults, options.seed, options.mode)
         super().__init__(device, ScriptedHand(steps, device), carrier, options)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, TextIO
 
 from cardan.errors import ConfigurationError
+from cardan.files import create_file
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.motoros_controller.controller import MotorosController
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
@@ -281,6 +282,6 @@ def _listen(sock: socket.socket, address: Any) -> None:
 
 def _created(path: str) -> TextIO:
     try:
-        return open(path, "w", encoding="utf-8", newline="")
+        return create_file(path)
     except OSError as error:
         raise ConfigurationError("log", f"{path!r} cannot be written: {error.strerror}") from None

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import FrameType
 
 from cardan.errors import ConfigurationError
+from cardan.files import create_file
 from cardan.sim_peers.omni.library import (
     LIBRARY_NAMES,
     LIBRARY_VARIABLE,
@@ -54,7 +55,7 @@ def prepare_log(settings: OmniSettings) -> None:
     """
     if settings.log:
         try:
-            Path(settings.log).open("wb").close()
+            create_file(settings.log).close()
         except OSError as error:
             raise ConfigurationError(
                 "log", f"{settings.log!r} cannot be written: {error.strerror}"

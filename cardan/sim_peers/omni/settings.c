@@ -18,6 +18,7 @@
 
 #define WORDS 24
 #define FIREWIRE_NOISE_LSB 5.0
+#define MOST_SETTINGS_BYTES (1 << 20)
 
 static char problem[512];
 
@@ -452,25 +453,27 @@ int settings_parse(Settings *settings, const char *text) {
 }
 
 int settings_parse_file(Settings *settings, const char *path) {
-    FILE *file = fopen(path, "rb");
-    if (!file) {
+    struct stat status;
+    /* A pipe may never end, and nobody waits for its other end here. */
+    int number = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    FILE *file = number < 0 ? NULL : fdopen(number, "rb");
+    if (!file || fstat(number, &status)) {
         settings_problem("%.200s: %s", path, strerror(errno));
+        if (file) {
+            fclose(file);
+        } else if (number >= 0) {
+            close(number);
+        }
         return -1;
     }
-    size_t size = 0, room = 1 << 16;
-    char *text = malloc(room);
-    while (text) {
-        size += fread(text + size, 1, room - 1 - size, file);
-        if (size < room - 1) {
-            break;
-        }
-        room *= 2;
-        char *more = realloc(text, room);
-        if (!more) {
-            free(text);
-        }
-        text = more;
+    if (!S_ISREG(status.st_mode) || status.st_size > MOST_SETTINGS_BYTES) {
+        settings_problem("%.200s: it must be a file of at most %d bytes", path,
+                         MOST_SETTINGS_BYTES);
+        fclose(file);
+        return -1;
     }
+    char *text = malloc((size_t)status.st_size + 1);
+    size_t size = text ? fread(text, 1, (size_t)status.st_size, file) : 0;
     int unread = ferror(file);
     fclose(file);
     if (!text || unread) {
@@ -658,7 +661,7 @@ int log_open(const Settings *settings, int *file) {
         return 0;
     }
     /* Without waiting for a reader at the other end of a pipe. */
-    int opened = open(settings->log, O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0666);
+    int opened = open(settings->log, O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0644);
     if (opened < 0 || fstat(opened, &there)) {
         settings_problem("log: %.300s: %s", settings->log, strerror(errno));
         if (opened >= 0) {

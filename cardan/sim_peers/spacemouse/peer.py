@@ -28,7 +28,7 @@ from cardan.sim_peers.carriers.uhid import (
 from cardan.sim_peers.carriers.unix_socket import ReportSocket
 from cardan.sim_peers.carriers.usbip import UsbipCarrier
 from cardan.sim_peers.command import option
-from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
 from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, Puck, ScriptedHand
 from cardan.sim_peers.spacemouse.keyboard import (
@@ -61,7 +61,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpaceMousePeerOptions(HandOptions):
+class SpaceMousePeerOptions(NodeOptions):
     """What to simulate, who moves it, and which one of the four carriers opens it."""
 
     model: str = option(
@@ -214,7 +214,7 @@ def _serial(options: SpaceMousePeerOptions) -> tuple[SimulatedSerialPuck, Carrie
         seed=options.seed,
         boot_s=options.boot_s,
     )
-    return device, PseudoTerminal(options.serial, device)
+    return device, PseudoTerminal(options.serial, device, options.mode)
 
 
 def _hid(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[bytes]]:
@@ -233,7 +233,9 @@ def _hid(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[b
     )
     if options.hid:
         keep_oldest = bool(options.faults.get("newest-lost"))
-        return device, ReportSocket(options.hid, device.output, keep_oldest=keep_oldest)
+        return device, ReportSocket(
+            options.hid, device.output, keep_oldest=keep_oldest, mode=options.mode
+        )
     if options.usbip is not None:
         return device, _usbip(options, options.usbip, device)
     # Linux's hid-logitech claims Logitech's ids on USB, and refuses what is not real USB hardware.

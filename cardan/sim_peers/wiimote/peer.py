@@ -20,7 +20,7 @@ from cardan.sim_peers.carriers.base import Carrier
 from cardan.sim_peers.carriers.l2cap import BluetoothChannels, UnixChannels, parse_address
 from cardan.sim_peers.carriers.uhid import BUS_BLUETOOTH, HidIdentity, UhidCarrier
 from cardan.sim_peers.command import option
-from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
 from cardan.sim_peers.wiimote.core import ExtensionName, NoiseLsb, SimulatedWiimote
 from cardan.sim_peers.wiimote.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 
@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class WiimotePeerOptions(HandOptions):
+class WiimotePeerOptions(NodeOptions):
     """What to simulate and where. Exactly one of `l2cap`, `bluetooth` and `uhid` must be given."""
 
     l2cap: str = option("", "Folder for the Unix seqpacket sockets psm11 and psm13.", metavar="DIR")
@@ -140,7 +140,7 @@ class WiimotePeer(HandPeer[SimulatedWiimote, bytes]):
         hand = ScriptedHand(load_script(options.script, SCRIPTS, SCRIPT_VERBS), options.extension)
         carrier: Carrier[bytes]
         if options.l2cap:
-            carrier = UnixChannels(remote, options.l2cap)
+            carrier = UnixChannels(remote, options.l2cap, options.mode)
         elif options.bluetooth:
             carrier = BluetoothChannels(remote, options.bluetooth)
         else:

@@ -149,7 +149,7 @@ GP8_PORTS = 'ports = ["robot.motion_port", "robot.state_port", "robot.io_port"]'
         ),
         (
             (LAUNCH, FILES),
-            MOUSE + ARM + '[[filters]]\nfilter = "proximity"\nhost = "0.0.0.0"\nalert_high = 800.0',
+            MOUSE + ARM + '[[filters]]\nfilter = "proximity"\nhost = "0.0.0.0"\nport = 6601',
             "filters.0.host: '0.0.0.0'",
         ),
         (

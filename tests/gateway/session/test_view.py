@@ -1,7 +1,9 @@
 """What people see of a session."""
 
+import dataclasses
 import io
 
+import pytest
 from rich.console import Console
 
 from cardan.gateway.session.snapshot import Snapshot
@@ -79,3 +81,36 @@ def test_diagnosis_is_printed_when_it_is_new(capsys):
         v.show(MOVING)
         v.show(MOVING)
     assert capsys.readouterr().out.count("the motion is capped") == 1
+
+
+NASTY = "[/x][red]seen\x1b[2J\x1b]0;title\x07\r\nforged\u202e\x9b1m"
+"""Control sequences, a line of its own, text turned round, and rich's markup, which must be shown
+as it is and not obeyed."""
+
+
+def told(**fields):
+    """A snapshot as it comes from a session."""
+    return Snapshot.from_bytes(dataclasses.replace(MOVING, **fields).to_bytes())
+
+
+@pytest.mark.parametrize(
+    "field", [each.name for each in dataclasses.fields(Snapshot) if each.type == "str"]
+)
+def test_no_text_of_others_commands_the_terminal(field, capsys):
+    snapshot = told(**{field: NASTY})
+    SessionView(Console(file=io.StringIO())).show(snapshot)
+    shows = capsys.readouterr().out, shown(render(snapshot)), shown(summary(snapshot))
+    for text in (*shows, getattr(snapshot, field)):
+        assert text.replace("\n", "").isprintable()
+        assert not any(line.startswith("forged") for line in text.splitlines())
+
+
+def test_neither_does_a_diagnosis_a_filter_a_button_or_a_metric(capsys):
+    snapshot = told(
+        diagnosis=[NASTY], filters=[NASTY], buttons=[NASTY], arm_limits=[NASTY], metrics={NASTY: 1}
+    )
+    SessionView(Console(file=io.StringIO())).show(snapshot)
+    for text in (capsys.readouterr().out, shown(render(snapshot)), shown(summary(snapshot))):
+        assert text.replace("\n", "").isprintable()
+    assert "[/x][red]seen" in shown(render(told(diagnosis=[NASTY])))
+    assert "[/x][red]seen" in shown(summary(told(message=NASTY)))

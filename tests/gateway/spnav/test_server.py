@@ -146,7 +146,7 @@ def test_a_socket_that_another_serves_is_left_alone(path):
 def test_what_is_no_socket_is_left_alone(path):
     path.write_text("precious")
     service = SpnavService((), SpnavServerOptions(socket=str(path)))
-    with pytest.raises(AddressError, match="no socket"):
+    with pytest.raises(AddressError, match="is not a socket"):
         service.start()
     assert path.read_text() == "precious"
 

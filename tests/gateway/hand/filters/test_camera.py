@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.gateway.hand.filters.camera import CameraFilter, CameraOptions
+from cardan.gateway.hand.filters.listener import Sender
 from cardan.spatial import (
     add,
     conjugate,
@@ -147,5 +148,28 @@ def test_options_are_checked(options, words):
 
 def test_it_says_what_it_would_do():
     assert "up to 0.1 rad/s" in camera().describe()
-    assert "127.0.0.1:6602" in camera().describe()
+    assert "targets on UDP 127.0.0.1:6602" in camera(port=6602).describe()
     assert camera().apply(ZERO_TWIST, robot_at(10.0, IDENTITY)) is ZERO_TWIST
+
+
+def test_of_two_that_send_targets_none_is_followed():
+    made = camera(b"0.4 0")
+    advance = Twist(Vector3(0.0, 0.0, 0.01), ZERO3, Frame.TOOL)
+    assert made.apply(advance, robot_at(10.1)) != advance
+    made.listener.take(b"-0.4 0", 10.2, Sender("", 7))
+    for tick in range(4):
+        now_s = 10.2 + 0.1 * tick
+        assert made.apply(advance, robot_at(now_s)) is advance
+        assert made.status() == "two programs send targets: the camera gives no direction"
+        made.listener.take(b"0.4 0", now_s)
+    for tick in range(12):
+        made.listener.take(b"0.4 0", 10.6 + 0.1 * tick)
+    assert made.apply(advance, robot_at(11.7)) != advance
+    assert made.status() == "the camera gives the direction"
+
+
+def test_a_cameras_program_that_starts_anew_is_followed():
+    made = camera(b"0.4 0")
+    made.listener.take(b"0.4 0", 10.6, Sender("", 7))
+    advance = Twist(Vector3(0.0, 0.0, 0.01), ZERO3, Frame.TOOL)
+    assert made.apply(advance, robot_at(10.7)) != advance

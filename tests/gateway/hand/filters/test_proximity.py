@@ -3,8 +3,14 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.hand.filters.proximity import PeakFilter, ProximityFilter, ProximityOptions
-from cardan.types import ZERO_TWIST, Frame, Twist, Vector3
+from cardan.gateway.hand.filters.listener import Sender
+from cardan.gateway.hand.filters.proximity import (
+    MAX_SENDERS,
+    PeakFilter,
+    ProximityFilter,
+    ProximityOptions,
+)
+from cardan.types import NEVER_S, ZERO_TWIST, Frame, Twist, Vector3
 from tests.gateway.hand.filters.states import robot_at
 from tests.gateway.hand.filters.test_readings import flat, skin_text
 
@@ -165,7 +171,142 @@ def test_options_are_checked(options, words):
 
 
 def test_it_says_what_it_would_do():
-    assert guard().describe() == (
+    assert guard(port=6601).describe() == (
         "stop above 800, half speed above 100, stop without a reading for 0.3 s, "
         "readings on UDP 127.0.0.1:6601"
     )
+    assert guard(socket="/run/skin").describe().endswith("readings on /run/skin")
+    assert guard().describe().endswith("/cardan-proximity.sock")
+
+
+SKIN, OTHER = Sender("", 100), Sender("127.0.0.1", 50000)
+
+
+class Senders:
+    """A filter in virtual time: what each sender says, 20 times a second, and what comes of it."""
+
+    def __init__(self, **options):
+        self.filter = guard(**options)
+        self.now_s = 10.0
+
+    def run(self, seconds, says, asked=ASKED):
+        """The motion after `seconds` in which every sender says what it has."""
+        for tick in range(round(seconds / 0.004)):
+            self.now_s += 0.004
+            if tick % 12 == 0:
+                for sender, level in says.items():
+                    self.filter.listener.take(level, self.now_s, sender)
+            result = self.filter.apply(asked, robot_at(self.now_s))
+        return result
+
+
+@pytest.mark.parametrize("real", [SKIN, OTHER], ids=["the first", "the second"])
+@pytest.mark.parametrize("level", [(b"900", ZERO_TWIST), (b"250", HALF), (b"20", ASKED)])
+def test_of_several_senders_the_most_cautious_one_decides(real, level):
+    foreign = OTHER if real is SKIN else SKIN
+    senders = Senders()
+    assert senders.run(5.0, {real: level[0], foreign: b"20"}) == level[1]
+    (words,) = (line for line in senders.filter.diagnosis() if "most cautious" in line)
+    assert "process 100" in words
+    assert "127.0.0.1:50000" in words
+
+
+def test_a_sensor_that_falls_silent_is_not_replaced_by_another_sender():
+    senders = Senders()
+    senders.run(1.0, {SKIN: b"900", OTHER: b"20"})
+    for _ in range(20):
+        assert senders.run(1.0, {OTHER: b"20"}) == ZERO_TWIST
+    assert senders.filter.status() == (
+        "one of 2 senders of proximity readings has been silent for 20.0 s: stopped; to go on "
+        "without it, ask for no motion for 1 s"
+    )
+
+
+def test_neither_is_one_that_saw_nothing():
+    senders = Senders()
+    senders.run(1.0, {SKIN: b"0", OTHER: b"20"})
+    assert senders.run(0.2, {OTHER: b"20"}) is ASKED
+    assert senders.run(0.4, {OTHER: b"20"}) == ZERO_TWIST
+
+
+def test_a_sensors_program_that_starts_anew_goes_on_once_the_operator_has_let_go():
+    senders, again = Senders(), Sender("", 101)
+    senders.run(1.0, {SKIN: b"0"})
+    assert senders.run(5.0, {again: b"0"}) == ZERO_TWIST
+    senders.run(0.9, {again: b"0"}, ZERO_TWIST)
+    assert senders.run(0.1, {again: b"0"}) == ZERO_TWIST
+    senders.run(1.1, {again: b"0"}, ZERO_TWIST)
+    assert senders.run(0.1, {again: b"0"}) is ASKED
+    assert senders.filter.status() == ""
+
+
+def test_a_short_silence_while_the_operator_rests_forgets_nobody():
+    senders = Senders()
+    senders.run(1.0, {SKIN: b"900", OTHER: b"20"})
+    senders.run(1.9, {OTHER: b"20"}, ZERO_TWIST)
+    assert senders.run(0.2, {OTHER: b"20"}) == ZERO_TWIST
+    assert senders.run(0.2, {OTHER: b"20", SKIN: b"900"}) == ZERO_TWIST
+
+
+def test_nobody_is_forgotten_while_nobody_is_heard():
+    senders = Senders()
+    senders.run(1.0, {SKIN: b"0", OTHER: b"20"})
+    senders.run(10.0, {}, ZERO_TWIST)
+    assert senders.run(0.1, {}) == ZERO_TWIST
+    assert "the proximity sensors have been silent" in senders.filter.status()
+    assert senders.run(0.1, {SKIN: b"0"}) == ZERO_TWIST
+    assert senders.run(0.1, {SKIN: b"0", OTHER: b"20"}) is ASKED
+
+
+@pytest.mark.parametrize(
+    ("when_stale", "level", "result"),
+    [
+        ("half", b"20", HALF),
+        ("half", b"900", ZERO_TWIST),
+        ("pass", b"20", ASKED),
+        ("pass", b"250", HALF),
+        ("pass", b"900", ZERO_TWIST),
+    ],
+)
+def test_what_one_silent_sender_does_is_the_users_to_say(when_stale, level, result):
+    senders = Senders(when_stale=when_stale)
+    senders.run(1.0, {SKIN: b"900", OTHER: level})
+    assert senders.run(1.0, {OTHER: level}) == result
+
+
+def test_too_many_senders_stop_it_and_a_crowd_that_is_gone_is_forgotten():
+    senders = Senders()
+    crowd = {Sender("", number): b"0" for number in range(MAX_SENDERS + 1)}
+    assert senders.run(1.0, crowd) == ZERO_TWIST
+    assert senders.filter.status() == "more than 8 programs send proximity readings: stopped"
+    assert senders.run(5.0, {SKIN: b"0"}) == ZERO_TWIST
+    senders.run(5.0, {SKIN: b"0"}, ZERO_TWIST)
+    assert senders.run(0.1, {SKIN: b"0"}) is ASKED
+
+
+def test_a_reading_of_unknown_age_makes_no_sender():
+    made = guard()
+    made.listener.take(b"0", NEVER_S, SKIN)
+    assert made.apply(ASKED, robot_at(10.0)) == ZERO_TWIST
+    assert made.status() == "no proximity reading yet: stopped"
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([SKIN, OTHER]), st.floats(0, 5000), st.floats(0, 0.5)),
+        max_size=30,
+    )
+)
+def test_a_second_sender_never_makes_a_motion_faster(readings):
+    """Whatever the other one says, the motion is no faster than by the skin alone."""
+    alone, both = guard(), guard()
+    now_s = 10.0
+    for sender, level, wait_s in readings:
+        now_s += wait_s
+        data = f"{level:f}".encode()
+        both.listener.take(data, now_s, sender)
+        if sender == SKIN:
+            alone.listener.take(data, now_s, sender)
+        results = [each.apply(ASKED, robot_at(now_s)).linear.x for each in (alone, both)]
+        if alone.listener.heard:
+            assert results[1] <= results[0]

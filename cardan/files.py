@@ -1,0 +1,67 @@
+"""Opens files that a user has named: nothing is waited for, and nothing without end is read."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from typing import BinaryIO, Final, TextIO
+
+TEXT_BYTES: Final = 2**20
+"""Longest text that is read: a hundred times the longest configuration, and parsed in seconds."""
+MODEL_BYTES: Final = 16 * 2**20
+"""Longest model of an arm that is read; published URDF files have less than 1 MB."""
+
+_KINDS: Final = (
+    (stat.S_ISDIR, "a directory"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+_UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
+_NO_WAIT: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+
+
+def open_file(path: str | os.PathLike[str]) -> BinaryIO:
+    """The regular file at `path`, to read. Raises OSError, also for what is no regular file: a pipe
+    may never end, and a device gives what it likes."""
+    mode = os.stat(path).st_mode
+    if not stat.S_ISREG(mode):
+        what = next((words for is_one, words in _KINDS if is_one(mode)), "something else")
+        code = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
+        raise OSError(code, f"it is {what}, and must be a file")
+    return os.fdopen(os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)), "rb")
+
+
+def read_text(path: str | os.PathLike[str], most_bytes: int = TEXT_BYTES) -> str:
+    """The text of a file in UTF-8, with or without a byte-order mark; line ends become ``\\n``.
+
+    Raises OSError where it cannot be read or is longer than `most_bytes`, ValueError where it is
+    not UTF-8.
+    """
+    with open_file(path) as file:
+        data = file.read(most_bytes + 1)
+    if len(data) > most_bytes:
+        raise OSError(errno.EFBIG, f"it is longer than {most_bytes / 2**20:g} MiB")
+    if data.startswith(_UTF_16):
+        raise ValueError("it is UTF-16; save it as UTF-8")
+    return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def create_file(path: str | os.PathLike[str]) -> TextIO:
+    """A new text file at `path`, in place of an old one, whose line ends are as they are written.
+
+    Only its owner may change it, whatever the umask: it is a record. Raises OSError, also for a
+    pipe that nobody reads.
+    """
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | _NO_WAIT
+    try:
+        file = os.open(path, flags, 0o644)
+    except OSError as error:
+        if error.errno == errno.ENXIO:
+            raise OSError(errno.ENXIO, "nobody reads this pipe") from None
+        raise
+    if _NO_WAIT:
+        os.set_blocking(file, True)
+    return os.fdopen(file, "w", encoding="utf-8", newline="")

@@ -1,0 +1,58 @@
+"""Who may open a simulated device: its owner alone, whatever the umask, or everybody when asked."""
+
+from __future__ import annotations
+
+import os
+import stat
+
+import pytest
+
+from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
+from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
+
+MADE = {
+    "events": lambda path, **more: EvdevPeer(EvdevPeerOptions(path=path, **more)),
+    "hid": lambda path, **more: SpaceMousePeer(SpaceMousePeerOptions(hid=path, **more)),
+    "serial": lambda path, **more: SpaceMousePeer(SpaceMousePeerOptions(serial=path, **more)),
+    "l2cap": lambda path, **more: WiimotePeer(WiimotePeerOptions(l2cap=path, **more)),
+}
+
+
+@pytest.fixture(autouse=True, params=[0o000, 0o022, 0o077], ids=oct)
+def umask(request):
+    before = os.umask(request.param)
+    yield
+    os.umask(before)
+
+
+def modes(path):
+    """The modes of what programs open at `path`."""
+    if not os.path.isdir(path):
+        return {stat.S_IMODE(os.stat(path).st_mode)}
+    return {stat.S_IMODE(entry.stat().st_mode) for entry in os.scandir(path)}
+
+
+@pytest.mark.parametrize("way", MADE)
+def test_only_its_owner_can_open_it(way, tmp_path):
+    path = str(tmp_path / "device")
+    peer = MADE[way](path)
+    peer.open()
+    assert modes(path) == {0o600}
+    if way == "l2cap":
+        assert stat.S_IMODE(os.stat(path).st_mode) == 0o700
+    if way == "serial":
+        assert modes(f"{path}.lock") == {0o600}
+    peer.close()
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("way", MADE)
+def test_everybody_can_where_that_is_asked(way, tmp_path):
+    path = str(tmp_path / "device")
+    peer = MADE[way](path, everybody=True)
+    peer.open()
+    assert modes(path) == {0o666}
+    if way == "l2cap":
+        assert stat.S_IMODE(os.stat(path).st_mode) == 0o755
+    peer.close()

@@ -1,0 +1,91 @@
+"""What a computer does not give is said in a line."""
+
+from __future__ import annotations
+
+import errno
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cardan.plugins import reason
+from cardan.shortage import run, shortage
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+UNMAPPED = "libx.so: failed to map segment from shared object"
+
+
+def caused(cause):
+    error = ValueError("what it led to")
+    error.__cause__ = cause
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError(), "too little memory"),
+        (SystemError("error return without exception set"), "too little memory"),
+        (ImportError(UNMAPPED), "too little memory"),
+        (OSError(errno.ENOMEM, "no"), "too little memory"),
+        (OSError(errno.EMFILE, "no"), "`ulimit -n` shows the limit"),
+        (OSError(errno.ENFILE, "no"), "too many files are open"),
+        (RuntimeError("can't start new thread"), "no more threads"),
+        (caused(MemoryError()), "too little memory"),
+    ],
+)
+def test_what_is_short_is_named(error, words):
+    assert words in shortage(error)
+    assert reason(error) == shortage(error)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        None,
+        OSError("no number"),
+        OSError(errno.ENOENT, "no"),
+        BlockingIOError(errno.EAGAIN, "later"),
+        ImportError("no module named x"),
+        RuntimeError("a mistake"),
+        caused(KeyError("x")),
+    ],
+)
+def test_other_errors_are_none(error):
+    assert shortage(error) == ""
+
+
+def test_causes_in_a_circle_end():
+    first, second = ValueError(), ValueError()
+    first.__cause__, second.__cause__ = second, first
+    assert shortage(first) == ""
+
+
+def test_a_mistake_keeps_its_traceback(monkeypatch):
+    monkeypatch.setattr("cardan.cli.main", lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run("cardan.cli")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("limit", ["-n 8", "-v 40960", "-v 61440"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "--seconds", "1", EXAMPLES / "verbs-ur5-simulated.toml"),
+        ("demo", "--seconds", "3"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_command_ends_in_a_line(limit, words):
+    done = subprocess.run(
+        ["sh", "-c", f'ulimit {limit}; exec "$@"', "sh", sys.executable, "-m", "cardan", *words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith(("cardan: there is too little memory", "cardan: too many files"))
+    assert done.stderr.count("\n") == 1
