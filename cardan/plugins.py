@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint
 from typing import Any, Generic, TypeVar
 
 from cardan.errors import CardanError, ConfigurationError
+from cardan.signals import EndingSignalError
 
 T = TypeVar("T")
 
@@ -80,6 +81,8 @@ class Finder(Generic[T]):
         of = f"{target} of {self._word} {name!r}"
         try:
             loaded = getattr(importlib.import_module(module), attribute)
+        except EndingSignalError:
+            raise
         except (Exception, SystemExit) as error:  # Whatever another package's module does.
             raise ConfigurationError(
                 self._word, f"{of} cannot be loaded: {reason(error)}"

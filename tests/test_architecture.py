@@ -22,6 +22,9 @@ LEAVES = {
     "haptics",
     "plugins",
     "sockets",
+    "signals",
+    "output",
+    "logs",
     "__init__",
 }
 

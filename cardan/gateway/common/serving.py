@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import signal
 import socket
 import stat
 import threading
 from collections.abc import Iterator
-from types import FrameType
 
 from cardan.errors import AddressError
+from cardan.signals import on_ending
 
 PROBE_S = 1.0
 """Longest wait for an answer of a program that may serve at a path: it can be busy."""
@@ -20,21 +19,10 @@ PROBE_S = 1.0
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, where signals can be taken (the main thread)."""
+    """An event that every signal sets which would end the process, in its main thread."""
     interrupted = threading.Event()
-
-    def stop(_signal: int, _frame: FrameType | None) -> None:
-        interrupted.set()
-
-    if threading.current_thread() is not threading.main_thread():
+    with on_ending(lambda _signal: interrupted.set()):
         yield interrupted
-        return
-    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield interrupted
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def make_room(path: str, kind: socket.SocketKind, other: str) -> None:

@@ -226,7 +226,7 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
     with SessionView() as view:
         view.console.print(demo.description)
         with simulated_hardware(demo, seconds) as (config, through):
-            outcome = supervise(config, seconds, view.show, through=through)
+            outcome = supervise(config, seconds, view.show, through=through, shown=view.is_read)
     if outcome.exit_code == EXIT_OK or outcome.last.cycles:
         view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:
