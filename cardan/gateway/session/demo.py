@@ -72,11 +72,13 @@ def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
             start_new_session=True,
         )
         try:
-            yield _endpoint(process, shlex.join(words[:2]))
-        except BaseException:
-            log.seek(0)
-            sys.stderr.write(log.read()[-2000:])
-            raise
+            try:
+                endpoint = _endpoint(process, shlex.join(words[:2]))
+            except DriverError:
+                log.seek(0)
+                sys.stderr.write(log.read()[-2000:])
+                raise
+            yield endpoint
         finally:
             process.terminate()
             try:

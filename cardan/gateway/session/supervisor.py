@@ -228,13 +228,14 @@ def supervise(
     `through` is a command that runs the command after it in an environment of its making, hands
     signals on to it and ends with its code, as ``cardan sim omni --`` does.
     """
-    process = SessionProcess(config, seconds, through, _say)
+    process: SessionProcess | None = None
     told: list[int] = []
     logged = _Logged()
 
     def stop(number: int) -> None:
         told.append(number)
-        process.stop()
+        if process is not None:
+            process.stop()
 
     def take(packet: bytes) -> Snapshot:
         snapshot = Snapshot.from_bytes(packet)
@@ -244,6 +245,9 @@ def supervise(
 
     # Ctrl-Z would leave a moving robot without an operator at the terminal.
     with on_ending(stop, also=(signal.SIGTSTP,)):
+        process = SessionProcess(config, seconds, through, _say)
+        if told:
+            process.stop()
         outcome = process.follow(take, poll, shown)
     for number in told:
         _log.info("told to end by %s", signal_name(number))
