@@ -25,7 +25,7 @@ MAX_WAITING_BYTES = 1 << 18
 READ_WITHIN_S = 0.2
 """A write that takes longer: nobody reads. A terminal or a file takes microseconds."""
 
-LAST_WORDS_S = 1.0
+LAST_WORDS_S = 0.5
 """Longest wait for a reader at the end of a program that serves, or that was told to end."""
 
 

@@ -110,8 +110,11 @@ class Moving:
         self._joints = robot.joints
         self._watch = Watch(ROBOTS[ROBOT].arm, robot.joints)
 
-    def wait_until_moving(self):
-        self._watch.until(lambda found: found > 0.8 * SPEED_M_S, 0.2)
+    def wait_until_moving(self, said=lambda: b""):
+        try:
+            self._watch.until(lambda found: found > 0.8 * SPEED_M_S, 0.2)
+        except TimeoutError as error:
+            raise AssertionError(said()[-4000:].decode(errors="replace")) from error
 
     def wait_until_at_rest(self):
         # Longer than the hand's own pauses.
@@ -153,7 +156,7 @@ def assert_it_braked(program, code):
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT], ids=signal_name)
 def test_a_signal_to_the_command_brakes_the_arm(moving, number):
     with Program("run", "-v", moving.file) as program:
-        moving.wait_until_moving()
+        moving.wait_until_moving(lambda: program.said["stderr"])
         assert_it_braked(program, program.end(number))
         assert f"told to end by {signal_name(number)}" in program.err
         assert moving.rests
@@ -164,7 +167,7 @@ def test_a_signal_to_the_command_brakes_the_arm(moving, number):
 )
 def test_a_signal_to_the_session_itself_brakes_the_arm(moving, number):
     with Program("run", "-v", moving.file) as program:
-        moving.wait_until_moving()
+        moving.wait_until_moving(lambda: program.said["stderr"])
         os.kill(session_of(program), number)
         assert_it_braked(program, program.end())
         assert moving.rests
@@ -172,7 +175,7 @@ def test_a_signal_to_the_session_itself_brakes_the_arm(moving, number):
 
 def test_a_login_session_that_ends_tells_all_its_processes_twice(moving):
     with Program("run", "-v", moving.file) as program:
-        moving.wait_until_moving()
+        moving.wait_until_moving(lambda: program.said["stderr"])
         session = session_of(program)
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
             program.process.send_signal(number)
@@ -182,7 +185,7 @@ def test_a_login_session_that_ends_tells_all_its_processes_twice(moving):
 
 def test_signals_do_not_break_the_stop_that_is_under_way(moving):
     with Program("run", "-v", moving.file) as program:
-        moving.wait_until_moving()
+        moving.wait_until_moving(lambda: program.said["stderr"])
         session = session_of(program)
         while program.process.poll() is None:
             for number in SIGNALS:
@@ -317,7 +320,7 @@ def test_a_session_that_nobody_sees_holds_and_ends_when_told(moving, kind, numbe
         Reader(reading) as reader,
         Program("run", moving.file, stdout=writing, stderr=writing) as program,
     ):
-        moving.wait_until_moving()
+        moving.wait_until_moving(lambda: reader.found)
         reader.stop()
         if kind == "pipe":
             fill(writing)  # A terminal is full soon.
@@ -332,7 +335,7 @@ def test_a_session_that_is_seen_again_says_why_it_held(moving):
         Reader(reading) as reader,
         Program("run", moving.file, stdout=writing, stderr=writing) as program,
     ):
-        moving.wait_until_moving()
+        moving.wait_until_moving(lambda: reader.found)
         reader.stop()
         moving.wait_until_at_rest()
         reader.go_on()

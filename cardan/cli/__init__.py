@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
 
 EPILOG = (
-    "Exit codes: 0 success; 1 internal error; 2 wrong configuration or usage; "
-    "3 a device or robot cannot be opened; 4 it ran, but with problems, which it names."
+    "Exit codes: 0 success; 1 internal error, or nothing can be printed; 2 wrong configuration or "
+    "usage; 3 a device or robot cannot be opened; 4 it ran, but with problems, which it names."
 )
 
 app = typer.Typer(
