@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -81,8 +81,9 @@ def _gofa(mode: str) -> Robot:
     return Robot(peer, lambda: peer.core.joints_rad, tables)
 
 
-def _gp8(mode: str) -> Robot:
-    options = MotorosControllerOptions(base_port=0, velocity_mode=mode == "velocity")
+def _gp8(mode: str, plant: Literal["ideal", "paper"] = "ideal") -> Robot:
+    velocity_mode = mode == "velocity"
+    options = MotorosControllerOptions(base_port=0, velocity_mode=velocity_mode, plant=plant)
     peer = MotorosControllerPeer(options)
     peer.open()  # Its ports are known from now on.
     robot = {
@@ -119,6 +120,8 @@ ROBOTS: dict[str, Case] = {
     "GoFa, EGM joint": Case(lambda: _gofa("joint"), "gofa_crb15000_5", (-1, 0, 0)),
     "GP8, MotoROS stream": Case(lambda: _gp8("stream"), "gp8", (0, 1, 0)),
     "GP8, MotoROS velocity": Case(lambda: _gp8("velocity"), "gp8", (0, 1, 0)),
+    "the same, late, stream": Case(lambda: _gp8("stream", "paper"), "gp8", (0, 1, 0)),
+    "the same, late, velocity": Case(lambda: _gp8("velocity", "paper"), "gp8", (0, 1, 0)),
     "UR5, joint stream": Case(_ur5, "ur5", (0, -1, 0)),
 }
 
@@ -243,4 +246,5 @@ def main() -> None:
             cells += f"{statistics.median(times):9.0f} ({max(times):3.0f})"
         print(f"{name:24}{cells}", flush=True)
     print(f"\nEGM's CommTimeout is {COMM_TIMEOUT_S:g} s here. An arm that is simulated in the")
-    print("session's own process ends with it.")
+    print("session's own process ends with it. Late: behind its command by as much as in the")
+    print("paper of 2021.")

@@ -286,6 +286,7 @@ class Reader:
         self.found = b""
         self._fd = fd
         self._reads, self._ended = threading.Event(), threading.Event()
+        self._rests = threading.Event()
         self._reads.set()
         self._thread = threading.Thread(target=self._read)
         self._thread.start()
@@ -293,12 +294,17 @@ class Reader:
     def _read(self):
         with selectors.DefaultSelector() as selector:
             selector.register(self._fd, selectors.EVENT_READ)
-            while self._reads.wait(WITHIN_S) and not self._ended.is_set():
-                if selector.select(0.05):
+            while not self._ended.is_set():
+                if not self._reads.is_set():
+                    self._rests.set()
+                    self._reads.wait()
+                elif selector.select(0.05):
                     self.found += os.read(self._fd, 1 << 16)
 
     def stop(self):
+        self._rests.clear()
         self._reads.clear()
+        assert self._rests.wait(WITHIN_S)
 
     def go_on(self):
         self._reads.set()
