@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 from cardan.errors import CardanError, ConfigurationError
 from cardan.printable import printable
 from cardan.shortage import shortage
+from cardan.signals import EndingSignalError
 
 T = TypeVar("T")
 
@@ -84,6 +85,8 @@ class Finder(Generic[T]):
         of = f"{target} of {self._word} {name!r}"
         try:
             loaded = getattr(importlib.import_module(module), attribute)
+        except EndingSignalError:
+            raise
         except (Exception, SystemExit) as error:  # Whatever another package's module does.
             raise ConfigurationError(
                 self._word, f"{of} cannot be loaded: {reason(error)}"

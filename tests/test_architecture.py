@@ -25,6 +25,9 @@ LEAVES = {
     "files",
     "printable",
     "shortage",
+    "signals",
+    "output",
+    "logs",
     "__init__",
 }
 

@@ -7,6 +7,7 @@ import pytest
 
 from cardan.errors import ConfigurationError
 from cardan.plugins import Finder
+from cardan.signals import EndingSignalError
 
 POINTS = [
     EntryPoint("theirs", "decimal:DivisionByZero", "group"),
@@ -88,6 +89,17 @@ def test_what_cannot_be_loaded_is_told_with_the_reason(finder, name, words):
 def test_what_is_not_of_the_kind_is_refused(finder, name, target):
     with pytest.raises(ConfigurationError, match=f"{target} of trap '{name}' is not a cardan trap"):
         finder.load(name)
+
+
+def test_a_signal_that_ends_the_program_is_no_fault_of_a_plug_in(tmp_path, monkeypatch):
+    (tmp_path / "plugin_that_is_interrupted.py").write_text(
+        "from cardan.signals import EndingSignalError\nraise EndingSignalError(130)"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    points = [EntryPoint("slow", "plugin_that_is_interrupted:Trap", "group")]
+    finder = Finder(ArithmeticError, "trap", {}, lambda: points)
+    with pytest.raises(EndingSignalError):
+        finder.load_all()
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import math
 import sys
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cardan import __version__
+from cardan import __version__, output
 from cardan.cli.common import (
     EXIT_CANNOT_OPEN,
     EXIT_FAILED,
@@ -20,7 +19,10 @@ from cardan.cli.common import (
     EXIT_OK,
     EXIT_USAGE,
     ConfigFile,
+    Level,
     Seconds,
+    Verbose,
+    begin_serving,
     check_seconds,
     print_table,
     print_unusable,
@@ -31,14 +33,15 @@ from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, OptionError, ScriptError
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.printable import make_logs_printable, printable
+from cardan.signals import raised_on_ending
 from cardan.types import DeviceLink, RobotLink
 
 if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
 
 EPILOG = (
-    "Exit codes: 0 success; 1 internal error; 2 wrong configuration or usage; "
-    "3 a device or robot cannot be opened; 4 it ran, but with problems, which it names."
+    "Exit codes: 0 success; 1 internal error, or nothing can be printed; 2 wrong configuration or "
+    "usage; 3 a device or robot cannot be opened; 4 it ran, but with problems, which it names."
 )
 
 app = typer.Typer(
@@ -55,38 +58,66 @@ app.add_typer(sim)
 
 
 def main() -> None:
-    """Run the command line; errors become one line and an exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+    """Run the command line; errors become one line and an exit code.
+
+    Signals that would end it are gone through in good order, and neither they nor its own end wait
+    for a terminal or a pipe that is not read.
+    """
     make_logs_printable()
+    code = EXIT_FAILED
     try:
-        sys.exit(app(standalone_mode=False))
+        with output.in_background(), raised_on_ending():
+            try:
+                code = _run()
+            except SystemExit as told:
+                output.keep_up()
+                code = _code(told)
+            if (error := output.finish("stdout")) is not None:
+                code = code or EXIT_FAILED
+                if why := output.why_unwritten(error):
+                    print(f"cardan: {why}", file=sys.stderr)
+            output.finish("stderr")
+    except SystemExit as told:  # Told to end while it waited for a reader.
+        code = _code(told)
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Run the command line; the exit code."""
+    try:
+        return app(standalone_mode=False) or EXIT_OK
     except (ConfigurationError, ScriptError, CaptureError) as error:
-        _fail(error, EXIT_USAGE)
+        return _fail(error, EXIT_USAGE)
     except CardanError as error:
-        _fail(error, EXIT_CANNOT_OPEN)
-    except (BrokenPipeError, typer.Abort):
-        sys.exit(EXIT_FAILED)
+        return _fail(error, EXIT_CANNOT_OPEN)
+    except typer.Abort:
+        return EXIT_FAILED
     except Exception as error:
+        if isinstance(error, OSError) and output.failed(error):
+            return EXIT_FAILED
         # The command line's own errors: typer's releases have them in different modules.
         message, context = getattr(error, "format_message", None), getattr(error, "ctx", None)
         if message is None:
-            raise
+            sys.excepthook(type(error), error, error.__traceback__)
+            return EXIT_FAILED
         if type(error).__name__ == "NoArgsIsHelpError":
             if text := message():  # With rich, this prints it.
                 print(text)
-            sys.exit(EXIT_USAGE)
+            return EXIT_USAGE
         words = " ".join(message().split()).removesuffix(".")
         command = context.command_path if context is not None else "cardan"
         print(f"cardan: {words}; `{command} --help` says what there is", file=sys.stderr)
-        sys.exit(EXIT_USAGE)
+        return EXIT_USAGE
 
 
-def _fail(error: CardanError, code: int) -> None:
+def _fail(error: CardanError, code: int) -> int:
     keep = "\n" if isinstance(error, ConfigurationError) else ""
     print(f"cardan: {printable(str(error), keep)}", file=sys.stderr)
-    sys.exit(code)
+    return code
+
+
+def _code(told: SystemExit) -> int:
+    return told.code if isinstance(told.code, int) else EXIT_FAILED
 
 
 def _print_version(wanted: bool) -> None:
@@ -128,27 +159,35 @@ def demo(
             "--list", callback=_list_demos, is_eager=True, help="Print the demos, then end."
         ),
     ] = False,
+    verbose: Verbose = False,
+    log_level: Level = None,
 ) -> None:
     """Run an example against simulated peers, with no hardware: gofa (a SpaceMouse drives an ABB
     GoFa over EGM), gp8 (a Motoman GP8 over MotoROS), omni (a Phantom Omni draws with the GoFa's pen
     and feels its board), and more."""
     from cardan.gateway.session.demo import run_demo
 
+    begin_serving(verbose, log_level)
     raise typer.Exit(run_demo(seconds, name))
 
 
 @app.command(epilog=EPILOG)
-def run(file: ConfigFile, seconds: Seconds = None) -> None:
+def run(
+    file: ConfigFile, seconds: Seconds = None, verbose: Verbose = False, log_level: Level = None
+) -> None:
     """Join the device and the robot of a configuration file until Ctrl-C."""
     from cardan.gateway.session.assembly import cautions, load_config
     from cardan.gateway.session.supervisor import supervise
     from cardan.gateway.session.view import SessionView, summary
 
+    begin_serving(verbose, log_level)
     config = load_config(file)
     for words in cautions(config):
         print(f"cardan: WARNING: {words}", file=sys.stderr)
     with SessionView() as view:
-        outcome = supervise(config, math.inf if seconds is None else seconds, view.show)
+        outcome = supervise(
+            config, math.inf if seconds is None else seconds, view.show, shown=view.is_read
+        )
     if outcome.last.cycles or outcome.last.elapsed_s:
         view.console.print(summary(outcome.last))
     if outcome.last.error:
@@ -333,6 +372,8 @@ def spnav(
         bool, typer.Option("--everybody", help="Let every user of this machine connect.")
     ] = False,
     seconds: Seconds = None,
+    verbose: Verbose = False,
+    log_level: Level = None,
 ) -> None:
     """Serve an operator device to stock programs that use libspnav, as spacenavd does: version 0
     and 1 of its protocol. Prints READY and the socket's path once it serves."""
@@ -340,6 +381,7 @@ def spnav(
     from cardan.gateway.session.assembly import load_served, make_device
     from cardan.gateway.spnav import SpnavServerOptions, serve_device
 
+    begin_serving(verbose, log_level)
     if file is None:
         device: OperatorDevice = SpaceMouse(SpaceMouseOptions(wait_for_device=True))
         options = SpnavServerOptions()
@@ -364,12 +406,15 @@ def force(
         typer.Option(metavar="PATH", help="The socket that the session offers: its force.socket."),
     ],
     seconds: Seconds = None,
+    verbose: Verbose = False,
+    log_level: Level = None,
 ) -> None:
     """Be the force node of a session in another process: read its robot's states, and send it the
     forces that the [force] and [[fixtures]] of FILE make of them. Prints READY once it does."""
     from cardan.gateway.session.assembly import load_force
     from cardan.gateway.session.force_node import run_force_node
 
+    begin_serving(verbose, log_level)
     sent = run_force_node(load_force(file), connect, seconds)
     print(f"{sent} forces sent")
     if not sent:

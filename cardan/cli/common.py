@@ -1,7 +1,9 @@
-"""What the commands share: exit codes, the types of their options, and tables."""
+"""What the commands share: exit codes, the types of their options, logs, and tables."""
 
 from __future__ import annotations
 
+import enum
+import logging
 import math
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +14,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cardan.errors import OptionError
+from cardan import output
+from cardan.errors import ConfigurationError, OptionError
+from cardan.logs import log_to_stderr
 from cardan.plugins import Loaded
 from cardan.printable import printable
 
@@ -35,6 +39,42 @@ Seconds = Annotated[
     float | None,
     typer.Option(callback=check_seconds, help="End after this time; default: on Ctrl-C."),
 ]
+
+
+class LogLevel(str, enum.Enum):
+    """Least level of what is logged on standard error."""
+
+    DEBUG = "debug"
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Log all there is: --log-level debug.")
+]
+Level = Annotated[
+    LogLevel | None,
+    typer.Option(
+        "--log-level",
+        help="What is logged on standard error; default: info of simulated peers, else warning.",
+    ),
+]
+
+
+def begin_serving(
+    verbose: bool, level: LogLevel | None, default: LogLevel = LogLevel.WARNING
+) -> None:
+    """Begin a command that runs until it is told to end: its log goes to standard error, and
+    nobody who does not read its output holds it up.
+
+    Raises ConfigurationError for `verbose` with another level than debug.
+    """
+    if verbose and level not in (None, LogLevel.DEBUG):
+        raise ConfigurationError("--verbose, --log-level", "give one of them")
+    level = LogLevel.DEBUG if verbose else level or default
+    log_to_stderr(getattr(logging, level.name))
+    output.keep_up()
 
 
 def print_unusable(found: Loaded[Any]) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import enum
 import inspect
-import logging
-import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
@@ -15,10 +13,17 @@ import typer
 from typer.core import TyperGroup
 
 from cardan.bounds import ANY_PORT
-from cardan.cli.common import Seconds, print_table, print_unusable
+from cardan.cli.common import (
+    Level,
+    LogLevel,
+    Seconds,
+    Verbose,
+    begin_serving,
+    print_table,
+    print_unusable,
+)
 from cardan.errors import ConfigurationError, OptionError
 from cardan.plugins import reason
-from cardan.printable import PrintableFormatter
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import parse_faults
 from cardan.sim_peers.command import Option, PeerCommand, name_and_unit, option_of
@@ -242,6 +247,8 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
     fields = {each.name: each for each in dataclasses.fields(peer.Options)}
     parameters = {name: each.parameter for name, each in own.items()}
     parameters["seconds"] = _parameter("seconds", Seconds, None)
+    parameters["verbose"] = _parameter("verbose", Verbose, False)
+    parameters["log_level"] = _parameter("log_level", Level, None)
     for field, annotation in (("script", Script), ("faults", Fault), ("seed", Seed)):
         if field in fields:
             default = None if field == "faults" else fields[field].default
@@ -254,7 +261,7 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
 
     def run(**given: Any) -> None:
         listed = [flag for flag in lists if given.pop(f"list_{flag}")]
-        seconds = given.pop("seconds")
+        seconds, verbose, level = (given.pop(name) for name in ("seconds", "verbose", "log_level"))
         for flag in listed:
             for line in lists[flag][1](given):
                 print(line)
@@ -269,9 +276,7 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
                 values[peer.Options][field] = faults
             else:
                 values[peer.Options][field] = value
-        handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(PrintableFormatter("%(asctime)s %(name)s: %(message)s"))
-        logging.basicConfig(handlers=[handler], level=logging.INFO)
+        begin_serving(verbose, level, LogLevel.INFO)
         try:
             code = peer.run(_made(peer.Options, values), seconds)
         except ConfigurationError as error:

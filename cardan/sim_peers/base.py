@@ -10,20 +10,19 @@ import contextlib
 import math
 import operator
 import shlex
-import signal
 import sys
 import threading
 import time
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from types import FrameType
 from typing import Generic, NamedTuple, TypeVar
 
 from cardan.errors import ScriptError
 from cardan.files import read_text
 from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
+from cardan.signals import on_ending
 
 
 class FaultSwitch(NamedTuple):
@@ -222,25 +221,23 @@ class SimulatedPeer(Openable):
 
 
 def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
-    """Run `peer` until `seconds` are over, SIGINT or SIGTERM; print READY once it serves."""
+    """Run `peer` until `seconds` are over or a signal would end it; print READY once it serves."""
     stopping = False
 
-    def stop(_signal: int, _frame: FrameType | None) -> None:
+    def stop(_signal: int) -> None:
         nonlocal stopping
         stopping = True
 
-    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        peer.open()
-        # Hardware keeps its period whatever this machine is busy with.
-        ask_for_real_time()
-        print(f"READY {peer.endpoint}", flush=True)
-        end_s = float("inf") if seconds is None else time.monotonic() + seconds
-        while not stopping and (now_s := time.monotonic()) < end_s:
-            peer.step(min(end_s, now_s + SERVE_SLICE_S))
-    finally:
-        with contextlib.suppress(BrokenPipeError):
-            sys.stdout.flush()
-        peer.close()
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+    with on_ending(stop):
+        try:
+            peer.open()
+            # Hardware keeps its period whatever this machine is busy with.
+            ask_for_real_time()
+            print(f"READY {peer.endpoint}", flush=True)
+            end_s = float("inf") if seconds is None else time.monotonic() + seconds
+            while not stopping and (now_s := time.monotonic()) < end_s:
+                peer.step(min(end_s, now_s + SERVE_SLICE_S))
+        finally:
+            with contextlib.suppress(OSError):
+                sys.stdout.flush()
+            peer.close()

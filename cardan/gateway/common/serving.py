@@ -3,26 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import threading
 from collections.abc import Iterator
-from types import FrameType
+
+from cardan.signals import on_ending
 
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, where signals can be taken (the main thread)."""
+    """An event that every signal sets which would end the process, in its main thread."""
     interrupted = threading.Event()
-
-    def stop(_signal: int, _frame: FrameType | None) -> None:
-        interrupted.set()
-
-    if threading.current_thread() is not threading.main_thread():
+    with on_ending(lambda _signal: interrupted.set()):
         yield interrupted
-        return
-    previous = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield interrupted
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

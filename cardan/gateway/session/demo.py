@@ -76,11 +76,13 @@ def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
             start_new_session=True,
         )
         try:
-            yield _endpoint(process, shlex.join(words[:2]))
-        except BaseException:
-            log.seek(0)
-            sys.stderr.write(printable(log.read()[-2000:], "\n"))
-            raise
+            try:
+                endpoint = _endpoint(process, shlex.join(words[:2]))
+            except DriverError:
+                log.seek(0)
+                sys.stderr.write(printable(log.read()[-2000:], "\n"))
+                raise
+            yield endpoint
         finally:
             process.terminate()
             try:
@@ -233,7 +235,7 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
     with SessionView() as view:
         view.console.print(demo.description, markup=False)
         with simulated_hardware(demo, seconds) as (config, through):
-            outcome = supervise(config, seconds, view.show, through=through)
+            outcome = supervise(config, seconds, view.show, through=through, shown=view.is_read)
     if outcome.exit_code == EXIT_OK or outcome.last.cycles:
         view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:

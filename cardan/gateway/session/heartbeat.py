@@ -26,6 +26,6 @@ class Heartbeat:
         if age_s <= self._silence_s:
             return ""
         return (
-            f"the process that supervises this session was silent for {age_s:.1f} s: it could "
-            "neither show nor stop the arm"
+            f"the process that supervises this session was silent for {age_s:.1f} s: it is "
+            "stopped, or nobody reads what it shows"
         )

@@ -11,12 +11,11 @@ import argparse
 import contextlib
 import gc
 import json
+import logging
 import math
-import signal
 import socket
 import sys
 import time
-from types import FrameType
 from typing import Any
 
 from cardan.drivers.base import OperatorDevice, RobotDriver
@@ -46,9 +45,11 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.worker import RequestWorker
 from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
-from cardan.printable import make_logs_printable
+from cardan.logs import log_to_stderr
+from cardan.output import dropping_text
 from cardan.realtime import ask_for_real_time
 from cardan.shortage import shortage
+from cardan.signals import ignore_ending, take_ending
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,
@@ -441,8 +442,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="cardan-session")
     parser.add_argument("--channel-fd", type=int, required=True)
     parser.add_argument("--seconds", type=float, default=math.inf)
+    parser.add_argument("--log-level", type=int, default=logging.WARNING)
     options = parser.parse_args(arguments)
-    make_logs_printable()
+    sys.stdout, sys.stderr = dropping_text(1), dropping_text(2)
+    log_to_stderr(options.log_level)
     channel = socket.socket(fileno=options.channel_fd)
     channel.setblocking(False)
     table: dict[str, Any] = json.load(sys.stdin)
@@ -451,12 +454,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         session = make_session(parse_config(table, from_file=False), channel)
 
-        def stop(_number: int, _frame: FrameType | None) -> None:
-            session.stop(STOPPED_ON_REQUEST)
-
-        # A terminal's Ctrl-C reaches the supervisor, which asks with SIGTERM.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, stop)
+        take_ending(lambda _signal: session.stop(STOPPED_ON_REQUEST))
         last = session.snapshot
         last.scheduling = ask_for_real_time()
         session.run(options.seconds)
@@ -479,4 +477,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    EXIT_CODE = main()
+    # It has left its robot; who asked it twice (a login session: SIGTERM, SIGHUP) gets its code.
+    ignore_ending()
+    sys.exit(EXIT_CODE)

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import math
+import os
+import re
 import selectors
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from types import FrameType
 from typing import NamedTuple
 
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.gateway.session.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+from cardan.signals import ENDING_SIGNALS, on_ending, signal_name
 from cardan.tables import as_table
 from cardan.types import NEVER_S
 
@@ -26,8 +30,16 @@ KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0
 """How long after it was asked to end a session is killed."""
 
 
-_ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
-"""SIGTSTP too: Ctrl-Z would leave a moving robot without an operator at the terminal."""
+LAST_OUTPUT_S = 0.5
+"""Longest wait for what a session that has ended still says on standard error."""
+
+_BEFORE_IT_BEGAN = {code for each in ENDING_SIGNALS for code in (-each, 128 + each)}
+"""Exit codes of a session, or of a command around it, that an ending signal has ended: it handles
+them before it opens anything."""
+
+_FIGURES = re.compile(r"[0-9.,]+")
+
+_log = logging.getLogger(__name__)
 
 
 class Outcome(NamedTuple):
@@ -37,17 +49,9 @@ class Outcome(NamedTuple):
     last: Snapshot
 
 
-@contextlib.contextmanager
-def _on_interrupt(action: Callable[[], None]) -> Iterator[None]:
-    def handler(_number: int, _frame: FrameType | None) -> None:
-        action()
-
-    previous = {number: signal.signal(number, handler) for number in _ENDING_SIGNALS}
-    try:
-        yield
-    finally:
-        for number, old in previous.items():
-            signal.signal(number, old)
+def _to_stderr(data: bytes) -> None:
+    with contextlib.suppress(OSError):
+        os.write(2, data)
 
 
 class SessionProcess:
@@ -58,14 +62,26 @@ class SessionProcess:
     """
 
     def __init__(
-        self, config: SessionConfig, seconds: float = math.inf, through: Sequence[str] = ()
+        self,
+        config: SessionConfig,
+        seconds: float = math.inf,
+        through: Sequence[str] = (),
+        say: Callable[[bytes], None] = _to_stderr,
     ) -> None:
-        """Start it; `through` as :func:`supervise` has it."""
+        """Start it; `through` as :func:`supervise` has it.
+
+        `say` gets what it writes on standard output and standard error, in a thread of its own:
+        where that blocks or fails the words are lost, and nobody waits for them. It logs what the
+        logger ``cardan`` of this process does.
+        """
         self._config = config
         self._stopping = False
         self._give_up_s = math.inf
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
+        said, saying = os.pipe()
+        # Its loop waits for no terminal, whatever writes to these: a library in C, too.
+        os.set_blocking(saying, False)
+        with theirs, os.fdopen(saying, "wb") as saying_file:
             self._process = subprocess.Popen(
                 [
                     *through,
@@ -75,12 +91,20 @@ class SessionProcess:
                     "cardan.gateway.session.session",
                     f"--channel-fd={theirs.fileno()}",
                     f"--seconds={seconds}",
+                    f"--log-level={logging.getLogger('cardan').getEffectiveLevel()}",
                 ],
                 stdin=subprocess.PIPE,
+                stdout=saying_file,
+                stderr=saying_file,
                 pass_fds=(theirs.fileno(),),
                 # Ctrl-C is ours to translate into an orderly stop.
                 start_new_session=True,
             )
+        _log.info("the session is process %d", self._process.pid)
+        self._relay = threading.Thread(
+            target=_relay, args=(said, say), name="cardan-session-output", daemon=True
+        )
+        self._relay.start()
 
     @property
     def pid(self) -> int:
@@ -102,16 +126,17 @@ class SessionProcess:
         self,
         take: Callable[[bytes], Snapshot | None],
         poll: Callable[[], bool] = lambda: True,
+        shown: Callable[[], bool] = lambda: True,
     ) -> Outcome:
         """Beat until it ends, and wait for its end; to be called once.
 
         `take` gets each packet that it sends, and answers with the snapshot where it is one; an
         exception in it asks the session to leave and goes on after. So does `poll`, called several
-        times a second, by returning False.
+        times a second, by returning False. No beat is sent while `shown` returns False.
         """
         last = Snapshot()
         try:
-            for packet in self._packets(poll):
+            for packet in self._packets(poll, shown):
                 last = take(packet) or last
         except BaseException:
             # A view that fails must not cost the robot its braking ramp.
@@ -121,7 +146,7 @@ class SessionProcess:
             outcome = self._reap(last)
         return outcome
 
-    def _packets(self, poll: Callable[[], bool]) -> Iterator[bytes]:
+    def _packets(self, poll: Callable[[], bool], shown: Callable[[], bool]) -> Iterator[bytes]:
         """Packets until it closes its end, or is to be killed."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError), self._process.stdin as stdin:
@@ -137,8 +162,9 @@ class SessionProcess:
                     return
                 if now_s - beat_s >= BEAT_PERIOD_S:
                     beat_s = now_s
-                    with contextlib.suppress(OSError):
-                        self.send(BEAT)
+                    if shown():
+                        with contextlib.suppress(OSError):
+                            self.send(BEAT)
                 if not selector.select(BEAT_PERIOD_S):
                     continue
                 try:
@@ -159,8 +185,9 @@ class SessionProcess:
             process.kill()
         code = process.wait()
         self._channel.close()
-        if self._stopping and code in (-signal.SIGTERM, 128 + signal.SIGTERM):
-            # It was asked before it had begun: nothing was open yet.
+        self._relay.join(LAST_OUTPUT_S)
+        _log.info("the session's process has ended with status %d", code)
+        if code in _BEFORE_IT_BEGAN and last.elapsed_s == 0.0 and not last.error:
             code, last.message = 0, "stopped before it began"
         if code != 0 and not last.error:
             last.error = f"the session's process ended with status {code}"
@@ -172,26 +199,78 @@ class SessionProcess:
         return Outcome(code if code >= 0 else EXIT_INTERNAL, last)
 
 
+def _relay(said: int, say: Callable[[bytes], None]) -> None:
+    """Pass on what a session says until it has ended."""
+    with os.fdopen(said, "rb", buffering=0) as pipe:
+        while data := pipe.read(4096):
+            say(data)
+
+
+def _say(data: bytes) -> None:
+    # Not to the file descriptor: a live view stands in for sys.stderr, and makes room for it.
+    with contextlib.suppress(OSError, ValueError):
+        sys.stderr.write(data.decode(errors="backslashreplace"))
+        sys.stderr.flush()
+
+
 def supervise(
     config: SessionConfig,
     seconds: float = math.inf,
     show: Callable[[Snapshot], None] = lambda _snapshot: None,
     poll: Callable[[], bool] = lambda: True,
     through: Sequence[str] = (),
+    shown: Callable[[], bool] = lambda: True,
 ) -> Outcome:
     """Run a session as configured until it ends; `show` gets each snapshot.
 
-    SIGINT, SIGTERM, SIGHUP and SIGTSTP ask it to brake, hold and leave; so does `poll`, called
-    several times a second, by returning False, and an exception in `show`, which goes on after.
+    Every signal that would end this process asks it to brake, hold and leave, and so do Ctrl-Z,
+    `poll`, called several times a second, by returning False, and an exception in `show`, which
+    goes on after. While `shown` returns False the arm brakes and holds: nobody sees what it does.
     `through` is a command that runs the command after it in an environment of its making, hands
     signals on to it and ends with its code, as ``cardan sim omni --`` does.
     """
-    process = SessionProcess(config, seconds, through)
+    process: SessionProcess | None = None
+    told: list[int] = []
+    logged = _Logged()
+
+    def stop(number: int) -> None:
+        told.append(number)
+        if process is not None:
+            process.stop()
 
     def take(packet: bytes) -> Snapshot:
         snapshot = Snapshot.from_bytes(packet)
+        logged.log(snapshot)
         show(snapshot)
         return snapshot
 
-    with _on_interrupt(process.stop):
-        return process.follow(take, poll)
+    # Ctrl-Z would leave a moving robot without an operator at the terminal.
+    with on_ending(stop, also=(signal.SIGTSTP,)):
+        process = SessionProcess(config, seconds, through, _say)
+        if told:
+            process.stop()
+        outcome = process.follow(take, poll, shown)
+    for number in told:
+        _log.info("told to end by %s", signal_name(number))
+    return outcome
+
+
+class _Logged:
+    """Logs what changes between two snapshots."""
+
+    def __init__(self) -> None:
+        self._said: dict[str, str] = {}
+
+    def log(self, snapshot: Snapshot) -> None:
+        for what, now in (
+            ("arm", snapshot.phase),
+            ("device", " ".join((snapshot.device_link, snapshot.device_reason))),
+            ("robot", snapshot.robot_link),
+            ("authority", snapshot.authority),
+            ("message", snapshot.message),
+        ):
+            # Figures in a message change all the time.
+            words = _FIGURES.sub("", now).strip()
+            if words != self._said.get(what, ""):
+                self._said[what] = words
+                _log.info("%s: %s", what, now or "none")

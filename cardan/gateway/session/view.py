@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from cardan import output
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.hand.mapping import AXES
 from cardan.gateway.session.snapshot import Snapshot
@@ -209,23 +211,29 @@ class SessionView:
 
     def __enter__(self) -> SessionView:
         if self.console.is_terminal:
+            # Drawn by `show`, so that no other thread meets a terminal that has gone.
             self._live = Live(
-                Text("starting"), console=self.console, refresh_per_second=10, transient=True
+                Text("starting"), console=self.console, auto_refresh=False, transient=True
             )
-            self._live.start()
+            self._live.start(refresh=True)
         return self
 
     def __exit__(self, *_exception: object) -> None:
         if self._live is not None:
-            self._live.stop()
+            with contextlib.suppress(OSError):
+                self._live.stop()
             self._live = None
+
+    def is_read(self) -> bool:
+        """Whether a person can see it: False while its terminal or pipe takes nothing."""
+        return output.is_read()
 
     def show(self, snapshot: Snapshot) -> None:
         """Show the newest snapshot."""
         if snapshot.error:
             return
         if self._live is not None:
-            self._live.update(render(snapshot))
+            self._live.update(render(snapshot), refresh=True)
             return
         due = snapshot.elapsed_s >= self._next_line_s
         said = _DIGITS.sub("", _messages(snapshot))

@@ -12,6 +12,7 @@ from types import FrameType
 
 from cardan.errors import ConfigurationError
 from cardan.files import create_file
+from cardan.signals import ENDING_SIGNALS, on_ending
 from cardan.sim_peers.omni.library import (
     LIBRARY_NAMES,
     LIBRARY_VARIABLE,
@@ -22,8 +23,6 @@ from cardan.sim_peers.omni.settings import OmniSettings
 
 GRACE_S = 5.0
 """Time that a program has to end on request."""
-
-_PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextlib.contextmanager
@@ -151,31 +150,27 @@ def _guard(folder: str) -> Iterator[Callable[[int], None]]:
 class _Runner:
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
-        self._handlers: dict[signal.Signals, Callable[[int, FrameType | None], None]]
-        self._handlers = dict.fromkeys(_PASSED_ON, self._pass_on)
-        if seconds is not None:
-            self._handlers[signal.SIGALRM] = self._end
         self._pid = 0
         self._told_to_end = False
+        self._leaving = contextlib.ExitStack()
 
     def __enter__(self) -> _Runner:
-        self._previous = {
-            number: signal.signal(number, handler) for number, handler in self._handlers.items()
-        }
-        self._timer = signal.getitimer(signal.ITIMER_REAL)
+        self._leaving.enter_context(on_ending(self._pass_on))
+        if self._seconds is not None:
+            timer = signal.getitimer(signal.ITIMER_REAL)
+            self._leaving.callback(signal.signal, signal.SIGALRM, signal.getsignal(signal.SIGALRM))
+            self._leaving.callback(signal.setitimer, signal.ITIMER_REAL, *timer)
+            signal.signal(signal.SIGALRM, self._end)
         return self
 
     def __exit__(self, *_exception: object) -> None:
-        if self._seconds is not None:
-            signal.setitimer(signal.ITIMER_REAL, *self._timer)
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
+        self._leaving.close()
 
     def run(
         self, words: Sequence[str], variables: Mapping[str, str], started: Callable[[int], None]
     ) -> int:
         # No signal may come between the program's start and knowing its number.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, _PASSED_ON)
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
         try:
             self._pid = os.posix_spawnp(
                 words[0],
@@ -200,8 +195,8 @@ class _Runner:
             return 0 if self._told_to_end else 128 - code
         return code
 
-    def _pass_on(self, number: int, _frame: FrameType | None) -> None:
-        if number == signal.SIGINT and _in_foreground():
+    def _pass_on(self, number: int) -> None:
+        if number in (signal.SIGINT, signal.SIGQUIT) and _in_foreground():
             return  # The terminal has sent it to the program, too.
         self._kill(number)
 
@@ -216,7 +211,7 @@ class _Runner:
 
 
 def _in_foreground() -> bool:
-    """Whether Ctrl-C of a terminal reaches this process and the programs that it has started."""
+    """Whether a terminal's Ctrl-C reaches this process and the programs that it has started."""
     try:
         terminal = os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY)
     except OSError:

@@ -131,5 +131,5 @@ class Terminal:
     def close(self) -> None:
         """Give the terminal back as it was."""
         if self._settings is not None:
-            termios.tcsetattr(self.fd, termios.TCSADRAIN, self._settings)  # type: ignore[arg-type]
+            termios.tcsetattr(self.fd, termios.TCSANOW, self._settings)  # type: ignore[arg-type]
             self._settings = None

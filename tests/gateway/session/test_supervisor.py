@@ -1,8 +1,10 @@
 """A session in a process of its own: it is started, shown, stopped, and its death is noticed."""
 
 import dataclasses
+import logging
 import os
 import signal
+import threading
 
 import pytest
 
@@ -10,7 +12,8 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.session import supervisor
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.supervisor import supervise
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import SessionProcess, supervise
 from cardan.tables import as_table
 
 pytestmark = pytest.mark.realtime
@@ -135,3 +138,37 @@ def test_a_view_that_fails_does_not_cost_the_braking_ramp(waiting):
     pid = os.getpid()
     with open(f"/proc/{pid}/task/{pid}/children", encoding="ascii") as file:
         assert file.read().split() == []
+
+
+WORDY = ("sh", "-c", 'echo a word; echo another >&2; exec "$@"', "sh")
+"""A command around a session that says something itself."""
+
+
+def test_what_a_session_s_process_says_is_passed_on(waiting):
+    said = []
+    process = SessionProcess(waiting, 0.2, WORDY, said.append)
+    assert process.follow(Snapshot.from_bytes).exit_code == 0
+    assert b"".join(said) == b"a word\nanother\n"
+
+
+def test_nobody_waits_for_whom_a_session_s_words_hold_up(waiting):
+    held, go_on = threading.Event(), threading.Event()
+
+    def say(_data):
+        held.set()
+        go_on.wait()
+
+    process = SessionProcess(waiting, 0.2, WORDY, say)
+    outcome = process.follow(Snapshot.from_bytes)
+    assert held.is_set()
+    go_on.set()
+    assert (outcome.exit_code, outcome.last.finished) == (0, True)
+
+
+def test_what_changes_is_logged(waiting, caplog):
+    with caplog.at_level(logging.INFO, "cardan.gateway.session.supervisor"):
+        supervise(waiting, 0.3, lambda _snapshot: os.kill(os.getpid(), signal.SIGHUP))
+    said = [record.getMessage() for record in caplog.records]
+    assert "robot: waiting" in said
+    assert "told to end by SIGHUP" in said
+    assert said.count("robot: waiting") == 1

@@ -1,0 +1,117 @@
+"""Signals that end a program, taken as a request to end in good order.
+
+A program that moves a robot, or stands in for one, must not die of a signal that it could have
+taken: a robot is braked by whoever commands it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import FrameType
+from typing import Any
+
+_OWN_FAULTS = ("SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGTRAP", "SIGSYS")
+"""They tell of a fault in the process itself, which cannot go on."""
+
+_NO_END = ("SIGCHLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGTSTP", "SIGTTIN", "SIGTTOU")
+"""They are ignored, or stop a process, unless it handles them."""
+
+_NEVER_HANDLED = ("SIGKILL", "SIGSTOP")
+
+_ERRORS = ("SIGPIPE", "SIGXFSZ")
+"""Python ignores them: the call that caused one raises OSError."""
+
+ENDING_SIGNALS: frozenset[int] = frozenset(signal.valid_signals()) - {
+    getattr(signal, name)
+    for name in (*_OWN_FAULTS, *_NO_END, *_NEVER_HANDLED, *_ERRORS)
+    if hasattr(signal, name)
+}
+"""Every signal that ends a process which does not handle it, and that can be handled: HUP, INT,
+QUIT, ABRT, USR1, USR2, ALRM, TERM, STKFLT, XCPU, VTALRM, PROF, IO, PWR and the real-time ones."""
+
+_ALWAYS = frozenset({signal.SIGINT, signal.SIGTERM})
+"""Taken even where they are ignored, as in the background of a shell without job control."""
+
+Handler = Any
+"""What :func:`signal.signal` takes and returns."""
+
+
+class _Taken:
+    """A handler of this module, which a later one may replace."""
+
+    def __init__(self, action: Callable[[int], None]) -> None:
+        self._action = action
+
+    def __call__(self, number: int, _frame: FrameType | None) -> None:
+        self._action(number)
+
+
+def take_ending(action: Callable[[int], None], also: Iterable[int] = ()) -> Mapping[int, Handler]:
+    """From now on call `action` with the number of each ending signal, and of those in `also`.
+
+    SIGINT and SIGTERM are always taken, others where they would have ended (stopped) the process:
+    what is ignored (``nohup``), or handled by somebody else, stays so. Returns the handlers from
+    before; none outside the main thread, where nothing can be taken. `action` runs in the main
+    thread, between two of its instructions, and must neither wait nor print.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    handler = _Taken(action)
+    before = {}
+    for number in sorted(ENDING_SIGNALS.union(also)):
+        current = signal.getsignal(number)
+        if number in _ALWAYS or current is signal.SIG_DFL or isinstance(current, _Taken):
+            before[number] = signal.signal(number, handler)
+    return before
+
+
+@contextlib.contextmanager
+def on_ending(action: Callable[[int], None], also: Iterable[int] = ()) -> Iterator[None]:
+    """:func:`take_ending` for a ``with`` block."""
+    before = take_ending(action, also)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None:  # One that was not set by Python cannot be set again.
+                signal.signal(number, handler)
+
+
+def ignore_ending() -> None:
+    """Ignore all ending signals: for the last steps of a process that is leaving anyway."""
+    for number in ENDING_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+class EndingSignalError(SystemExit):
+    """An ending signal has come; `code` is 128 and its number, as a shell has it."""
+
+
+@contextlib.contextmanager
+def raised_on_ending() -> Iterator[None]:
+    """Raise EndingSignalError for the first ending signal, so that ``with`` blocks and ``finally``
+    clauses are gone through.
+
+    Those that follow do not interrupt them, except for another Ctrl-C (SIGINT).
+    """
+    raised = False
+
+    def leave(number: int) -> None:
+        nonlocal raised
+        if not raised or number == signal.SIGINT:
+            raised = True
+            raise EndingSignalError(128 + number)
+
+    with on_ending(leave):
+        yield
+
+
+def signal_name(number: int) -> str:
+    """``SIGHUP``; a real-time signal by its number."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

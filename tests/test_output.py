@@ -1,0 +1,183 @@
+"""What is written to a reader that does not read, or has gone, holds nobody up."""
+
+import contextlib
+import errno
+import io
+import os
+import sys
+import threading
+
+import pytest
+
+from cardan import output
+from cardan.output import MAX_WAITING_BYTES, BackgroundOutput, DroppingOutput
+
+WITHIN_S = 20.0
+PIECE = b"x" * 4096
+
+
+def until(done):
+    give_up = threading.Event()
+    timer = threading.Timer(WITHIN_S, give_up.set)
+    timer.start()
+    try:
+        while not done():
+            assert not give_up.wait(0.005), "it did not happen"
+    finally:
+        timer.cancel()
+
+
+@pytest.fixture
+def pipe():
+    """Both ends of a pipe; what is open at the end is closed."""
+    ends = os.pipe()
+    yield ends
+    for end in ends:
+        with contextlib.suppress(OSError):
+            os.close(end)
+
+
+def fill(fd):
+    os.set_blocking(fd, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(fd, PIECE)
+    os.set_blocking(fd, True)
+
+
+def drained(fd):
+    """All that comes until nothing has come for a while."""
+    os.set_blocking(fd, False)
+    found = b""
+    while True:
+        try:
+            found += os.read(fd, 1 << 16)
+        except BlockingIOError:
+            return found
+
+
+def test_what_is_written_arrives_in_order(pipe):
+    reading, writing = pipe
+    stream = BackgroundOutput(writing, "<test>")
+    for number in range(100):
+        stream.write(f"{number}\n".encode())
+    stream.finish()
+    assert drained(reading).split() == [str(number).encode() for number in range(100)]
+    assert stream.is_read()
+
+
+def test_one_that_keeps_up_never_waits(pipe):
+    reading, writing = pipe
+    fill(writing)
+    stream = BackgroundOutput(writing, "<test>")
+    stream.keep_up()
+    for _ in range(10 * MAX_WAITING_BYTES // len(PIECE)):
+        assert stream.write(PIECE) == len(PIECE)
+    until(lambda: not stream.is_read())
+    drained(reading)
+    until(stream.is_read)
+
+
+def test_one_that_does_not_keep_up_waits_for_its_reader(pipe):
+    reading, writing = pipe
+    fill(writing)
+    stream = BackgroundOutput(writing, "<test>")
+    count = 2 * MAX_WAITING_BYTES // len(PIECE)
+    done = threading.Event()
+
+    def write():
+        for _ in range(count):
+            stream.write(PIECE)
+        stream.finish()
+        done.set()
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    until(lambda: not stream.is_read())
+    assert not done.is_set()
+    found = b""
+    while not done.is_set() or len(found) < count * len(PIECE):
+        found += os.read(reading, 1 << 16)
+    thread.join(WITHIN_S)
+    assert len(found) >= count * len(PIECE)
+
+
+def test_the_last_words_of_one_that_keeps_up_are_waited_for_briefly(pipe, monkeypatch):
+    monkeypatch.setattr(output, "LAST_WORDS_S", 0.02)
+    fill(pipe[1])
+    stream = BackgroundOutput(pipe[1], "<test>")
+    stream.keep_up()
+    stream.write(PIECE)
+    stream.finish()
+    assert stream.write(PIECE) == len(PIECE)
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_an_error_is_raised_by_the_next_write_or_never(pipe, quiet):
+    reading, writing = pipe
+    os.close(reading)
+    stream = BackgroundOutput(writing, "<test>", quiet=quiet)
+    stream.write(b"a")
+    until(lambda: stream.error is not None)
+    if quiet:
+        stream.write(b"b")
+    else:
+        with pytest.raises(BrokenPipeError):
+            stream.write(b"b")
+    stream.finish()
+    assert output.why_unwritten(stream.error) == ""
+
+
+def test_a_pipe_that_was_set_not_to_block_is_waited_for(pipe):
+    reading, writing = pipe
+    fill(writing)
+    os.set_blocking(writing, False)
+    stream = BackgroundOutput(writing, "<test>")
+    stream.write(b"the end")
+    until(lambda: not stream.is_read())
+    assert stream.error is None
+    found = drained(reading)
+    until(stream.is_read)
+    stream.finish()
+    assert (found + drained(reading)).endswith(b"the end")
+
+
+def test_a_full_disk_is_told_in_words():
+    full = OSError(errno.ENOSPC, "No space left on device")
+    assert output.why_unwritten(full) == (
+        "standard output cannot be written: No space left on device"
+    )
+
+
+def test_a_session_s_own_stream_drops_what_does_not_fit(pipe):
+    fill(pipe[1])
+    os.set_blocking(pipe[1], False)
+    assert DroppingOutput(pipe[1]).write(PIECE) == len(PIECE)
+    text = output.dropping_text(pipe[1])
+    print("a line", file=text)
+    drained(pipe[0])
+    print("a line ä \ud800", file=text)
+    assert drained(pipe[0]).decode() == "a line ä \\ud800\n"
+
+
+def test_streams_that_are_no_files_stay(monkeypatch):
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", stream)
+    monkeypatch.setattr(sys, "stderr", None)
+    with output.in_background():
+        print("said")
+        assert output.is_read()
+        assert output.finish("stdout") is None
+    assert stream.getvalue() == "said\n"
+
+
+def test_streams_are_put_back(pipe, monkeypatch):
+    mine = io.TextIOWrapper(io.FileIO(pipe[1], "w", closefd=False), encoding="utf-8")
+    monkeypatch.setattr(sys, "stdout", mine)
+    with output.in_background():
+        assert sys.stdout is not mine
+        print("said")
+        assert output.finish("stdout") is None
+        print("too late")
+    assert sys.stdout is mine
+    assert drained(pipe[0]) == b"said\n"
