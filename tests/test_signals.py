@@ -31,7 +31,6 @@ def test_every_signal_that_would_end_a_process_is_among_them():
         "USR2",
         "ALRM",
         "TERM",
-        "STKFLT",
         "XCPU",
         "VTALRM",
         "PROF",

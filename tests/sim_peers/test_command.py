@@ -172,7 +172,16 @@ class TestSomebodyElsesPeer:
         assert "hidden" not in told
         assert flags("toaster") == {
             *("--at", "--colour", "--size", "--no-lid", "--warm", "--speed-limit", "--power"),
-            *("--slot", "--seconds", "--script", "--fault", "--seed"),
+            *(
+                "--slot",
+                "--seconds",
+                "-v",
+                "--verbose",
+                "--log-level",
+                "--script",
+                "--fault",
+                "--seed",
+            ),
             *("--list-faults", "--list-scripts"),
         }
 
