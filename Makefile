@@ -31,7 +31,7 @@ help:
 
 $(VENV)/.cardan: pyproject.toml hatch_build.py tools/environment tools/native $(C_SOURCES)
 	tools/environment "$(PYTHON)" "$(VENV)"
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable '.[arm]'
 	@touch $@
 
 $(VENV)/.cardan-dev: $(VENV)/.cardan

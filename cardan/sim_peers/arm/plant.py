@@ -12,10 +12,7 @@ import enum
 import math
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
-import pinocchio as pin
-
+from cardan.arm_libraries import np, npt, pin
 from cardan.robots import ArmModel, Capsule, JointKind
 from cardan.sim_peers.arm.options import PlantOptions
 from cardan.types import Pose, Quaternion, Vector3, Wrench
