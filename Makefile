@@ -12,7 +12,7 @@ BIN := $(VENV)/bin
 C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h)
 
 .PHONY: help demo test test-kernel device-table fault-table docs-tables lint types check bench bench-motoros bench-thesis \
-	bench-haptics test-pythons clean
+	bench-haptics test-pythons dist clean
 
 help:
 	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
@@ -27,11 +27,12 @@ help:
 	@echo "make bench-motoros  the latency study of the 2021 paper, with plots for docs/"
 	@echo "make bench-thesis  the measurements of the 2020 thesis, with plots for docs/"
 	@echo "make bench-haptics  stability and timing of the force feedback, with tables and plots for docs/"
+	@echo "make dist    what is released: the source archive and a manylinux wheel, in dist/"
 	@echo "make clean   remove the environment and caches"
 
 $(VENV)/.cardan: pyproject.toml hatch_build.py tools/environment tools/native $(C_SOURCES)
 	tools/environment "$(PYTHON)" "$(VENV)"
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable '.[arm]'
 	@touch $@
 
 $(VENV)/.cardan-dev: $(VENV)/.cardan
@@ -89,6 +90,9 @@ bench-haptics: $(VENV)/.cardan-dev
 # The oldest and the newest Python the package promises, where the machine has them.
 test-pythons:
 	tools/test-pythons 3.10 3.13
+
+dist: $(VENV)/.cardan
+	tools/dist $(BIN)/python dist
 
 clean:
 	rm -rf $(VENV) .venv-3.* .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist

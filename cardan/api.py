@@ -15,6 +15,7 @@ from cardan.drivers.base import (
 from cardan.drivers.registry import BUILT_IN
 from cardan.errors import (
     AddressError as AddressError,
+    ArmExtraMissingError as ArmExtraMissingError,
     CardanError as CardanError,
     CollisionError as CollisionError,
     CommandError as CommandError,

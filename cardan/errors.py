@@ -20,6 +20,7 @@ of each when it comes and what to do.
     +-- ScriptError           a simulated peer's script or fault switch is wrong
     +-- CaptureError          a capture file cannot be read
     +-- ScapyMissingError     cardan.dissect.errors: what dissecting needs is not installed
+    +-- ArmExtraMissingError  what an arm's model needs is not installed
     +-- MotionRefusedError    a verb of the Cartesian interface was refused; nothing changed
     |   +-- OutOfReachError       no joint positions put the TCP there
     |   +-- JointLimitError       a joint would have to leave its range
@@ -173,6 +174,10 @@ class ScriptError(CardanError):
 
 class CaptureError(CardanError):
     """A capture file cannot be read."""
+
+
+class ArmExtraMissingError(CardanError):
+    """The optional extra ``cardan[arm]``, which an arm's model needs, is not installed."""
 
 
 class MotionRefusedError(CardanError):

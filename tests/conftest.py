@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 from collections.abc import Generator
 
 import pytest
@@ -55,6 +56,21 @@ def pytest_make_collect_report() -> Generator[None, None, None]:
         reason = report.longrepr[2].removeprefix("Skipped: ")
         if must_be_shown(reason, judged=False):
             report.outcome, report.longrepr = "failed", _accusation(reason)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def signals_act_as_in_the_foreground():
+    """A shell ignores SIGINT and SIGQUIT for what it starts in the background, nohup SIGHUP, and
+    what is ignored stays so in all that is started: tests send these to themselves and to others.
+    """
+    acting = {signal.SIGINT: signal.default_int_handler}
+    acting |= dict.fromkeys((signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM), signal.SIG_DFL)
+    ignored = [each for each in acting if signal.getsignal(each) is signal.SIG_IGN]
+    for each in ignored:
+        signal.signal(each, acting[each])
+    yield
+    for each in ignored:
+        signal.signal(each, signal.SIG_IGN)
 
 
 @pytest.fixture(autouse=True)

@@ -2,12 +2,15 @@
 
 import ast
 import graphlib
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 LEAVES = {
+    "arm_libraries",
     "bounds",
     "openable",
     "options",
@@ -63,6 +66,38 @@ GATEWAY_ROOMS = {
     "session": {"arm", "hand", "force", "spnav", "motion", "kinematics", "servo", "common"},
 }
 """What each room of the gateway may import, besides itself."""
+
+ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
+ARM_MODEL = (
+    "cardan.arm_libraries",
+    "cardan.gateway.arm.activities.",
+    "cardan.gateway.arm.arm_body",
+    "cardan.gateway.arm.device",
+    "cardan.gateway.arm.options",
+    "cardan.gateway.arm.planner",
+    "cardan.gateway.arm.plans",
+    "cardan.gateway.arm.streams",
+    "cardan.gateway.arm.verbs",
+    "cardan.gateway.kinematics.",
+    "cardan.gateway.motion.paths",
+    "cardan.gateway.servo.",
+    "cardan.sim_peers.arm.controller",
+    "cardan.sim_peers.arm.plant",
+    "cardan.sim_peers.arm.udp",
+)
+"""Modules that need the extra cardan[arm]; all others are imported without it."""
+
+IMPORT_WITHOUT = """
+import importlib, sys
+sys.modules.update(dict.fromkeys({without!r}))
+from cardan.errors import ArmExtraMissingError
+for name in {names!r}:
+    try:
+        importlib.import_module(name)
+    except ArmExtraMissingError as error:
+        print(name, error, sep=": ")
+"""
+"""What is None in sys.modules cannot be imported."""
 
 
 def imported(path):
@@ -125,6 +160,28 @@ def test_protocols_do_no_io_and_keep_no_clock(path):
 def test_only_the_command_line_knows_everything():
     unknown = {room(path) for path in MODULES} - MAY_IMPORT.keys()
     assert unknown == {"cli", "__main__"}
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_the_libraries_of_an_arms_model_are_imported_in_one_place(path):
+    found = {name.split(".")[0] for name in imported(path)} & ARM_LIBRARIES
+    assert found == (ARM_LIBRARIES if path.stem == "arm_libraries" else set())
+
+
+def test_only_what_needs_an_arms_model_needs_the_extra():
+    names = [module_name(path) for path in MODULES if path.stem != "__main__"]
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORT_WITHOUT.format(without=sorted(ARM_LIBRARIES), names=names)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    said = dict(line.split(": ", 1) for line in done.stdout.splitlines())
+    assert [name for name in said if not name.startswith(ARM_MODEL)] == []
+    assert "cardan.gateway.arm.device" in said
+    assert len(set(said.values())) == 1
+    assert said["cardan.gateway.arm.device"].endswith('pip install "cardan[arm]"')
 
 
 @pytest.mark.parametrize("name", FREE_OF_CIRCLES)

@@ -1,4 +1,5 @@
-"""In CI a test whose judge is missing fails; elsewhere, and for other reasons, it is skipped."""
+"""In CI a test whose judge is missing fails; elsewhere, and for other reasons, it is skipped. Tests
+meet the same signals wherever they are started."""
 
 import os
 import shutil
@@ -120,3 +121,37 @@ def test_elsewhere_it_is_skipped(tmp_path):
     assert done.returncode == 0, done.stdout
     assert {name: found[name][0] for name in MISSING} == dict.fromkeys(MISSING, "skipped")
     assert {name: found[name][0] for name in OTHERWISE} == OTHERWISE
+
+
+SIGNALLED = """
+import os, signal, subprocess, sys
+
+import pytest
+
+def test_one_of_its_own():
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+        signal.pause()
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM])
+def test_one_of_a_program(number):
+    program = f"import os, signal; signal.alarm(20); os.kill(os.getpid(), {int(number)})"
+    done = subprocess.run([sys.executable, "-c", program], stderr=subprocess.DEVNULL)
+    assert done.returncode == -number
+"""
+
+
+def test_signals_act_whatever_the_shell_that_starts_the_tests_ignores(tmp_path):
+    shutil.copy(CONFTEST, tmp_path)
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "test_signals.py").write_text(SIGNALLED)
+    tests = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
+    done = subprocess.run(
+        ["sh", "-c", "trap '' INT QUIT HUP TERM; exec \"$@\"", "sh", *tests],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=50,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout

@@ -253,6 +253,29 @@ def test_unplug_and_replug(plug):
         eventually(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL)
 
 
+def test_a_device_that_is_being_plugged_in_is_not_there_yet(plug, monkeypatch):
+    coming = plug(Puck("spacenavigator"))
+    ask = FakeLibusb.get_configuration_descriptor
+
+    def answer(self, dev, config):
+        if answer.refused:
+            answer.refused -= 1
+            raise usb.core.USBError("No such device", -4, errno.ENODEV)
+        return ask(self, dev, config)
+
+    monkeypatch.setattr(FakeLibusb, "get_configuration_descriptor", answer)
+    answer.refused = 1
+    with pytest.raises(DeviceNotFoundError):
+        mouse().open()
+    assert UsbTransport().find()
+    coming.refuses = errno.ENODEV
+    with pytest.raises(DeviceAccessError, match=r"cannot open SpaceNavigator: 1-2:1\.0 is gone"):
+        mouse().open()
+    answer.refused, coming.refuses = 1, None
+    with mouse(wait_for_device=True) as device:
+        eventually(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL)
+
+
 def test_a_device_that_vanishes_while_it_is_looked_at(plug, monkeypatch):
     broken = plug(Puck("spacenavigator"))
     ask = FakeLibusb.get_configuration_descriptor

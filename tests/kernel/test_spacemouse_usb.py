@@ -146,7 +146,9 @@ def follow(transport: str, button: str = "left") -> None:
     """Open the device; motion, a button and the LED have to work."""
     way = UsbTransport() if transport == "usb" else hid_transport(transport)
     wait_for(lambda: way.find())
-    with SpaceMouse(SpaceMouseOptions(transport=transport, dead_zone=0.0)) as mouse:
+    # The kernel may still be attaching what is listed already.
+    options = SpaceMouseOptions(transport=transport, dead_zone=0.0, wait_for_device=True)
+    with SpaceMouse(options) as mouse:
         state = wait_for(lambda: (s := mouse.state()).axes[5] < -0.9 and s)
         assert state.link is DeviceLink.LIVE
         assert state.axes == pytest.approx(EXPECTED, abs=0.5 / 350 + 1e-9)

@@ -188,7 +188,9 @@ def test_published_poses(joints_deg, xyz_mm, quaternion, euler_deg):
 )
 def test_distance_to_singularity(joints_deg, smallest):
     frames = forward([math.radians(q) for q in joints_deg])
-    assert Differential(frames).smallest_singular_value == pytest.approx(smallest, abs=5e-5)
+    differential = Differential(frames)
+    assert not differential.is_singular(smallest - 5e-5)
+    assert differential.is_singular(smallest + 5e-5)
 
 
 def test_jacobian_is_the_derivative_of_the_pose():
@@ -199,9 +201,7 @@ def test_jacobian_is_the_derivative_of_the_pose():
         moved = list(joints)
         moved[axis] += step
         difference = pose_error(forward(moved).pose, frames.pose)
-        assert [d / step for d in difference] == pytest.approx(
-            jacobian(frames)[:, axis].tolist(), abs=2e-6
-        )
+        assert [d / step for d in difference] == pytest.approx(jacobian(frames)[axis], abs=2e-6)
 
 
 def test_limits_are_those_of_the_gofa():

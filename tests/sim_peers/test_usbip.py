@@ -167,6 +167,21 @@ def test_a_waiting_read_can_be_taken_back():
     assert puck.say(unlink(3, 1)) == unlinked(3, 0)
 
 
+@pytest.mark.parametrize("first", [7, (1 << 32) - 1])
+def test_what_takes_a_transfer_back_before_it_is_asked_for_waits_for_it(first):
+    puck = Puck()
+    puck.say(submit(first - 1, 1, 64))
+    puck.session.push(1, b"\x01")
+    assert puck.session.take_output() == returned(first - 1, 0, b"\x01")
+    after = (first + 1) % (1 << 32)
+    assert puck.say(unlink(after, first)) == b""
+    assert puck.say(submit(first, 1, 64)) == unlinked(after, -errno.ECONNRESET)
+    puck.session.push(1, b"\x02")
+    assert puck.session.take_output() == b""
+    assert puck.say(submit(after + 1, 1, 64)) == returned(after + 1, 0, b"\x02")
+    assert puck.say(unlink(after + 2, after + 1)) == unlinked(after + 2, 0)
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import TYPE_CHECKING
 
 from cardan.drivers.datagram_robot import DatagramRobot, Transport, UdpTransport
 from cardan.drivers.robot_core import WAKE_S
@@ -16,7 +17,9 @@ from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.drivers.simulated import LOOPBACK
 from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
-from cardan.sim_peers.arm import SimulatedArm
+
+if TYPE_CHECKING:  # Imports Pinocchio, which only the arm in this process needs.
+    from cardan.sim_peers.arm import SimulatedArm
 
 _monotonic = time.monotonic
 
@@ -31,6 +34,8 @@ class _InProcess:
     """The arm in this process, which runs while the driver waits for its next cycle."""
 
     def __init__(self, options: SimArmOptions) -> None:
+        from cardan.sim_peers.arm import SimulatedArm
+
         self.arm = SimulatedArm(options.arm_options)
         self._period_s = options.period_s
         self._virtual = options.pacing == "virtual"

@@ -47,7 +47,9 @@ class UsbTransport(Transport):
                 continue
             try:
                 found += self._found(device, model)
-            except OSError as error:  # it is being plugged in, or out
+            except OSError as error:
+                if error.errno == errno.ENODEV:
+                    continue  # It is being plugged in or out: it is not there yet, or no more.
                 failures.append(
                     f"the {model.name} at {_port_of(device)} cannot be asked what it is "
                     f"({error.strerror or error}): plug it in again"
@@ -85,6 +87,8 @@ class UsbTransport(Transport):
                     if interface.bInterfaceNumber == device.interface:
                         return UsbLink(usb_device, interface)
             except (OSError, NotImplementedError) as error:
+                if isinstance(error, OSError) and error.errno == errno.ENODEV:
+                    break
                 raise DeviceAccessError(
                     f"cannot open {device.name}: {refusal(device.path, error)}"
                 ) from None

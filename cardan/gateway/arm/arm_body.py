@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
+from cardan.arm_libraries import np
 from cardan.gateway.arm.body import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,

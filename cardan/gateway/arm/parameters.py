@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import numbers
 from collections.abc import Mapping
-from typing import NamedTuple
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from cardan.bounds import (
     ANGULAR_ACCELERATION_RAD_S2,
@@ -114,7 +113,8 @@ def checked_value(rule: ParameterRule, value: Value) -> float:
     """`value` as the double that travels. Raises OptionError where it is not accepted."""
     accepted = rule.accepted
     if isinstance(accepted, Range):
-        number = value.item() if isinstance(value, np.number) else value
+        plain: Any = getattr(value, "item", None)  # Numbers of numpy's have it.
+        number = plain() if plain and isinstance(value, numbers.Number) else value
         if number in accepted:
             return float(number)
     else:

@@ -10,9 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple, Protocol
 
-import numpy as np
-import pinocchio as pin
-
+from cardan.arm_libraries import np, pin
 from cardan.bounds import SAFETY_DISTANCE_M
 from cardan.errors import (
     CollisionError,

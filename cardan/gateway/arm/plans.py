@@ -6,8 +6,7 @@ import math
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-import numpy as np
-
+from cardan.arm_libraries import np
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import Activity, Deceleration
 from cardan.gateway.arm.activities.joint_path import FollowJoints

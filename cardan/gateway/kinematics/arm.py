@@ -9,11 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import eigenpy
-import numpy as np
-import numpy.typing as npt
-import pinocchio as pin
-
+from cardan.arm_libraries import eigenpy, np, npt, pin
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.robots import ArmModel, JointKind
 from cardan.types import IDENTITY_POSE, Pose

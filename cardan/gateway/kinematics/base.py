@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-import numpy as np
-import numpy.typing as npt
-import pinocchio as pin
-
+from cardan.arm_libraries import np, npt, pin
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
 FloatArray = npt.NDArray[np.float64]

@@ -19,11 +19,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, ClassVar, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-import pinocchio as pin
-
 from cardan import bounds
+from cardan.arm_libraries import np, npt, pin
 from cardan.errors import about
 from cardan.gateway.kinematics.base import SE3, FloatArray
 from cardan.options import Options, require

@@ -10,9 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
+from cardan.arm_libraries import np, npt
 from cardan.errors import ConfigurationError
 from cardan.gateway.motion.profiles import JerkLimited, Profile, Ramp
 from cardan.spatial import (

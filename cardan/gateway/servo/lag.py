@@ -7,9 +7,7 @@ motion looks like an arm that is blocked.
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
+from cardan.arm_libraries import np, npt
 from cardan.gateway.kinematics.base import FloatArray
 
 _ROWS = 17

@@ -18,11 +18,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import daqp
-import eigenpy
-import numpy as np
-import pinocchio as pin
-
+from cardan.arm_libraries import daqp, eigenpy, np, pin
 from cardan.braking import stopping_speed
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics
 from cardan.gateway.kinematics.collision import CollisionModel

@@ -11,8 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
@@ -265,6 +263,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     table = config.arm
     if table is None:
         return None
+    from cardan.arm_libraries import np
     from cardan.gateway.arm.arm_body import ArmBody
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.collision import CollisionModel
@@ -440,6 +439,8 @@ def _force_warnings(
 
 
 def _take_limits(kinematics: Kinematics, robot: RobotCapabilities) -> None:
+    from cardan.arm_libraries import np
+
     limits = robot.limits
     if limits is None:
         return

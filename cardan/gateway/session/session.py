@@ -19,7 +19,13 @@ import time
 from typing import Any
 
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.errors import CardanError, CommandError, ConfigurationError, DriverError
+from cardan.errors import (
+    ArmExtraMissingError,
+    CardanError,
+    CommandError,
+    ConfigurationError,
+    DriverError,
+)
 from cardan.gateway.arm.body import FreeBody
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
@@ -461,7 +467,7 @@ def main(arguments: list[str] | None = None) -> int:
         code = EXIT_OK
     except ConfigurationError as error:
         code, last.error = EXIT_CONFIGURATION, str(error)
-    except DriverError as error:
+    except (DriverError, ArmExtraMissingError) as error:
         code, last.error = EXIT_CANNOT_OPEN, str(error)
     except CardanError as error:
         last.error = str(error)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from cardan.sim_peers.arm.faults import FAULTS
 from cardan.sim_peers.arm.options import SimulatedArmOptions
-from cardan.sim_peers.arm.udp import SimulatedArmPeer
 from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand
 
@@ -20,4 +19,6 @@ class Arm(PeerCommand[SimulatedArmOptions]):
 
     @staticmethod
     def run(options: SimulatedArmOptions, seconds: float | None) -> None:
+        from cardan.sim_peers.arm.udp import SimulatedArmPeer
+
         serve(SimulatedArmPeer(options), seconds)

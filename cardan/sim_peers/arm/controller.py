@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
+from cardan.arm_libraries import np
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,

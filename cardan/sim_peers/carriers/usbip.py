@@ -37,6 +37,9 @@ MAX_CONNECTIONS = 8
 MAX_TRANSFER_BYTES = 1 << 16
 """No transfer of a HID device is as long; a longer one is not USB/IP."""
 
+MAX_CANCELLED = 64
+"""Most transfers that are cancelled before they are asked for: a host has few under way."""
+
 ENDPOINT_REPORTS = 4
 """Most reports kept for an endpoint that is not read; beyond it the oldest are dropped."""
 
@@ -50,6 +53,8 @@ _UNLINK = struct.Struct(">IIIIII24x")
 _RET_SUBMIT = struct.Struct(">IIIIIiiiii8x")
 _RET_UNLINK = struct.Struct(">IIIIIi24x")
 COMMAND_BYTES = _SUBMIT.size
+_SEQUENCES = 1 << 32
+"""Sequence numbers begin again after so many."""
 
 _SETUP = struct.Struct("<BBHHH")
 
@@ -132,6 +137,10 @@ class UsbipSession:
         self._out = bytearray()
         self._waiting: dict[int, deque[tuple[int, int]]] = {}
         self._reports: dict[int, deque[bytes]] = {}
+        self._newest = 0
+        """Sequence number of the newest transfer that was asked for."""
+        self._cancelled: dict[int, int] = {}
+        """Transfers that were cancelled before they were asked for: by which command."""
 
     def take_output(self) -> bytes:
         """What is to be sent now."""
@@ -220,7 +229,10 @@ class UsbipSession:
             return False
         data = bytes(self._in[COMMAND_BYTES:size])
         del self._in[:size]
-        if endpoint == 0:
+        self._newest = sequence
+        if sequence in self._cancelled:
+            self._unlinked(self._cancelled.pop(sequence), -errno.ECONNRESET)
+        elif endpoint == 0:
             self._control(sequence, Setup(*_SETUP.unpack(setup)), data, length, bool(to_host))
         elif to_host:
             self.polled = True
@@ -252,7 +264,17 @@ class UsbipSession:
                 self._return(sequence, 0, report)
 
     def _unlink(self, sequence: int, victim: int) -> None:
-        """Cancel a read that waits; one that was answered already needs no more."""
+        """Cancel a read that waits; one that was answered already needs no more.
+
+        Where both come close together, Linux's vhci-hcd sends the cancellation before the transfer
+        (its sender takes all new transfers, then all cancellations). An answer before the transfer
+        was sent finds it now and then, and then the transfer's own answer is an error that detaches
+        the device; so the cancellation is answered once the transfer has come.
+        """
+        if 0 < (victim - self._newest) % _SEQUENCES < _SEQUENCES // 2:
+            if len(self._cancelled) < MAX_CANCELLED:
+                self._cancelled[victim] = sequence
+            return
         status = 0
         for waiting in self._waiting.values():
             for entry in waiting:
@@ -260,6 +282,9 @@ class UsbipSession:
                     waiting.remove(entry)
                     status = -errno.ECONNRESET
                     break
+        self._unlinked(sequence, status)
+
+    def _unlinked(self, sequence: int, status: int) -> None:
         self._out += _RET_UNLINK.pack(RET_UNLINK, sequence, 0, 0, 0, status)
 
     def _return(self, sequence: int, status: int, data: bytes = b"", sent: int = 0) -> None:

@@ -9,8 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from cardan.errors import ScriptError
 from cardan.protocols.egm import decode_from_pc, encode_robot
 from cardan.protocols.egm.messages import (
@@ -126,8 +124,10 @@ class EgmController:
         self.port_changes = 0
         """Counts the changes of the local port that the shell has to make."""
         self._random = random.Random(options.seed)
-        noise = np.random.default_rng(options.seed + 1).normal(0.0, 1.0, (_NOISE_SAMPLES, AXES))
-        self._force_noise: list[list[float]] = (noise * _FORCE_NOISE).tolist()
+        normal = random.Random(options.seed + 1).gauss
+        self._force_noise = [
+            [normal(0.0, deviation) for deviation in _FORCE_NOISE] for _ in range(_NOISE_SAMPLES)
+        ]
         self._force_control = options.force_control
         self._contact = (0.0,) * AXES
         self._surface = options.surface

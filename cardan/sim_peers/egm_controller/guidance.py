@@ -204,7 +204,7 @@ def _joint_speeds(
     if not any(twist):
         return [0.0] * AXES
     differential = Differential(frames)
-    if differential.smallest_singular_value < threshold:
+    if differential.is_singular(threshold):
         raise MotionError(NEAR_SINGULARITY, "Close to singularity", needs_jog=True)
     period = servo.period_s
     vx, vy, vz, wx, wy, wz = (v * period for v in twist)

@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
-
-import numpy as np
-import numpy.typing as npt
+from operator import mul
+from typing import NamedTuple
 
 from cardan.spatial import rotation_between
 from cardan.types import Pose, Quaternion, Vector3
@@ -134,30 +132,67 @@ def _quaternion(
     return Quaternion((r10 - r01) * f, (r02 + r20) * f, (r12 + r21) * f, t * f)
 
 
-def jacobian(frames: Frames) -> npt.NDArray[np.float64]:
-    """The 6x6 Jacobian of the TCP in the base frame: v (m/s) over w (rad/s)."""
+def jacobian(frames: Frames) -> list[tuple[float, ...]]:
+    """The Jacobian of the TCP in the base frame, a column a joint: v (m/s) over w (rad/s)."""
     tx, ty, tz = frames.pose.position
     columns: list[tuple[float, ...]] = []
     for (zx, zy, zz), (px, py, pz) in zip(frames.axes, frames.origins, strict=True):
         dx, dy, dz = tx - px, ty - py, tz - pz
         columns.append((zy * dz - zz * dy, zz * dx - zx * dz, zx * dy - zy * dx, zx, zy, zz))
-    matrix: npt.NDArray[np.float64] = np.array(columns).T
-    return matrix
+    return columns
+
+
+def _cholesky(gram: Sequence[Sequence[float]], shift: float) -> list[list[float]] | None:
+    """The lower triangle L with L·Lᵀ = gram + shift·1; None where that is not positive definite."""
+    rows: list[list[float]] = []
+    for i, line in enumerate(gram):
+        row: list[float] = []
+        for j in range(i):
+            other = rows[j]
+            value = line[j]
+            for k in range(j):
+                value -= row[k] * other[k]
+            row.append(value / other[j])
+        square = line[i] + shift
+        for value in row:
+            square -= value * value
+        if square <= 0.0:
+            return None
+        row.append(math.sqrt(square))
+        rows.append(row)
+    return rows
 
 
 class Differential:
-    """The inverse of a Jacobian by damped least squares, with its distance to singularity."""
+    """The inverse of a Jacobian J by damped least squares: Jᵀ·(J·Jᵀ + damping²·1)⁻¹."""
 
     def __init__(self, frames: Frames, damping: float = 1e-4) -> None:
-        u, singular, vt = np.linalg.svd(jacobian(frames))
-        self.smallest_singular_value = float(singular[-1])
-        weights = singular / (singular * singular + damping * damping)
-        self._inverse: npt.NDArray[Any] = (vt.T * weights) @ u.T
+        self._columns = jacobian(frames)
+        rows = list(zip(*self._columns, strict=True))
+        self._gram = [
+            [sum(map(mul, row, other)) for other in rows[: i + 1]] for i, row in enumerate(rows)
+        ]
+        lower = _cholesky(self._gram, damping * damping)
+        assert lower is not None
+        self._lower = lower
+
+    def is_singular(self, threshold: float) -> bool:
+        """True when the smallest singular value of J is below `threshold` (m and rad together)."""
+        # All singular values are at least t where J·Jᵀ - t²·1 is positive definite.
+        return threshold > 0.0 and _cholesky(self._gram, -threshold * threshold) is None
 
     def joints(self, twist: Sequence[float]) -> list[float]:
         """Joint motion that gives the TCP motion `twist` (v over w)."""
-        result: list[float] = (self._inverse @ np.array(twist)).tolist()
-        return result
+        lower = self._lower
+        solved: list[float] = []
+        for row, value in zip(lower, twist, strict=True):
+            solved.append((value - sum(map(mul, row, solved))) / row[-1])
+        for i in range(len(solved) - 1, -1, -1):
+            row = lower[i]
+            solved[i] = value = solved[i] / row[i]
+            for k in range(i):
+                solved[k] -= row[k] * value
+        return [sum(map(mul, column, solved)) for column in self._columns]
 
 
 def pose_error(target: Pose, actual: Pose) -> tuple[float, float, float, float, float, float]:

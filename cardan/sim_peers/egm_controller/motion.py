@@ -7,10 +7,9 @@ modes" and system parameters: speed = k·(pos_ref - pos) + speed_ref, then a low
 from __future__ import annotations
 
 import math
+import random
 from collections import deque
 from collections.abc import Sequence
-
-import numpy as np
 
 from cardan.sim_peers.egm_controller.kinematics import AXES, ArmModel, Frames, forward
 
@@ -66,8 +65,10 @@ class Servo:
         whole = math.floor(delay_s / period_s)
         self._fraction = delay_s / period_s - whole
         self._history: deque[list[float]] = deque(maxlen=whole + 2)
-        noise = np.random.default_rng(seed).normal(0.0, 1.0, (_NOISE_SAMPLES, AXES)) * noise_rad
-        self._noise: list[list[float]] = noise.tolist()
+        normal = random.Random(seed).gauss
+        self._noise = [
+            [normal(0.0, 1.0) * noise_rad for _ in range(AXES)] for _ in range(_NOISE_SAMPLES)
+        ]
         self._tick = 0
         self._frames: tuple[list[float], Frames] | None = None
         self.place(start)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-
+from cardan.arm_libraries import np
 from cardan.gateway.arm.activities.base import GOING, Activity, Deceleration, Progress
 from cardan.gateway.arm.activities.path import SETTLE_S, TOLERANCE_RAD, PathClock, stuck_in_words
 from cardan.gateway.arm.codes import State

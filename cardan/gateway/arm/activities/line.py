@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-import pinocchio as pin
-
+from cardan.arm_libraries import np, npt, pin
 from cardan.gateway.arm.activities.base import GOING, Activity, Deceleration, Progress
 from cardan.gateway.arm.activities.path import (
     AT_REST_RAD_S,

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
-import pinocchio as pin
-
 from cardan import bounds
+from cardan.arm_libraries import np, pin
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import ARRIVED, GOING, Activity, Progress
 from cardan.gateway.arm.arm_body import ArmBody

@@ -1,0 +1,216 @@
+"""What is released (`make dist`), installed in clean environments outside the checkout: it is small
+without the extra for arm models, whole, and runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import cardan
+from cardan.drivers import registry
+from tests.serving import free_udp_port
+
+pytestmark = [pytest.mark.once, pytest.mark.realtime, pytest.mark.timeout(400)]
+
+ROOT = Path(__file__).parents[1]
+LARGEST_BYTES = 60_000_000
+"""What the package and all that it needs may take without extras, bytecode included."""
+
+UNREACHABLE = "Could not find a version that satisfies"
+"""pip's words where there is no package registry."""
+
+EVERY_DRIVER = """
+import importlib.util, sys
+import cardan
+from cardan.drivers import registry
+loaded = registry.load_all()
+assert not loaded.refused, loaded.refused
+print(*loaded.classes)
+for name in ("numpy", "pinocchio", "coal", "eigenpy", "daqp"):
+    assert importlib.util.find_spec(name) is None, name
+print(cardan.__file__)
+"""
+
+
+def run(*words: object, codes: tuple[int, ...] = (0,), folder: Path | None = None) -> str:
+    """What a command says outside the checkout; it must end with one of `codes`."""
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith("PYTHON")
+    }
+    done = subprocess.run(
+        [str(word) for word in words],
+        cwd=folder,
+        env={**environment, "NO_COLOR": "1", "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    said = done.stdout + done.stderr
+    if done.returncode not in codes and UNREACHABLE in said:
+        pytest.skip("no package registry is reached, and nothing is installed without one")
+    assert done.returncode in codes, said
+    return said
+
+
+def occupied_bytes(folder: Path) -> int:
+    """What a folder occupies on the disk."""
+    return sum(os.lstat(file).st_blocks * 512 for file in folder.rglob("*"))
+
+
+class Installation:
+    """A clean environment with a released file in it."""
+
+    def __init__(self, folder: Path, released: Path) -> None:
+        self.folder = folder
+        self._environment = folder / "environment"
+        run(sys.executable, "-m", "venv", self._environment)
+        bare_bytes = occupied_bytes(self._environment)
+        run(self._environment / "bin/python", "-m", "pip", "install", "--quiet", released)
+        self.added_bytes = occupied_bytes(self._environment) - bare_bytes
+
+    def python(self, program: str) -> str:
+        return run(self._environment / "bin/python", "-c", program, folder=self.folder)
+
+    def cardan(self, *words: object, codes: tuple[int, ...] = (0,)) -> str:
+        return run(self._environment / "bin/cardan", *words, codes=codes, folder=self.folder)
+
+    def demo(self) -> None:
+        """A demo of a session without an arm's model; a busy machine may miss cycles of it."""
+        said = self.cardan("demo", "gofa", "--seconds", "5", codes=(0, 4))
+        assert "all of it was followed" in said or "cycles were missed" in said, said
+
+
+@pytest.fixture(scope="module")
+def released(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that ``make dist`` fills."""
+    if shutil.which(os.environ.get("CC", "cc")) is None:
+        pytest.skip("there is no C compiler")
+    folder = tmp_path_factory.mktemp("dist")
+    run(ROOT / "tools/dist", sys.executable, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(released: Path) -> Path:
+    (file,) = released.glob("*.whl")
+    return file
+
+
+@pytest.fixture(scope="module")
+def sdist(released: Path) -> Path:
+    (file,) = released.glob("*.tar.gz")
+    return file
+
+
+@pytest.fixture(scope="module")
+def light(tmp_path_factory: pytest.TempPathFactory, wheel: Path) -> Installation:
+    return Installation(tmp_path_factory.mktemp("light"), wheel)
+
+
+def test_one_wheel_serves_every_python(wheel: Path) -> None:
+    name = rf"cardan-{re.escape(cardan.__version__)}-py3-none-manylinux_2_\d+_\w+\.whl"
+    assert re.fullmatch(name, wheel.name)
+
+
+def test_neither_knows_the_machine_it_was_made_on(wheel: Path, sdist: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        contents = {name: archive.read(name) for name in archive.namelist()}
+    assert {"cardan/sim_peers/omni/libHD.so", "cardan/examples/verbs.py"} <= contents.keys()
+    with tarfile.open(sdist) as archive_:
+        for member in archive_:
+            if (file := archive_.extractfile(member)) is not None:
+                contents[member.name] = file.read()
+            assert not member.uname, f"{member.name} is of {member.uname}"
+    for place in {str(ROOT), str(Path.home()), sys.prefix, sys.base_prefix}:
+        assert [name for name, data in contents.items() if f"{place}/".encode() in data] == []
+
+
+def test_without_extras_it_is_small(light: Installation) -> None:
+    assert light.added_bytes < LARGEST_BYTES
+
+
+def test_every_driver_is_imported_without_an_arms_model(light: Installation) -> None:
+    names, place = light.python(EVERY_DRIVER).splitlines()
+    assert set(names.split()) == set(registry.BUILT_IN)
+    assert Path(place).is_relative_to(light.folder)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("abb-gofa", "--to", "127.0.0.1:{port}"),
+        ("gamepad", "--events", "gamepad.sock"),
+        ("keyboard", "--events", "keyboard.sock"),
+        ("leap", "--port", "0"),
+        ("motoman-gp8", "--base-port", "{port}"),
+        ("omni", "--", sys.executable, "-c", "print('READY')"),
+        ("spacemouse", "--hid", "spacemouse.sock"),
+        ("spacemouse", "--serial", "spacemouse.tty", "--model", "magellan"),
+        ("wiimote", "--l2cap", "wiimote.sock"),
+    ],
+    ids=" ".join,
+)
+def test_simulated_peers_serve_without_an_arms_model(
+    light: Installation, words: tuple[str, ...]
+) -> None:
+    words = tuple(word.format(port=free_udp_port()) for word in words)
+    seconds = () if "--" in words else ("--seconds", "0.5")
+    assert "READY" in light.cardan("sim", *words, *seconds)
+
+
+def test_a_session_without_an_arms_model_runs(light: Installation) -> None:
+    light.demo()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("drivers",), "sim_arm"),
+        (("devices",), ""),
+        (("sim", "--list"), "motoman-gp8"),
+        (("demo", "--list"), "spacemouse-ur5"),
+        (("check", ROOT / "examples/spacemouse-gofa.toml"), "fine"),
+    ],
+)
+def test_the_lists_need_no_arms_model(
+    light: Installation, words: tuple[object, ...], said: str
+) -> None:
+    text = light.cardan(*words)
+    assert said in text
+    assert "cannot be loaded" not in text
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("check", ROOT / "examples/spacemouse-gp8.toml"),
+        ("run", ROOT / "examples/verbs-ur5-simulated.toml"),
+        ("demo", "spacemouse-ur5", "--seconds", "5"),
+        ("sim", "arm"),
+    ],
+    ids=lambda words: f"{words[0]} {Path(words[1]).stem}",
+)
+def test_what_needs_an_arms_model_says_what_to_install(
+    light: Installation, words: tuple[object, ...]
+) -> None:
+    lines = [line for line in light.cardan(*words, codes=(3,)).splitlines() if "cardan: " in line]
+    (line,) = lines
+    assert "needs the libraries of an arm's model" in line
+    assert line.endswith('pip install "cardan[arm]"')
+
+
+def test_the_source_archive_is_whole(tmp_path_factory: pytest.TempPathFactory, sdist: Path) -> None:
+    installed = Installation(tmp_path_factory.mktemp("source"), sdist)
+    installed.demo()
+    assert "True" in installed.python(
+        "from cardan.drivers.omni import native; from cardan.sim_peers import omni;"
+        "print(native.available() and omni.available())"
+    )
