@@ -81,6 +81,7 @@ ARM_MODEL = (
     "cardan.gateway.kinematics.",
     "cardan.gateway.motion.paths",
     "cardan.gateway.servo.",
+    "cardan.robots.counterbalance",
     "cardan.sim_peers.arm.controller",
     "cardan.sim_peers.arm.plant",
     "cardan.sim_peers.arm.udp",

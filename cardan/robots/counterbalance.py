@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-import pinocchio as pin
+from cardan.arm_libraries import np, npt, pin
 
 Array = npt.NDArray[np.float64]
 
