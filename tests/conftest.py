@@ -8,6 +8,11 @@ import signal
 from collections.abc import Generator
 
 import pytest
+from hypothesis import settings
+
+# How fast an example runs says how busy the machine is; what CI chooses otherwise stays.
+settings.register_profile("cardan", settings(deadline=None))
+settings.load_profile("cardan")
 
 ALL_IS_THERE = os.environ.get("CI") == "true" or os.environ.get("CARDAN_KERNEL_VM") == "1"
 """Whether nothing may be missing: in continuous integration, and in the virtual machine, which

@@ -48,7 +48,7 @@ def states(count, order="<"):
     return made
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data(), st.sampled_from("<>"))
 def test_splitting_merging_reordering_and_repeating_change_nothing(data, order):
     messages = states(4, order)
@@ -78,7 +78,7 @@ def test_overlapping_retransmissions():
     assert fed(listed)[0] == fed(segments(messages))[0]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.tuples(st.binary(max_size=60), u := st.integers(0, 2**32 - 1), u), max_size=8))
 def test_arbitrary_segments_never_raise(parts):
     listed = [Segment("TCP", CONTROLLER, CLIENT, p, False, q, f % 64) for p, q, f in parts]

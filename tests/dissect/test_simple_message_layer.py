@@ -109,7 +109,7 @@ def values(field):
     return u32 if unsigned else i32
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.data(), st.sampled_from(LAYERS), st.sampled_from("<>"), st.sampled_from([4, 8]))
 def test_what_is_built_is_dissected(data, chosen, order, real_bytes):
     msg_type, layer = chosen
@@ -131,7 +131,7 @@ def test_what_is_built_is_dissected(data, chosen, order, real_bytes):
     assert bytes(layer(**again)) == raw
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=200), st.sampled_from([row[0] for row in WORKED]), st.integers(0, 40))
 def test_arbitrary_bytes_never_raise(data, start, kept):
     for raw in (data, start[:kept] + data):

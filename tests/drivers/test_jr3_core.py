@@ -354,7 +354,7 @@ def test_the_sample_of_zeros_after_a_zero_is_no_rest():
 # -- values ----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(

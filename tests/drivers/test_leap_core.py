@@ -388,7 +388,7 @@ messages = st.one_of(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(["still", "open", "grab", "pinch"]),
     st.lists(st.tuples(st.floats(0.0, 0.15), messages), max_size=60),

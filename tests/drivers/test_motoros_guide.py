@@ -60,7 +60,7 @@ def run(
 
 
 class TestGuarantees:
-    @settings(max_examples=150, deadline=None)
+    @settings(max_examples=150)
     @given(
         start=st.tuples(st.floats(-1.0, 0.5), st.floats(-0.02, 0.02), st.floats(-9.0, 9.0)),
         speeds=triples,
@@ -79,7 +79,7 @@ class TestGuarantees:
                 guide.step(command, dt_s)
                 assert_within(guide, before, min(dt_s, LONGEST_STEP_S))
 
-    @settings(max_examples=100, deadline=None)
+    @settings(max_examples=100)
     @given(
         script=st.lists(
             st.tuples(commands, st.integers(1, 40), st.floats(PERIOD_S, 5.0 * PERIOD_S)),
@@ -138,7 +138,7 @@ class TestGuarantees:
         shortest_s = 1.5 / 2.0 + 2.0 / 10.0
         assert steps * PERIOD_S < shortest_s + 0.06
 
-    @settings(max_examples=50, deadline=None)
+    @settings(max_examples=50)
     @given(dt_s=st.sampled_from([0.0, -1.0, -math.inf, math.nan, 1e-9]), command=commands)
     def test_no_time_no_change(self, dt_s: float, command: RobotCommand) -> None:
         guide = guide_at(0.1, 0.0, 0.0, velocities=(0.5, 0.1, -0.5))
@@ -164,7 +164,7 @@ class TestGuarantees:
 
 
 class TestDirection:
-    @settings(max_examples=100, deadline=None)
+    @settings(max_examples=100)
     @given(wanted=st.tuples(*[st.floats(-50.0, 50.0)] * 3))
     def test_from_rest_the_motion_has_the_direction_asked_for(
         self, wanted: Sequence[float]
@@ -245,7 +245,7 @@ class TestFollowing:
             worst = max(worst, abs(guide.positions[2] - goal))
         assert worst < 0.2 * PERIOD_S**2
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=60)
     @given(
         start=st.tuples(st.floats(-0.9, 0.4), st.floats(-0.015, 0.015), st.floats(-2.0, 2.0)),
         goal=st.tuples(st.floats(-0.9, 0.4), st.floats(-0.015, 0.015), st.floats(-2.0, 2.0)),
@@ -274,7 +274,7 @@ class TestFollowing:
         assert arrived_s <= 1.05 * least_s + 8.0 * dt_s
         assert guide.positions == pytest.approx(goal, abs=1e-6)
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=60)
     @given(jumps=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=20))
     def test_a_joint_does_not_overshoot_because_another_changes_its_mind(
         self, jumps: Sequence[float]

@@ -676,7 +676,7 @@ def test_a_feedback_that_no_robot_measures_is_ignored():
     assert (feed.velocities, feed.feedback_s) == ((), 1.2)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.binary(max_size=200)), max_size=8))
 def test_arbitrary_bytes_never_raise_and_send_no_command(pieces):
     session, now_s = MotorosSession(MotorosOptions()), 10.0

@@ -45,7 +45,7 @@ def test_the_clamp_keeps_the_direction() -> None:
     assert rig.state.reason == "limited to the largest force"
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.integers(0, 2**32 - 1),
     st.lists(st.lists(FIXTURES, max_size=4), min_size=1, max_size=6),

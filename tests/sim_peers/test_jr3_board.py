@@ -286,7 +286,7 @@ def test_loss_is_a_share():
     assert len(host.run(2.0)) == pytest.approx(4000 * 0.7, rel=0.05)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=30))
 def test_nothing_on_the_bus_breaks_it(frames):
     host = Host()

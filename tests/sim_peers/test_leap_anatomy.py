@@ -42,7 +42,7 @@ def determinant(rows):
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(sides, angles, angles, angles, shares, shares)
 def test_bones_fingers_and_bases_fit_together(side, pitch, yaw, roll, grab, pinch):
     hand, fingers = Anatomy(7, side, 0.0).measure(posture(pitch, yaw, roll, grab, pinch), 1.0)

@@ -213,7 +213,7 @@ points = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(points, st.sampled_from([0.002, 0.004, 0.008]))
 def test_increments_add_up_to_the_truncated_end_exactly(way, ipc_s):
     it = group(ipc_s=ipc_s)
@@ -232,7 +232,7 @@ def test_increments_add_up_to_the_truncated_end_exactly(way, ipc_s):
     assert [sum(axis) for axis in zip(*rows, strict=True)] == it.command
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(points)
 def test_a_steady_trajectory_takes_its_own_time(way):
     it = group()

@@ -858,7 +858,7 @@ STEP = st.tuples(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(steps=st.lists(STEP, max_size=12), strict=st.booleans(), big_endian=st.booleans())
 def test_no_bytes_raise_or_move_the_arm(steps, strict, big_endian):
     world = World(faults={"strict-recv": float(strict)}, big_endian=big_endian)

@@ -40,7 +40,7 @@ commands = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(commands)
 def test_no_command_leaves_the_limits(way):
     it = law()
@@ -59,7 +59,7 @@ def test_no_command_leaves_the_limits(way):
                 assert LOWER[axis] - TINY <= joint <= UPPER[axis] + TINY
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(commands)
 def test_an_axis_can_stop_inside_its_range_at_any_time(way):
     it = law()
@@ -79,7 +79,7 @@ def test_an_axis_can_stop_inside_its_range_at_any_time(way):
         assert LOWER[axis] <= position[axis] / PER_RAD[axis] <= UPPER[axis]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(speeds, st.integers(1, 60))
 def test_the_direction_is_kept_from_rest(target, ticks):
     it = law()
@@ -93,7 +93,7 @@ def test_the_direction_is_kept_from_rest(target, ticks):
                 assert v[a] * target[b] == pytest.approx(v[b] * target[a], abs=1e-7)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(speeds, st.floats(0.0, 1.0), st.lists(speeds, min_size=1, max_size=4))
 def test_a_speed_limit_slows_all_axes_alike(before, share, targets):
     it = law()
@@ -108,7 +108,7 @@ def test_a_speed_limit_slows_all_axes_alike(before, share, targets):
                 assert abs(increments[axis]) <= most * IPC_S * PER_RAD[axis] + 1.0 + TINY
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(speeds, st.floats(0.01, 0.2), st.integers(50, 200))
 def test_a_speed_limit_keeps_the_direction_without_drift(target, share, ticks):
     it = law()
@@ -125,7 +125,7 @@ def test_a_speed_limit_keeps_the_direction_without_drift(target, share, ticks):
             assert way[a] * target[b] == pytest.approx(way[b] * target[a], abs=3e-3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.tuples(*[st.floats(-0.05, 0.05)] * 3), st.integers(100, 1000))
 def test_there_is_no_dead_band_and_no_drift(target, ticks):
     it = law()

@@ -72,7 +72,7 @@ WORKSPACE = ReferenceLimits(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(plans, rpys, st.floats(0.3, 3.0))
 def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
     """Recaptures, slips and edges: it moves by what the hand moves, twice at most, and glides."""

@@ -30,7 +30,7 @@ def test_nothing_moves_before_the_clutch():
     assert rig.core.phase is Phase.DISARMED
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(rpys, st.floats(-180.0, 180.0), st.floats(0.3, 1.5))
 def test_the_tcp_goes_where_the_hand_is(rpy, yaw, factor):
     scale = (factor, 0.5, 1.0, 1.0, 1.0, 1.0)
@@ -136,7 +136,7 @@ def test_a_lost_hand_brakes_and_a_leap_is_not_followed():
     assert not rig.core.following
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     plans,
     st.sampled_from([{"clutch": "button_2"}, {"clutch": "button_2", "deadman": ("grip",)},

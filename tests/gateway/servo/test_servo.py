@@ -290,7 +290,7 @@ def test_a_continuous_wrist_turns_ten_times_without_a_refusal(turns):
     assert (made.q[6] - start) / (2 * math.pi) == pytest.approx(turns, abs=0.5)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_placing_it_anew_never_moves_it(seed):
     made = servo()

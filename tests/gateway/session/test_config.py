@@ -332,7 +332,7 @@ tables = st.dictionaries(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(tables)
 def test_any_table_is_a_configuration_or_an_error(table):
     table.setdefault("device", {})

@@ -119,7 +119,7 @@ def test_one_that_creeps_ends_in_time(limits):
     assert recovery.way_m <= limits.leash_m
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.floats(-0.4, 0.4),
     st.floats(-2.0, 2.0),
