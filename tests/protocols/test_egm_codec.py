@@ -31,7 +31,7 @@ from tests.dissect.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 from . import egm_values as values
 from .egm_wire import double, tagged, varint
 
-bounded = settings(max_examples=150, deadline=None, derandomize=True)
+bounded = settings(max_examples=150, derandomize=True)
 
 SIXTH = math.pi / 6
 JOINTS = (0.0, 0.0, 0.0, 0.0, SIXTH, 0.0)

@@ -12,7 +12,7 @@ from tests.dissect.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 from . import egm_oracle as oracle, egm_values as values
 from .egm_wire import double, messages, spoilt, tagged, varint
 
-bounded = settings(max_examples=250, deadline=None, derandomize=True)
+bounded = settings(max_examples=250, derandomize=True)
 
 
 def agree(data, decode, expect):

@@ -29,7 +29,7 @@ from tests.dissect.worked import F6, F7, R0, R1
 from . import egm_values as values
 from .egm_wire import double, messages, spoilt, tagged, varint
 
-bounded = settings(max_examples=150, deadline=None, derandomize=True)
+bounded = settings(max_examples=150, derandomize=True)
 
 FORCE = (1.5, -2.25, 10.0, 0.125, 0.0, -0.5)
 USUAL = decode_robot(R1)

@@ -16,7 +16,7 @@ from . import egm_values as values
 pytestmark = pytest.mark.realtime
 
 egm_pb2 = importlib.import_module("ABBRobotEGM._egm_protobuf.egm_pb2")
-bounded = settings(max_examples=100, deadline=None, derandomize=True)
+bounded = settings(max_examples=100, derandomize=True)
 
 NAMES = {
     "EgmRobot": schema.Robot,

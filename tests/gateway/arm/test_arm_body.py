@@ -205,7 +205,7 @@ joint_values = st.tuples(*[st.floats(-0.05, 0.05)] * 6).map(np.array)
 joint_speeds = st.tuples(*[st.floats(-3.0, 3.0)] * 6).map(np.array)
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=50, suppress_health_check=list(HealthCheck))
 @given(joint_speeds, joint_values, st.floats(0.0, 0.5))
 def test_no_joint_is_placed_faster_than_commanded_or_the_other_way(v, way, time_s):
     body = moving(v)
@@ -226,7 +226,7 @@ def test_an_arm_of_velocities_that_is_placed_while_it_moves_is_sent_no_step():
 # -- coming back ---------------------------------------------------------------------------------
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, suppress_health_check=list(HealthCheck))
 @given(st.tuples(*[st.floats(-0.3, 0.3)] * 6).map(np.array))
 def test_a_command_comes_back_to_its_arm_slowly_and_arrives(away):
     body, there = arm(), robot(HOME + away)

@@ -698,7 +698,7 @@ actions = st.lists(
 )  # fmt: skip
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(
     st.sampled_from([GOFA, "ur5", "pr2_left_arm", "asibot"]),
     st.sampled_from([CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE]),

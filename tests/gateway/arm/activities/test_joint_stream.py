@@ -119,7 +119,7 @@ def test_a_joint_stops_at_the_end_of_its_range(sign):
 rates = st.tuples(*[st.floats(-50.0, 50.0)] * 6)
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, suppress_health_check=list(HealthCheck))
 @given(st.lists(st.tuples(rates, st.integers(1, 15)), max_size=6))
 def test_limits_hold_whatever_is_streamed_and_it_always_ends_at_rest(plan):
     stream = Stream()
