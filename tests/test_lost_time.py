@@ -112,9 +112,7 @@ SHARES = st.lists(
 )
 """How much of the longest gap, the time until the next, and whether the gap is inside a tick."""
 
-PATTERNS = settings(
-    max_examples=20, suppress_health_check=list(HealthCheck), derandomize=True
-)
+PATTERNS = settings(max_examples=20, suppress_health_check=list(HealthCheck), derandomize=True)
 ROBOTS = pytest.mark.parametrize("kind", BENCHES, ids=lambda kind: kind.name)
 
 

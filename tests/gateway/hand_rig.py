@@ -24,6 +24,7 @@ from cardan.spatial import (
 )
 from cardan.types import (
     ZERO3,
+    ZERO_TWIST,
     ButtonEvent,
     DeviceLink,
     DeviceState,
@@ -140,7 +141,9 @@ class HandRig:
         if not isinstance(self.command, PoseCommand):
             self.command = self.velocity = None
             return
-        if before is not None:
+        if before is None:
+            self._check_first(dt_s)
+        else:
             self._check(before.pose, dt_s)
             takes_up = self.core.following and not followed
             if takes_up and rested and self.core.hand.mapping.options.mode is Mode.POSITION:
@@ -175,6 +178,13 @@ class HandRig:
         change = norm(subtract(angular, was_angular))
         assert change <= limits.angular_acceleration_rad_s2 * dt_s + ROUNDING
         self.velocity = linear, angular
+
+    def _check_first(self, dt_s):
+        """A command after none begins at rest, and may be under way already."""
+        twist, limits = self.command.twist or ZERO_TWIST, self.limits
+        assert norm(twist.linear) <= limits.linear_acceleration_m_s2 * dt_s + ROUNDING
+        assert norm(twist.angular) <= limits.angular_acceleration_rad_s2 * dt_s + ROUNDING
+        self.velocity = twist.linear, twist.angular
 
     # -- what came of it -----------------------------------------------------------------------
 
