@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import logging
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cardan.printable import PrintableFormatter
 
 FORMAT = "%(asctime)s %(name)s: %(message)s"
 
 
-class _StderrHandler(logging.StreamHandler[Any]):
+if TYPE_CHECKING:
+    _StreamHandler = logging.StreamHandler[Any]
+else:
+    _StreamHandler = logging.StreamHandler  # Not to be subscripted before Python 3.11.
+
+
+class _StderrHandler(_StreamHandler):
     """Logs to what sys.stderr is at the time: a live view puts itself in its place."""
 
     def __init__(self) -> None:
