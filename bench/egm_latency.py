@@ -22,7 +22,15 @@ from bench.figures import Aim, Figures
 from bench.responders import KINDS
 from cardan.gateway.session.demo import launched
 from cardan.gateway.session.examples import free_ports
-from cardan.protocols.egm import EgmHeader, EgmMotion, EgmPose, EgmRobot, encode_robot
+from cardan.protocols.egm import (
+    EgmHeader,
+    EgmMotion,
+    EgmPose,
+    EgmRobot,
+    EgmSensor,
+    decode_from_pc,
+    encode_robot,
+)
 from cardan.types import Quaternion, Vector3
 
 CYCLES = 5000
@@ -31,6 +39,38 @@ PERIOD_S = 0.004
 ANSWER_WITHIN_S = 0.5
 
 SESSION = "cardan-session"
+"""Without the arm's model, moving: what the aim is about."""
+
+MODEL = """
+mode = "joint"
+robot = "gofa_crb15000_5"
+
+[arm]
+model = "gofa_crb15000_5"
+
+[[obstacles]]
+name = "table"
+plane = [[0.0, 0.0, 1.0], 0.0]
+"""
+TOUCH = """
+0.3 axes 0 0 0.4 0 0 0 over 0.05
+0.5 neutral over 0.05
+"""
+MOVE = """
+0.9 press left
+1.0 swing 0 0.4 0.4 0 0 0.2 over 1 times 3
+4.1 release left
+4.2 loop
+"""
+"""Again and again, as a press from before the robot was there does not count."""
+
+SESSIONS = {
+    SESSION: ("", TOUCH + MOVE),
+    "session, holding": ("", TOUCH),
+    "session with model": (MODEL, TOUCH + MOVE),
+    "session with model, holding": (MODEL, TOUCH),
+}
+"""What is added to the table of the robot, and what the hand does."""
 
 AIMS = (
     Aim("cardan-driver", "echo", 1.5, "median"),
@@ -39,11 +79,15 @@ AIMS = (
 )
 
 
-def datagram(cycle: int) -> bytes:
+START = EgmMotion(
+    (0.0, 0.0, 0.0, 0.0, 0.5235987755982988, 0.0),
+    EgmPose(Vector3(0.5975, 0.0, 0.83775), Quaternion(0.5, 0.0, 0.8660254037844386, 0.0)),
+)
+
+
+def datagram(cycle: int, at: EgmMotion = START) -> bytes:
     """What a RobotWare 7 controller sends in this cycle (joints, pose, clock, states)."""
-    joints = (0.0, 0.0, 0.0, 0.0, 0.5235987755982988, 0.0)
-    pose = EgmPose(Vector3(0.5975, 0.0, 0.83775), Quaternion(0.5, 0.0, 0.8660254037844386, 0.0))
-    motion = EgmMotion(joints, pose, None, 1_700_000_000_000_000 + cycle * 4000)
+    motion = at._replace(time_us=1_700_000_000_000_000 + cycle * 4000)
     header = EgmHeader(seqno=cycle, tm_ms=1_000_000 + cycle * 4, mtype=2)
     return encode_robot(
         EgmRobot(
@@ -57,6 +101,16 @@ def datagram(cycle: int) -> bytes:
             utilization_rate=12.5,
         )
     )
+
+
+def obeyed(answer: bytes, before: EgmMotion) -> EgmMotion:
+    """Where a robot is that does at once what it is told; the other half is not measured then."""
+    told = decode_from_pc(answer)
+    if not isinstance(told, EgmSensor) or told.planned is None:
+        return before
+    if told.planned.joints is not None:
+        return EgmMotion(told.planned.joints)
+    return before._replace(cartesian=told.planned.cartesian)
 
 
 @contextlib.contextmanager
@@ -76,17 +130,19 @@ def responder(kind: str, port: int) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def session(port: int) -> Iterator[None]:
-    """``cardan run`` with a simulated SpaceMouse."""
+def session(port: int, more: str, script: str) -> Iterator[None]:
+    """``cardan run`` with a simulated SpaceMouse that plays `script`."""
     with tempfile.TemporaryDirectory() as folder:
         hid_path = str(Path(folder) / "hid")
         config = Path(folder) / "bench.toml"
         config.write_text(
             f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{hid_path}"\n'
-            f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n'
+            f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n{more}'
             '[mapping]\ndeadman = "left"\n'
         )
-        with launched("sim", "spacemouse", "--hid", hid_path, "--script", "demo"):
+        played = Path(folder) / "script"
+        played.write_text(script)
+        with launched("sim", "spacemouse", "--hid", hid_path, "--script", str(played)):
             process = subprocess.Popen(
                 [sys.executable, "-m", "cardan", "run", str(config)], stdout=subprocess.PIPE
             )
@@ -103,32 +159,42 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
     """Ask everybody `cycles` times, every `period_s`; returns the latencies by name."""
     pace = f"every {period_s * 1e3:g} ms" if period_s else "without a pause"
     figures = Figures(f"EGM datagram in to datagram out, as the controller sees it, {pace}")
-    names = [*KINDS, SESSION]
+    names = [*KINDS, *SESSIONS]
     datagrams = [datagram(cycle) for cycle in range(cycles + WARM_UP_CYCLES)]
+    places = dict.fromkeys(SESSIONS, START)
     with contextlib.ExitStack() as stack:
         sockets = []
-        for name in names:
+        # Sessions take a second to start, and responders end when nobody asks them for as long.
+        for name in (*SESSIONS, *KINDS):
             port = free_ports()
-            stack.enter_context(session(port) if name == SESSION else responder(name, port))
+            if name in SESSIONS:
+                stack.enter_context(session(port, *SESSIONS[name]))
+            else:
+                stack.enter_context(responder(name, port))
             sock = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             sock.connect(("127.0.0.1", port))
             sock.settimeout(ANSWER_WITHIN_S)
             sockets.append((name, sock))
+        sockets.sort(key=lambda each: names.index(each[0]))
         clock = time.perf_counter
         gc.disable()
         slot_s = clock()
         for cycle, data in enumerate(datagrams):
             for turn in range(len(sockets)):
                 name, sock = sockets[(cycle + turn) % len(sockets)]
+                sent = datagram(cycle, places[name]) if name in places else data
                 start_s = clock()
-                sock.send(data)
+                sock.send(sent)
                 try:
-                    sock.recv(2048)
+                    answer = sock.recv(2048)
                 except (TimeoutError, ConnectionRefusedError):
                     figures.miss(name)
                     continue
+                took_s = clock() - start_s
+                if name in places:
+                    places[name] = obeyed(answer, places[name])
                 if cycle >= WARM_UP_CYCLES:
-                    figures.add(name, clock() - start_s)
+                    figures.add(name, took_s)
             slot_s = max(slot_s + period_s, clock())
             time.sleep(max(0.0, slot_s - clock()))
         gc.enable()
