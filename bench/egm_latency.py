@@ -34,7 +34,7 @@ from cardan.protocols.egm import (
 from cardan.types import Quaternion, Vector3
 
 CYCLES = 5000
-WARM_UP_CYCLES = 250
+WARM_UP_CYCLES = 256  # A multiple of the number of responders: the first table row is echo's.
 PERIOD_S = 0.004
 ANSWER_WITHIN_S = 0.5
 
