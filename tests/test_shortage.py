@@ -74,9 +74,10 @@ def test_a_mistake_keeps_its_traceback(monkeypatch):
     "words",
     [
         ("run", "--seconds", "1", EXAMPLES / "verbs-ur5-simulated.toml"),
+        ("run", "--seconds", "1", EXAMPLES / "spacemouse-gofa-simulated.toml"),
         ("demo", "--seconds", "3"),
     ],
-    ids=lambda words: words[0],
+    ids=("run", "run without a model", "demo"),
 )
 def test_a_command_ends_in_a_line(limit, words):
     done = subprocess.run(
@@ -87,5 +88,8 @@ def test_a_command_ends_in_a_line(limit, words):
         stdin=subprocess.DEVNULL,
     )
     assert done.returncode == 1
-    assert done.stderr.startswith(("cardan: there is too little memory", "cardan: too many files"))
+    assert done.stderr.startswith(
+        ("cardan: there is too little memory", "cardan: too many files", "cardan: no more threads")
+    )
+    assert f"`ulimit {limit.split()[0]}`" in done.stderr
     assert done.stderr.count("\n") == 1
