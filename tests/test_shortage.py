@@ -68,6 +68,15 @@ def test_a_mistake_keeps_its_traceback(monkeypatch):
         run("cardan.cli")
 
 
+def test_ctrl_c_during_the_import_is_no_mistake(monkeypatch, tmp_path, capsys):
+    (tmp_path / "interrupted.py").write_text("raise KeyboardInterrupt\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        run("interrupted")
+    assert end.value.code == 130
+    assert capsys.readouterr() == ("", "")
+
+
 @pytest.mark.realtime
 @pytest.mark.parametrize("limit", ["-n 8", "-v 40960", "-v 61440"])
 @pytest.mark.parametrize(
