@@ -23,7 +23,11 @@ MAX_WAITING_BYTES = 1 << 18
 """What waits for a reader at most: more than a screen, and than a pipe holds."""
 
 READ_WITHIN_S = 0.2
-"""A write that takes longer: nobody reads. A terminal or a file takes microseconds."""
+"""A write that takes longer: nobody reads. Most terminals and files take microseconds."""
+
+AT_ONCE_BYTES = 128
+"""What a terminal is given in one write: it takes all of it before the write returns, and a slow
+one, such as a serial line of 9600 baud, must not look like one that is stopped."""
 
 LAST_WORDS_S = 0.5
 """Longest wait for a reader at the end of a program that serves, or that was told to end."""
@@ -42,6 +46,7 @@ class BackgroundOutput(io.BufferedIOBase):
         self.name = name
         self._fd = fd
         self._quiet = quiet
+        self._at_once_bytes = AT_ONCE_BYTES if self.isatty() else MAX_WAITING_BYTES
         self._keeping_up = self._ended = False
         self._pieces: deque[bytes] = deque()
         self._waiting_bytes = 0
@@ -76,9 +81,13 @@ class BackgroundOutput(io.BufferedIOBase):
             self._changed.notify_all()
 
     def is_read(self) -> bool:
-        """Whether what was written was taken within READ_WITHIN_S."""
+        """Whether the last of what was written was taken within READ_WITHIN_S."""
         began_s = self._began_s
         return began_s is None or time.monotonic() - began_s < READ_WITHIN_S
+
+    def is_behind(self) -> bool:
+        """Whether some of what was written still waits."""
+        return self._waiting_bytes > 0
 
     def write(self, data: Any) -> int:
         """Hand `data` to the thread; all of it counts as written."""
@@ -128,7 +137,6 @@ class BackgroundOutput(io.BufferedIOBase):
                 while not self._pieces:
                     self._changed.wait()
                 piece = self._pieces.popleft()
-                self._began_s = time.monotonic()
             error = None
             try:
                 self._write_piece(piece)
@@ -147,8 +155,9 @@ class BackgroundOutput(io.BufferedIOBase):
     def _write_piece(self, piece: bytes) -> None:
         rest = memoryview(piece)
         while rest:
+            self._began_s = time.monotonic()
             try:
-                rest = rest[os.write(self._fd, rest) :]
+                rest = rest[os.write(self._fd, rest[: self._at_once_bytes]) :]
             except BlockingIOError:  # Another program has made it so.
                 poll = select.poll()
                 poll.register(self._fd, select.POLLOUT)
@@ -238,6 +247,12 @@ def is_read() -> bool:
     """Whether somebody, or a file, takes what is written to standard output."""
     output = _installed.get("stdout")
     return output is None or output.is_read()
+
+
+def is_behind() -> bool:
+    """Whether standard output has not taken all that was written yet."""
+    output = _installed.get("stdout")
+    return output is not None and output.is_behind()
 
 
 def finish(name: str) -> OSError | None:

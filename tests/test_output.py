@@ -10,7 +10,13 @@ import threading
 import pytest
 
 from cardan import output
-from cardan.output import MAX_WAITING_BYTES, BackgroundOutput, DroppingOutput
+from cardan.output import (
+    AT_ONCE_BYTES,
+    MAX_WAITING_BYTES,
+    READ_WITHIN_S,
+    BackgroundOutput,
+    DroppingOutput,
+)
 
 WITHIN_S = 20.0
 PIECE = b"x" * 4096
@@ -75,6 +81,42 @@ def test_one_that_keeps_up_never_waits(pipe):
         assert stream.write(PIECE) == len(PIECE)
     until(lambda: not stream.is_read())
     drained(reading)
+    until(stream.is_read)
+
+
+def test_a_slow_terminal_is_read(monkeypatch):
+    """Each write takes a while, and all of them take long."""
+    now_s = [100.0]
+    writing, go_on = threading.Semaphore(0), threading.Semaphore(0)
+    written = []
+
+    def write(_fd, data):
+        writing.release()
+        assert go_on.acquire(timeout=WITHIN_S)
+        written.append(bytes(data))
+        return len(data)
+
+    monkeypatch.setattr(output.os, "write", write)
+    monkeypatch.setattr(output.os, "isatty", lambda _fd: True)
+    monkeypatch.setattr(output.time, "monotonic", lambda: now_s[0])
+    stream = BackgroundOutput(-1, "<test>")
+    assert not stream.is_behind()
+    stream.write(PIECE)
+    writes = len(PIECE) // AT_ONCE_BYTES
+    for _ in range(writes):
+        assert writing.acquire(timeout=WITHIN_S)
+        assert stream.is_read()
+        now_s[0] += 0.9 * READ_WITHIN_S
+        assert stream.is_read()
+        assert stream.is_behind()
+        go_on.release()
+    until(lambda: not stream.is_behind())
+    assert b"".join(written) == PIECE
+    stream.write(b"x")
+    assert writing.acquire(timeout=WITHIN_S)
+    now_s[0] += 1.1 * READ_WITHIN_S
+    assert not stream.is_read()
+    go_on.release()
     until(stream.is_read)
 
 
