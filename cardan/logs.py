@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import logging
 import sys
-from typing import Any
 
 from cardan.printable import PrintableFormatter
 
 FORMAT = "%(asctime)s %(name)s: %(message)s"
 
 
-class _StderrHandler(logging.StreamHandler[Any]):
+class _StderrHandler(logging.Handler):
     """Logs to what sys.stderr is at the time: a live view puts itself in its place."""
 
     def __init__(self) -> None:
-        logging.Handler.__init__(self)
+        super().__init__()
         self.setFormatter(PrintableFormatter(FORMAT))
 
-    @property
-    def stream(self) -> Any:
-        return sys.stderr
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line. An error is no concern of who logs."""
+        try:
+            sys.stderr.write(self.format(record) + "\n")
+            sys.stderr.flush()
+        except Exception:
+            self.handleError(record)
 
 
 def log_to_stderr(level: int) -> None:
