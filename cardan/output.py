@@ -98,14 +98,14 @@ class BackgroundOutput(io.BufferedIOBase):
             if self._error is not None and not (self._quiet or self._ended):
                 raise OSError(self._error.errno, self._error.strerror)
             if self._error is None and not self._ended and self._fits(piece):
-                self._pieces.append(piece)
-                self._waiting_bytes += len(piece)
-                if self._thread is None:
-                    self._thread = threading.Thread(
-                        target=self._write_all, name=f"cardan-{self.name}", daemon=True
-                    )
-                    self._thread.start()
-                self._changed.notify_all()
+                if self._has_thread():
+                    self._pieces.append(piece)
+                    self._waiting_bytes += len(piece)
+                    self._changed.notify_all()
+                else:
+                    with contextlib.suppress(OSError):
+                        self._write_piece(piece)
+                    self._began_s = None
         return len(piece)
 
     def finish(self) -> None:
@@ -127,6 +127,22 @@ class BackgroundOutput(io.BufferedIOBase):
         with self._changed:
             self._ended = True
             self._changed.notify_all()
+
+    def _has_thread(self) -> bool:
+        """Whether a thread writes, from the first time on. Where the computer gives none a `quiet`
+        stream does without, as it has to say so; another one raises RuntimeError."""
+        if self._thread is None:
+            thread = threading.Thread(
+                target=self._write_all, name=f"cardan-{self.name}", daemon=True
+            )
+            try:
+                thread.start()
+            except RuntimeError:
+                if not self._quiet:
+                    raise
+                return False
+            self._thread = thread
+        return True
 
     def _fits(self, piece: bytes) -> bool:
         return not self._waiting_bytes or self._waiting_bytes + len(piece) <= MAX_WAITING_BYTES

@@ -45,5 +45,7 @@ def test_what_cannot_be_logged_harms_nobody(logging_set_up, monkeypatch):
 
 @pytest.mark.parametrize("module", ["cardan.logs", "cardan.cli"])
 def test_it_is_imported_by_every_python(module):
-    done = subprocess.run([sys.executable, "-c", f"import {module}"], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {module}"], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr

@@ -138,9 +138,10 @@ def test_one_that_does_not_keep_up_waits_for_its_reader(pipe):
     until(lambda: not stream.is_read())
     assert not done.is_set()
     found = b""
-    while not done.is_set() or len(found) < count * len(PIECE):
-        found += os.read(reading, 1 << 16)
+    while not done.is_set():
+        found += drained(reading)
     thread.join(WITHIN_S)
+    found += drained(reading)
     assert len(found) >= count * len(PIECE)
 
 
@@ -182,6 +183,28 @@ def test_a_pipe_that_was_set_not_to_block_is_waited_for(pipe):
     until(stream.is_read)
     stream.finish()
     assert (found + drained(reading)).endswith(b"the end")
+
+
+def test_without_a_thread_standard_error_says_so_and_standard_output_does_not_wait(
+    pipe, monkeypatch
+):
+    reading, writing = pipe
+
+    def start(_thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    words = BackgroundOutput(writing, "<test>")
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="new thread"):
+            words.write(PIECE)
+    words.finish()
+    told = BackgroundOutput(writing, "<test>", quiet=True)
+    for each in (b"no more ", b"threads"):
+        told.write(each)
+    told.finish()
+    assert told.is_read()
+    assert drained(reading) == b"no more threads"
 
 
 def test_a_full_disk_is_told_in_words():
