@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import logging
 import sys
-from typing import TYPE_CHECKING, Any
 
 from cardan.printable import PrintableFormatter
 
 FORMAT = "%(asctime)s %(name)s: %(message)s"
 
 
-if TYPE_CHECKING:
-    _StreamHandler = logging.StreamHandler[Any]
-else:
-    _StreamHandler = logging.StreamHandler  # Not to be subscripted before Python 3.11.
-
-
-class _StderrHandler(_StreamHandler):
+class _StderrHandler(logging.Handler):
     """Logs to what sys.stderr is at the time: a live view puts itself in its place."""
 
     def __init__(self) -> None:
-        logging.Handler.__init__(self)
+        super().__init__()
         self.setFormatter(PrintableFormatter(FORMAT))
 
-    @property
-    def stream(self) -> Any:
-        return sys.stderr
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line. An error is no concern of who logs."""
+        try:
+            sys.stderr.write(self.format(record) + "\n")
+            sys.stderr.flush()
+        except Exception:
+            self.handleError(record)
 
 
 def log_to_stderr(level: int) -> None:

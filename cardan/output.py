@@ -23,7 +23,11 @@ MAX_WAITING_BYTES = 1 << 18
 """What waits for a reader at most: more than a screen, and than a pipe holds."""
 
 READ_WITHIN_S = 0.2
-"""A write that takes longer: nobody reads. A terminal or a file takes microseconds."""
+"""A write that takes longer: nobody reads. Most terminals and files take microseconds."""
+
+AT_ONCE_BYTES = 128
+"""What a terminal is given in one write: it takes all of it before the write returns, and a slow
+one, such as a serial line of 9600 baud, must not look like one that is stopped."""
 
 LAST_WORDS_S = 0.5
 """Longest wait for a reader at the end of a program that serves, or that was told to end."""
@@ -42,6 +46,7 @@ class BackgroundOutput(io.BufferedIOBase):
         self.name = name
         self._fd = fd
         self._quiet = quiet
+        self._at_once_bytes = AT_ONCE_BYTES if self.isatty() else MAX_WAITING_BYTES
         self._keeping_up = self._ended = False
         self._pieces: deque[bytes] = deque()
         self._waiting_bytes = 0
@@ -76,9 +81,13 @@ class BackgroundOutput(io.BufferedIOBase):
             self._changed.notify_all()
 
     def is_read(self) -> bool:
-        """Whether what was written was taken within READ_WITHIN_S."""
+        """Whether the last of what was written was taken within READ_WITHIN_S."""
         began_s = self._began_s
         return began_s is None or time.monotonic() - began_s < READ_WITHIN_S
+
+    def is_behind(self) -> bool:
+        """Whether some of what was written still waits."""
+        return self._waiting_bytes > 0
 
     def write(self, data: Any) -> int:
         """Hand `data` to the thread; all of it counts as written."""
@@ -89,14 +98,14 @@ class BackgroundOutput(io.BufferedIOBase):
             if self._error is not None and not (self._quiet or self._ended):
                 raise OSError(self._error.errno, self._error.strerror)
             if self._error is None and not self._ended and self._fits(piece):
-                self._pieces.append(piece)
-                self._waiting_bytes += len(piece)
-                if self._thread is None:
-                    self._thread = threading.Thread(
-                        target=self._write_all, name=f"cardan-{self.name}", daemon=True
-                    )
-                    self._thread.start()
-                self._changed.notify_all()
+                if self._has_thread():
+                    self._pieces.append(piece)
+                    self._waiting_bytes += len(piece)
+                    self._changed.notify_all()
+                else:
+                    with contextlib.suppress(OSError):
+                        self._write_piece(piece)
+                    self._began_s = None
         return len(piece)
 
     def finish(self) -> None:
@@ -119,6 +128,22 @@ class BackgroundOutput(io.BufferedIOBase):
             self._ended = True
             self._changed.notify_all()
 
+    def _has_thread(self) -> bool:
+        """Whether a thread writes, from the first time on. Where the computer gives none a `quiet`
+        stream does without, as it has to say so; another one raises RuntimeError."""
+        if self._thread is None:
+            thread = threading.Thread(
+                target=self._write_all, name=f"cardan-{self.name}", daemon=True
+            )
+            try:
+                thread.start()
+            except RuntimeError:
+                if not self._quiet:
+                    raise
+                return False
+            self._thread = thread
+        return True
+
     def _fits(self, piece: bytes) -> bool:
         return not self._waiting_bytes or self._waiting_bytes + len(piece) <= MAX_WAITING_BYTES
 
@@ -128,7 +153,6 @@ class BackgroundOutput(io.BufferedIOBase):
                 while not self._pieces:
                     self._changed.wait()
                 piece = self._pieces.popleft()
-                self._began_s = time.monotonic()
             error = None
             try:
                 self._write_piece(piece)
@@ -147,8 +171,9 @@ class BackgroundOutput(io.BufferedIOBase):
     def _write_piece(self, piece: bytes) -> None:
         rest = memoryview(piece)
         while rest:
+            self._began_s = time.monotonic()
             try:
-                rest = rest[os.write(self._fd, rest) :]
+                rest = rest[os.write(self._fd, rest[: self._at_once_bytes]) :]
             except BlockingIOError:  # Another program has made it so.
                 poll = select.poll()
                 poll.register(self._fd, select.POLLOUT)
@@ -238,6 +263,12 @@ def is_read() -> bool:
     """Whether somebody, or a file, takes what is written to standard output."""
     output = _installed.get("stdout")
     return output is None or output.is_read()
+
+
+def is_behind() -> bool:
+    """Whether standard output has not taken all that was written yet."""
+    output = _installed.get("stdout")
+    return output is not None and output.is_behind()
 
 
 def finish(name: str) -> OSError | None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 from importlib import import_module
 
@@ -43,9 +44,14 @@ def _lacking(error: BaseException) -> str:
 
 
 def run(module: str) -> None:
-    """Run ``main()`` of `module` and exit with its code; 1 and a line after a shortage."""
+    """Run ``main()`` of `module` and exit with its code; 1 and a line after a shortage.
+
+    Ctrl-C while it is being imported, before it takes signals itself, ends it as it does later.
+    """
     try:
         code = import_module(module).main()
+    except KeyboardInterrupt:
+        code = 128 + signal.SIGINT
     except Exception as error:
         words = shortage(error)
         if not words:

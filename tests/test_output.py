@@ -10,7 +10,13 @@ import threading
 import pytest
 
 from cardan import output
-from cardan.output import MAX_WAITING_BYTES, BackgroundOutput, DroppingOutput
+from cardan.output import (
+    AT_ONCE_BYTES,
+    MAX_WAITING_BYTES,
+    READ_WITHIN_S,
+    BackgroundOutput,
+    DroppingOutput,
+)
 
 WITHIN_S = 20.0
 PIECE = b"x" * 4096
@@ -78,6 +84,42 @@ def test_one_that_keeps_up_never_waits(pipe):
     until(stream.is_read)
 
 
+def test_a_slow_terminal_is_read(monkeypatch):
+    """Each write takes a while, and all of them take long."""
+    now_s = [100.0]
+    writing, go_on = threading.Semaphore(0), threading.Semaphore(0)
+    written = []
+
+    def write(_fd, data):
+        writing.release()
+        assert go_on.acquire(timeout=WITHIN_S)
+        written.append(bytes(data))
+        return len(data)
+
+    monkeypatch.setattr(output.os, "write", write)
+    monkeypatch.setattr(output.os, "isatty", lambda _fd: True)
+    monkeypatch.setattr(output.time, "monotonic", lambda: now_s[0])
+    stream = BackgroundOutput(-1, "<test>")
+    assert not stream.is_behind()
+    stream.write(PIECE)
+    writes = len(PIECE) // AT_ONCE_BYTES
+    for _ in range(writes):
+        assert writing.acquire(timeout=WITHIN_S)
+        assert stream.is_read()
+        now_s[0] += 0.9 * READ_WITHIN_S
+        assert stream.is_read()
+        assert stream.is_behind()
+        go_on.release()
+    until(lambda: not stream.is_behind())
+    assert b"".join(written) == PIECE
+    stream.write(b"x")
+    assert writing.acquire(timeout=WITHIN_S)
+    now_s[0] += 1.1 * READ_WITHIN_S
+    assert not stream.is_read()
+    go_on.release()
+    until(stream.is_read)
+
+
 def test_one_that_does_not_keep_up_waits_for_its_reader(pipe):
     reading, writing = pipe
     fill(writing)
@@ -96,9 +138,10 @@ def test_one_that_does_not_keep_up_waits_for_its_reader(pipe):
     until(lambda: not stream.is_read())
     assert not done.is_set()
     found = b""
-    while not done.is_set() or len(found) < count * len(PIECE):
-        found += os.read(reading, 1 << 16)
+    while not done.is_set():
+        found += drained(reading)
     thread.join(WITHIN_S)
+    found += drained(reading)
     assert len(found) >= count * len(PIECE)
 
 
@@ -140,6 +183,28 @@ def test_a_pipe_that_was_set_not_to_block_is_waited_for(pipe):
     until(stream.is_read)
     stream.finish()
     assert (found + drained(reading)).endswith(b"the end")
+
+
+def test_without_a_thread_standard_error_says_so_and_standard_output_does_not_wait(
+    pipe, monkeypatch
+):
+    reading, writing = pipe
+
+    def start(_thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    words = BackgroundOutput(writing, "<test>")
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="new thread"):
+            words.write(PIECE)
+    words.finish()
+    told = BackgroundOutput(writing, "<test>", quiet=True)
+    for each in (b"no more ", b"threads"):
+        told.write(each)
+    told.finish()
+    assert told.is_read()
+    assert drained(reading) == b"no more threads"
 
 
 def test_a_full_disk_is_told_in_words():

@@ -68,15 +68,25 @@ def test_a_mistake_keeps_its_traceback(monkeypatch):
         run("cardan.cli")
 
 
+def test_ctrl_c_during_the_import_is_no_mistake(monkeypatch, tmp_path, capsys):
+    (tmp_path / "interrupted.py").write_text("raise KeyboardInterrupt\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        run("interrupted")
+    assert end.value.code == 130
+    assert capsys.readouterr() == ("", "")
+
+
 @pytest.mark.realtime
-@pytest.mark.parametrize("limit", ["-n 8", "-v 40960", "-v 61440"])
+@pytest.mark.parametrize("limit", ["-n 8", "-v 40960"])
 @pytest.mark.parametrize(
     "words",
     [
         ("run", "--seconds", "1", EXAMPLES / "verbs-ur5-simulated.toml"),
+        ("run", "--seconds", "1", EXAMPLES / "spacemouse-gofa-simulated.toml"),
         ("demo", "--seconds", "3"),
     ],
-    ids=lambda words: words[0],
+    ids=("run", "run without a model", "demo"),
 )
 def test_a_command_ends_in_a_line(limit, words):
     done = subprocess.run(
@@ -87,5 +97,24 @@ def test_a_command_ends_in_a_line(limit, words):
         stdin=subprocess.DEVNULL,
     )
     assert done.returncode == 1
-    assert done.stderr.startswith(("cardan: there is too little memory", "cardan: too many files"))
+    assert done.stderr.startswith(
+        ("cardan: there is too little memory", "cardan: too many files", "cardan: no more threads")
+    )
+    assert f"`ulimit {limit.split()[0]}`" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("kilobytes", [49152, 61440])
+def test_with_a_little_more_memory_a_demo_ends_in_lines(kilobytes):
+    """How far it comes is the interpreter's matter: to a driver's import, or to its peers."""
+    done = subprocess.run(
+        ("sh", "-c", f"ulimit -v {kilobytes}; exec {sys.executable} -m cardan demo --seconds 3"),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode in (1, 2, 3)
+    assert done.stderr
+    assert all(line.startswith("cardan: ") for line in done.stderr.splitlines()), done.stderr

@@ -33,6 +33,7 @@ from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, OptionError, ScriptError
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.printable import make_logs_printable, printable
+from cardan.shortage import shortage
 from cardan.signals import raised_on_ending
 from cardan.types import DeviceLink, RobotLink
 
@@ -98,6 +99,9 @@ def _run() -> int:
         # The command line's own errors: typer's releases have them in different modules.
         message, context = getattr(error, "format_message", None), getattr(error, "ctx", None)
         if message is None:
+            if words := shortage(error):
+                print(f"cardan: {words}", file=sys.stderr)
+                return EXIT_FAILED
             sys.excepthook(type(error), error, error.__traceback__)
             return EXIT_FAILED
         if type(error).__name__ == "NoArgsIsHelpError":

@@ -305,6 +305,35 @@ class TestPinning:
         data = bench.controller.datagram()
         assert opened_again.receive(data, OTHER_PORT, bench.now_s) is not None
 
+    def test_a_port_heard_beside_the_controllers_is_another_program_however_slow(self) -> None:
+        """A second simulation, five times slower than the controller."""
+        bench = Bench().started()
+        thief = Controller(seqno=0)
+        for k in range(500):
+            if k % 5 == 0:
+                assert bench.session.receive(thief.datagram(), OTHER_PORT, bench.now_s) is None
+            assert bench.cycle(HOLD)
+        for _ in range(100):
+            bench.now_s += 5 * PERIOD_S
+            bench.session.tick(bench.now_s)
+            assert bench.session.receive(thief.datagram(), OTHER_PORT, bench.now_s) is None
+        diagnosis = " ".join(bench.session.diagnosis(bench.now_s))
+        assert "if it is the controller, open the driver again" in diagnosis
+        assert bench.hear() is not None
+        assert bench.session.peer == PEER
+
+    def test_a_program_that_is_started_anew_at_once_is_told_from_others(self) -> None:
+        bench = Bench().started()
+        bench.controller.seqno = 0
+        assert [bench.hear(OTHER_PORT) for _ in range(20)] == [None] * 20
+        bench.now_s += 0.1
+        bench.session.tick(bench.now_s)
+        assert bench.hear(OTHER_PORT) is not None
+        diagnosis = " ".join(bench.session.diagnosis(bench.now_s))
+        address = f"{OTHER_PORT[0]}:{OTHER_PORT[1]}"
+        assert f"the last from {address} before the controller had that port" in diagnosis
+        assert f"only {address} is answered" not in diagnosis
+
     def test_a_silence_that_the_application_slept_through_is_none(self) -> None:
         bench = Bench().started()
         waiting = [bench.controller.datagram() for _ in range(50)]

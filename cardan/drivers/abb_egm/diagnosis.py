@@ -155,18 +155,19 @@ def _refused(session: Diagnosed) -> list[str]:
             answered = f"{session.peer[0]}:{session.peer[1]}"
         else:
             answered = f"controller_host {session.options.controller_host}"
-        found = (
-            f"{counters.foreign} datagrams from other addresses were refused, the last from "
-            f"{session.last_foreign}; only {answered} is answered. "
-        )
-        if session.last_foreign_counts_on:
+        found = f"{counters.foreign} datagrams from other addresses were refused, the last from "
+        if session.last_foreign == answered:
+            found += f"{answered} before the controller had that port"
+        elif session.last_foreign_counts_on:
             found += (
+                f"{session.last_foreign}; only {answered} is answered. "
                 "Its sequence began before the controller fell silent: it is another program on "
                 "the controller's address, or the controller itself, counting on from another "
                 "port; if it is the controller, open the driver again"
             )
         else:
             found += (
+                f"{session.last_foreign}; only {answered} is answered. "
                 "If that is the wrong one, set controller_host to the right one's address and "
                 "open the driver again"
             )

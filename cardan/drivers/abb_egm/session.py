@@ -124,6 +124,11 @@ class EgmSession:
         self.slow_motion = SlowMotionWatch()
         self.port = options.listen_port
         """The UDP port in use, where the options leave the choice (0: any)."""
+        self._foreign: Address | None = None
+        """Who was refused since a datagram was accepted last."""
+        self._rivals: set[Address] = set()
+        """Ports of the controller's address that were heard beside its own: other programs, however
+        slowly they count."""
         self._ip = controller_ip
         self._nominal_s = options.period_s
         self._lost_after_s = options.lost_after_s
@@ -178,7 +183,7 @@ class EgmSession:
         """Take one datagram; the robot's state if it is to be answered, None if it is refused."""
         peer = self.peer
         if source != peer and not self._admissible(source, now_s):
-            self._refuse_foreign(source)
+            self._refuse_foreign(source, counts_on=source in self._rivals)
             return None
         feedback = self._reader.read(data)
         if isinstance(feedback, Malformed):
@@ -304,6 +309,11 @@ class EgmSession:
 
     def _note_accepted(self) -> None:
         """Count an accepted datagram against the refused ones; report or end a flood."""
+        peer, foreign = self.peer, self._foreign
+        if foreign is not None:
+            self._foreign = None
+            if peer is not None and foreign[0] == peer[0] and foreign[1] != peer[1]:
+                self._rivals.add(foreign)
         self._flood = min(self._flood, 2 * FLOOD_DATAGRAMS) - 1
         if self._flood >= FLOOD_DATAGRAMS:
             self._alarm = (
@@ -346,7 +356,12 @@ class EgmSession:
         # The controller's port may change, but not while the old one is still heard, and only
         # after a silence that `tick` has seen: one that the application slept through may be none.
         silence_s = now_s - self._last_s
-        return source[0] == self.peer[0] and self._silent and silence_s >= NEW_PORT_SILENCE_S
+        return (
+            source[0] == self.peer[0]
+            and self._silent
+            and silence_s >= NEW_PORT_SILENCE_S
+            and source not in self._rivals
+        )
 
     def _began_in_silence(self, seqno: int, now_s: float) -> bool:
         """Whether a sequence that has come to `seqno` began after the controller fell silent."""
@@ -355,6 +370,7 @@ class EgmSession:
     def _refuse_foreign(self, source: Address, counts_on: bool = False) -> None:
         self.counters.foreign += 1
         self._flood += 1
+        self._foreign = source
         self.last_foreign = f"{source[0]}:{source[1]}"
         self.last_foreign_counts_on = counts_on
 

@@ -233,7 +233,9 @@ class SessionView:
         if snapshot.error:
             return
         if self._live is not None:
-            self._live.update(render(snapshot), refresh=True)
+            # A slow terminal shows fewer frames, and not older ones.
+            if not output.is_behind():
+                self._live.update(render(snapshot), refresh=True)
             return
         due = snapshot.elapsed_s >= self._next_line_s
         said = _DIGITS.sub("", _messages(snapshot))

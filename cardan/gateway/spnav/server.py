@@ -69,12 +69,18 @@ class SpnavServer(Openable):
         if self._listener is not None:
             return
         options = self._options
-        offered = UnixSocket(options.socket, socket.SOCK_STREAM, _MODES[options.access], _ADVICE)
+        selector = selectors.DefaultSelector()
+        try:
+            offered = UnixSocket(
+                options.socket, socket.SOCK_STREAM, _MODES[options.access], _ADVICE
+            )
+        except BaseException:
+            selector.close()
+            raise
         listener = offered.sock
         listener.listen(_BACKLOG)
-        self._offered, self._listener = offered, listener
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(listener, selectors.EVENT_READ)
+        selector.register(listener, selectors.EVENT_READ)
+        self._offered, self._listener, self._selector = offered, listener, selector
 
     def step(self, until_s: float) -> None:
         """Serve until the monotonic time `until_s`."""
@@ -277,7 +283,7 @@ def serve_device(
     seconds: float | None = None,
     identity: DeviceIdentity | None = None,
 ) -> None:
-    """Serve `device` to spacenavd's programs until `seconds` are over, SIGINT or SIGTERM.
+    """Serve `device` to spacenavd's programs until `seconds` are over or a signal ends it.
 
     Opens it, prints READY and the socket's path, and closes it in the end. Programs may switch its
     LED, and are told `identity`; None: what its driver knows of its model. Raises DriverError when

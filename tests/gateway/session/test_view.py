@@ -114,3 +114,18 @@ def test_neither_does_a_diagnosis_a_filter_a_button_or_a_metric(capsys):
         assert text.replace("\n", "").isprintable()
     assert "[/x][red]seen" in shown(render(told(diagnosis=[NASTY])))
     assert "[/x][red]seen" in shown(summary(told(message=NASTY)))
+
+
+def test_a_terminal_that_is_behind_is_given_no_older_frames(monkeypatch):
+    terminal = io.StringIO()
+    console = Console(file=terminal, force_terminal=True, width=140)
+    behind = True
+    monkeypatch.setattr("cardan.output.is_behind", lambda: behind)
+    with SessionView(console) as view:
+        began = len(terminal.getvalue())
+        for tenth in range(20):
+            view.show(dataclasses.replace(MOVING, elapsed_s=tenth / 10))
+        assert len(terminal.getvalue()) == began
+        behind = False
+        view.show(dataclasses.replace(MOVING, elapsed_s=77.0))
+        assert "77.0 s" in terminal.getvalue()

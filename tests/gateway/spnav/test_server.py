@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import errno
 import os
 import select
 import socket
@@ -149,6 +150,16 @@ def test_what_is_no_socket_is_left_alone(path):
     with pytest.raises(AddressError, match="is not a socket"):
         service.start()
     assert path.read_text() == "precious"
+
+
+def test_a_server_without_open_files_left_leaves_no_socket(path, monkeypatch):
+    def no_more():
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr("selectors.DefaultSelector", no_more)
+    with pytest.raises(OSError, match="Too many"):
+        SpnavServer(SpnavServerCore(), SpnavServerOptions(socket=str(path))).open()
+    assert not path.exists()
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path):

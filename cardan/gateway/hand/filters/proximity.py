@@ -246,10 +246,11 @@ class ProximityFilter(TwistFilter):
                 why = f"the proximity sensors have been silent for {age_s:.1f} s"
                 return f"{why}: {result or 'not watched'}"
             if options.when_stale != "pass":
+                rest_s = math.ceil(10.0 * max(REST_S, FORGET_AFTER_S - age_s)) / 10.0
                 return (
                     f"one of {len(self._senders)} senders of proximity readings has been silent "
                     f"for {age_s:.1f} s: {result}; to go on without it, ask for no motion for "
-                    f"{REST_S:g} s"
+                    f"{rest_s:g} s"
                 )
         return near if result else ""
 

@@ -1,5 +1,7 @@
 """The proximity rule in virtual time."""
 
+import re
+
 import pytest
 from hypothesis import given, strategies as st
 
@@ -238,6 +240,18 @@ def test_a_sensors_program_that_starts_anew_goes_on_once_the_operator_has_let_go
     senders.run(1.1, {again: b"0"}, ZERO_TWIST)
     assert senders.run(0.1, {again: b"0"}) is ASKED
     assert senders.filter.status() == ""
+
+
+def test_the_rest_that_is_asked_for_is_enough():
+    senders = Senders()
+    senders.run(1.0, {SKIN: b"0", OTHER: b"20"})
+    assert senders.run(0.6, {OTHER: b"20"}) == ZERO_TWIST
+    asked_for = re.search(r"for no motion for ([0-9.]+) s", senders.filter.status())
+    assert asked_for is not None
+    rest_s = float(asked_for[1])
+    assert 1.0 < rest_s < 2.0
+    senders.run(rest_s, {OTHER: b"20"}, ZERO_TWIST)
+    assert senders.run(0.1, {OTHER: b"20"}) is ASKED
 
 
 def test_a_short_silence_while_the_operator_rests_forgets_nobody():
