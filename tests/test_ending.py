@@ -364,12 +364,11 @@ def test_a_session_that_is_seen_again_says_why_it_held(moving):
 def test_a_command_waits_for_its_reader_and_can_be_told_not_to(words):
     with unread("pipe") as (_, writing):
         fill(writing)
-        program = Program(*words, stdout=writing)
-    with program:
-        threads = f"/proc/{program.process.pid}/task"
-        until(lambda: len(os.listdir(threads)) > 1, "the thread that writes")
-        assert program.end(signal.SIGINT, within_s=ENDS_WITHIN_S) == 128 + signal.SIGINT
-        assert program.err == ""
+        with Program(*words, stdout=writing) as program:
+            threads = f"/proc/{program.process.pid}/task"
+            until(lambda: len(os.listdir(threads)) > 1, "the thread that writes")
+            assert program.end(signal.SIGINT, within_s=ENDS_WITHIN_S) == 128 + signal.SIGINT
+            assert program.err == ""
 
 
 @pytest.mark.parametrize("kind", ["terminal", "pipe"])
