@@ -271,8 +271,8 @@ def test_a_daemon_that_repeats_is_refused_until_that_is_changed(path, monkeypatc
         (found,) = Spnav.find()
         assert "repeat-interval = 250" in found.obstacle
         with opened(path, wait_for_device=True) as driver:
-            assert lost(driver.state())
-            assert "repeat-interval = 250" in driver.state().reason
+            # Until the daemon has answered it needs neutral, which moves nothing either.
+            assert "repeat-interval = 250" in until(driver, lost).reason
             settings[Code.GCFG_REPEAT] = (-1,)
             until(driver, lambda state: state.link is DeviceLink.NEEDS_NEUTRAL)
             hand.touch(driver)
