@@ -21,7 +21,6 @@ from typing import NamedTuple, TextIO
 
 from cardan.dissect import network, registry
 from cardan.dissect.capture import Capture, CapturedPacket
-from cardan.dissect.errors import ScapyMissingError
 from cardan.dissect.ports import EGM_PORTS, SIMPLE_MESSAGE_PORTS
 from cardan.dissect.reader import Dissector, PacketLine, ProtocolReader
 from cardan.dissect.statistics import tally
@@ -32,7 +31,6 @@ __all__ = [
     "EGM_PORTS",
     "SIMPLE_MESSAGE_PORTS",
     "Counts",
-    "ScapyMissingError",
     "dissect_file",
 ]
 
@@ -67,7 +65,7 @@ def dissect_file(
     its port and, by its mark, on any other. Malformed datagrams and messages are shown and counted.
     Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
     everything before the damage was written), ConfigurationError for an option that no dissector
-    has and for a number out of its range, ScapyMissingError without scapy.
+    has and for a number out of its range, ExtraMissingError without scapy.
     """
     readers = _Readers(registry.dissectors(), numbers)
     others: Counter[str] = Counter()

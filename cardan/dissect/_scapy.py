@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 
-from cardan.dissect.errors import ScapyMissingError
+from cardan.extras import missing_extra
 
 try:
     with warnings.catch_warnings():
@@ -47,7 +47,4 @@ try:
         from scapy.utils import EDecimal as EDecimal
 
 except ImportError as error:
-    raise ScapyMissingError(
-        f"reading captures needs scapy, which cannot be imported ({error}); "
-        "install it with: pip install 'cardan[dissect]'"
-    ) from error
+    raise missing_extra("reading captures", "scapy", "dissect", error) from error

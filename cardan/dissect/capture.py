@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple, cast
 
 from cardan.errors import CaptureError
-from cardan.files import open_file
+from cardan.files import open_file, read_up_to
 
 MAX_BLOCK_BYTES = 256 * 2**20
 """Twice what libpcap lets a USB capture have; a longer block is a damaged length."""
@@ -116,7 +116,7 @@ class Capture:
     def _exactly(self, stream: BinaryIO, size: int) -> bytes:
         if size > MAX_BLOCK_BYTES:
             raise self._damaged(f"damaged: a length of {size} bytes")
-        data = stream.read(size)
+        data = read_up_to(stream, size)
         if len(data) < size:
             raise self._damaged("truncated: the file ends inside a packet")
         return data

@@ -105,7 +105,7 @@ class Dissector:
 
     @classmethod
     def open(cls, numbers: Mapping[str, frozenset[int]]) -> ProtocolReader:
-        """A fresh reader, with those of `numbers` that are its options'. ScapyMissingError."""
+        """A fresh reader, with those of `numbers` that are its options'. ExtraMissingError."""
         module, _, name = cls.reader.partition(":")
         make = getattr(importlib.import_module(module), name)
         reader: ProtocolReader = make(**{o.key: numbers[o.key] for o in cls.options})

@@ -5,6 +5,7 @@ import io
 import struct
 import subprocess
 import sys
+import tracemalloc
 from contextlib import suppress
 
 import pytest
@@ -327,6 +328,21 @@ def test_byte_orders_and_nanoseconds(tmp_path, order, nano):
     assert "latency median 1.000 p99 1.000 ms" in text
 
 
+@pytest.mark.parametrize("zipped", [False, True])
+def test_a_damaged_length_takes_no_memory(capture, tmp_path, zipped):
+    data = capture(session(1)).read_bytes()
+    data += struct.pack("<4I", START_S, 0, 200_000_000, 200_000_000) + bytes(40)
+    path = tmp_path / "damaged.pcap"
+    path.write_bytes(gzip.compress(data) if zipped else data)
+    tracemalloc.start()
+    try:
+        with pytest.raises(CaptureError, match="the file ends inside a packet after packet 2"):
+            read(path)
+        assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    finally:
+        tracemalloc.stop()
+
+
 def test_gzip(capture, tmp_path):
     path = tmp_path / "capture.pcap.gz"
     path.write_bytes(gzip.compress(capture(session(3)).read_bytes()))
@@ -449,11 +465,12 @@ def test_every_damaged_byte_is_read_or_refused(tmp_path):
 def test_without_scapy_the_extra_is_named(capture):
     program = (
         "import sys; sys.modules['scapy'] = None\n"
-        "from cardan.dissect import ScapyMissingError, dissect_file\n"
+        "from cardan.dissect import dissect_file\n"
+        "from cardan.errors import ExtraMissingError\n"
         "from cardan.errors import CardanError\n"
         "try:\n    dissect_file(sys.argv[1], sys.stdout)\n"
         "except CardanError as error:\n"
-        "    assert isinstance(error, ScapyMissingError)\n    print(error)\n"
+        "    assert isinstance(error, ExtraMissingError)\n    print(error)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, str(capture(session(1)))],
@@ -462,7 +479,7 @@ def test_without_scapy_the_extra_is_named(capture):
         timeout=30,
         check=True,
     )
-    assert done.stdout.strip().endswith("install it with: pip install 'cardan[dissect]'")
+    assert done.stdout.strip().endswith('pip install "cardan[dissect]"')
 
 
 BUS, DEVICE = 1, 5

@@ -320,7 +320,9 @@ def test_reasons():
     assert decode_orb(b"K\x80") == Malformed(BAD_LENGTH, ord("K"))
     for kind, packet in ((MagellanReader, b"v"), (SpaceballReader, b"@"), (OrbReader, b"R")):
         filler = b"\x81" if kind is OrbReader else b"x"
-        assert kind().feed(packet + filler * 400)[0] == Malformed(TOO_LONG, packet[0])
+        long = packet + filler * 400
+        assert kind().feed(long)[0] == Malformed(TOO_LONG, packet[0])
+        assert kind().feed(long + b"\r")[0] == Malformed(TOO_LONG, packet[0])
 
 
 # -- frames ------------------------------------------------------------------------------------

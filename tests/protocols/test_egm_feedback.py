@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from cardan.drivers.abb_egm.compiled import CompiledReader
 from cardan.protocols.egm import (
     EgmFeedback,
     EgmHeader,
@@ -131,6 +132,19 @@ def test_what_no_answer_depends_on_is_not_looked_at():
 
 class LongWayError(Exception):
     """Nothing may go it here."""
+
+
+@pytest.fixture(
+    autouse=True,
+    scope="module",
+    params=[FeedbackReader, CompiledReader],
+    ids=["python", "compiled"],
+)
+def kind(request):
+    """Every test here is of both readers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(f"{__name__}.FeedbackReader", request.param)
+        yield request.param
 
 
 @pytest.fixture

@@ -47,6 +47,8 @@ class LineReader(ABC, Generic[PacketT]):
         for line in lines:
             if self._skipping:
                 self._skipping = False
+            elif len(line) > LONGEST_PACKET_BYTES:
+                packets.append(Malformed(TOO_LONG, line[0]))
             else:
                 self._decode(line, packets)
         if len(self._pending) > LONGEST_PACKET_BYTES:

@@ -29,7 +29,7 @@ _from_bytes = int.from_bytes
 _isfinite = math.isfinite
 
 
-class _Layout(NamedTuple):
+class Layout(NamedTuple):
     """Where things are in a datagram of a certain length."""
 
     mask: int
@@ -41,13 +41,15 @@ class _Layout(NamedTuple):
     forces: int
     """How many of the last values are forces."""
     has_rate: bool
+    places: tuple[tuple[int, int], ...]
+    """First byte and number of bytes of each value, in order."""
 
 
 class FeedbackReader:
     """`decode_feedback` for a stream of datagrams, most of which are like one before."""
 
     def __init__(self) -> None:
-        self._layouts: dict[int, _Layout | None] = {}
+        self._layouts: dict[int, Layout | None] = {}
         """By the length of the datagram; None where it is too unusual to learn."""
         self._unlearned: tuple[bytes, EgmFeedback] | None = None
         self._sec_bytes, self._sec_us = b"", 0
@@ -57,7 +59,7 @@ class FeedbackReader:
         """What `decode_feedback` makes of `data`."""
         layout = self._layouts.get(len(data))
         if layout is not None:
-            mask, fixed, values, states, forces, has_rate = layout
+            mask, fixed, values, states, forces, has_rate, _ = layout
             if _from_bytes(data, "little") & mask == fixed:
                 found = values.unpack(data)
                 seqno, tm, j1, j2, j3, j4, j5, j6, x, y, z, u0, u1, u2, u3, sec, usec = found[:17]
@@ -143,7 +145,7 @@ class _UnusualError(Exception):
     """A layout that is legal, and too unusual to learn."""
 
 
-def _learned(data: bytes, feedback: EgmFeedback) -> _Layout | None:
+def _learned(data: bytes, feedback: EgmFeedback) -> Layout | None:
     """The layout of `data`, which protobuf read as `feedback`; None where it is unusual."""
     mask = bytearray(b"\xff" * len(data))
     read: list[tuple[tuple[int, ...], int, int]] = []
@@ -164,7 +166,8 @@ def _learned(data: bytes, feedback: EgmFeedback) -> _Layout | None:
     values = struct.Struct(f"{form}{len(data) - end}x")
     ones = _from_bytes(mask, "little")
     fixed = _from_bytes(data, "little") & ones
-    return _Layout(ones, fixed, values, feedback.states, len(forces), has_rate)
+    places = tuple((at, size) for _, at, size in read)
+    return Layout(ones, fixed, values, feedback.states, len(forces), has_rate, places)
 
 
 _DOUBLES = _READ - {(1, 1), (1, 2), (2, 4, 1), (2, 4, 2)}

@@ -1,0 +1,565 @@
+"""Cyclone DDS, as far as ROS 2's messages need it: raw CDR in and out, no type information.
+
+The package's own classes encode and describe each message by a Python class. Here a message is
+bytes; what Cyclone knows of its type is the name, and one byte. Messages are checked by our codec
+where they are read: Cyclone would drop a wrong one with a line on standard error. (It also tells
+nobody whether a message came with its high bytes first, which no platform of ROS 2 sends.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import mmap
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+from cardan.bus.dds.options import DdsOptions
+from cardan.errors import ConfigurationError, DriverError
+from cardan.extras import missing_extra
+from cardan.protocols.ros2.dds import ENCLAVE, Endpoint, padded
+from cardan.protocols.ros2.interfaces import Field, InterfaceError, message_type
+from cardan.protocols.ros2.names import type_of_dds
+from cardan.protocols.ros2.zenoh import Qos
+
+LOOPBACK = """
+<CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">
+  <General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>
+  <Discovery><ParticipantIndex>auto</ParticipantIndex>
+    <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+    <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+  <Internal><GenerateKeyhash>true</GenerateKeyhash>
+    <WriterLingerDuration>20 ms</WriterLingerDuration></Internal>
+</Domain></CycloneDDS>
+"""
+"""This computer alone. It meets peers by multicast and by unicast on loopback: those of all of ROS
+2's ways to be on one computer. Without key hashes Fast DDS does not notice that an endpoint was
+deleted, and has it for as long as its participant is there. A writer that is deleted waits for the
+acknowledgement of its last messages, by default for a second, though its reader has crashed."""
+
+CONFIG_VARIABLE = "CYCLONEDDS_URI"
+
+BLOCKED_MS = 10
+"""Longest that a full reliable writer blocks: it holds the interpreter for so long. One that keeps
+the last messages does not block at all."""
+
+TAKEN_AT_ONCE = 64
+"""Most samples of a reader that are taken in one turn."""
+
+ROSOUT, ROSOUT_LIFESPAN_S = "rt/rosout", 10
+"""Log messages are kept for latecomers, but not for long."""
+
+MATCHES = 256
+"""Most matched endpoints of others that are asked for."""
+
+_ANY = 0xFFFF
+"""Samples, views and instances of all states."""
+
+_UNREAD = 2 | 4 | 8 | 16 | 32 | 64
+"""Samples not yet read, of all views and instances."""
+
+_ALIVE = 16
+
+_HANDLE = 0xFFFF_FFFF_FFFF_FFFF
+"""Handles have no sign; the package gives some with one."""
+
+_TABLE_POINTERS = 14
+_DESCRIBING = 8, 9, 10
+"""Places of type_id, type_map and type_info in the table of a sertype's operations
+(ddsi_sertype.h): version, arg, free, zero_samples, realloc_samples, free_samples, equal, hash,
+type_id, type_map, type_info, derive_sertype, get_serialized_size, serialize_into."""
+
+_TEST_TOPIC, _TEST_TYPE = "cardan_type_test", "cardan::msg::dds_::TypeTest_"
+_TEST_S, _TEST_LOOK_S = 2.0, 0.001
+
+
+class Sample(NamedTuple):
+    """A message that a reader received."""
+
+    data: bytes
+    """With its encapsulation, perhaps padded."""
+    source_ns: int
+    """When it was written, since the epoch."""
+    writer: int
+    """Handle of the writer."""
+
+
+class _Library:
+    """The package cyclonedds, and functions of its C library that it does not have itself."""
+
+    def __init__(self) -> None:
+        """Raises ExtraMissingError."""
+        try:
+            from cyclonedds import _clayer, builtin, core, domain, idl, internal, pub, sub, topic
+            from cyclonedds.idl import types
+        except ImportError as error:
+            raise missing_extra("DDS", "cyclonedds", "dds", error) from error
+        self.raw, self.builtin, self.core, self.domain = _clayer, builtin, core, domain
+        self.idl, self.types, self.pub, self.sub, self.topic = idl, types, pub, sub, topic
+        c = ctypes.CDLL(internal.load_cyclonedds()._name)
+        entity = ctypes.c_int32
+        for name, *arguments in (
+            ("dds_waitset_attach", entity, entity, ctypes.c_ssize_t),
+            ("dds_waitset_detach", entity, entity),
+            ("dds_waitset_wait", entity, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int64),
+            ("dds_get_matched_subscriptions", entity, ctypes.c_void_p, ctypes.c_size_t),
+            ("dds_get_matched_publications", entity, ctypes.c_void_p, ctypes.c_size_t),
+        ):
+            getattr(c, name).argtypes = arguments
+        self.c = c
+        self.domains: dict[int, tuple[str, Any]] = {}
+        """Domains that were configured here, and how; one that is deleted takes its participants
+        along."""
+        self.lock = threading.Lock()
+        """Of domains, and of making, deleting and discovering endpoints: Cyclone DDS reads the user
+        data of one that another thread is making, or deleting, from memory that is not its own."""
+        self._table: Any = None
+        self._describing: list[int] = []
+
+    def find_table(self, topic: Any) -> None:
+        """Find the functions by which the package describes types, by any topic of it, and have
+        them where they can be taken away. Where that cannot be done nothing changes."""
+        find = getattr(self.c, "dds_get_entity_sertype", None)
+        sertype = ctypes.c_void_p()
+        if find is None or find(ctypes.c_int32(topic._ref), ctypes.byref(sertype)) != 0:
+            return
+        address = ctypes.cast(sertype.value or 0, ctypes.POINTER(ctypes.c_void_p))[0] or 0
+        table = (ctypes.c_void_p * _TABLE_POINTERS).from_address(address)
+        if _make_writable(address, ctypes.sizeof(table)):
+            self._table = table
+            self._describing = [table[place] or 0 for place in _DESCRIBING]
+
+    def forget_table(self) -> None:
+        """Leave the table as it is from now on."""
+        self._table = None
+
+    @contextlib.contextmanager
+    def without_types(self) -> Iterator[None]:
+        """What is made of a topic in here is published without a description of its type. A topic
+        itself cannot be made in here.
+
+        It is the table of all topics that is changed, as types that differ by their tables alone
+        are mistaken for each other when one of them is freed.
+        """
+        table = self._table
+        if table is None:
+            yield
+            return
+        for place in _DESCRIBING:
+            table[place] = None
+        try:
+            yield
+        finally:
+            for place, function in zip(_DESCRIBING, self._describing, strict=True):
+                table[place] = function
+
+
+def _make_writable(address: int, size: int) -> bool:
+    """Make memory of a library writable, which the loader has made read-only."""
+    if not sys.platform.startswith("linux"):
+        return False
+    first = address - address % mmap.PAGESIZE
+    result: int = ctypes.CDLL(None).mprotect(
+        ctypes.c_void_p(first),
+        ctypes.c_size_t(address + size - first),
+        mmap.PROT_READ | mmap.PROT_WRITE,
+    )
+    return result == 0
+
+
+@cache
+def _library() -> _Library:
+    return _Library()
+
+
+@cache
+def _one_byte_type(name: str) -> Any:
+    """Cyclone's idea of a type: the name, and one byte. What follows it is not looked at."""
+    library = _library()
+    fields = {"structure_needs_at_least_one_member": library.types.uint8}
+    return library.idl.make_idl_struct("Raw", name.replace("::", "."), fields)
+
+
+@cache
+def _whole_type(name: str) -> Any:
+    """A ROS type in full, as its description would be compared. Raises InterfaceError."""
+    ros_type = type_of_dds(name)
+    is_part = ros_type.endswith(("_Request", "_Response")) and "/msg/" not in ros_type
+    return _struct(ros_type, name, header=is_part)
+
+
+def _struct(ros_type: str, name: str, header: bool = False) -> Any:
+    library = _library()
+    types = library.types
+    fields: dict[str, Any] = {"guid": types.uint64, "seq": types.int64} if header else {}
+    for field in message_type(ros_type).fields:
+        fields[field.name] = _field_type(types, field)
+    return library.idl.make_idl_struct("Whole", name.replace("::", "."), fields)
+
+
+def _field_type(types: Any, field: Field) -> Any:
+    if field.nested:
+        package, kind, last = field.base.split("/")
+        base = _struct(field.base, f"{package}::{kind}::dds_::{last}_")
+    elif field.base == "string":
+        base = types.bounded_str[field.most_characters] if field.most_characters else str
+    elif field.base == "bool":
+        base = bool
+    else:
+        base = getattr(types, {"char": "uint8", "byte": "uint8"}.get(field.base, field.base))
+    if field.array == "fixed":
+        return types.array[base, field.length]
+    if field.array == "bounded":
+        return types.sequence[base, field.length]
+    return types.sequence[base] if field.array else base
+
+
+class Participant:
+    """A participant: makes readers and writers of raw messages. From any thread."""
+
+    def __init__(self, options: DdsOptions) -> None:
+        """Raises ExtraMissingError, ConfigurationError and DriverError."""
+        self.options = options
+        library = self._library = _library()
+        core = library.core
+        number = options.number
+        try:
+            with library.lock:
+                self._configure(number)
+            self._participant = library.domain.DomainParticipant(
+                number, qos=core.Qos(core.Policy.Userdata(ENCLAVE))
+            )
+        except core.DDSException as error:
+            raise DriverError(f"domain {number} of DDS cannot be joined: {_words(error)}") from None
+        self.guid: bytes = self._participant.guid.bytes
+        self._publisher = library.pub.Publisher(self._participant)
+        self._subscriber = library.sub.Subscriber(self._participant)
+        self._closing = threading.Lock()
+        self.typeless = True
+        """Whether what it has is published without type information."""
+        self.typeless = _hides_types(self)
+
+    def _configure(self, number: int) -> None:
+        """Configure the domain, which is done once in a process."""
+        config, domains = self.options.dds_config, self._library.domains
+        if not config and os.environ.get(CONFIG_VARIABLE):
+            return
+        config = config or LOOPBACK
+        if number in domains:
+            if domains[number][0] != config:
+                raise ConfigurationError(
+                    "dds_config", f"domain {number} is configured otherwise in this process already"
+                )
+            return
+        try:
+            domains[number] = config, self._library.domain.Domain(number, config)
+        except (self._library.core.DDSException, UnicodeEncodeError) as error:
+            raise ConfigurationError(
+                "dds_config",
+                f"domain {number} cannot be configured by it, or is in use in this process "
+                f"already: {_words(error)}",
+            ) from None
+
+    def close(self) -> None:
+        """Leave DDS, with all that was made here. Twice is fine."""
+        with self._closing:
+            participant, self._participant = self._participant, None
+        if participant is not None:
+            with self._library.lock:
+                participant.__del__()
+
+    def _make(self, topic: str, type_name: str, make: Callable[[Any], Any]) -> Any:
+        """A reader or writer of a topic. Raises DriverError and InterfaceError."""
+        participant, library = self._participant, self._library
+        if participant is None:
+            raise DriverError("DDS is closed")
+        data_type = (_one_byte_type if self.typeless else _whole_type)(type_name)
+        try:
+            with library.lock:
+                made = library.topic.Topic(participant, topic, data_type)
+                with library.without_types():
+                    return make(made)
+        except library.core.DDSException as error:
+            raise DriverError(f"{topic} on DDS: {_words(error)}") from None
+
+    def hide_types(self, topic: str, type_name: str) -> None:
+        """Have nothing that is made from now on published with a description of its type, where
+        that can be done; by a topic that is made for it."""
+        self._make(topic, type_name, self._library.find_table)
+
+    def writer(self, topic: str, type_name: str, qos: Qos, user: bytes = b"") -> Writer:
+        """A writer; both names as DDS has them. Raises DriverError and InterfaceError."""
+        policies = self._qos(topic, qos, user, writes=True)
+        make = self._library.pub.DataWriter
+        entity = self._make(topic, type_name, lambda on: make(self._publisher, on, qos=policies))
+        return Writer(self._library, entity)
+
+    def reader(
+        self, topic: str, type_name: str, qos: Qos, user: bytes = b"", deaf: bool = False
+    ) -> Reader:
+        """A reader; `deaf`: to this participant's own writers. Raises DriverError and
+        InterfaceError."""
+        policies = self._qos(topic, qos, user, writes=False)
+        if deaf:
+            policies += self._library.core.Qos(self._library.core.Policy.IgnoreLocal.Participant)
+        make = self._library.sub.DataReader
+        entity = self._make(topic, type_name, lambda on: make(self._subscriber, on, qos=policies))
+        return Reader(self._library, entity)
+
+    def _qos(self, topic: str, qos: Qos, user: bytes, writes: bool) -> Any:
+        policy = self._library.core.Policy
+        history = policy.History.KeepAll if qos.keep_all else policy.History.KeepLast(qos.depth)
+        policies = [
+            policy.Reliability.Reliable(BLOCKED_MS * 1_000_000)
+            if qos.reliable
+            else policy.Reliability.BestEffort,
+            history,
+            policy.Durability.TransientLocal if qos.transient_local else policy.Durability.Volatile,
+            policy.DataRepresentation(
+                use_cdrv0_representation=True, use_xcdrv2_representation=False
+            ),
+            policy.Userdata(user),
+        ]
+        if writes:
+            policies.append(policy.WriterDataLifecycle(autodispose=False))
+            if qos.transient_local:
+                # Cyclone decides by it what latecomers get.
+                policies.append(policy.DurabilityService(0, history, -1, -1, -1))
+            if topic == ROSOUT:
+                policies.append(policy.Lifespan(ROSOUT_LIFESPAN_S * 1_000_000_000))
+        return self._library.core.Qos(*policies)
+
+    def discovery(self) -> Discovery:
+        """Who comes and goes. Raises DriverError."""
+        return Discovery(self._library, self._participant)
+
+    def waiter(self) -> Waiter:
+        """Something to wait for readers with."""
+        return Waiter(self._library, self._participant)
+
+
+class _Entity:
+    """Something on DDS until it is closed."""
+
+    def __init__(self, library: _Library, entity: Any) -> None:
+        self._library, self._entity = library, entity
+        self.ref: int = entity._ref
+        self.guid: bytes = entity.guid.bytes
+        """Its 16 bytes."""
+        self.handle: int = entity.instance_handle & _HANDLE
+        """Its instance handle."""
+        self._buffer = (ctypes.c_uint64 * MATCHES)()
+
+    def _matched(self, function: Any) -> list[int]:
+        count = function(self.ref, self._buffer, MATCHES)
+        return list(self._buffer[: min(max(count, 0), MATCHES)])
+
+    def close(self) -> None:
+        """Take it from DDS; twice is fine."""
+        with self._library.lock:
+            entity, self._entity = self._entity, None
+            if entity is not None:
+                # What the package does when nobody has the entity any more, when we choose.
+                entity.__del__()
+
+
+class Writer(_Entity):
+    """Writes raw messages."""
+
+    def write(self, cdr: bytes | bytearray) -> bool:
+        """Write a message with its encapsulation; False where DDS did not take it."""
+        result: int = self._library.raw.ddspy_write(self.ref, padded(cdr))
+        return result >= 0
+
+    def matched(self) -> list[int]:
+        """Handles of the readers that it is matched with."""
+        return self._matched(self._library.c.dds_get_matched_subscriptions)
+
+
+class Reader(_Entity):
+    """Reads raw messages."""
+
+    def __init__(self, library: _Library, entity: Any) -> None:
+        super().__init__(library, entity)
+        self._condition = library.core.ReadCondition(entity, _UNREAD)
+        self.condition: int = self._condition._ref
+
+    def take(self) -> list[Sample]:
+        """The messages that are there, oldest first, TAKEN_AT_ONCE at most. Never blocks."""
+        found = self._library.raw.ddspy_take(self.ref, _ANY, TAKEN_AT_ONCE)
+        if isinstance(found, int):  # An error: it was closed meanwhile.
+            return []
+        return [
+            Sample(data, info.source_timestamp, info.publication_handle)
+            for data, info in found
+            if info.valid_data
+        ]
+
+    def matched(self) -> list[int]:
+        """Handles of the writers that it is matched with."""
+        return self._matched(self._library.c.dds_get_matched_publications)
+
+    def close(self) -> None:
+        """Take it from DDS; twice is fine."""
+        condition, self._condition = self._condition, None
+        if condition is not None:
+            condition.__del__()
+        super().close()
+
+
+class Discovery:
+    """The participants and endpoints of others, and one's own, as DDS finds them."""
+
+    def __init__(self, library: _Library, participant: Any) -> None:
+        builtin, core = library.builtin, library.core
+        self._library = library
+        self._policy = core.Policy
+        self._sides = [
+            (builtin.BuiltinDataReader(participant, topic), writes)
+            for topic, writes in (
+                (builtin.BuiltinTopicDcpsPublication, True),
+                (builtin.BuiltinTopicDcpsSubscription, False),
+            )
+        ]
+        self._participants = builtin.BuiltinDataReader(
+            participant, builtin.BuiltinTopicDcpsParticipant
+        )
+        readers = (*(each for each, _ in self._sides), self._participants)
+        self._conditions = [core.ReadCondition(each, _UNREAD) for each in readers]
+        self.conditions: list[int] = [each._ref for each in self._conditions]
+
+    def endpoints(self) -> Iterator[Endpoint | bytes]:
+        """The endpoints that are new or have changed; of one that is gone, its GUID."""
+        for reader, writes in self._sides:
+            with self._library.lock:
+                found = reader.take(TAKEN_AT_ONCE)
+            for each in found:
+                there = each.sample_info.instance_state == _ALIVE and each.qos is not None
+                yield self._endpoint(each, writes) if there else each.key.bytes
+
+    def departed(self) -> list[bytes]:
+        """GUIDs of the participants that have left."""
+        with self._library.lock:
+            told = self._participants.take(TAKEN_AT_ONCE)
+        return [each.key.bytes for each in told if each.sample_info.instance_state != _ALIVE]
+
+    def _endpoint(self, told: Any, writes: bool) -> Endpoint:
+        policy, qos = self._policy, told.qos
+        reliability, user = qos[policy.Reliability], qos[policy.Userdata]
+        return Endpoint(
+            told.key.bytes,
+            told.participant_key.bytes,
+            writes,
+            told.topic_name,
+            told.type_name,
+            told.sample_info.instance_handle & _HANDLE,
+            reliability is not None and reliability != policy.Reliability.BestEffort,
+            qos[policy.Durability] not in (None, policy.Durability.Volatile),
+            b"" if user is None else bytes(user.data),
+            told.type_id is not None,
+        )
+
+    def close(self) -> None:
+        """Look no more."""
+        self._conditions.clear()
+        self._sides.clear()
+
+
+class Waiter:
+    """Waits in one thread until one of many readers has something, without the interpreter."""
+
+    MOST = 256
+    """Readers that one wait tells of; the others are told of by the next."""
+
+    def __init__(self, library: _Library, participant: Any) -> None:
+        self._library = library
+        self._waitset = library.core.WaitSet(participant)
+        self._guard = library.core.GuardCondition(participant)
+        self._found = (ctypes.c_ssize_t * self.MOST)()
+        self._closing = threading.Lock()
+        self._closed = False
+        self.add(self._guard._ref, 0)
+
+    def add(self, condition: int, number: int) -> None:
+        """Wait for a condition, too; `number` is what `wait` tells of it, from 1 on."""
+        self._library.c.dds_waitset_attach(self._waitset._ref, condition, number)
+
+    def remove(self, condition: int) -> None:
+        """Wait for it no more."""
+        self._library.c.dds_waitset_detach(self._waitset._ref, condition)
+
+    def wait(self, timeout_s: float) -> Sequence[int]:
+        """The numbers of those that have something; none where nothing came in time."""
+        count = self._library.c.dds_waitset_wait(
+            self._waitset._ref, self._found, self.MOST, int(max(timeout_s, 0.0) * 1e9)
+        )
+        found = self._found[: min(max(count, 0), self.MOST)]
+        if 0 in found:
+            self._guard.set(False)
+        return [each for each in found if each]
+
+    def wake(self) -> None:
+        """End a wait in another thread; without effect once it is closed."""
+        with self._closing:
+            if not self._closed:
+                self._guard.set(True)
+
+    def close(self) -> None:
+        """Nobody waits any more; twice is fine."""
+        with self._closing:
+            if not self._closed:
+                self._closed = True
+                self._waitset.__del__()
+                self._guard.__del__()
+
+
+_TESTING = threading.Lock()
+_HIDDEN: list[bool] = []
+"""Whether type information is hidden, once it is known: the library is the same all along."""
+
+
+def _hides_types(participant: Participant) -> bool:
+    """Whether our topics are published without type information, as DDS itself tells of one."""
+    with _TESTING:
+        if not _HIDDEN:
+            participant.hide_types(_TEST_TOPIC, _TEST_TYPE)
+            _HIDDEN.append(_tested(participant))
+            if not _HIDDEN[0]:
+                _library().forget_table()
+        return _HIDDEN[0]
+
+
+def _tested(participant: Participant) -> bool:
+    reader = participant.reader(_TEST_TOPIC, _TEST_TYPE, Qos())
+    discovery = participant.discovery()
+    end_s = time.monotonic() + _TEST_S
+    try:
+        while time.monotonic() < end_s:
+            for each in discovery.endpoints():
+                if isinstance(each, Endpoint) and each.guid == reader.guid:
+                    return not each.described
+            time.sleep(_TEST_LOOK_S)
+    finally:
+        discovery.close()
+        reader.close()
+    return False
+
+
+def type_is_usable(participant: Participant, type_name: str) -> str:
+    """Why a DDS type cannot be used here; empty: it can."""
+    if participant.typeless:
+        return ""
+    try:
+        _whole_type(type_name)
+    except InterfaceError as error:
+        return str(error)
+    return ""
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split())[:300]

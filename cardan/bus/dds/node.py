@@ -1,0 +1,264 @@
+"""ROS 2 nodes on DDS: their announcement, and a node with topics for a loop of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from cardan.bus.dds.cyclone import Participant, Reader, Waiter, Writer
+from cardan.bus.dds.options import DdsOptions
+from cardan.bus.node import Received
+from cardan.errors import DriverError
+from cardan.protocols.ros2.dds import (
+    DISCOVERY_TOPIC,
+    DISCOVERY_TYPE,
+    GID_BYTES,
+    HUMBLE_GID_BYTES,
+    TOPIC,
+    Announcement,
+    NodeInfo,
+    dds_topic,
+    dds_type_of,
+    exact,
+    user_data,
+)
+from cardan.protocols.ros2.interfaces import InterfaceError, full_name
+from cardan.protocols.ros2.names import checked_name, dds_type
+from cardan.protocols.ros2.type_hash import type_hash
+from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Attachment, Qos
+
+WRITERS_KEPT = 64
+"""Writers of a topic whose messages are counted."""
+
+ANNOUNCED_QOS = Qos(transient_local=True, depth=1)
+
+
+def topic_user_data(type_name: str) -> bytes:
+    """User data of an endpoint: the hash of its type; empty for a type that Cardan does not
+    know."""
+    try:
+        return user_data({"typehash": type_hash(full_name(type_name))})
+    except InterfaceError:
+        return b""
+
+
+def gid_bytes(options: DdsOptions) -> int:
+    """How long ids in announcements are."""
+    return HUMBLE_GID_BYTES if options.dds_distribution == "humble" else GID_BYTES
+
+
+class Announcer:
+    """Tells others which nodes a participant has, all of them with each change. From any
+    thread."""
+
+    def __init__(self, participant: Participant) -> None:
+        """Raises DriverError."""
+        self._participant = participant
+        self._gid_bytes = gid_bytes(participant.options)
+        self._lock = threading.Lock()
+        self._nodes: dict[str, tuple[set[bytes], set[bytes]]] = {}
+        """GUIDs of readers and writers by full names of nodes."""
+        self._writer = participant.writer(
+            DISCOVERY_TOPIC,
+            dds_type(DISCOVERY_TYPE),
+            ANNOUNCED_QOS,
+            topic_user_data(DISCOVERY_TYPE),
+        )
+
+    def add(self, node: str, *entities: Reader | Writer) -> None:
+        """A node is there, or has these endpoints, which are made already."""
+        with self._lock:
+            sides = self._nodes.setdefault(node, (set(), set()))
+            for each in entities:
+                sides[isinstance(each, Writer)].add(each.guid)
+            self._tell()
+
+    def remove(self, node: str, *entities: Reader | Writer) -> None:
+        """These endpoints will be closed; without any, the node will be gone."""
+        with self._lock:
+            sides = self._nodes.get(node)
+            if sides is None:
+                return
+            for each in entities:
+                sides[isinstance(each, Writer)].discard(each.guid)
+            if not entities:
+                del self._nodes[node]
+            self._tell()
+
+    def close(self) -> None:
+        """There are no nodes any more."""
+        with self._lock:
+            self._nodes.clear()
+            self._tell()
+
+    def _tell(self) -> None:
+        nodes = (
+            NodeInfo(name, tuple(sorted(readers)), tuple(sorted(writers)))
+            for name, (readers, writers) in self._nodes.items()
+        )
+        told = Announcement(self._participant.guid, tuple(nodes))
+        self._writer.write(told.encode(self._gid_bytes))
+
+
+class DdsPublisher:
+    """Publishes messages of one type on one topic."""
+
+    def __init__(self, writer: Writer, closed: Callable[[Writer], None]) -> None:
+        self._writer, self._closed = writer, closed
+
+    def put(self, data: bytes | bytearray, _now_ns: int) -> None:
+        """Publish an encoded message; DDS gives it its time. Never waits for a reader."""
+        self._writer.write(data)
+
+    def put_as(self, _sequence: int, data: bytes | bytearray, now_ns: int) -> None:
+        """The same: on DDS nobody numbers messages but DDS."""
+        self.put(data, now_ns)
+
+    @property
+    def heard(self) -> bool:
+        """Whether somebody subscribes."""
+        return bool(self._writer.matched())
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._closed(self._writer)
+
+
+class DdsSubscription:
+    """Receives the messages of one topic in a thread that sleeps until one comes."""
+
+    def __init__(
+        self,
+        node: DdsNode,
+        topic: str,
+        type_name: str,
+        reader: Reader,
+        waiter: Waiter,
+        closed: Callable[[Reader], None],
+    ) -> None:
+        self._type, self._reader, self._waiter, self._closed = type_name, reader, waiter, closed
+        self._key = f"{node.options.number}{topic}/{dds_type(type_name)}/-"
+        self._kept: deque[Received] = deque()
+        self._counts: dict[int, itertools.count[int]] = {}
+        self._woken = False
+        waiter.add(reader.condition, 1)
+
+    def wait(self, timeout_s: float) -> Received | None:
+        """The oldest message that is kept, or the next one; None where none comes in time."""
+        end_s = time.monotonic() + timeout_s
+        while not self._kept:
+            self._take()
+            left_s = end_s - time.monotonic()
+            if self._kept or left_s <= 0.0 or self._woken:
+                break
+            self._waiter.wait(left_s)
+        self._woken = False
+        return self._kept.popleft() if self._kept else None
+
+    def poll(self) -> Received | None:
+        """The oldest message that is kept, None where there is none."""
+        return self.wait(0.0)
+
+    def wake(self) -> None:
+        """End a wait in another thread, without a message."""
+        self._woken = True
+        self._waiter.wake()
+
+    def _take(self) -> None:
+        """Each writer's messages are numbered here: DDS gives them once and in order."""
+        for sample in self._reader.take():
+            counted = self._counts.get(sample.writer)
+            if counted is None:
+                if len(self._counts) >= WRITERS_KEPT:
+                    self._counts.pop(next(iter(self._counts)))
+                counted = self._counts[sample.writer] = itertools.count(1)
+            number = next(counted)
+            gid = sample.writer.to_bytes(8, "little").ljust(GID_BYTES, b"\0")
+            attachment = Attachment(number, sample.source_ns, gid)
+            self._kept.append(Received(exact(self._type, sample.data), self._key, attachment))
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._waiter.remove(self._reader.condition)
+        self._closed(self._reader)
+        self._waiter.close()
+
+
+class DdsNode:
+    """A node with a participant of its own, for drivers and simulated robots: what BusNode is on
+    Zenoh, as far as they need it.
+
+    ::
+
+        with DdsNode(DdsOptions(), "driver") as node:
+            states = node.waiting_subscription("/joint_states", "sensor_msgs/msg/JointState", 10)
+            received = states.wait(0.1)
+    """
+
+    def __init__(self, options: DdsOptions, name: str) -> None:
+        self.options, self.full_name = options, checked_name(f"/{name}")
+        self._participant: Participant | None = None
+        self._announcer: Announcer | None = None
+
+    def open(self) -> None:
+        """Join DDS. Raises ExtraMissingError, ConfigurationError, or DriverError."""
+        if self._participant is None:
+            self._participant = Participant(self.options)
+            self._announcer = Announcer(self._participant)
+            self._announcer.add(self.full_name)
+
+    def close(self) -> None:
+        """Leave DDS, with all that it has there. Twice is fine."""
+        announcer, self._announcer = self._announcer, None
+        participant, self._participant = self._participant, None
+        if announcer is not None:
+            announcer.close()
+        if participant is not None:
+            participant.close()
+
+    def __enter__(self) -> DdsNode:
+        self.open()
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self.close()
+
+    def publisher(self, name: str, type_name: str, qos: Qos = DEFAULT_QOS) -> DdsPublisher:
+        """A publisher of a topic. Raises InterfaceError, RosNameError or DriverError."""
+        participant, announcer = self._opened()
+        writer = participant.writer(*self._names(name, type_name), qos, topic_user_data(type_name))
+        announcer.add(self.full_name, writer)
+        return DdsPublisher(writer, self._close)
+
+    def waiting_subscription(
+        self, name: str, type_name: str, depth: int, qos: Qos = DEFAULT_QOS
+    ) -> DdsSubscription:
+        """A subscription that keeps the newest `depth` messages. It hears publishers of any
+        reliability. Raises InterfaceError, RosNameError or DriverError."""
+        participant, announcer = self._opened()
+        # One that is latched must be reliable to hear what was published before.
+        kept = qos._replace(depth=depth, reliable=qos.transient_local)
+        names = self._names(name, type_name)
+        reader = participant.reader(*names, kept, topic_user_data(type_name))
+        announcer.add(self.full_name, reader)
+        return DdsSubscription(
+            self, checked_name(name), type_name, reader, participant.waiter(), self._close
+        )
+
+    def _names(self, name: str, type_name: str) -> tuple[str, str]:
+        full = checked_name(name, self.full_name)
+        return dds_topic(TOPIC, full), dds_type_of(TOPIC, full_name(type_name))
+
+    def _opened(self) -> tuple[Participant, Announcer]:
+        if self._participant is None or self._announcer is None:
+            raise DriverError("DDS is not open: use the node in a with statement, or open() it")
+        return self._participant, self._announcer
+
+    def _close(self, entity: Reader | Writer) -> None:
+        with contextlib.suppress(DriverError):
+            self._opened()[1].remove(self.full_name, entity)
+        entity.close()

@@ -1,0 +1,41 @@
+"""Options of a participant on DDS."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cardan.bounds import Range
+from cardan.errors import ConfigurationError
+from cardan.options import Options
+
+DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+
+DDS_DOMAIN = Range(-1, 232, "", "beyond it DDS has no ports")
+"""ROS_DOMAIN_ID; -1: that of the environment."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DdsOptions(Options):
+    """How to be on DDS. Of this computer alone, unless `dds_config` or CYCLONEDDS_URI say more."""
+
+    dds_domain: Annotated[int, DDS_DOMAIN] = -1
+    """ROS_DOMAIN_ID on DDS; -1: that of the environment, 0 where there is none."""
+    dds_config: str = ""
+    """Configuration of Cyclone DDS: XML, or file://PATH. Empty: CYCLONEDDS_URI where that is set,
+    or else loopback alone."""
+    dds_distribution: Literal["humble", "iron and later"] = "iron and later"
+    """Of the ROS 2 nodes on DDS: up to Humble, announcements of nodes have longer ids."""
+
+    @property
+    def number(self) -> int:
+        """The domain. Raises ConfigurationError where the environment's is none."""
+        if self.dds_domain >= 0:
+            return self.dds_domain
+        text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
+        if not text.isdecimal() or len(text) > 9 or not 0 <= int(text) <= DDS_DOMAIN.highest:
+            raise ConfigurationError(
+                DOMAIN_VARIABLE, f"{text!r} in the environment is no domain; allowed: 0 to 232"
+            )
+        return int(text)

@@ -1,0 +1,107 @@
+"""The ROS network behind a face: topics and services of other processes, messages as CDR."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, Protocol
+
+
+class Topic(NamedTuple):
+    """A topic that somebody publishes or subscribes to."""
+
+    type: str
+    """In full: "geometry_msgs/msg/PoseStamped"."""
+    publishers: tuple[str, ...] = ()
+    """Full names of the nodes that publish."""
+    subscribers: tuple[str, ...] = ()
+    latched: bool = False
+    """Whether a subscription begins with the last messages (transient local)."""
+
+
+class Service(NamedTuple):
+    """A service that somebody offers."""
+
+    type: str
+    """In full: "std_srvs/srv/Trigger"."""
+    servers: tuple[str, ...] = ()
+    """Full names of the nodes that offer it."""
+
+
+class NetworkError(Exception):
+    """The network cannot do what was asked; the text says why."""
+
+
+class Failure(NamedTuple):
+    """Why a call has no reply."""
+
+    reason: str
+
+
+class Handle(Protocol):
+    """Something that is on the network until it is closed."""
+
+    def close(self) -> None:
+        """Take it from the network; nothing calls back afterwards. Twice is fine."""
+
+
+class Publisher(Handle, Protocol):
+    """Publishes on one topic."""
+
+    def publish(self, cdr: bytes) -> None:
+        """Publish a message: plain CDR with its encapsulation, of exact length."""
+
+
+Heard = Callable[[bytes, int], None]
+"""A message: CDR with its encapsulation, and the time it was published, ns since the epoch."""
+
+Answered = Callable[["bytes | Failure"], None]
+"""The reply to a call: CDR with its encapsulation."""
+
+Asked = Callable[[bytes, Answered], None]
+"""A request to an offered service, and what is called with its reply, once."""
+
+
+class Network(Protocol):
+    """The ROS graph, and what is done on it.
+
+    All is called from one thread, and does not block. What is given to be called back may be
+    called from any thread. Names are absolute, types in full.
+    """
+
+    def topics(self) -> Mapping[str, Topic]:
+        """All topics by name, actions' among them."""
+
+    def services(self) -> Mapping[str, Service]:
+        """All services by name, actions' among them."""
+
+    def nodes(self) -> Sequence[str]:
+        """Full names of all nodes."""
+
+    def subscribe(self, topic: str, type_name: str | None, heard: Heard) -> Handle:
+        """Have `heard` called with each message; None: of whatever type. A topic that is latched
+        begins with its last messages. Raises NetworkError."""
+
+    def advertise(self, topic: str, type_name: str, latched: bool) -> Publisher:
+        """A publisher; `latched`: for later subscriptions too. Raises NetworkError."""
+
+    def call(
+        self,
+        service: str,
+        type_name: str,
+        request: bytes,
+        answered: Answered,
+        timeout_s: float | None,
+    ) -> None:
+        """Call a service; `answered` is called once, after `timeout_s` (None: any time) with a
+        Failure. Raises NetworkError."""
+
+    def serve(self, service: str, type_name: str, asked: Asked) -> Handle:
+        """Offer a service; `asked` is called with each request. Raises NetworkError."""
+
+    def part(self, name: str) -> Network:
+        """The same network as a node of its own, for one client of a face: what the client has on
+        the network vanishes with it, and a motion without end that it asked for ends. Raises
+        DriverError."""
+
+    def close(self) -> None:
+        """Leave the network, and take from it what was not closed. Never raises; twice is fine."""

@@ -1,0 +1,44 @@
+"""Options of everybody on the bus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cardan.bounds import Range
+from cardan.errors import OptionError
+from cardan.options import Options
+
+ROUTER = "tcp/127.0.0.1:7447"
+"""Where rmw_zenoh's router listens."""
+
+DOMAIN = Range(0, 232, "", "beyond it DDS has no ports")
+"""ROS_DOMAIN_ID."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusOptions(Options):
+    """How to be on the bus."""
+
+    domain: Annotated[int, DOMAIN] = 0
+    """ROS_DOMAIN_ID."""
+    router: str = ROUTER
+    """The Zenoh router to meet others by; empty: none, others connect to `listen`."""
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:0",)
+    """Endpoints for others to connect to; port 0: any. Not used by a client."""
+    mode: Literal["peer", "client"] = "peer"
+    """"peer": others on this computer connect directly; "client": all goes through the router,
+    which is what a router on another computer needs."""
+    zenoh_config: str = ""
+    """Zenoh configuration file (JSON5), used as it is instead of `router`, `listen` and `mode`."""
+    distribution: Literal["humble", "iron and later"] = "iron and later"
+    """Of the ROS 2 nodes: Humble has no type hashes."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, endpoints in (("router", (self.router,)), ("listen", self.listen)):
+            for each in endpoints:
+                if each and "/" not in each:
+                    raise OptionError(key, each, "an endpoint of Zenoh, such as tcp/127.0.0.1:7447")
+        if self.mode == "client" and not self.router and not self.zenoh_config:
+            raise OptionError("router", self.router, "an endpoint, as a client needs one")

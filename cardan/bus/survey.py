@@ -1,0 +1,110 @@
+"""Looks around on the bus: who is there, and what to do where nobody is."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from cardan.bus.network import Service, Topic
+from cardan.bus.options import BusOptions
+from cardan.bus.router import router_address
+from cardan.bus.zenoh_network import BusNetwork
+
+SURVEY_S = 2.0
+"""How long it waits: peers that learn of each other from a router connect within a second."""
+
+
+class Survey(NamedTuple):
+    """What there is on the bus, besides the node that looks."""
+
+    nodes: Sequence[str]
+    topics: Mapping[str, Topic]
+    services: Mapping[str, Service]
+    routers: int
+    """How many routers are connected."""
+    peers: int
+    """How many other sessions of Zenoh are connected directly."""
+
+
+def reachable(options: BusOptions) -> BusOptions:
+    """How to meet who has these options, from a process beside: by the same router, or where there
+    is none at the endpoint that it listens at."""
+    router = options.router
+    if not router:
+        fixed = (each for each in options.listen if not each.endswith(":0"))
+        router = next(fixed, "")
+    names = {each.name for each in dataclasses.fields(BusOptions)}
+    values = {name: getattr(options, name) for name in names}
+    return BusOptions(**{**values, "router": router, "listen": BusOptions().listen})
+
+
+def bus_words(options: BusOptions) -> list[str]:
+    """How ``cardan face`` is told of a bus."""
+    words = {
+        "domain": str(options.domain),
+        "router": options.router,
+        "mode": options.mode,
+        "zenoh-config": options.zenoh_config,
+        "distribution": options.distribution,
+    }
+    return [f"--{key}={value}" for key, value in words.items() if value or key == "router"]
+
+
+def survey(options: BusOptions) -> Survey:
+    """Join the bus, wait, and look around. Raises ExtraMissingError, ConfigurationError, or
+    DriverError."""
+    with BusNetwork(options, f"cardan_network_{time.time_ns() % 10**9}") as network:
+        time.sleep(SURVEY_S)
+        routers, peers = network.node.neighbours()
+        own = network.node.full_name
+        return Survey(
+            [name for name in network.nodes() if name != own],
+            network.topics(),
+            network.services(),
+            len(routers),
+            len(peers),
+        )
+
+
+def remedies(options: BusOptions, found: Survey) -> list[str]:
+    """What to do where nobody was met, in sentences; empty where somebody was."""
+    if found.nodes:
+        return []
+    if found.routers and options.mode == "peer":
+        return [
+            "A router answers, and no node was met. ROS 2's router tells peers of each other, and "
+            "forwards nothing between them: each has to reach the others by itself.",
+            'On this computer: let all be peers (mode = "peer") with gossip, which is Zenoh\'s '
+            'default, and each listen at a loopback port of its own (listen = ["tcp/127.0.0.1:0"]'
+            "): so it is by default, here and with rmw_zenoh.",
+            'To nodes of another computer: join its router as a client (mode = "client"): then all '
+            "goes through that router.",
+        ]
+    if found.routers:
+        return ["A router answers, and no node is connected to it, or to others that it knows."]
+    if found.peers:
+        return [
+            "Another session of Zenoh answers, and it has no node of ROS 2: no session or face."
+        ]
+    if options.zenoh_config:
+        return [f"Nobody answers as {options.zenoh_config} has it."]
+    if not options.router:
+        return [
+            "Nobody can be met: there is no router, and no endpoint of a fixed port to connect to."
+        ]
+    if router_address(options) is None:
+        return [
+            f"Nobody answers at {options.router}: is the router started there, and does it listen "
+            "beyond its own computer?"
+        ]
+    return [
+        f"Nobody answers at {options.router}: start a session with [network], or a router: "
+        f"`cardan face router{'' if options.router == BusOptions().router else _at(options)}`, or "
+        "rmw_zenohd."
+    ]
+
+
+def _at(options: BusOptions) -> str:
+    return f" --endpoint {options.router}"

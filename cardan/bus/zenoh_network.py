@@ -1,0 +1,436 @@
+"""The whole ROS graph for faces: any topic and service, with callbacks. Not for a control loop."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import threading
+import time
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from cardan.bus.network import (
+    Answered,
+    Asked,
+    Failure,
+    Handle,
+    Heard,
+    NetworkError,
+    Publisher,
+    Service,
+    Topic,
+)
+from cardan.bus.node import BusNode, ServiceRequest, gid_of, words_of, zenoh_module
+from cardan.bus.options import BusOptions
+from cardan.errors import DriverError
+from cardan.protocols.ros2.graph import Graph
+from cardan.protocols.ros2.interfaces import InterfaceError
+from cardan.protocols.ros2.names import RosNameError
+from cardan.protocols.ros2.zenoh import (
+    CLIENT,
+    DEFAULT_QOS,
+    LATCHED_QOS,
+    PUBLISHER,
+    SERVICE,
+    SUBSCRIPTION,
+    Attachment,
+    Entity,
+)
+
+_DeclaredT = TypeVar("_DeclaredT", bound="_Declared")
+
+LONGEST_CALL_S = 3600.0
+"""How long a call without a time limit waits for its reply."""
+
+
+class BusNetwork:
+    """A node that sees the whole graph; what faces stand on.
+
+    ::
+
+        with BusNetwork(BusOptions(), "rosbridge") as network:
+            network.subscribe("/joint_states", None, heard)
+    """
+
+    def __init__(self, options: BusOptions, name: str, deaf: bool = False) -> None:
+        """`deaf`: it does not hear what it and its parts publish."""
+        self.node = BusNode(options, name)
+        self._deaf = deaf
+        self.changes = 0
+        """How often the graph has changed."""
+        self._graph = Graph()
+        self._lock = threading.Lock()
+        self._changed = threading.Condition(self._lock)
+        self._topics: dict[str, Topic] | None = None
+        self._services: dict[str, Service] | None = None
+        """What the graph shows, until it changes: a client that subscribes to all topics of a robot
+        asks for it once for each."""
+        self._watches: set[_Watch] = set()
+        self._making = threading.Lock()
+        self._given: weakref.WeakSet[_Declared] = weakref.WeakSet()
+        """What is on the bus for those who hold it."""
+        self._clients: dict[tuple[str, str], _Client] = {}
+
+    def open(self) -> None:
+        """Join the bus. Raises ExtraMissingError, ConfigurationError, or DriverError."""
+        self.node.open()
+        self.node.watch_graph(self._watch)
+
+    def close(self) -> None:
+        """Leave the bus, and take from it what was not closed. Never raises; twice is fine."""
+        for each in tuple(self._given):
+            each.close()
+        self._clients.clear()
+        self.node.close()
+
+    def part(self, name: str) -> BusNetwork:
+        """The same network as a node of its own, open until it is closed: of one client of a face,
+        so that a motion without end which the client asks for ends with the client and not with the
+        face. The network itself must be closed after it."""
+        return _Part(self, name)
+
+    def __enter__(self) -> BusNetwork:
+        self.open()
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self.close()
+
+    def _watch(self, token: str, there: bool) -> None:
+        with self._changed:
+            self._topics = self._services = None
+            if there:
+                self._graph.add(token)
+            else:
+                self._graph.remove(token)
+            self.changes += 1
+            self._changed.notify_all()
+            gone = [watch.gone for watch in self._watches if watch.left(self._graph)]
+        for each in gone:
+            each()
+
+    # -- the graph -------------------------------------------------------------------------------
+
+    def wait_for_service(self, service: str, timeout_s: float) -> bool:
+        """Wait until somebody offers `service`; False where nobody does in time."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._graph.servers(service), timeout_s) != []
+
+    def watch_service(self, service: str, gone: Callable[[], None]) -> Handle:
+        """Have `gone` called, in any thread, when the last who offers `service` has gone."""
+        with self._lock:
+            there = bool(self._graph.servers(service))
+            watch = _Watch(self._watches, self._lock, service, gone, there)
+            self._watches.add(watch)
+        return self._kept(_Declared(watch))
+
+    def wait_for_publisher(self, topic: str, timeout_s: float) -> bool:
+        """Wait until somebody publishes `topic`; False where nobody does in time."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._graph.publishers(topic), timeout_s) != []
+
+    def topics(self) -> Mapping[str, Topic]:
+        """All topics by name."""
+        with self._lock:
+            if self._topics is None:
+                publishers = self._graph.by_name(PUBLISHER)
+                subscribers = self._graph.by_name(SUBSCRIPTION)
+                self._topics = {
+                    name: _topic(type_name, publishers.get(name, ()), subscribers.get(name, ()))
+                    for name, type_name in self._graph.topics().items()
+                }
+            return self._topics
+
+    def others(self) -> tuple[Mapping[str, Topic], Mapping[str, Service]]:
+        """The topics and services of other processes alone."""
+        ends: dict[str, list[Entity]] = {}
+        servers: dict[str, list[Entity]] = {}
+        with self._lock:
+            for each in self._graph.entities(PUBLISHER, SUBSCRIPTION, SERVICE):
+                if each.zid != self.node.zid:
+                    kept = servers if each.kind == SERVICE else ends
+                    kept.setdefault(each.name, []).append(each)
+        topics = {}
+        for name, there in ends.items():
+            publishers = [each for each in there if each.kind == PUBLISHER]
+            subscribers = [each for each in there if each.kind == SUBSCRIPTION]
+            topics[name] = _topic(there[0].type_name, publishers, subscribers)
+        services = {
+            name: Service(there[0].type_name, _nodes(there)) for name, there in servers.items()
+        }
+        return topics, services
+
+    def wants_history(self, topic: str) -> bool:
+        """Whether another process subscribes to `topic` as to a latched one."""
+        with self._lock:
+            there = self._graph.subscribers(topic)
+        return any(each.qos.transient_local for each in there if each.zid != self.node.zid)
+
+    def having(self, node: str) -> list[str]:
+        """Ids of the other Zenoh sessions that have a node of this full name."""
+        with self._lock:
+            own = self.node.zid
+            there = {each.zid for each in self._graph.entities() if each.full_node == node}
+        return sorted(there - {own})
+
+    def services(self) -> Mapping[str, Service]:
+        """All services by name."""
+        with self._lock:
+            if self._services is None:
+                self._services = {
+                    name: Service(servers[0].type_name, _nodes(servers))
+                    for name, servers in self._graph.by_name(SERVICE).items()
+                }
+            return self._services
+
+    def nodes(self) -> Sequence[str]:
+        """Full names of all nodes."""
+        with self._lock:
+            return self._graph.nodes()
+
+    def lonely(self) -> bool:
+        """Whether there is no node of another process: then nobody was met."""
+        with self._lock:
+            return len(self._graph.sessions()) < 2
+
+    # -- endpoints -------------------------------------------------------------------------------
+
+    def subscribe(self, topic: str, type_name: str | None, heard: Heard) -> Handle:
+        """Have `heard` called with each message of `topic`. Raises NetworkError."""
+        with self._lock:
+            senders = self._graph.publishers(topic)
+        qos = LATCHED_QOS if any(each.qos.transient_local for each in senders) else DEFAULT_QOS
+        entity = None
+        if type_name is None and senders:
+            type_name = senders[0].type_name
+        if type_name:
+            entity, key = self._entity(
+                SUBSCRIPTION, topic, type_name, senders, latched=bool(qos.transient_local)
+            )
+        else:
+            key = f"{self.node.options.domain}{topic}/*/*"
+
+        def hear(sample: Any) -> None:
+            attachment = sample.attachment
+            told = None if attachment is None else Attachment.decode(attachment.to_bytes())
+            heard(sample.payload.to_bytes(), time.time_ns() if told is None else told.source_ns)
+
+        declared = [self._do(lambda: self.node.declare_subscriber(key, hear, qos, deaf=self._deaf))]
+        if entity is not None:
+            declared.append(self._do(lambda: self.node.declare_token(entity)))
+        return self._kept(_Declared(*declared))
+
+    def advertise(self, topic: str, type_name: str, latched: bool, mark: str = "") -> Publisher:
+        """A publisher of `topic`; `mark`: the type's hash, where it is none of the types that
+        Cardan knows and nobody else has it. Raises NetworkError."""
+        with self._lock:
+            others = [*self._graph.publishers(topic), *self._graph.subscribers(topic)]
+        entity, key = self._entity(PUBLISHER, topic, type_name, others, latched, mark)
+        declared = self._do(lambda: self.node.declare_publisher(key, entity.qos))
+        token = self._do(lambda: self.node.declare_token(entity))
+        return self._kept(_Sender(declared, token, gid_of(entity, self.node.options.domain)))
+
+    def call(
+        self,
+        service: str,
+        type_name: str,
+        request: bytes,
+        answered: Answered,
+        timeout_s: float | None,
+    ) -> None:
+        """Call a service; `answered` is called once, with a Failure where there is no reply in
+        `timeout_s`. Raises NetworkError."""
+        client = self._client(service, type_name)
+        attachment = Attachment(next(client.sequences), time.time_ns(), client.gid).encode()
+        call = _Call(service, answered)
+        handler = zenoh_module().handlers.Callback(call.take, call.end)
+        wait_s = LONGEST_CALL_S if timeout_s is None else timeout_s
+        self._do(lambda: self.node.ask(client.key, request, attachment, wait_s, handler))
+
+    def _client(self, service: str, type_name: str) -> _Client:
+        """The client of a service, which stays on the bus: by its token the server knows whether
+        who asked is still there."""
+        with self._making:
+            client = self._clients.get((service, type_name))
+            if client is None:
+                with self._lock:
+                    servers = self._graph.servers(service)
+                entity, key = self._entity(CLIENT, service, type_name, servers, latched=False)
+                token = self._do(lambda: self.node.declare_token(entity))
+                client = _Client(key, gid_of(entity, self.node.options.domain), token)
+                self._clients[service, type_name] = client
+            return client
+
+    def serve(self, service: str, type_name: str, asked: Asked) -> Handle:
+        """Offer a service; `asked` is called with each request. Raises NetworkError."""
+        entity, key = self._entity(SERVICE, service, type_name, (), latched=False)
+
+        def take(query: Any) -> None:
+            request = ServiceRequest(query, key)
+
+            def answer(reply: bytes | Failure) -> None:
+                if isinstance(reply, Failure):
+                    request.refuse(reply.reason)
+                else:
+                    request.reply(reply, time.time_ns())
+
+            asked(request.data, answer)
+
+        declared = self._do(lambda: self.node.declare_queryable(key, take))
+        token = self._do(lambda: self.node.declare_token(entity))
+        return self._kept(_Declared(declared, token))
+
+    def _kept(self, given: _DeclaredT) -> _DeclaredT:
+        self._given.add(given)
+        return given
+
+    def _entity(
+        self,
+        kind: str,
+        name: str,
+        type_name: str,
+        others: Sequence[Entity],
+        latched: bool,
+        mark: str = "",
+    ) -> tuple[Entity, str]:
+        """A new endpoint; of a type that Cardan does not know, with the hash that others have."""
+        qos = LATCHED_QOS if latched else DEFAULT_QOS
+        try:
+            return self.node.endpoint(kind, name, type_name, qos, mark)
+        except InterfaceError as error:
+            marks = [each.type_hash for each in others if each.type_name == type_name]
+            if not marks:
+                raise NetworkError(str(error)) from None
+            return self.node.endpoint(kind, name, type_name, qos, marks[0])
+        except RosNameError as error:
+            raise NetworkError(str(error)) from None
+
+    def _do(self, declare: Any) -> Any:
+        try:
+            return declare()
+        except (DriverError, zenoh_module().ZError) as error:
+            raise NetworkError(words_of(error)) from None
+
+
+class _Part(BusNetwork):
+    """A node beside another one, which sees the graph for both."""
+
+    def __init__(self, whole: BusNetwork, name: str) -> None:
+        super().__init__(whole.node.options, name, whole._deaf)
+        self.node = BusNode(whole.node.options, name, beside=whole.node)
+        self._whole = whole
+        self._graph, self._lock, self._changed = whole._graph, whole._lock, whole._changed
+        self._watches = whole._watches
+        self.open()
+
+    def open(self) -> None:
+        """Appear on the bus. Raises DriverError."""
+        self.node.open()
+
+    def topics(self) -> Mapping[str, Topic]:
+        """All topics by name."""
+        return self._whole.topics()
+
+    def services(self) -> Mapping[str, Service]:
+        """All services by name."""
+        return self._whole.services()
+
+
+def _topic(type_name: str, publishers: Sequence[Entity], subscribers: Sequence[Entity]) -> Topic:
+    latched = any(each.qos.transient_local for each in publishers)
+    return Topic(type_name, _nodes(publishers), _nodes(subscribers), latched)
+
+
+def _nodes(entities: Sequence[Entity]) -> tuple[str, ...]:
+    return tuple(sorted({each.full_node for each in entities}))
+
+
+class _Declared:
+    """What Zenoh has declared for us."""
+
+    def __init__(self, *declared: Any) -> None:
+        self._declared = list(declared)
+
+    def close(self) -> None:
+        """Take it from the network; twice is fine."""
+        while self._declared:
+            with contextlib.suppress(zenoh_module().ZError):  # The session is closed already.
+                self._declared.pop().undeclare()
+
+
+class _Watch:
+    """Who is told when a service's last server has gone. By the graph, and not by a subscription of
+    its own: one that is declared while a token appears may miss it."""
+
+    def __init__(
+        self,
+        watches: set[_Watch],
+        lock: threading.Lock,
+        service: str,
+        gone: Callable[[], None],
+        there: bool,
+    ) -> None:
+        self._watches, self._lock = watches, lock
+        self._service, self._there = service, there
+        self.gone = gone
+
+    def left(self, graph: Graph) -> bool:
+        """Whether the last one has gone by this change of the graph."""
+        before, self._there = self._there, bool(graph.servers(self._service))
+        return before and not self._there
+
+    def undeclare(self) -> None:
+        """Watch no more."""
+        with self._lock:
+            self._watches.discard(self)
+
+
+class _Sender(_Declared):
+    """A publisher, for any thread."""
+
+    def __init__(self, publisher: Any, token: Any, gid: bytes) -> None:
+        super().__init__(publisher, token)
+        self._publisher, self._gid = publisher, gid
+        self._sequences = itertools.count(1)
+        self._lock = threading.Lock()
+
+    def publish(self, cdr: bytes) -> None:
+        """Publish a message."""
+        with self._lock:
+            attachment = Attachment(next(self._sequences), time.time_ns(), self._gid)
+            self._publisher.put(cdr, attachment=attachment.encode())
+
+
+class _Client:
+    """A client of a service."""
+
+    def __init__(self, key: str, gid: bytes, token: Any) -> None:
+        self.key, self.gid = key, gid
+        self.sequences = itertools.count(1)
+        self._token = token  # Zenoh takes it from the bus with its last reference.
+
+
+class _Call:
+    """A call that waits for its reply."""
+
+    def __init__(self, service: str, answered: Answered) -> None:
+        self._service, self._answered = service, answered
+        self._over = False
+
+    def take(self, reply: Any) -> None:
+        """A reply has come."""
+        if self._over:
+            return
+        self._over = True
+        if reply.ok is not None:
+            self._answered(reply.ok.payload.to_bytes())
+        else:
+            words = reply.err.payload.to_bytes().decode("utf-8", "replace")
+            self._answered(Failure(f"{self._service}: {words[:300]}"))
+
+    def end(self) -> None:
+        """No more replies come."""
+        if not self._over:
+            self._over = True
+            self._answered(Failure(f"{self._service}: no reply; nobody offers it, or too late"))

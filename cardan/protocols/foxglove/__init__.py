@@ -1,0 +1,234 @@
+"""The Foxglove WebSocket protocol, v1, as far as its server is not foxglove-sdk's: parameters, and
+what is to be known of frames that pass.
+
+Source: foxglove/ws-protocol, docs/spec.md; the messages of foxglove-sdk 0.30 are the same under
+another name of the sub-protocol.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import math
+import struct
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from cardan.errors import shown
+from cardan.protocols.ros2.cdr import Message
+from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ros2.parameters import ParameterKind, content_of, value_of
+
+SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+"""What clients may ask for; the messages are the same."""
+
+CDR, JSON, ROS2MSG = "cdr", "json", "ros2msg"
+"""Encodings of messages, and of their definitions."""
+
+WARNING, ERROR = 1, 2
+"""Levels of a status."""
+
+MOST_NAMES = 1000
+"""Most parameters or subscriptions in one message that is read here."""
+
+_MESSAGE_DATA, _TIME, _CLIENT_MESSAGE_DATA = 1, 2, 1
+_DATA_HEADER = struct.Struct("<BIQ")
+_CHANNEL = struct.Struct("<BI")
+_MAX_ID = 2**32 - 1
+_FLOAT64, _FLOAT64_ARRAY, _BYTE_ARRAY = "float64", "float64_array", "byte_array"
+
+
+class Subscription(NamedTuple):
+    """A client's own number for a channel that it subscribes to."""
+
+    id: int
+    channel: int
+
+
+class Subscribe(NamedTuple):
+    """``subscribe``"""
+
+    subscriptions: tuple[Subscription, ...]
+
+
+class Unsubscribe(NamedTuple):
+    """``unsubscribe``"""
+
+    ids: tuple[int, ...]
+
+
+class GetParameters(NamedTuple):
+    """``getParameters``"""
+
+    names: tuple[str, ...]
+    """Empty: all."""
+    id: str | None
+
+
+class SetParameters(NamedTuple):
+    """``setParameters``"""
+
+    parameters: tuple[Given, ...]
+    id: str | None
+
+
+class Given(NamedTuple):
+    """A parameter as a client gives it."""
+
+    name: str
+    value: Any
+    """None: it is to be deleted."""
+    type: str
+
+
+def parse_operation(
+    text: str,
+) -> Subscribe | Unsubscribe | GetParameters | SetParameters | None:
+    """What a client's text frame asks for; None: something else, or it is malformed."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(found, dict):
+        return None
+    try:
+        op = found.get("op")
+        if op == "subscribe":
+            return Subscribe(
+                tuple(
+                    Subscription(_number(each["id"]), _number(each["channelId"]))
+                    for each in _list(found["subscriptions"])
+                )
+            )
+        if op == "unsubscribe":
+            return Unsubscribe(tuple(map(_number, _list(found["subscriptionIds"]))))
+        if op == "getParameters":
+            names = tuple(map(_text, _list(found["parameterNames"])))
+            return GetParameters(names, _identity(found))
+        if op == "setParameters":
+            given = tuple(
+                Given(_text(each["name"]), each.get("value"), str(each.get("type") or ""))
+                for each in _list(found["parameters"])
+            )
+            return SetParameters(given, _identity(found))
+    except (KeyError, TypeError, AttributeError):
+        pass
+    return None
+
+
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list) or len(value) > MOST_NAMES:
+        raise TypeError
+    return value
+
+
+def _number(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= _MAX_ID:
+        raise TypeError
+    return value
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
+
+
+def _identity(found: dict[str, Any]) -> str | None:
+    identity = found.get("id")
+    return None if identity is None else _text(identity)
+
+
+def subscription_of(frame: bytes) -> int | None:
+    """The subscription that a server's binary frame has a message of; None: it is no message."""
+    if len(frame) < _DATA_HEADER.size or frame[0] != _MESSAGE_DATA:
+        return None
+    number: int = _DATA_HEADER.unpack_from(frame)[1]
+    return number
+
+
+def is_time(frame: bytes) -> bool:
+    """Whether a server's binary frame says the time."""
+    return frame[:1] == bytes([_TIME])
+
+
+def published_channel(frame: bytes) -> int | None:
+    """The client's channel that its binary frame publishes on; None: it does not publish."""
+    if len(frame) < _CHANNEL.size or frame[0] != _CLIENT_MESSAGE_DATA:
+        return None
+    number: int = _CHANNEL.unpack_from(frame)[1]
+    return number
+
+
+def status(level: int, message: str, identity: str) -> str:
+    """A ``status``, in place of an earlier one with the same identity."""
+    return _object(op="status", level=level, message=message, id=identity)
+
+
+def advertise(channel: int, topic: str) -> str:
+    """A client's ``advertise`` of a channel that nothing is published on."""
+    entry = {"id": channel, "topic": topic, "encoding": CDR, "schemaName": ""}
+    return _object(op="advertise", channels=[entry])
+
+
+def unadvertise(channel: int) -> str:
+    """A client's ``unadvertise``."""
+    return _object(op="unadvertise", channelIds=[channel])
+
+
+def parameter_values(parameters: Sequence[dict[str, Any]], identity: str | None) -> str:
+    """``parameterValues``, the answer to a request with this identity."""
+    more = {} if identity is None else {"id": identity}
+    return _object(op="parameterValues", parameters=list(parameters), **more)
+
+
+def _object(**fields: Any) -> str:
+    return json.dumps(fields, separators=(",", ":"), allow_nan=False)
+
+
+# -- parameters -----------------------------------------------------------------------------------
+
+
+def network_name(name: str) -> str:
+    """ "/node:parameter", of a name as Foxglove's bridges have it: "/node.parameter"."""
+    node, _, parameter = name.partition(".")
+    return f"{node}:{parameter}"
+
+
+def client_name(node: str, parameter: str) -> str:
+    """The name as Foxglove's bridges have it."""
+    return f"{node}.{parameter}"
+
+
+def parameter_entry(name: str, value: Message) -> dict[str, Any] | None:
+    """A parameter as clients read it; None where it is not set, or no number that JSON has."""
+    content = content_of(value)
+    if content is None:
+        return None
+    entry: dict[str, Any] = {"name": name}
+    kind = value["type"]
+    if kind == ParameterKind.BYTE_ARRAY:
+        return {**entry, "type": _BYTE_ARRAY, "value": base64.b64encode(content).decode()}
+    if kind == ParameterKind.DOUBLE:
+        return {**entry, "type": _FLOAT64, "value": content} if math.isfinite(content) else None
+    content = list(content) if kind > ParameterKind.BYTE_ARRAY else content
+    if kind == ParameterKind.DOUBLE_ARRAY:
+        finite = all(map(math.isfinite, content))
+        return {**entry, "type": _FLOAT64_ARRAY, "value": content} if finite else None
+    return {**entry, "value": content}
+
+
+def given_value(given: Given, present_type: int) -> Message:
+    """The ``rcl_interfaces/msg/ParameterValue`` that a client gave; `present_type`: that of the
+    parameter now, to which whole numbers and empty lists conform. Raises ValueError."""
+    content = given.value
+    if content is None:
+        return default_message("rcl_interfaces/msg/ParameterValue")
+    if given.type == _BYTE_ARRAY:
+        try:
+            content = base64.b64decode(content, validate=True)
+        except (binascii.Error, TypeError, ValueError):
+            raise ValueError(f"{shown(content)} is no base64, as a byte_array is") from None
+    kinds = {_FLOAT64: ParameterKind.DOUBLE, _FLOAT64_ARRAY: ParameterKind.DOUBLE_ARRAY}
+    return value_of(content, kinds.get(given.type, present_type))

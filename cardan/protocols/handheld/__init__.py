@@ -1,0 +1,46 @@
+"""What a page sends of a person's hands: jog buttons, a phone, a headset's controllers, a gamepad.
+
+`frames` has the bytes, `orientation` the axes of phones and of WebXR, `motion` what a movement of
+the hand means, `teleop` the message of the public teleop page. docs/protocols/handheld.md.
+"""
+
+from cardan.protocols.handheld.frames import (
+    BUTTONS as BUTTONS,
+    MAX_JOINTS as MAX_JOINTS,
+    VERSION as VERSION,
+    Body as Body,
+    Gamepad as Gamepad,
+    JogJoints as JogJoints,
+    JogTwist as JogTwist,
+    Malformed as Malformed,
+    OperatorFrame as OperatorFrame,
+    Part as Part,
+    Phone as Phone,
+    Xr as Xr,
+    decode_frame as decode_frame,
+    encode_frame as encode_frame,
+)
+from cardan.protocols.handheld.motion import (
+    LEAP_M as LEAP_M,
+    LEAP_RAD as LEAP_RAD,
+    Held as Held,
+    Sample as Sample,
+    Yaw as Yaw,
+    drag_on_screen as drag_on_screen,
+    leap as leap,
+    pitched as pitched,
+)
+from cardan.protocols.handheld.orientation import (
+    from_angles as from_angles,
+    heading_rad as heading_rad,
+    orientation_from_xr as orientation_from_xr,
+    orientation_to_xr as orientation_to_xr,
+    position_from_xr as position_from_xr,
+    position_to_xr as position_to_xr,
+    to_angles as to_angles,
+)
+from cardan.protocols.handheld.teleop import (
+    TeleopLog as TeleopLog,
+    TeleopPose as TeleopPose,
+    decode_teleop as decode_teleop,
+)

@@ -1,0 +1,310 @@
+"""Operator frames: one binary WebSocket message for each state of a hand, little endian.
+
+A header of 16 bytes, then what the kind has; docs/protocols/handheld.md has the table. Every frame
+says again whether the hand holds the dead-man control: there is no frame that starts or ends a
+motion. Floats are of 32 bits. What is not there (a phone without sensors) is NaN; nothing else may
+be.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import struct
+from typing import Final, NamedTuple
+
+from cardan.types import Frame, Quaternion, Vector3
+
+VERSION: Final = 0xC1
+"""First byte: 0xC for Cardan, and the version 1."""
+
+MAX_JOINTS: Final = 16
+
+LARGEST: Final = 1e4
+"""No hand's number is larger, in m, m/s, m/s², rad/s, degrees or shares."""
+
+LONGEST_US: Final = 2**53
+"""A page counts its time in doubles."""
+
+_HOLD, _TRACKING, _VISIBLE = 1, 2, 4
+_KNOWN_FLAGS = _HOLD | _TRACKING | _VISIBLE
+
+_HEADER = struct.Struct("<BBBBIQ")
+_TWIST = struct.Struct("<B3x6f")
+_JOINTS = struct.Struct("<B3x")
+_PHONE = struct.Struct("<3f2f3f3fHBx")
+_XR = struct.Struct("<3f4fH2x4f")
+_GAMEPAD = struct.Struct("<6fI")
+
+_FRAMES = (Frame.BASE, Frame.TOOL, Frame.MIXED)
+
+
+class Part(enum.IntEnum):
+    """Which part of the body an XR frame is of; the value is the frame's kind."""
+
+    LEFT = 4
+    RIGHT = 5
+    VIEWER = 6
+    """The phone or headset itself."""
+
+    @property
+    def word(self) -> str:
+        """As options have it."""
+        return self.name.lower()
+
+
+BUTTONS: Final = {
+    "phone": ("a", "b", "align"),
+    "xr": ("trigger", "squeeze", "touchpad", "stick", "a", "b", "align"),
+    "gamepad": (
+        "south", "east", "west", "north", "left-shoulder", "right-shoulder", "left-trigger",
+        "right-trigger", "back", "start", "left-stick", "right-stick", "dpad-up", "dpad-down",
+        "dpad-left", "dpad-right", "guide",
+    ),
+}  # fmt: skip
+"""The buttons of each kind in the order of their bits, the lowest first. Those of xr and gamepad
+are in the order of the standard mappings (WebXR Gamepads Module; Gamepad, "standard")."""
+
+
+class JogTwist(NamedTuple):
+    """Move the TCP: m/s and rad/s along the axes of `frame`."""
+
+    linear: Vector3
+    angular: Vector3
+    frame: Frame = Frame.BASE
+
+
+class JogJoints(NamedTuple):
+    """Move the joints: rad/s, of a sliding one m/s, in the arm's order."""
+
+    rates: tuple[float, ...]
+
+
+class Phone(NamedTuple):
+    """A phone's sensors and what touches its screen."""
+
+    angles_deg: Vector3 | None
+    """alpha, beta and gamma of the DeviceOrientationEvent; None: no sensor, or not allowed."""
+    drag_right: float = 0.0
+    drag_up: float = 0.0
+    """How far the second finger is from where it was put down, along the screen as it is read; 1 is
+    a third of the shorter side."""
+    rates_rad_s: Vector3 | None = None
+    """Turning about the phone's x (right), y (top edge) and z (out of the screen)."""
+    acceleration_m_s2: Vector3 | None = None
+    """Specific force along the same axes: at rest 9.81 upwards."""
+    buttons: int = 0
+    screen_quarters: int = 0
+    """screen.orientation.angle in quarter turns."""
+
+
+class Xr(NamedTuple):
+    """A hand, or the viewer, in the axes of WebXR: x right, y up, -z forward."""
+
+    part: Part
+    position_m: Vector3
+    orientation: Quaternion
+    buttons: int = 0
+    stick_right: float = 0.0
+    stick_down: float = 0.0
+    trigger: float = 0.0
+    squeeze: float = 0.0
+
+
+class Gamepad(NamedTuple):
+    """A pad of the Gamepad API with the standard mapping."""
+
+    left_right: float
+    left_down: float
+    right_right: float
+    right_down: float
+    left_trigger: float = 0.0
+    right_trigger: float = 0.0
+    buttons: int = 0
+
+
+Body = JogTwist | JogJoints | Phone | Xr | Gamepad
+
+
+class OperatorFrame(NamedTuple):
+    """One state of a hand."""
+
+    body: Body
+    hold: bool
+    """The dead-man control is held."""
+    tracking: bool = True
+    """The sensors know where the hand is."""
+    visible: bool = True
+    """The page is shown."""
+    channel: int = 0
+    """What the page has opened it for."""
+    sequence: int = 0
+    """Counts all frames of a page, modulo 2**32."""
+    time_us: int = 0
+    """The page's monotonic time, µs."""
+
+    @property
+    def kind(self) -> str:
+        """One of: jog twist, jog joints, phone, xr, gamepad."""
+        return _WORDS[type(self.body)]
+
+    @property
+    def held_buttons(self) -> tuple[str, ...]:
+        """Names of the buttons that are down; without names for jog."""
+        body = self.body
+        if isinstance(body, (JogTwist, JogJoints)):
+            return ()
+        return tuple(name for bit, name in enumerate(BUTTONS[self.kind]) if body.buttons >> bit & 1)
+
+
+class Malformed(NamedTuple):
+    """Bytes that are no frame."""
+
+    reason: str
+
+
+_WORDS: Final = {
+    JogTwist: "jog twist",
+    JogJoints: "jog joints",
+    Phone: "phone",
+    Xr: "xr",
+    Gamepad: "gamepad",
+}
+
+_TWIST_KIND, _JOINTS_KIND, _PHONE_KIND, _GAMEPAD_KIND = 1, 2, 3, 7
+_MISSING = (math.nan, math.nan, math.nan)
+
+
+# -- encoding -------------------------------------------------------------------------------------
+
+
+def encode_frame(frame: OperatorFrame) -> bytes:
+    """As bytes. Raises struct.error for numbers that have no place in it."""
+    kind, body = _encoded(frame.body)
+    flags = _HOLD * frame.hold | _TRACKING * frame.tracking | _VISIBLE * frame.visible
+    head = _HEADER.pack(VERSION, kind, flags, frame.channel, frame.sequence, frame.time_us)
+    return head + body
+
+
+def _encoded(body: Body) -> tuple[int, bytes]:
+    if isinstance(body, JogTwist):
+        frame = _FRAMES.index(body.frame)
+        return _TWIST_KIND, _TWIST.pack(frame, *body.linear, *body.angular)
+    if isinstance(body, JogJoints):
+        count = len(body.rates)
+        return _JOINTS_KIND, _JOINTS.pack(count) + struct.pack(f"<{count}f", *body.rates)
+    if isinstance(body, Phone):
+        return _PHONE_KIND, _PHONE.pack(
+            *(body.angles_deg or _MISSING),
+            body.drag_right,
+            body.drag_up,
+            *(body.rates_rad_s or _MISSING),
+            *(body.acceleration_m_s2 or _MISSING),
+            body.buttons,
+            body.screen_quarters,
+        )
+    if isinstance(body, Xr):
+        w, x, y, z = body.orientation
+        rest = body.buttons, body.stick_right, body.stick_down, body.trigger, body.squeeze
+        return int(body.part), _XR.pack(*body.position_m, x, y, z, w, *rest)
+    return _GAMEPAD_KIND, _GAMEPAD.pack(*body)
+
+
+# -- decoding -------------------------------------------------------------------------------------
+
+
+def decode_frame(data: bytes) -> OperatorFrame | Malformed:
+    """The frame in `data`. Never raises."""
+    if len(data) < _HEADER.size:
+        return Malformed(f"{len(data)} bytes, fewer than a header has")
+    version, kind, flags, channel, sequence, time_us = _HEADER.unpack_from(data)
+    if version != VERSION:
+        return Malformed(
+            f"of version {version:#04x}, and this server reads {VERSION:#04x}: load the page anew"
+        )
+    if flags & ~_KNOWN_FLAGS:
+        return Malformed(f"with flags {flags:#04x}, of which some are unknown")
+    if time_us > LONGEST_US:
+        return Malformed("with a time that no page has")
+    body = _decoded(kind, data[_HEADER.size :])
+    if isinstance(body, Malformed):
+        return body
+    hold, tracking, visible = (bool(flags & bit) for bit in (_HOLD, _TRACKING, _VISIBLE))
+    return OperatorFrame(body, hold, tracking, visible, channel, sequence, time_us)
+
+
+def _decoded(kind: int, data: bytes) -> Body | Malformed:
+    if kind == _JOINTS_KIND:
+        return _joints(data)
+    layout = {_TWIST_KIND: _TWIST, _PHONE_KIND: _PHONE, _GAMEPAD_KIND: _GAMEPAD}.get(kind)
+    if kind in _PARTS:
+        layout = _XR
+    if layout is None:
+        return Malformed(f"of the kind {kind}, which is unknown")
+    if len(data) != layout.size:
+        return Malformed(f"of the kind {kind} with {len(data)} bytes, not {layout.size}")
+    values = layout.unpack(data)
+    if kind == _TWIST_KIND:
+        return _twist(values)
+    if kind == _PHONE_KIND:
+        return _phone(values)
+    if not _fine(values):
+        return _NO_NUMBERS
+    if kind == _GAMEPAD_KIND:
+        return Gamepad(*values)
+    return _xr(Part(kind), values)
+
+
+_PARTS: Final = frozenset(Part)
+_NO_NUMBERS: Final = Malformed("with numbers that are none, or too large")
+
+
+def _fine(values: tuple[float, ...]) -> bool:
+    # Whole numbers are of so few bits that they cannot be too large.
+    return all(isinstance(value, int) or abs(value) <= LARGEST for value in values)
+
+
+def _twist(values: tuple[float, ...]) -> JogTwist | Malformed:
+    frame, *numbers = values
+    if not _fine(tuple(numbers)):
+        return _NO_NUMBERS
+    if frame >= len(_FRAMES):
+        return Malformed(f"with the frame {frame}; there are 0 base, 1 tool, 2 mixed")
+    linear, angular = Vector3(*numbers[:3]), Vector3(*numbers[3:])
+    return JogTwist(linear, angular, _FRAMES[int(frame)])
+
+
+def _joints(data: bytes) -> JogJoints | Malformed:
+    count = data[0] if data else 0
+    if not 0 < count <= MAX_JOINTS or len(data) != _JOINTS.size + 4 * count:
+        return Malformed(f"with {count} joints in {len(data)} bytes")
+    rates = struct.unpack_from(f"<{count}f", data, _JOINTS.size)
+    return JogJoints(rates) if _fine(rates) else _NO_NUMBERS
+
+
+def _phone(values: tuple[float, ...]) -> Phone | Malformed:
+    right, up, buttons, quarters = values[3], values[4], int(values[11]), int(values[12])
+    triples = [_triple(values[at : at + 3]) for at in (0, 5, 8)]
+    if not _fine((right, up)) or any(isinstance(each, Malformed) for each in triples):
+        return _NO_NUMBERS
+    if quarters > 3:
+        return Malformed(f"with a screen that is turned by {quarters} quarters")
+    angles, rates, acceleration = (
+        None if isinstance(each, Malformed) else each for each in triples
+    )
+    return Phone(angles, right, up, rates, acceleration, buttons, quarters)
+
+
+def _triple(values: tuple[float, ...]) -> Vector3 | Malformed | None:
+    if all(map(math.isnan, values)):
+        return None
+    return Vector3(*values) if _fine(values) else _NO_NUMBERS
+
+
+def _xr(part: Part, values: tuple[float, ...]) -> Xr | Malformed:
+    x, y, z, w = values[3:7]
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if not 0.99 < length < 1.01:
+        return Malformed(f"with an orientation of the length {length:.3g}, not 1")
+    orientation = Quaternion(w / length, x / length, y / length, z / length)
+    return Xr(part, Vector3(*values[:3]), orientation, int(values[7]), *values[8:])

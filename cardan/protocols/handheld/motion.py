@@ -1,0 +1,122 @@
+"""What a movement of the hand means: how far it went since it was held, and whether it can have
+gone there."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from cardan.protocols.handheld.orientation import heading_rad
+from cardan.spatial import (
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    norm,
+    rotate,
+    rotation_between,
+    same_hemisphere,
+    subtract,
+)
+from cardan.types import Quaternion, Vector3
+
+LEAP_M: Final = 0.05
+LEAP_RAD: Final = math.radians(35.0)
+"""A step of one frame to the next that may be a leap of the tracking: as teleop 0.1.5 has it."""
+
+HAND_M_S: Final = 3.0
+HAND_RAD_S: Final = 20.0
+"""No hand that drives an arm is faster. A step is a leap where it is above both: frames that were
+lost on the way make steps long, and not fast."""
+
+UPRIGHT: Final = Vector3(0.0, 0.0, 1.0)
+
+
+class Sample(NamedTuple):
+    """Where a hand was."""
+
+    time_s: float
+    """By the clock of who measured it."""
+    orientation: Quaternion
+    position: Vector3 | None = None
+    """m; None where it is not measured."""
+
+
+def leap(before: Sample, now: Sample) -> str:
+    """Why a hand cannot have gone from `before` to `now`, in words; empty: it can."""
+    dt_s = max(now.time_s - before.time_s, 0.0)
+    angle = norm(rotation_between(before.orientation, now.orientation))
+    if angle > LEAP_RAD and angle > HAND_RAD_S * dt_s:
+        return f"its orientation leapt by {math.degrees(angle):.0f}°"
+    if before.position is None or now.position is None:
+        return ""
+    way = norm(subtract(now.position, before.position))
+    if way > LEAP_M and way > HAND_M_S * dt_s:
+        return f"its position leapt by {1e2 * way:.0f} cm"
+    return ""
+
+
+class Held:
+    """How far the hand has gone since it was held. The turn goes on beyond half a turn without a
+    jump."""
+
+    def __init__(self, began: Sample) -> None:
+        self._began = began
+        self._last = Quaternion(1.0, 0.0, 0.0, 0.0)
+
+    def turn(self, now: Sample) -> Vector3:
+        """Rotation vector along the axes of the reference, rad."""
+        q = multiply(now.orientation, conjugate(self._began.orientation))
+        q = self._last = same_hemisphere(q, self._last)
+        sine = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z)
+        if sine < 1e-9:
+            return Vector3(2.0 * q.x, 2.0 * q.y, 2.0 * q.z)
+        factor = 2.0 * math.atan2(sine, q.w) / sine
+        return Vector3(q.x * factor, q.y * factor, q.z * factor)
+
+    def way(self, now: Sample) -> Vector3:
+        """m; zero where it is not measured."""
+        if now.position is None or self._began.position is None:
+            return Vector3(0.0, 0.0, 0.0)
+        return subtract(now.position, self._began.position)
+
+
+class Yaw:
+    """The angle between the heading of a reference, which may be anything, and the robot's x
+    axis."""
+
+    def __init__(self, yaw_rad: float = 0.0) -> None:
+        self.yaw_rad = yaw_rad
+        """Of the robot's x axis in the reference."""
+        half = -0.5 * yaw_rad
+        self._back = Quaternion(math.cos(half), 0.0, 0.0, math.sin(half))
+
+    @classmethod
+    def of_phone(cls, q: Quaternion) -> Yaw:
+        """By a phone that points along the robot's x axis."""
+        return cls(heading_rad(q))
+
+    @classmethod
+    def of_xr(cls, q: Quaternion) -> Yaw:
+        """By a hand that points along it; `q` along our axes."""
+        forward = rotate(q, Vector3(1.0, 0.0, 0.0))
+        return cls(math.atan2(forward.y, forward.x))
+
+    def vector(self, v: Vector3) -> Vector3:
+        """Along the robot's axes."""
+        return rotate(self._back, v)
+
+    def orientation(self, q: Quaternion) -> Quaternion:
+        """Along the robot's axes."""
+        return multiply(self._back, q)
+
+
+def drag_on_screen(right: float, up: float, quarters: int) -> Vector3:
+    """A way of a finger on the screen, as it is read, along the phone's own axes."""
+    x, y = ((right, up), (up, -right), (-right, -up), (-up, right))[quarters]
+    return Vector3(x, y, 0.0)
+
+
+def pitched(q: Quaternion, angle_rad: float) -> Quaternion:
+    """`q` with its own axes pitched, nose up: the grip of a controller is not where a hand
+    points."""
+    return multiply(q, from_rotation_vector(Vector3(0.0, -angle_rad, 0.0)))

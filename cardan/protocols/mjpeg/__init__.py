@@ -1,0 +1,105 @@
+"""Motion JPEG over HTTP: pictures as the parts of one answer without an end.
+
+Source: RFC 2046, 5.1 (multipart); `multipart/x-mixed-replace`, as network cameras, mjpg-streamer,
+ESP32 cameras and web_video_server of ROS send it.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+MAX_PICTURE_BYTES: Final = 4 * 2**20
+"""Largest picture; those of cameras with 4K have 1 to 2 MB."""
+
+MAX_HEAD_BYTES: Final = 4096
+"""Of the lines before a picture."""
+
+START: Final = b"\xff\xd8"
+"""What every JPEG begins with."""
+
+_LENGTH = re.compile(rb"^content-length:[ \t]*([0-9]{1,9})[ \t]*\r?$", re.IGNORECASE | re.MULTILINE)
+_BOUNDARY = re.compile(r'boundary="?([^";,]{1,200})"?', re.IGNORECASE)
+
+
+class MjpegError(ValueError):
+    """What came is no stream of pictures."""
+
+
+def boundary_of(content_type: str) -> str | None:
+    """What is between the parts, by the header Content-Type; None: it is no stream of parts."""
+    if not content_type.lower().startswith("multipart/"):
+        return None
+    found = _BOUNDARY.search(content_type)
+    return found.group(1).strip().removeprefix("--") if found else ""
+
+
+class PictureParser:
+    """Takes an answer's body apart. It holds one picture at most."""
+
+    def __init__(self, boundary: str) -> None:
+        self._line = b"--" + boundary.encode("latin-1", "replace")
+        self._held = bytearray()
+        self._length: int | None = None
+        """Of the picture that comes, where its head says it."""
+        self._within = False
+        """The head of a part has been read."""
+        self._searched = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The pictures that are whole now. Raises MjpegError."""
+        self._held += data
+        found: list[bytes] = []
+        while self._within or self._head():
+            picture = self._picture()
+            if picture is None:
+                break
+            if picture[: len(START)] == START:
+                found.append(picture)
+        return found
+
+    def _head(self) -> bool:
+        """Read the lines before a picture; whether they are all there."""
+        held = self._held
+        begin = held.find(self._line)
+        if begin < 0:
+            # What is before the first boundary means nothing; the boundary may be there in part.
+            del held[: max(0, len(held) - len(self._line))]
+            return False
+        ends = [
+            (at, len(mark))
+            for mark in (b"\r\n\r\n", b"\n\n")
+            if (at := held.find(mark, begin)) >= 0
+        ]
+        if not ends:
+            if len(held) - begin > MAX_HEAD_BYTES:
+                raise MjpegError(f"a picture's head has more than {MAX_HEAD_BYTES} bytes")
+            return False
+        end, mark = min(ends)
+        if end - begin > MAX_HEAD_BYTES:
+            raise MjpegError(f"a picture's head has more than {MAX_HEAD_BYTES} bytes")
+        length = _LENGTH.search(bytes(held[begin:end]))
+        self._length = None if length is None else int(length.group(1))
+        if self._length is not None and self._length > MAX_PICTURE_BYTES:
+            raise MjpegError(f"a picture has {self._length} bytes")
+        del held[: end + mark]
+        self._within, self._searched = True, 0
+        return True
+
+    def _picture(self) -> bytes | None:
+        held = self._held
+        if self._length is not None:
+            if len(held) < self._length:
+                return None
+            end = self._length
+        else:
+            end = held.find(self._line, self._searched)
+            if (end if end >= 0 else len(held) - len(self._line)) > MAX_PICTURE_BYTES:
+                raise MjpegError(f"a picture has more than {MAX_PICTURE_BYTES} bytes")
+            if end < 0:
+                self._searched = max(0, len(held) - len(self._line))
+                return None
+        picture = bytes(held[:end])
+        del held[:end]
+        self._within = False
+        return picture if self._length is not None else picture.rstrip(b"\r\n")

@@ -1,0 +1,23 @@
+"""How many in a second: what a client does beyond it is refused."""
+
+from __future__ import annotations
+
+MAX_PUBLICATIONS_PER_S = 5000
+"""What a client of a face publishes beyond it is refused: 50 topics at 100 Hz are enough for a
+page."""
+
+
+class RateLimit:
+    """So many in each second. Time is monotonic, in seconds."""
+
+    def __init__(self, per_s: int) -> None:
+        self._per_s = per_s
+        self._second_s = float("-inf")
+        self._count = 0
+
+    def exceeded(self, now_s: float) -> bool:
+        """Count one more; whether it is too many."""
+        if now_s - self._second_s >= 1.0:
+            self._second_s, self._count = now_s, 0
+        self._count += 1
+        return self._count > self._per_s

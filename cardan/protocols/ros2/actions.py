@@ -1,0 +1,158 @@
+"""The goals of an action server: what becomes of each, and what clients are told of it.
+
+Source: design.ros2.org, "Actions"; action_msgs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import IntEnum
+
+from cardan.protocols.ros2.cdr import Message
+from cardan.protocols.ros2.zenoh import Qos
+
+STATUS_QOS = Qos(transient_local=True, depth=1)
+FEEDBACK_QOS = Qos(depth=10)
+
+KEPT_S = 900.0
+"""How long a result is kept for who asks later: rcl's own 15 minutes."""
+
+KEPT = 64
+"""Most goals that are kept; of more, the ones that ended first are forgotten."""
+
+NO_ID = bytes(16)
+
+STATUS_TYPE = "action_msgs/msg/GoalStatusArray"
+CANCEL_TYPE = "action_msgs/srv/CancelGoal"
+
+
+class GoalStatus(IntEnum):
+    """Of action_msgs/GoalStatus."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+    @property
+    def over(self) -> bool:
+        """Whether it stays so."""
+        return self >= GoalStatus.SUCCEEDED
+
+
+class CancelCode(IntEnum):
+    """Of action_msgs/srv/CancelGoal."""
+
+    NONE = 0
+    REJECTED = 1
+    UNKNOWN_GOAL_ID = 2
+    GOAL_TERMINATED = 3
+
+
+class Goal:
+    """A goal that was accepted."""
+
+    def __init__(self, goal_id: bytes, stamp_ns: int) -> None:
+        self.id = goal_id
+        self.stamp_ns = stamp_ns
+        """When it was accepted, since the epoch."""
+        self.status = GoalStatus.ACCEPTED
+        self.result: Message | None = None
+        self.over_s = 0.0
+        """When it ended, by a monotonic clock."""
+
+    def info(self) -> Message:
+        """As action_msgs/GoalInfo."""
+        return {"goal_id": {"uuid": self.id}, "stamp": _time(self.stamp_ns)}
+
+
+class Goals:
+    """The goals of one action server. For one thread at a time."""
+
+    def __init__(self, kept: int = KEPT, kept_s: float = KEPT_S) -> None:
+        self._kept, self._kept_s = kept, kept_s
+        self._goals: dict[bytes, Goal] = {}
+
+    def accept(self, goal_id: bytes, now_ns: int, now_s: float) -> Goal | None:
+        """A new goal; None for an id that there is already, or where all that are kept go on.
+
+        `now_ns` since the epoch, `now_s` monotonic.
+        """
+        self._forget(now_s)
+        if goal_id in self._goals or len(self._goals) >= self._kept:
+            return None
+        goal = self._goals[goal_id] = Goal(goal_id, now_ns)
+        return goal
+
+    def find(self, goal_id: bytes) -> Goal | None:
+        """The goal with this id, while it is kept."""
+        return self._goals.get(goal_id)
+
+    def execute(self, goal: Goal) -> None:
+        """It has begun; one that is being cancelled stays so."""
+        if goal.status is GoalStatus.ACCEPTED:
+            goal.status = GoalStatus.EXECUTING
+
+    def finish(self, goal: Goal, status: GoalStatus, result: Message, now_s: float) -> bool:
+        """It has ended with `result`; False where it had already."""
+        if goal.status.over:
+            return False
+        goal.result, goal.over_s = result, now_s
+        goal.status = status
+        return True
+
+    def cancel(self, request: Message) -> tuple[Message, list[Goal]]:
+        """The response to a CancelGoal request, and the goals that are to end now.
+
+        Without an id: all; with a stamp: all that were accepted until then; with both: that one,
+        too.
+        """
+        info = request["goal_info"]
+        wanted = bytes(info["goal_id"]["uuid"])
+        stamp = info["stamp"]
+        until_ns = stamp["sec"] * 10**9 + stamp["nanosec"]
+        code = CancelCode.NONE
+        if wanted == NO_ID:
+            found = [g for g in self._goals.values() if not until_ns or g.stamp_ns <= until_ns]
+        else:
+            found = [
+                g
+                for g in self._goals.values()
+                if g.id == wanted or (until_ns and g.stamp_ns <= until_ns)
+            ]
+            if wanted not in self._goals:
+                code = CancelCode.UNKNOWN_GOAL_ID
+            elif self._goals[wanted].status.over:
+                code = CancelCode.GOAL_TERMINATED
+        going = [goal for goal in found if not goal.status.over]
+        for goal in going:
+            goal.status = GoalStatus.CANCELING
+        if going:
+            code = CancelCode.NONE
+        return {"return_code": int(code), "goals_canceling": [g.info() for g in going]}, going
+
+    def status_array(self) -> Message:
+        """All goals that are kept, as action_msgs/GoalStatusArray."""
+        return {"status_list": [_status(goal) for goal in self._goals.values()]}
+
+    def _forget(self, now_s: float) -> None:
+        over = sorted(_over(self._goals.values()), key=lambda goal: goal.over_s)
+        most = max(0, len(self._goals) - self._kept + 1)
+        for index, goal in enumerate(over):
+            if index < most or now_s - goal.over_s > self._kept_s:
+                del self._goals[goal.id]
+
+
+def _over(goals: Iterable[Goal]) -> list[Goal]:
+    return [goal for goal in goals if goal.status.over]
+
+
+def _status(goal: Goal) -> Message:
+    return {"goal_info": goal.info(), "status": int(goal.status)}
+
+
+def _time(ns: int) -> Message:
+    return {"sec": ns // 10**9, "nanosec": ns % 10**9}

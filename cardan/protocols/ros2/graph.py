@@ -1,0 +1,91 @@
+"""The ROS graph as liveliness tokens tell it: nodes, topics, services, and who has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cardan.protocols.ros2.zenoh import CLIENT, NODE, PUBLISHER, SERVICE, SUBSCRIPTION, Entity
+
+
+class Graph:
+    """What there is on the bus. Tokens may come twice, and leave without having come."""
+
+    def __init__(self) -> None:
+        self._entities: dict[str, Entity] = {}
+        self.strange = 0
+        """Tokens that are none of ROS 2."""
+
+    def add(self, token: str) -> Entity | None:
+        """A token has appeared; the entity where it is a new one."""
+        entity = Entity.parse(token)
+        if entity is None:
+            self.strange += 1
+            return None
+        if token in self._entities:
+            return None
+        self._entities[token] = entity
+        return entity
+
+    def remove(self, token: str) -> Entity | None:
+        """A token has disappeared; the entity that it was."""
+        return self._entities.pop(token, None)
+
+    def clear(self) -> None:
+        """The bus is gone."""
+        self._entities.clear()
+
+    def entities(self, *kinds: str) -> list[Entity]:
+        """All of these kinds, all kinds where none is named."""
+        return [each for each in self._entities.values() if not kinds or each.kind in kinds]
+
+    def nodes(self) -> list[str]:
+        """Full names of all nodes, sorted."""
+        return sorted({each.full_node for each in self._entities.values()})
+
+    def sessions(self) -> set[str]:
+        """The Zenoh sessions that have nodes."""
+        return {each.zid for each in self._entities.values()}
+
+    def topics(self) -> dict[str, str]:
+        """The type of each topic that somebody publishes or subscribes to."""
+        return _types(self.entities(PUBLISHER, SUBSCRIPTION))
+
+    def services(self) -> dict[str, str]:
+        """The type of each service that somebody offers."""
+        return _types(self.entities(SERVICE))
+
+    def publishers(self, topic: str) -> list[Entity]:
+        """Who publishes `topic`."""
+        return self._having(topic, PUBLISHER)
+
+    def subscribers(self, topic: str) -> list[Entity]:
+        """Who subscribes to `topic`."""
+        return self._having(topic, SUBSCRIPTION)
+
+    def servers(self, service: str) -> list[Entity]:
+        """Who offers `service`."""
+        return self._having(service, SERVICE)
+
+    def by_name(self, kind: str) -> dict[str, list[Entity]]:
+        """All entities of a kind by what they publish, subscribe to or offer, sorted by it."""
+        found: dict[str, list[Entity]] = {}
+        for each in self.entities(kind):
+            found.setdefault(each.name, []).append(each)
+        return dict(sorted(found.items()))
+
+    def of_node(self, node: str) -> list[Entity]:
+        """The endpoints of the node with this full name."""
+        kinds = (PUBLISHER, SUBSCRIPTION, SERVICE, CLIENT)
+        return [each for each in self.entities(*kinds) if each.full_node == node]
+
+    def _having(self, name: str, kind: str) -> list[Entity]:
+        return [each for each in self.entities(kind) if each.name == name]
+
+
+def _types(entities: Iterable[Entity]) -> dict[str, str]:
+    """Types by name, sorted by name; of several types, the one that was there first."""
+    types: dict[str, str] = {}
+    for each in entities:
+        if each.kind != NODE:
+            types.setdefault(each.name, each.type_name)
+    return dict(sorted(types.items()))

@@ -1,0 +1,46 @@
+"""ROS 2's names: of nodes, topics and services, and of types as DDS and Zenoh have them.
+
+Source: design.ros2.org, "Topic and service names"; the mappings of rmw_dds_common and rmw_zenoh.
+"""
+
+from __future__ import annotations
+
+import re
+
+from cardan.protocols.ros2.interfaces import full_name
+
+_TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+
+
+class RosNameError(ValueError):
+    """A name that ROS 2 does not allow; the text says why."""
+
+
+def checked_name(name: str, node: str = "") -> str:
+    """The absolute form of a topic's or a service's name.
+
+    ``~`` stands for the full name of `node`; a relative name gets a slash before it. Raises
+    RosNameError for a name that ROS 2 refuses.
+    """
+    full = node + name[1:] if name.startswith("~") else name
+    full = full if full.startswith("/") else f"/{full}"
+    if "__" in full or not all(map(_TOKEN.match, full[1:].split("/"))):
+        raise RosNameError(
+            f"{name[:120]!r} is no ROS name: words of letters, digits and single _, which begin "
+            "with a letter or _, with / between them"
+        )
+    return full
+
+
+def dds_type(name: str) -> str:
+    """The DDS form of a type, or of a service as a whole: "geometry_msgs::msg::dds_::Pose_"."""
+    package, kind, last = full_name(name).split("/")
+    return f"{package}::{kind}::dds_::{last}_"
+
+
+def type_of_dds(text: str) -> str:
+    """The three-part name of a type in DDS form; empty where it is none."""
+    parts = text.split("::")
+    if len(parts) != 4 or parts[2] != "dds_" or not parts[3].endswith("_"):
+        return ""
+    return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"

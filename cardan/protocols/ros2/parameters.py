@@ -1,0 +1,301 @@
+"""The parameters of a node as ROS 2 knows them: requests in, responses and events out.
+
+A :class:`ParameterServer` has a table of what there is; the values stay where they are used, and
+are handed in. Who serves it carries the changes out.
+
+Source: rcl_interfaces, and the behaviour of rclcpp's parameter services.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from cardan.errors import shown
+from cardan.protocols.ros2.cdr import Message
+from cardan.protocols.ros2.messages import MessageError, completed, default_message
+
+Value = bool | int | float | str
+"""Of a parameter."""
+
+MAX_NAMES = 1000
+"""Most names in one request that are answered: no node has as many parameters."""
+
+
+class ParameterError(ValueError):
+    """A parameter that cannot be set so; the text says why."""
+
+
+class ParameterKind(IntEnum):
+    """The type of a value, by rcl_interfaces/ParameterType."""
+
+    NOT_SET = 0
+    BOOL = 1
+    INTEGER = 2
+    DOUBLE = 3
+    STRING = 4
+    BYTE_ARRAY = 5
+    BOOL_ARRAY = 6
+    INTEGER_ARRAY = 7
+    DOUBLE_ARRAY = 8
+    STRING_ARRAY = 9
+
+    @property
+    def words(self) -> str:
+        """As people call it."""
+        return self.name.lower().replace("_", " ")
+
+
+_FIELDS = {
+    ParameterKind.BOOL: "bool_value",
+    ParameterKind.INTEGER: "integer_value",
+    ParameterKind.DOUBLE: "double_value",
+    ParameterKind.STRING: "string_value",
+    ParameterKind.BYTE_ARRAY: "byte_array_value",
+    ParameterKind.BOOL_ARRAY: "bool_array_value",
+    ParameterKind.INTEGER_ARRAY: "integer_array_value",
+    ParameterKind.DOUBLE_ARRAY: "double_array_value",
+    ParameterKind.STRING_ARRAY: "string_array_value",
+}
+"""Where a message has the value of each kind."""
+
+_ARRAYS = {
+    ParameterKind.BOOL: ParameterKind.BOOL_ARRAY,
+    ParameterKind.INTEGER: ParameterKind.INTEGER_ARRAY,
+    ParameterKind.DOUBLE: ParameterKind.DOUBLE_ARRAY,
+    ParameterKind.STRING: ParameterKind.STRING_ARRAY,
+}
+
+_VALUE = "rcl_interfaces/msg/ParameterValue"
+
+
+def content_of(value: Message) -> Any:
+    """What a ``rcl_interfaces/msg/ParameterValue`` holds; None: nothing, or nothing known."""
+    field = _FIELDS.get(value["type"])
+    return value[field] if field else None
+
+
+def value_of(content: Any, present_type: int) -> Message:
+    """The ``rcl_interfaces/msg/ParameterValue`` that holds `content`; `present_type`: that of the
+    parameter now, to which whole numbers and empty lists conform. Raises ValueError."""
+    kind = _kind_of(content, present_type)
+    if kind is ParameterKind.NOT_SET:
+        raise ValueError(f"{shown(content)} is no value of a parameter")
+    try:
+        return completed(_VALUE, {"type": int(kind), _FIELDS[kind]: content})
+    except MessageError as error:
+        raise ValueError(f"{shown(content)} is no value of a parameter: {error}") from None
+
+
+def _kind_of(content: Any, present_type: int) -> ParameterKind:
+    none = ParameterKind.NOT_SET
+    if isinstance(content, bytes):
+        return ParameterKind.BYTE_ARRAY
+    if isinstance(content, list):
+        kinds = {none if isinstance(each, list) else _kind_of(each, none) for each in content}
+        numbers = {ParameterKind.INTEGER, ParameterKind.DOUBLE}
+        if not kinds:
+            arrays = ParameterKind.BYTE_ARRAY <= present_type <= ParameterKind.STRING_ARRAY
+            return ParameterKind(present_type) if arrays else ParameterKind.STRING_ARRAY
+        if kinds == {ParameterKind.INTEGER} and present_type in (
+            ParameterKind.BYTE_ARRAY,
+            ParameterKind.DOUBLE_ARRAY,
+        ):
+            return ParameterKind(present_type)
+        if kinds == numbers:
+            return ParameterKind.DOUBLE_ARRAY
+        return _ARRAYS.get(kinds.pop(), none) if len(kinds) == 1 else none
+    if isinstance(content, bool):
+        return ParameterKind.BOOL
+    if isinstance(content, int):
+        is_double = present_type == ParameterKind.DOUBLE
+        return ParameterKind.DOUBLE if is_double else ParameterKind.INTEGER
+    if isinstance(content, float):
+        return ParameterKind.DOUBLE
+    return ParameterKind.STRING if isinstance(content, str) else none
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A parameter that a node has."""
+
+    name: str
+    kind: ParameterKind
+    """BOOL, INTEGER, DOUBLE or STRING."""
+    description: str
+    lowest: float | None = None
+    """Of a number; None: any."""
+    highest: float | None = None
+    choices: tuple[str, ...] = ()
+    """Of a text; empty: any."""
+    constraints: str = ""
+    """What else is to be known of its values, in words."""
+    read_only: bool = False
+
+    def checked(self, value: Value) -> Value:
+        """`value`, of the right kind, if it is allowed. Raises ParameterError."""
+        if self.choices and value not in self.choices:
+            raise ParameterError(
+                f"{self.name}: allowed are {', '.join(self.choices)}, not {value!r:.60}"
+            )
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ParameterError(f"{self.name}: {value} is no finite number")
+        if self.lowest is not None and not isinstance(value, str):
+            highest = math.inf if self.highest is None else self.highest
+            if not self.lowest <= value <= highest:
+                raise ParameterError(
+                    f"{self.name}: allowed are {self.lowest:g} to {highest:g}, not {value!r}"
+                )
+        return value
+
+    def descriptor(self) -> Message:
+        """As rcl_interfaces/ParameterDescriptor."""
+        message = default_message("rcl_interfaces/msg/ParameterDescriptor")
+        words = [f"one of {', '.join(self.choices)}"] if self.choices else []
+        words += [self.constraints] if self.constraints else []
+        message |= {
+            "name": self.name,
+            "type": int(self.kind),
+            "description": self.description,
+            "additional_constraints": "; ".join(words),
+            "read_only": self.read_only,
+        }
+        if self.lowest is not None and self.highest is not None:
+            whole = self.kind is ParameterKind.INTEGER
+            number = int if whole else float
+            message["integer_range" if whole else "floating_point_range"] = [
+                {"from_value": number(self.lowest), "to_value": number(self.highest), "step": 0}
+            ]
+        return message
+
+
+class ParameterServer:
+    """Answers the parameter services of a node, and makes its events.
+
+    Requests and responses are those of rcl_interfaces. `values` are the values by name; a parameter
+    without one is answered as not set.
+    """
+
+    def __init__(self, declared: Iterable[Declared]) -> None:
+        self.declared = {each.name: each for each in declared}
+        self._told: dict[str, Value] = {}
+
+    # -- what it is ------------------------------------------------------------------------------
+
+    def get(self, request: Message, values: Mapping[str, Value]) -> Message:
+        """GetParameters: an unknown name is not set, so that the others keep their places."""
+        return {"values": [self._value(name, values) for name in request["names"][:MAX_NAMES]]}
+
+    def get_types(self, request: Message) -> Message:
+        """GetParameterTypes."""
+        kinds = (self.declared.get(name) for name in request["names"][:MAX_NAMES])
+        return {"types": bytes(0 if each is None else each.kind for each in kinds)}
+
+    def describe(self, request: Message) -> Message:
+        """DescribeParameters: an unknown name has the type 0."""
+        descriptors = []
+        for name in request["names"][:MAX_NAMES]:
+            known = self.declared.get(name)
+            if known is None:
+                unknown = default_message("rcl_interfaces/msg/ParameterDescriptor")
+                descriptors.append(unknown | {"name": name})
+            else:
+                descriptors.append(known.descriptor())
+        return {"descriptors": descriptors}
+
+    def list_names(self, request: Message) -> Message:
+        """ListParameters: names within the prefixes, `depth` words deep below them; 0: all."""
+        wanted, depth = request["prefixes"][:MAX_NAMES], request["depth"]
+        found = []
+        for name in self.declared:
+            rests = [_below(name, prefix) for prefix in wanted] if wanted else [name]
+            if any(rest is not None and _fits(rest, depth) for rest in rests):
+                found.append(name)
+        prefixes = {name.rpartition(".")[0] for name in found} - {""}
+        return {"result": {"names": found, "prefixes": sorted(prefixes)}}
+
+    def _value(self, name: str, values: Mapping[str, Value]) -> Message:
+        known = self.declared.get(name)
+        message = default_message("rcl_interfaces/msg/ParameterValue")
+        if known is not None and name in values:
+            message["type"] = int(known.kind)
+            message[_FIELDS[known.kind]] = values[name]
+        return message
+
+    # -- changes ---------------------------------------------------------------------------------
+
+    def checked(self, parameter: Message) -> tuple[str, Value]:
+        """The name and the new value of a Parameter that may be set. Raises ParameterError."""
+        name, given = parameter["name"], parameter["value"]
+        known = self.declared.get(name)
+        if known is None:
+            raise ParameterError(
+                f"there is no parameter {name!r:.80}; there are {', '.join(self.declared)}"
+            )
+        if known.read_only:
+            raise ParameterError(f"{name}: it can only be read")
+        if given["type"] != known.kind:
+            try:
+                kind = ParameterKind(given["type"]).words
+            except ValueError:
+                kind = f"type {given['type']}"
+            hint = ""
+            if known.kind is ParameterKind.DOUBLE and given["type"] == ParameterKind.INTEGER:
+                hint = f": write {given['integer_value']}.0"
+            elif given["type"] == ParameterKind.NOT_SET:
+                hint = ": it cannot be deleted"
+            raise ParameterError(f"{name}: it is a {known.kind.words}, not {kind}{hint}")
+        return name, known.checked(given[_FIELDS[known.kind]])
+
+    def checked_group(self, parameters: Iterable[Message]) -> dict[str, Value]:
+        """The new values of parameters that are set together. Raises ParameterError for the first
+        that may not be set, and where one is named twice."""
+        found: dict[str, Value] = {}
+        for parameter in parameters:
+            name, value = self.checked(parameter)
+            if name in found:
+                raise ParameterError(f"{name}: it is given twice")
+            found[name] = value
+        return found
+
+    def event(self, node: str, values: Mapping[str, Value], now_ns: int) -> Message | None:
+        """The ParameterEvent of what has changed since the last one; None where nothing has.
+
+        `node`: full name; `now_ns`: since the epoch.
+        """
+        told = self._told
+        new: list[Message] = []
+        changed: list[Message] = []
+        for name in self.declared:
+            if name in values and (name not in told or told[name] != values[name]):
+                parameter = {"name": name, "value": self._value(name, values)}
+                (changed if name in told else new).append(parameter)
+        if not new and not changed:
+            return None
+        self._told = dict(values)
+        return {
+            "stamp": {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9},
+            "node": node,
+            "new_parameters": new,
+            "changed_parameters": changed,
+            "deleted_parameters": [],
+        }
+
+
+def _below(name: str, prefix: str) -> str | None:
+    """What is behind `prefix` in `name`, "" where it is the same; None where it is not below."""
+    if name == prefix or not prefix:
+        return "" if prefix else name
+    return name[len(prefix) + 1 :] if name.startswith(f"{prefix}.") else None
+
+
+def _fits(rest: str, depth: int) -> bool:
+    return depth == 0 or rest.count(".") < depth
+
+
+def set_result(reason: str = "") -> dict[str, Any]:
+    """A SetParametersResult; successful where there is no reason against it."""
+    return {"successful": not reason, "reason": reason}

@@ -1,0 +1,89 @@
+"""Type hashes (RIHS01) of ROS 2 interfaces: what rmw_zenoh's keys and DDS endpoints carry.
+
+Source: REP 2011 and rosidl's type description; a SHA-256 over a JSON text of the definition, whose
+form is part of the standard.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cache
+from typing import Any
+
+from cardan.protocols.ros2.interfaces import (
+    Field,
+    full_name,
+    message_type,
+    referenced,
+    service_type,
+)
+
+UNSUPPORTED = "TypeHashNotSupported"
+"""What ROS 2 Humble, which has no type hashes, puts in a hash's place."""
+
+_NESTED = 1
+_TYPE_IDS = {
+    "int8": 2, "uint8": 3, "char": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8,
+    "uint64": 9, "float32": 10, "float64": 11, "bool": 15, "byte": 16, "string": 17,
+}  # fmt: skip
+_BOUNDED_STRING = 21
+_ARRAY_OFFSETS = {"": 0, "fixed": 48, "bounded": 96, "sequence": 144}
+
+
+@cache
+def type_hash(name: str) -> str:
+    """``RIHS01_...`` of a message or a service, those of actions too. Raises InterfaceError; an
+    action as a whole is not on the wire and has none here."""
+    kind = full_name(name).split("/")[1]
+    last = name.rpartition("/")[2]
+    if kind == "srv" and not last.endswith(("_Request", "_Response", "_Event")):
+        service_type(name)
+        return _hash_of_service(name)
+    if kind == "action" and last.endswith(("_SendGoal", "_GetResult")):
+        return _hash_of_service(name)
+    fields = [described(field) for field in message_type(name).fields]
+    return _hash(full_name(name), fields, set(referenced(name)))
+
+
+def _hash_of_service(name: str) -> str:
+    parts = {part: f"{name}_{part.capitalize()}" for part in ("request", "response", "event")}
+    within: set[str] = set()
+    for part in parts.values():
+        within |= {part, *referenced(part)}
+    fields = [described(Field(f"{part}_message", of)) for part, of in parts.items()]
+    return _hash(name, fields, within)
+
+
+def _hash(name: str, fields: list[Any], within: set[str]) -> str:
+    description = {
+        "type_description": {"type_name": name, "fields": fields},
+        "referenced_type_descriptions": [
+            {
+                "type_name": each,
+                "fields": [described(field) for field in message_type(each).fields],
+            }
+            for each in sorted(within)
+        ],
+    }
+    text = json.dumps(description, separators=(", ", ": "))
+    return "RIHS01_" + hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def described(field: Field) -> dict[str, Any]:
+    """A field as type descriptions have it, without its default."""
+    if field.nested:
+        number = _NESTED
+    elif field.most_characters:
+        number = _BOUNDED_STRING
+    else:
+        number = _TYPE_IDS[field.base]
+    return {
+        "name": field.name,
+        "type": {
+            "type_id": number + _ARRAY_OFFSETS[field.array],
+            "capacity": field.length,
+            "string_capacity": field.most_characters,
+            "nested_type_name": field.base if field.nested else "",
+        },
+    }

@@ -1,0 +1,176 @@
+"""rmw_zenoh on the wire: key expressions, attachments and liveliness tokens, as texts and bytes.
+
+Source: rmw_zenoh's design document, and ROS 2's own implementation as measured (see docs). Nothing
+here opens a session.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+from cardan.protocols.ros2.interfaces import full_name
+from cardan.protocols.ros2.names import dds_type, type_of_dds
+from cardan.protocols.ros2.type_hash import UNSUPPORTED, type_hash
+
+LIVELINESS = "@ros2_lv"
+"""First part of every liveliness token."""
+
+ATTACHMENT = struct.Struct("<qqB16s")
+"""Sequence number, time of the source in ns since the epoch, length of the GID (16), GID."""
+
+_GID_BYTES = 16
+
+_USUAL_DEPTH, _DEPTH_DIGITS = 42, 10
+"""Depth that an empty field means; longest one that is read: Python converts no endless number."""
+
+PUBLISHER, SUBSCRIPTION, SERVICE, CLIENT, NODE = "MP", "MS", "SS", "SC", "NN"
+"""Kinds of entities in tokens."""
+
+KINDS = (PUBLISHER, SUBSCRIPTION, SERVICE, CLIENT)
+
+
+class Qos(NamedTuple):
+    """The quality of service of an endpoint, as far as Cardan uses it."""
+
+    reliable: bool = True
+    transient_local: bool = False
+    depth: int = 10
+    keep_all: bool = False
+
+    def text(self) -> str:
+        """As tokens have it; a field is empty where it is rmw_zenoh's default. The depth is
+        written: an empty one would mean 42."""
+        history = "2" if self.keep_all else ""
+        return (
+            f"{'' if self.reliable else 2}:{1 if self.transient_local else ''}:"
+            f"{history},{self.depth}:,:,:,,"
+        )
+
+    @classmethod
+    def parse(cls, text: str) -> Qos:
+        """From a token. What cannot be read counts as the default."""
+        parts = [*text.split(":"), "", "", ""]
+        history, _, depth = parts[2].partition(",")
+        readable = depth.isdecimal() and len(depth) <= _DEPTH_DIGITS
+        return cls(
+            parts[0] != "2", parts[1] == "1", int(depth) if readable else _USUAL_DEPTH,
+            history == "2",
+        )  # fmt: skip
+
+
+DEFAULT_QOS = Qos()
+LATCHED_QOS = Qos(transient_local=True, depth=1)
+PARAMETERS_QOS = Qos(depth=1000)
+ROSOUT_QOS = Qos(transient_local=True, depth=1000)
+
+
+class Attachment(NamedTuple):
+    """What accompanies each publication, request and reply."""
+
+    sequence: int
+    source_ns: int
+    """Time of sending, ns since the epoch by the sender's clock."""
+    gid: bytes
+
+    def encode(self) -> bytes:
+        """As bytes."""
+        return ATTACHMENT.pack(self.sequence, self.source_ns, _GID_BYTES, self.gid)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Attachment | None:
+        """From bytes; None for what is none."""
+        if len(data) != ATTACHMENT.size:
+            return None
+        sequence, source_ns, length, gid = ATTACHMENT.unpack(data)
+        return cls(sequence, source_ns, gid) if length == _GID_BYTES else None
+
+    def follows(self, sequence: int, source_ns: int) -> bool:
+        """Whether it was sent after the message of the same GID that had these: one that was sent
+        later with a lower number comes from a publisher that has begun again, as one does whose
+        Zenoh session has its id from a configuration file."""
+        return self.sequence > sequence or self.source_ns > source_ns
+
+
+def data_key(domain: int, name: str, type_name: str, hashed: bool = True) -> str:
+    """The key expression of a topic's messages, or of a service's requests.
+
+    `name` is absolute; `type_name` a message, or a service as a whole. Not `hashed`: as Humble
+    has it. Raises InterfaceError for a type that is not known.
+    """
+    mark = type_hash(type_name) if hashed else UNSUPPORTED
+    return f"{domain}/{name[1:]}/{dds_type(type_name)}/{mark}"
+
+
+class Entity(NamedTuple):
+    """A node, or an endpoint of it, as its liveliness token tells it."""
+
+    zid: str
+    """Of the Zenoh session."""
+    node_id: str
+    entity_id: str
+    kind: str
+    namespace: str
+    """"/" or "/NAME"."""
+    node: str
+    name: str = ""
+    """Absolute name of the topic or service; empty for a node."""
+    type_name: str = ""
+    """Three-part name; empty for a node, and where it is no type of ROS."""
+    type_hash: str = ""
+    qos: Qos = DEFAULT_QOS
+
+    @property
+    def full_node(self) -> str:
+        """The node's full name: "/arm/cardan"."""
+        return f"{self.namespace.rstrip('/')}/{self.node}"
+
+    def token(self, domain: int) -> str:
+        """The key expression of its liveliness token."""
+        parts = [LIVELINESS, str(domain), self.zid, self.node_id, self.entity_id, self.kind]
+        parts += ["%", _mangled(self.namespace), self.node]
+        if self.kind != NODE:
+            parts += [_mangled(self.name), dds_type(self.type_name), self.type_hash]
+            parts += [self.qos.text()]
+        return "/".join(parts)
+
+    @classmethod
+    def parse(cls, token: str) -> Entity | None:
+        """From the key expression of a token; None for what is none."""
+        parts = token.split("/")
+        if len(parts) < 9 or parts[0] != LIVELINESS:
+            return None
+        zid, node_id, entity_id, kind = parts[2:6]
+        namespace, node = _unmangled(parts[7]) or "/", parts[8]
+        if kind == NODE:
+            return cls(zid, node_id, entity_id, kind, namespace, node)
+        if kind not in KINDS or len(parts) != 13:
+            return None
+        return cls(
+            zid, node_id, entity_id, kind, namespace, node, _unmangled(parts[9]),
+            type_of_dds(parts[10]), parts[11], Qos.parse(parts[12]),
+        )  # fmt: skip
+
+
+def token_pattern(domain: int, kind: str, name: str) -> str:
+    """The key expression of the tokens of all endpoints of a `kind` with an absolute name."""
+    return f"{LIVELINESS}/{domain}/*/*/*/{kind}/*/*/*/{_mangled(name)}/**"
+
+
+def strange_key(entity: Entity, domain: int) -> str:
+    """The key expression of an endpoint whose type Cardan does not know, by its entity."""
+    return f"{domain}/{entity.name[1:]}/{dds_type(entity.type_name)}/{entity.type_hash}"
+
+
+def endpoint_hash(type_name: str, hashed: bool = True) -> str:
+    """The type hash in the token and the key of an endpoint. Raises InterfaceError."""
+    return type_hash(full_name(type_name)) if hashed else UNSUPPORTED
+
+
+def _mangled(part: str) -> str:
+    """A name as one part of a key: / becomes %, and nothing at all is %."""
+    return part.replace("/", "%") if part.strip("/") else "%"
+
+
+def _unmangled(part: str) -> str:
+    return "" if part == "%" else part.replace("%", "/")

@@ -1,0 +1,68 @@
+"""Operations in several frames: each carries a part of the text, numbered from 0."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.protocols.rosbridge.operations import Fragment, Id, Refused
+
+LIFETIME_S = 600.0
+"""After this time the parts of an operation that is not complete are dropped, as rosbridge_suite
+does."""
+
+MAX_OPERATIONS = 16
+"""Most operations of a client that are not complete."""
+
+MAX_PARTS = 10_000
+"""Most parts of an operation."""
+
+
+class _Parts(NamedTuple):
+    first_s: float
+    total: int
+    texts: dict[int, str]
+
+
+class Defragmenter:
+    """Puts the operations of one client together. Time is monotonic, in seconds."""
+
+    def __init__(self, max_characters: int) -> None:
+        """`max_characters`: of all that is kept."""
+        self._max_characters = max_characters
+        self._kept: dict[Id, _Parts] = {}
+        self._characters = 0
+
+    def add(self, part: Fragment, now_s: float) -> str | Refused | None:
+        """The operation's text with its last part, and None before."""
+        for identity, kept in list(self._kept.items()):
+            if now_s - kept.first_s >= LIFETIME_S:
+                self._drop(identity)
+        if part.total > MAX_PARTS:
+            return self._refused(part, f"has {part.total} parts; at most {MAX_PARTS} are taken")
+        parts = self._kept.get(part.id)
+        if parts is None:
+            if len(self._kept) >= MAX_OPERATIONS:
+                return self._refused(
+                    part, f"is one of more than {MAX_OPERATIONS} that are not complete"
+                )
+            parts = self._kept[part.id] = _Parts(now_s, part.total, {})
+        if parts.total != part.total:
+            return self._refused(part, f"had {parts.total} parts, and has {part.total} now")
+        if part.number in parts.texts:
+            return None
+        if self._characters + len(part.data) > self._max_characters:
+            return self._refused(part, f"makes more than {self._max_characters} characters")
+        parts.texts[part.number] = part.data
+        self._characters += len(part.data)
+        if len(parts.texts) < part.total:
+            return None
+        self._drop(part.id)
+        return "".join(parts.texts[number] for number in range(part.total))
+
+    def _refused(self, part: Fragment, reason: str) -> Refused:
+        self._drop(part.id)
+        return Refused(f"the fragmented operation {reason}", "fragment", part.id)
+
+    def _drop(self, identity: Id) -> None:
+        if parts := self._kept.pop(identity, None):
+            self._characters -= sum(map(len, parts.texts.values()))

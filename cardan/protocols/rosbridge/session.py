@@ -1,0 +1,57 @@
+"""One client's session: frames to operations, within limits; which status messages it wants."""
+
+from __future__ import annotations
+
+from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
+from cardan.protocols.rosbridge.forms import Frame, object_text
+from cardan.protocols.rosbridge.fragments import Defragmenter
+from cardan.protocols.rosbridge.operations import (
+    LEVELS,
+    Authenticate,
+    Fragment,
+    Id,
+    Operation,
+    Publish,
+    Refused,
+    SetLevel,
+    parse_operation,
+)
+
+
+class Session:
+    """What the server knows of a client's protocol. Time is monotonic, in seconds."""
+
+    def __init__(self, max_characters: int) -> None:
+        """`max_characters`: of an operation that comes in fragments."""
+        self._defragmenter = Defragmenter(max_characters)
+        self._level = "none"
+        self._publications = RateLimit(MAX_PUBLICATIONS_PER_S)
+
+    def receive(self, frame: Frame, now_s: float) -> Operation | Refused | None:
+        """What a frame asks for; None: it is not complete, or was for this session alone."""
+        if isinstance(frame, bytes):
+            return Refused("binary frames are not read: send operations as JSON text")
+        asked = parse_operation(frame)
+        if isinstance(asked, Fragment):
+            whole = self._defragmenter.add(asked, now_s)
+            if not isinstance(whole, str):
+                return whole
+            asked = parse_operation(whole)
+            if isinstance(asked, Fragment):
+                return Refused("a fragment cannot consist of fragments", "fragment", asked.id)
+        if isinstance(asked, SetLevel):
+            self._level = asked.level
+            return None
+        if isinstance(asked, Authenticate):
+            return None
+        if isinstance(asked, Publish) and self._publications.exceeded(now_s):
+            reason = f"more than {MAX_PUBLICATIONS_PER_S} messages in a second; this one is lost"
+            return Refused(reason, "publish", asked.id, asked.topic)
+        return asked
+
+    def status(self, level: str, identity: Id, text: str) -> str | None:
+        """A status message; None where the client did not ask for this level: roslibpy takes one
+        for a fault of its own."""
+        if self._level == "none" or LEVELS.index(level) > LEVELS.index(self._level):
+            return None
+        return object_text(op="status", id=identity, level=level, msg=text)

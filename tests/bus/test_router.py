@@ -1,0 +1,180 @@
+"""A router is kept where a session needs one on its own computer, by one process alone."""
+
+import socket
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from cardan.bus import router as module
+from cardan.bus.options import BusOptions
+from cardan.bus.router import (
+    LOOK_PERIOD_S,
+    RESTART_PAUSE_S,
+    RouterKeeper,
+    is_served,
+    router_address,
+)
+
+
+@pytest.mark.parametrize(
+    ("router", "address"),
+    [
+        ("tcp/127.0.0.1:7447", ("127.0.0.1", 7447)),
+        ("tcp/localhost:7447", ("localhost", 7447)),
+        ("tcp/[::1]:7447", ("::1", 7447)),
+        ("tcp/127.0.0.1:7447#so_sndbuf=65000", ("127.0.0.1", 7447)),
+        ("tcp/127.0.0.1:7447?prio=6-7", ("127.0.0.1", 7447)),
+        ("tcp/192.168.0.1:7447", None),
+        ("tcp/robot:7447", None),
+        ("tls/127.0.0.1:7447", None),
+        ("udp/127.0.0.1:7447", None),
+        ("tcp/127.0.0.1:port", None),
+        ("", None),
+    ],
+)
+def test_only_a_router_of_this_computer_is_ours_to_serve(router, address):
+    assert router_address(BusOptions(router=router)) == address
+
+
+def test_a_configuration_of_zenohs_says_for_itself_where_the_router_is():
+    assert router_address(BusOptions(zenoh_config="zenoh.json5")) is None
+
+
+def test_a_port_is_served_while_somebody_listens():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = server.getsockname()
+        assert is_served(address)
+        with socket.create_connection(address):
+            connection, _ = server.accept()
+            connection.close()
+    assert not is_served(address)  # Also with what is left of the connection.
+
+
+class FakeProcess:
+    """A router's process, which lives until it is told otherwise."""
+
+    def __init__(self, words, **_pipes):
+        self.words, self.pid, self.code, self.ended = words, id(self), None, False
+        self.stderr = SimpleNamespace(read=lambda: b"Traceback ...\ncardan: no such interface\n")
+
+    def poll(self):
+        return self.code
+
+    def terminate(self):
+        self.ended, self.code = True, 0
+
+    def communicate(self, timeout):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_error):
+        pass
+
+
+class Bench:
+    def __init__(self, monkeypatch, options=None):
+        self.started, self.served, self.now_s = [], False, 10.0
+        monkeypatch.setattr(module.subprocess, "Popen", self.start)
+        self.keeper = RouterKeeper(
+            options or BusOptions(), served=lambda _address: self.served, clock=lambda: self.now_s
+        )
+
+    def start(self, words, **pipes):
+        self.started.append(FakeProcess(words, **pipes))
+        return self.started[-1]
+
+    def poll(self):
+        self.now_s += LOOK_PERIOD_S
+        self.keeper.poll()
+        return len(self.started)
+
+
+def test_a_router_is_started_where_nobody_serves_one_and_ended_at_the_end(monkeypatch):
+    bench = Bench(monkeypatch, BusOptions(router="tcp/127.0.0.1:7999"))
+    assert bench.poll() == 1
+    words = bench.started[0].words
+    assert words[1:] == [
+        *("-m", "cardan", "face", "router", "--endpoint", "tcp/127.0.0.1:7999", "--attached")
+    ]
+    bench.served = True
+    assert bench.poll() == 1
+    bench.keeper.close()
+    bench.keeper.close()
+    assert bench.started[0].ended
+
+
+def test_a_router_of_somebody_else_is_left_alone_until_it_has_ended(monkeypatch):
+    bench = Bench(monkeypatch)
+    bench.served = True
+    assert bench.poll() == 0
+    bench.served = False
+    assert bench.poll() == 1
+    assert bench.poll() == 1  # It takes its time.
+
+
+def test_who_comes_second_is_content(monkeypatch, caplog):
+    bench = Bench(monkeypatch)
+    bench.poll()
+    bench.started[0].code, bench.served = 3, True
+    assert bench.poll() == 1
+    assert caplog.messages == []
+    bench.keeper.close()
+    assert not bench.started[0].ended
+
+
+def test_a_router_that_ends_is_started_anew_after_a_pause_and_said_so(monkeypatch, caplog):
+    bench = Bench(monkeypatch)
+    bench.poll()
+    bench.started[0].code = 3
+    assert bench.poll() == 1
+    bench.now_s += RESTART_PAUSE_S
+    assert bench.poll() == 2
+    (said,) = caplog.messages
+    assert said.endswith("has ended: cardan: no such interface")
+
+
+@pytest.mark.parametrize("options", [None, BusOptions(router="tcp/192.168.0.1:7447")])
+def test_nothing_is_started_for_a_router_elsewhere_or_for_no_network(monkeypatch, options):
+    started = []
+    monkeypatch.setattr(module.subprocess, "Popen", started.append)
+    RouterKeeper(options, served=lambda _address: False).poll()
+    assert started == []
+
+
+def test_it_looks_once_a_second(monkeypatch):
+    bench = Bench(monkeypatch)
+    bench.poll()
+    bench.started[0].code = 3
+    bench.now_s += 0.9 * LOOK_PERIOD_S
+    bench.keeper.poll()
+    assert len(bench.started) == 1
+
+
+@pytest.mark.once
+def test_a_router_ends_with_the_process_that_has_started_it():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = probe.getsockname()
+    program = (
+        "import sys; from cardan.bus.router import *; "
+        f"keeper = RouterKeeper(BusOptions(router='tcp/127.0.0.1:{address[1]}')); keeper.poll(); "
+        "print(keeper.pid, flush=True); sys.stdin.read()"
+    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", program], **pipes) as process:
+        assert int(process.stdout.readline()) > 0
+        _until(lambda: is_served(address))
+        process.kill()
+    _until(lambda: not is_served(address))
+
+
+def _until(condition):
+    end_s = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)

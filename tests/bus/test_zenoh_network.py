@@ -1,0 +1,96 @@
+"""Nodes that share a session of Zenoh come and go each for itself."""
+
+import threading
+
+import pytest
+
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from tests.serving import free_endpoint
+from tests.waiting import until
+
+pytestmark = pytest.mark.once
+
+TIMEOUT_S = 20.0
+TRIGGER = "std_srvs/srv/Trigger"
+
+
+@pytest.fixture
+def pair():
+    endpoint = free_endpoint()
+    listener = BusOptions(router="", listen=(endpoint,))
+    with (
+        BusNetwork(listener, "face") as face,
+        BusNetwork(BusOptions(router=endpoint), "other") as other,
+    ):
+        until(lambda: "/face" in other.nodes() and "/other" in face.nodes())
+        yield face, other
+
+
+def test_a_part_is_a_node_of_its_own_that_takes_all_with_it(pair):
+    face, other = pair
+    kept = face.advertise("/chatter", "std_msgs/msg/String", latched=False)
+    part = face.part("client")
+    part.advertise("/chatter", "std_msgs/msg/String", latched=False)
+    own = part.advertise("/wave", "std_msgs/msg/String", latched=False)
+    served = part.serve("/ready", TRIGGER, lambda _request, _answer: None)
+    until(lambda: "/client" in other.nodes() and "/ready" in other.services())
+    assert other.topics()["/wave"].publishers == ("/client",)
+    part.close()
+    until(lambda: "/client" not in other.nodes() and "/ready" not in other.services())
+    assert "/wave" not in other.topics()
+    assert other.topics()["/chatter"].publishers == ("/face",)
+    for each in (part, own, served, kept):
+        each.close()
+
+
+def test_a_part_sees_the_whole_graph(pair):
+    face, _ = pair
+    part = face.part("client")
+    assert "/other" in part.nodes()
+    assert part.wait_for_service("/nothing", 0.0) is False
+    part.close()
+
+
+def test_the_graph_is_looked_through_once_until_it_changes(pair):
+    face, other = pair
+    part = face.part("client")
+    first = other.advertise("/chatter", "std_msgs/msg/String", latched=False)
+    served = other.serve("/ready", TRIGGER, lambda _request, _answer: None)
+    until(lambda: "/chatter" in face.topics() and "/ready" in face.services())
+    until(lambda: "/client" in other.nodes())
+    until(lambda: face.topics() is face.topics() is part.topics())
+    until(lambda: face.services() is face.services() is part.services())
+    second = other.advertise("/wave", "std_msgs/msg/String", latched=True)
+    until(lambda: "/wave" in part.topics())
+    assert face.topics()["/wave"].latched
+    for each in (first, second, served):
+        each.close()
+    until(lambda: not {"/chatter", "/wave"} & set(part.topics()))
+    until(lambda: "/ready" not in part.services())
+    part.close()
+
+
+def test_what_is_left_open_when_the_network_is_closed_can_still_be_closed(pair):
+    face, _ = pair
+    part = face.part("client")
+    publisher = part.advertise("/wave", "std_msgs/msg/String", latched=False)
+    face.close()
+    publisher.close()
+    part.close()
+    part.close()
+
+
+def test_a_client_of_a_service_is_on_the_bus_as_one_while_its_node_is(pair):
+    face, other = pair
+    answered = threading.Semaphore(0)
+    served = other.serve("/ready", TRIGGER, lambda _request, answer: answer(b"\0\1\0\0"))
+    assert face.wait_for_service("/ready", TIMEOUT_S)
+    for _ in range(3):
+        face.call("/ready", TRIGGER, b"\0\1\0\0\0", lambda _reply: answered.release(), TIMEOUT_S)
+    for _ in range(3):
+        assert answered.acquire(timeout=TIMEOUT_S)
+    with other._lock:
+        clients = [each for each in other._graph.entities("SC") if each.full_node == "/face"]
+    assert [each.name for each in clients] == ["/ready"]
+    served.close()
