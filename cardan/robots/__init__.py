@@ -11,6 +11,7 @@ from cardan.robots.arm_model import (
     SixWeights as SixWeights,
     SolidTable as SolidTable,
     arm_names as arm_names,
+    limits_in as limits_in,
     load_arm as load_arm,
     parse_urdf as parse_urdf,
 )

@@ -329,6 +329,30 @@ def parse_urdf(text: str) -> ArmModel:
     return _build(text, ArmFile(urdf=""))
 
 
+def limits_in(text: str, names: Sequence[str]) -> JointLimits:
+    """The limits of the joints called `names` in a robot's whole URDF, which may branch and have
+    meshes: as robots publish it.
+
+    Raises ConfigurationError for text that is not URDF, and for a joint that is missing or has no
+    limits.
+    """
+    found = {each.get("name", ""): each for each in _parsed(text).iterfind("joint")}
+    joints = []
+    for name in names:
+        if name not in found:
+            raise _wrong(f"the URDF has no joint {name!r}; it has {', '.join(found)}")
+        kind = found[name].get("type", "")
+        if kind not in [each.value for each in JointKind]:
+            raise _wrong(f"joint {name!r} of the URDF is {kind!r}, which does not move")
+        joints.append(_joint(found[name], JointKind(kind), IDENTITY_POSE))
+    return JointLimits(
+        tuple(joint.lower for joint in joints),
+        tuple(joint.upper for joint in joints),
+        tuple(joint.velocity for joint in joints),
+        tuple(joint.acceleration for joint in joints),
+    )
+
+
 # ---------------------------------------------------------------------------------------------
 # URDF
 
@@ -354,13 +378,18 @@ def _wrong(message: str) -> ConfigurationError:
     return ConfigurationError("", message)
 
 
-def _build(text: str, file: ArmFile) -> ArmModel:
+def _parsed(text: str) -> ET.Element:
     try:
         robot = ET.fromstring(text)
     except (ET.ParseError, ValueError) as error:
         raise _wrong(f"the arm's URDF is not XML: {error}") from None
     if robot.tag != "robot":
         raise _wrong(f"the arm's URDF is a <{robot.tag}>, not a <robot>")
+    return robot
+
+
+def _build(text: str, file: ArmFile) -> ArmModel:
+    robot = _parsed(text)
     joints: list[ArmJoint] = []
     weld, chain, moving = IDENTITY_POSE, _chain(robot), [kind.value for kind in JointKind]
     last = _root(chain)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 from cardan.errors import ConfigurationError
+from cardan.extras import missing_extra
 from cardan.spatial import (
     add,
     dot,
@@ -383,10 +384,8 @@ class _RuckigChaser:
     def __init__(self, speed: float, acceleration: float, jerk: float, time_s: float) -> None:
         try:
             import ruckig
-        except ImportError:
-            raise ConfigurationError(
-                "backend", "'ruckig' is asked for, but not installed"
-            ) from None
+        except ImportError as error:
+            raise missing_extra("this shaping", "ruckig", "ruckig", error) from error
         self._ruckig: Any = ruckig
         self.speed, self.acceleration, self.jerk = speed, acceleration, jerk
         self._time_s = time_s

@@ -16,15 +16,20 @@ bodies Faverjon and Tournassoud 1987 (doi:10.1109/ROBOT.1987.1087982).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
 
 from cardan.arm_libraries import daqp, eigenpy, np, pin
 from cardan.braking import stopping_speed
-from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics
+from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, to_pose, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.servo.bounds import JointBounds
 from cardan.gateway.servo.options import Policy, ServoOptions
+from cardan.gateway.servo.status import SLOWED, ServoStatus
 from cardan.robots import SixWeights
+from cardan.types import Pose, Vector3
+
+TwistParts = FloatArray | tuple[Vector3, Vector3]
+"""Linear and angular velocity: 2×3 numbers."""
 
 UNBOUNDED = 1e30
 """daqp's infinity."""
@@ -46,12 +51,6 @@ resolves. Also the pace below which nothing is asked to move."""
 POSTURE_FULL_AT_M_S = 0.02
 """Length-weighed speed of the TCP from which the posture has its full gain."""
 
-SLOWED = 0.9
-"""Share of the asked speed below which the status says what slows the arm."""
-
-SINGULAR = 0.03
-"""Smallest singular value below which a slow arm is called singular."""
-
 TIGHT_M_S = 1e-4
 """Closing speed below its limit by less than this is what ends the motion."""
 
@@ -63,59 +62,26 @@ FREE_DIRECTION = 1e-9
 """Regularises projections onto what an arm can do; far below any real direction."""
 
 
-class ServoStatus(NamedTuple):
-    """Numbers of the last tick. Lengths in m, angles in rad."""
-
-    path_speed: float
-    """Share of the commanded speed along the path that was possible, 0..1."""
-    smallest_singular_value: float
-    damping: float
-    limiting_joints: tuple[str, ...]
-    """Joints at a bound of speed, acceleration or range."""
-    distance_m: float
-    """Distance of the nearest pair of bodies; infinite without any."""
-    nearest_pair: tuple[str, str]
-    active_pairs: int
-    error_m: float
-    """From the commanded TCP to the reference."""
-    error_rad: float
-    unreachable_m_s: float
-    """Part of the commanded motion that this arm cannot do anywhere, for want of joints."""
-    unreachable_rad_s: float
-    failures: int
-    """Ticks so far without a solution, or whose step would have collided; each braked."""
-
-    def in_words(self) -> list[str]:
-        """What limits the arm now, for people; empty while nothing does."""
-        found = []
-        if self.path_speed < SLOWED:
-            if self.active_pairs:
-                first, second = self.nearest_pair
-                found.append(f"{first} is {self.distance_m * 1e3:.0f} mm from {second}")
-            if self.smallest_singular_value < SINGULAR:
-                found.append(f"singular ({self.smallest_singular_value:.3f})")
-            if self.limiting_joints:
-                found.append(f"limit of {', '.join(self.limiting_joints)}")
-            found.insert(0, f"{self.path_speed * 100:.0f} % of the speed asked")
-        if self.distance_m < 0.0:
-            first, second = self.nearest_pair
-            found.append(
-                f"{first} and {second} overlap by {self.distance_m * -1e3:.0f} mm: move apart"
-            )
-        if self.unreachable_m_s > 1e-3 or self.unreachable_rad_s > 1e-2:
-            found.append(
-                f"this arm cannot do {self.unreachable_m_s * 1e3:.0f} mm/s and "
-                f"{self.unreachable_rad_s:.2f} rad/s of what is asked"
-            )
-        return found
-
-
 def servo_steps(dt_s: float) -> list[float]:
     """`dt_s` in equal steps of at most LONGEST_SERVO_STEP_S; none where no time has passed."""
     if dt_s <= 0.0:
         return []
     count = max(1, math.ceil(dt_s / LONGEST_SERVO_STEP_S - 1e-9))
     return [dt_s / count] * count
+
+
+def closing_deceleration(options: ServoOptions, bounds: JointBounds) -> float:
+    """Deceleration, m/s², that is expected of bodies that close in."""
+    lowest: float = min(bounds.acceleration)
+    return min(options.closing_deceleration_m_s2, CLOSING_LEVER_M * lowest)
+
+
+def safety_distances(options: ServoOptions, collision: CollisionModel) -> list[float]:
+    """How far apart the bodies of each pair are kept, m."""
+    kept: list[float] = np.where(
+        collision.with_obstacle, options.safety_distance_m, options.self_distance_m
+    ).tolist()
+    return kept
 
 
 class Servo:
@@ -129,11 +95,12 @@ class Servo:
         weights: SixWeights = (1.0,) * 6,
     ) -> None:
         """`weights` of x y z rx ry rz along TCP axes; 0 leaves a direction free."""
+        self.not_compiled = ""
+        """Why this one runs and not the compiled one; empty where it was chosen for itself."""
         self.kinematics = kinematics
         self.collision = collision
         self.options = options = options or ServoOptions()
         n = self.joints = kinematics.joints
-        self.bounds = JointBounds(kinematics, options.speed_share, options.acceleration_share)
         self.q: FloatArray = np.zeros(n)
         """Commanded joint positions, rad or m."""
         self.v: FloatArray = np.zeros(n)
@@ -146,7 +113,7 @@ class Servo:
         self.twist: FloatArray = np.zeros((2, 3))
         """Motion of the reference in this period: linear, angular; base axes."""
         self.path_speed = 1.0
-        self.reachable: SE3 | None = None
+        self.reachable: Pose | None = None
         """The goal of the last tick without what the arm cannot do for want of joints, whose error
         would otherwise pile up and come out where it can; None for arms that can do all."""
         length = options.length_m
@@ -191,14 +158,22 @@ class Servo:
         self._ending = False
         self._nearest_m = math.inf
         self._failures = 0
-        self._closing_m_s2 = min(
-            options.closing_deceleration_m_s2, CLOSING_LEVER_M * min(self.bounds.acceleration)
-        )
-        self._safety: list[float] = []
-        if collision is not None:
-            self._safety = np.where(
-                collision.with_obstacle, options.safety_distance_m, options.self_distance_m
-            ).tolist()
+        self._iterations = 0
+        self._limit()
+
+    def tune(self, options: ServoOptions) -> None:
+        """Take other shares of the joints' limits and another safety distance, without a jump: what
+        is faster or nearer than they allow is braked. The policy only where it is another."""
+        if options.policy is not self.options.policy:
+            self.policy = options.policy
+        self.options = options
+        self._limit()
+
+    def _limit(self) -> None:
+        options, collision = self.options, self.collision
+        self.bounds = JointBounds(self.kinematics, options.speed_share, options.acceleration_share)
+        self._closing_m_s2 = closing_deceleration(options, self.bounds)
+        self._safety = [] if collision is None else safety_distances(options, collision)
 
     def place(self, q: FloatArray) -> None:
         """Start from the joint positions `q`, at rest. Only while nothing is commanded."""
@@ -218,6 +193,24 @@ class Servo:
         return self.kinematics.forward(self.q)
 
     @property
+    def pose(self) -> Pose:
+        """The commanded TCP in the base."""
+        return to_pose(self.placement)
+
+    def pose_at(self, q: Sequence[float]) -> Pose:
+        """The TCP in the base for the joint positions `q`."""
+        return to_pose(self.kinematics.forward(np.array(q)))
+
+    @property
+    def motion(self) -> FloatArray:
+        """2×3: linear and angular velocity of the TCP at `v`, base axes, by the Jacobian of the
+        last tick or placement."""
+        kinematics = self.kinematics
+        lines = (kinematics.jacobian @ self.v).reshape(2, 3)
+        found: FloatArray = lines @ kinematics.placement.rotation.T
+        return found
+
+    @property
     def moving(self) -> bool:
         """True until all joints are at rest."""
         if self._moves is None:
@@ -231,15 +224,15 @@ class Servo:
 
     def tick(
         self,
-        goal: SE3,
-        twist: FloatArray,
+        goal: Pose,
+        twist: TwistParts,
         dt_s: float,
         joint_rate: FloatArray | None = None,
         slide: bool = False,
     ) -> float:
         """Move for `dt_s` towards the TCP `goal` (in the base), which itself moves at `twist`.
 
-        `twist` is 2×3: linear, angular; base axes, at the TCP. `joint_rate` (n) is what the
+        `twist` is linear, angular; base axes, at the TCP. `joint_rate` (n) is what the
         operator asks of single joints beside it; it adds to the twist (Baklouti et al. 2021,
         equation 7). With `slide` an obstacle or the end of a joint's range takes away only the part
         of the twist that points into it; without, the line is held and the motion ends there.
@@ -250,7 +243,7 @@ class Servo:
         kinematics, options, n = self.kinematics, self.options, self.joints
         kinematics.update(self.q)
         jacobian, placement = kinematics.jacobian, kinematics.placement
-        difference = placement.actInv(goal)
+        difference = placement.actInv(to_se3(goal))
         feedback, wanted, rotation = self._feedback, self._wanted, placement.rotation
         feedback[:3] = difference.translation
         feedback[3:] = pin.log3(difference.rotation)
@@ -260,7 +253,9 @@ class Servo:
         self._unreachable = (0.0, 0.0)
         if not self._full_rank:
             self._project(jacobian)
-            self.reachable = placement * pin.SE3(pin.exp3(feedback[3:].copy()), feedback[:3].copy())
+            self.reachable = to_pose(
+                placement * pin.SE3(pin.exp3(feedback[3:].copy()), feedback[:3].copy())
+            )
         self._limit_feedback(dt_s)
 
         task, normal, linear = self._task, self._normal, self._linear
@@ -366,6 +361,7 @@ class Servo:
             self._error_rad,
             *self._unreachable,
             self._failures,
+            self._iterations,
         )
 
     def _price_slowing(self, pace: float) -> None:
@@ -497,7 +493,7 @@ class Servo:
         self._ending = self.bounds.fill(self.q.tolist(), self.v.tolist(), dt_s, lowest, highest)
         end = n + 1 + rows
         x: FloatArray
-        x, _, flag, _ = daqp.solve(
+        x, _, flag, told = daqp.solve(
             self._normal,
             self._linear,
             self._rows[:rows],
@@ -505,6 +501,7 @@ class Servo:
             lowest[:end],
             self._sense[:end],
         )
+        self._iterations = max(self._iterations, told["iterations"])
         if flag < 1 or not math.isfinite(x.dot(x)):
             self._failures += 1
             x = np.zeros(n + 1)

@@ -5,11 +5,15 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
+from cardan.gateway.kinematics.base import to_pose
+from cardan.gateway.kinematics.collision import CollisionModel, Obstacle, box_obstacle
 from cardan.gateway.kinematics.soft_neck import SoftNeck
+from cardan.gateway.servo import compiled, servo as in_python
+from cardan.gateway.servo.choice import choose_servo
+from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.servo.servo import Servo
 from cardan.robots import load_arm
@@ -20,12 +24,22 @@ ACCELERATION = 15.0
 """rad/s², that of the published prototype's lines."""
 
 
+@pytest.fixture(autouse=True, params=[Servo, CompiledServo], ids=["python", "compiled"])
+def kind(request, monkeypatch):
+    """Every test here is of both."""
+    monkeypatch.setattr(f"{__name__}.Kind", request.param)
+    return request.param
+
+
+Kind = Servo
+
+
 def servo(name="ur5", obstacles=(), q_deg=None, **options):
     kinematics = ArmKinematics(load_arm(name))
     kinematics.acceleration[:] = ACCELERATION
     collision = CollisionModel(kinematics, obstacles) if obstacles else None
     weights = kinematics.arm.task.weights
-    made = Servo(kinematics, collision, ServoOptions(**options), weights)
+    made = Kind(kinematics, collision, ServoOptions(**options), weights)
     home = kinematics.arm.home if q_deg is None else np.radians(q_deg)
     made.place(np.array(home))
     return made
@@ -47,7 +61,7 @@ class Drive:
             share = min(1.0, (i + 1) * DT_S / ramp_s)
             twist = share * np.array((linear, angular), dtype=float)
             before = made.v.copy()
-            progress += share * made.tick(self.goal, twist, DT_S, **how) * DT_S
+            progress += share * made.tick(to_pose(self.goal), twist, DT_S, **how) * DT_S
             self.goal.translation = self.goal.translation + made.twist[0] * DT_S
             self.goal.rotation = pin.exp3(made.twist[1] * DT_S) @ self.goal.rotation
             self.acceleration = max(self.acceleration, np.abs(made.v - before).max() / DT_S)
@@ -70,6 +84,22 @@ def wall_distances(made):
     distances = made.collision.at(made.q)
     pairs = zip(made.collision.pairs, distances, strict=True)
     return [distance for pair, distance in pairs if "wall" in pair]
+
+
+def test_where_the_tcp_is_for_any_joints_and_how_it_moves():
+    made = servo()
+    q = made.q + 0.1
+    for found, joints in ((made.pose_at(q.tolist()), q), (made.pose, made.q)):
+        expected = to_pose(made.kinematics.forward(joints))
+        assert found.position == pytest.approx(expected.position, abs=1e-12)
+        assert abs(np.dot(found.orientation, expected.orientation)) == pytest.approx(1.0)
+    made.move_at(np.full(6, 0.1))
+    step = 1e-6
+    ahead = made.kinematics.forward(made.q + step * made.v)
+    here = made.placement
+    assert made.motion[0] == pytest.approx((ahead.translation - here.translation) / step, abs=1e-6)
+    turned = pin.log3(ahead.rotation @ here.rotation.T)
+    assert made.motion[1] == pytest.approx(turned / step, abs=1e-6)
 
 
 def test_a_twist_is_followed_at_once_and_exactly():
@@ -192,10 +222,10 @@ def test_nothing_is_pushed_away_from_an_obstacle_that_nobody_moves_at():
     drive = wall()
     drive.run((0.5, 0, 0), 1.5, slide=True)
     near = drive.servo.q.copy()
-    drive.servo.options = ServoOptions(safety_distance_m=0.05)  # suddenly too near
-    drive.servo._safety = [0.05] * len(drive.servo.collision.pairs)
-    drive.goal = drive.servo.placement
-    drive.servo.place(near)
+    obstacle = drive.servo.collision.solids[-1]
+    wider = servo(obstacles=(Obstacle("wall", obstacle.shape),), safety_distance_m=0.05)
+    wider.place(near)
+    drive = Drive(wider)  # suddenly too near
     drive.run((0, 0, 0), 0.5)
     assert drive.servo.q == pytest.approx(near, abs=1e-6)
 
@@ -234,7 +264,7 @@ def test_seven_joints_drift_to_their_posture_while_the_tcp_moves_and_rest_when_i
     made.posture = made.q.copy()
     made.posture[2] -= 0.3
     start = made.q.copy()
-    made.tick(drive.goal, np.zeros((2, 3)), DT_S)
+    made.tick(to_pose(drive.goal), np.zeros((2, 3)), DT_S)
     assert np.abs(made.q - start).max() < 1e-9
     for _ in range(5):
         drive.run((0, 0, 0.05), 0.5)
@@ -248,13 +278,14 @@ def test_seven_joints_drift_to_their_posture_while_the_tcp_moves_and_rest_when_i
 
 def test_a_soft_neck_of_three_tendons_leans_as_asked_and_stays_relaxed():
     neck = SoftNeck()
-    made = Servo(neck, weights=SoftNeck.TASK)
+    made = choose_servo(neck, weights=SoftNeck.TASK)
+    assert "rigid links" in made.not_compiled
     made.place(neck.tendons(0.0, 0.0))
     drive = Drive(made)
     for _ in range(4):
         made.posture = neck.relaxed(made.q)
         for _ in range(250):
-            made.tick(drive.goal, np.array(((0, 0, 0), (0.1, 0.05, 0.2))), DT_S)
+            made.tick(to_pose(drive.goal), np.array(((0, 0, 0), (0.1, 0.05, 0.2))), DT_S)
             drive.goal.translation = drive.goal.translation + made.twist[0] * DT_S
             drive.goal.rotation = pin.exp3(made.twist[1] * DT_S) @ drive.goal.rotation
     shape = neck.shape(made.q)
@@ -270,7 +301,7 @@ def test_joint_rates_add_to_the_twist():
     rate[0] = 0.2
     start = made.q.copy()
     for _ in range(250):
-        made.tick(drive.goal, np.zeros((2, 3)), DT_S, rate)
+        made.tick(to_pose(drive.goal), np.zeros((2, 3)), DT_S, rate)
         drive.goal.translation = drive.goal.translation + made.twist[0] * DT_S
         drive.goal.rotation = pin.exp3(made.twist[1] * DT_S) @ drive.goal.rotation
     moved = made.q - start
@@ -290,14 +321,14 @@ def test_a_continuous_wrist_turns_ten_times_without_a_refusal(turns):
     assert (made.q[6] - start) / (2 * math.pi) == pytest.approx(turns, abs=0.5)
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 2**32 - 1))
 def test_placing_it_anew_never_moves_it(seed):
     made = servo()
     generator = np.random.default_rng(seed)
     q = generator.uniform(made.kinematics.lower, made.kinematics.upper)
     made.place(q)
-    made.tick(made.placement, np.zeros((2, 3)), DT_S)
+    made.tick(made.pose, np.zeros((2, 3)), DT_S)
     assert np.abs(made.q - q).max() <= 1e-6
 
 
@@ -308,7 +339,7 @@ def test_a_variable_period_is_no_harm():
     for _ in range(800):
         dt_s = float(generator.choice((0.001, 0.002, 0.008, 0.05)))
         before = made.v.copy()
-        made.tick(goal, np.array(((0.2, 0.1, 0.3), (0.5, 0.0, 0.0))), dt_s)
+        made.tick(to_pose(goal), np.array(((0.2, 0.1, 0.3), (0.5, 0.0, 0.0))), dt_s)
         goal.translation = goal.translation + made.twist[0] * dt_s
         goal.rotation = pin.exp3(made.twist[1] * dt_s) @ goal.rotation
         assert (np.abs(made.v - before) <= ACCELERATION * dt_s * (1 + 1e-6)).all()
@@ -316,18 +347,19 @@ def test_a_variable_period_is_no_harm():
         assert (made.q >= made.kinematics.lower - 1e-5).all()
 
 
-def test_a_step_that_would_strike_is_braked_whatever_the_programme_says():
+def test_a_step_that_would_strike_is_braked_whatever_the_programme_says(monkeypatch):
+    for module in (in_python, compiled):  # rows that never act
+        monkeypatch.setattr(module, "closing_deceleration", lambda options, bounds: 1e7)
     start = (0, -90, 100, -100, -90, 0)
     probe = servo(q_deg=start)
     x = float(probe.placement.translation[0]) + 0.25
     thin = box_obstacle("wall", Vector3(x, -0.5, -0.2), Vector3(x + 0.0005, 0.5, 1.2))
     drive = Drive(servo(obstacles=(thin,), q_deg=start, safety_distance_m=1e-6))
     made = drive.servo
-    made._closing_m_s2 = 1e7  # rows that never act
     goal = made.placement
     for _ in range(1000):
         before = made.v.copy()
-        made.tick(goal, np.array(((0.5, 0, 0), (0, 0, 0))), DT_S)
+        made.tick(to_pose(goal), np.array(((0.5, 0, 0), (0, 0, 0))), DT_S)
         goal.translation = goal.translation + made.twist[0] * DT_S
         if made.status().failures:
             break

@@ -1,0 +1,370 @@
+"""The servo compiled: the tick of :mod:`cardan.gateway.servo.servo` in C, one call each.
+
+The kernel keeps the commanded joints and all it works with; `q`, `v` and `twist` here are windows
+onto its memory. docs/servo.md says what it takes, and how its sources are to be read.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import struct
+import weakref
+from collections.abc import Sequence
+from typing import Any
+
+from cardan.arm_libraries import np
+from cardan.errors import ConfigurationError
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
+from cardan.gateway.kinematics.collision import CollisionModel, HalfSpace, Solid
+from cardan.gateway.servo import kernel_layout as layout, native
+from cardan.gateway.servo.bounds import JointBounds
+from cardan.gateway.servo.options import Policy, ServoOptions
+from cardan.gateway.servo.servo import (
+    TwistParts,
+    closing_deceleration,
+    safety_distances,
+)
+from cardan.gateway.servo.status import ServoStatus
+from cardan.robots import Box, Capsule, JointKind, SixWeights
+from cardan.spatial import norm, subtract
+from cardan.types import Pose, Quaternion, Vector3
+
+_GOAL = struct.Struct("13d")
+_POSE = struct.Struct("7d")
+
+_SPHERE_M = 1e-9
+"""Capsules shorter than this are spheres, as CollisionModel has it."""
+
+_ALIGNED = 1.0 - 1e-12
+"""An axis so near to one of the frame's is that one, as ArmKinematics has it."""
+
+REFUSED = {
+    layout.GOOD: "",
+    layout.BAD_INPUT: "a goal, twist, rate or posture that is not a number: braked",
+    layout.BAD_PERIOD: "a period that is not above 0 and at most 10 s: nothing moved",
+    layout.NO_SOLUTION: "the programme has no solution: braked",
+}
+
+
+class _Memory(ctypes.c_char * ctypes.sizeof(layout.CState)):  # type: ignore[misc]
+    """The state of a kernel, which lives as long as any window onto this does."""
+
+
+class CompiledServo:
+    """As :class:`cardan.gateway.servo.servo.Servo`, for serial arms of up to 8 joints.
+
+    Raises NativePartError where the kernel cannot be
+    loaded, ConfigurationError where it cannot take the arm, and ValueError for joint positions,
+    rates and postures of a wrong length or that are not numbers.
+    """
+
+    not_compiled = ""
+
+    def __init__(
+        self,
+        kinematics: ArmKinematics,
+        collision: CollisionModel | None = None,
+        options: ServoOptions | None = None,
+        weights: SixWeights = (1.0,) * 6,
+    ) -> None:
+        """`weights` of x y z rx ry rz along TCP axes; 0 leaves a direction free."""
+        library = native.kernel_library()
+        self.kinematics = kinematics
+        self.collision = collision
+        self.options = options = options or ServoOptions()
+        n = self.joints = kinematics.joints
+        self.bounds = JointBounds(kinematics, options.speed_share, options.acceleration_share)
+        self.reachable: Pose | None = None
+        self._handle = _create(library, kinematics, self.bounds, collision, options, weights)
+        address = library.kernel_state(self._handle)
+        self._state: Any = layout.CState.from_address(address)
+        self._memory: Any = _Memory.from_address(address)
+        weakref.finalize(self._memory, library.kernel_destroy, self._handle).atexit = False
+        self._library = library
+        self._tick = library.kernel_tick
+        self._projects = min(sum(1 for weight in weights if weight), n) < 6
+        self.q = self._window("q", n)
+        self.v = self._window("v", n)
+        self.twist = self._window("twist", 6).reshape(2, 3)
+        self._motion = self._window("motion", 6).reshape(2, 3)
+        self._posture = self._window("posture", n)
+        self._joint_rate = self._window("joint_rate", n)
+        self._goal_joints = self._window("goal_joints", n)
+        self._goal_rate = self._window("goal_rate", n)
+        self._numbers = layout.CState.goal_position.offset
+        self._pose_joints = layout.CState.pose_joints.offset
+        self._joints = struct.Struct(f"{n}d")
+        self.policy = options.policy
+        self._tool: Pose | None = None
+        self._take_tool()
+        self.place(np.array(kinematics.arm.home))
+
+    def tune(self, options: ServoOptions) -> None:
+        """As Servo.tune. Raises ConfigurationError, and changes nothing, for numbers that no servo
+        can have."""
+        bounds = JointBounds(self.kinematics, options.speed_share, options.acceleration_share)
+        collision = self.collision
+        safety = [] if collision is None else safety_distances(options, collision)
+        reason = self._library.kernel_tune(
+            self._handle,
+            ctypes.byref(_options(options, bounds)),
+            native.numbers(bounds.velocity),
+            native.numbers(bounds.acceleration),
+            native.numbers(safety),
+        )
+        if reason:
+            raise ConfigurationError(
+                "", f"the servo cannot take {options}: {layout.REASONS[reason]}"
+            )
+        if options.policy is not self.options.policy:
+            self.policy = options.policy
+        self.options, self.bounds = options, bounds
+
+    def _window(self, field: str, count: int) -> FloatArray:
+        offset = getattr(layout.CState, field).offset
+        found: FloatArray = np.frombuffer(self._memory, dtype=float, count=count, offset=offset)
+        return found
+
+    def _take_tool(self) -> None:
+        """Fix the tool of the kinematics to the last body."""
+        tool = self.kinematics.tool
+        tcp = to_se3(self.kinematics.arm.tcp) * to_se3(tool)
+        if not self._library.kernel_set_tool(
+            self._handle, native.numbers(tcp.rotation.ravel()), native.numbers(tcp.translation)
+        ):
+            raise ConfigurationError("", f"the tool {tool} is not a pose")
+        self._tool = tool
+
+    def _checked(self, what: str, values: Any) -> Any:
+        """`values`, one for each joint, as the kernel takes them."""
+        if len(values) != self.joints:
+            raise ValueError(f"{what}: {len(values)} values for {self.joints} joints")
+        return native.numbers(values)
+
+    def place(self, q: FloatArray) -> None:
+        """Start from the joint positions `q`, at rest. Only while nothing is commanded."""
+        if self.kinematics.tool is not self._tool:
+            self._take_tool()
+        if not self._library.kernel_place(self._handle, self._checked("joint positions", q)):
+            raise ValueError(f"joint positions {list(q)} are not numbers of at most 1e9")
+
+    @property
+    def placement(self) -> SE3:
+        """The commanded TCP in the base."""
+        return self.kinematics.forward(self.q)
+
+    @property
+    def pose(self) -> Pose:
+        """The commanded TCP in the base."""
+        if self.kinematics.tool is not self._tool:
+            self._take_tool()
+        self._library.kernel_pose(self._handle)
+        return self._read_pose(layout.CState.pose_position.offset)
+
+    def pose_at(self, q: Sequence[float]) -> Pose:
+        """The TCP in the base for the joint positions `q`."""
+        if self.kinematics.tool is not self._tool:
+            self._take_tool()
+        self._joints.pack_into(self._memory, self._pose_joints, *q)
+        self._library.kernel_pose_at(self._handle)
+        return self._read_pose(layout.CState.pose_position.offset)
+
+    def _read_pose(self, offset: int) -> Pose:
+        x, y, z, w, i, j, k = _POSE.unpack_from(self._memory, offset)
+        return Pose(Vector3(x, y, z), Quaternion(w, i, j, k))
+
+    @property
+    def motion(self) -> FloatArray:
+        """2×3: linear and angular velocity of the TCP at `v`, base axes, by the Jacobian of the
+        last tick or placement."""
+        self._library.kernel_motion(self._handle)
+        return self._motion
+
+    @property
+    def path_speed(self) -> float:
+        """Share of the commanded speed that was possible in the last tick, 0..1."""
+        share: float = self._state.path_speed
+        return share
+
+    @property
+    def moving(self) -> bool:
+        """True until all joints are at rest."""
+        return bool(self._state.moving)
+
+    @property
+    def policy(self) -> Policy:
+        """What is given up where the arm cannot follow."""
+        return Policy.REACH if self._state.reach else Policy.PATH
+
+    @policy.setter
+    def policy(self, policy: Policy) -> None:
+        self._state.reach = Policy(policy) is Policy.REACH
+
+    @property
+    def posture(self) -> FloatArray | None:
+        """Preferred joint positions where the task leaves freedom; None: none."""
+        return self._posture if self._state.has_posture else None
+
+    @posture.setter
+    def posture(self, posture: FloatArray | None) -> None:
+        if posture is not None:
+            self._posture[:] = self._checked("posture", posture)
+        self._state.has_posture = posture is not None
+
+    def move_at(self, v: FloatArray) -> None:
+        """Go on at the joint velocities `v` (n) from the next tick on."""
+        if not self._library.kernel_move_at(self._handle, self._checked("joint velocities", v)):
+            raise ValueError(f"joint velocities {list(v)} are not numbers of at most 1e9")
+
+    def tick(
+        self,
+        goal: Pose,
+        twist: TwistParts,
+        dt_s: float,
+        joint_rate: FloatArray | None = None,
+        slide: bool = False,
+    ) -> float:
+        """As Servo.tick. A number that is none, or a period that is not above 0, brakes."""
+        if self.kinematics.tool is not self._tool:
+            self._take_tool()
+        linear, angular = twist
+        try:
+            _GOAL.pack_into(
+                self._memory, self._numbers, *goal.position, *goal.orientation, *linear, *angular
+            )
+        except struct.error as error:
+            raise ValueError(f"{goal} and {twist} are no pose and 2×3 numbers: {error}") from None
+        flags = layout.SLIDE if slide else 0
+        if joint_rate is not None:
+            self._joint_rate[:] = self._checked("joint rates", joint_rate)
+            flags |= layout.WITH_RATE
+        share: float = self._tick(self._handle, dt_s, flags)
+        if self._projects and self._state.problem not in (layout.BAD_INPUT, layout.BAD_PERIOD):
+            self.reachable = self._read_pose(layout.CState.reachable_position.offset)
+        return share
+
+    def tick_joints(self, goal: FloatArray, rate: FloatArray, dt_s: float) -> float:
+        """As Servo.tick_joints. A number that is none, or a period that is not above 0, brakes."""
+        self._goal_joints[:] = self._checked("joint goal", goal)
+        self._goal_rate[:] = self._checked("joint rates", rate)
+        share: float = self._library.kernel_tick_joints(self._handle, dt_s)
+        return share
+
+    def brake(self, dt_s: float) -> None:
+        """Slow every joint down as fast as it can, obstacles in the braking path included."""
+        self._library.kernel_brake(self._handle, dt_s)
+
+    def status(self) -> ServoStatus:
+        """Numbers of the last tick."""
+        state, names = self._state, self.kinematics.names
+        self._library.kernel_status(self._handle)
+        distance, pair = math.inf, ("", "")
+        if self.collision is not None and state.nearest >= 0:
+            distance, pair = state.distance_m, self.collision.pairs[state.nearest]
+        limiting = state.limiting
+        return ServoStatus(
+            state.path_speed,
+            state.smallest_singular_value,
+            state.damping,
+            tuple(name for i, name in enumerate(names) if limiting >> i & 1) if limiting else (),
+            distance,
+            pair,
+            state.active,
+            state.error_m,
+            state.error_rad,
+            state.unreachable_m_s,
+            state.unreachable_rad_s,
+            state.failures,
+            state.most_iterations,
+            True,
+            REFUSED[state.problem],
+        )
+
+
+def _create(
+    library: Any,
+    kinematics: ArmKinematics,
+    bounds: JointBounds,
+    collision: CollisionModel | None,
+    options: ServoOptions,
+    weights: SixWeights,
+) -> int:
+    solids: list[Solid] = [] if collision is None else collision.solids
+    shapes = (layout.CShape * len(solids))(*map(_shape, solids))
+    pairs = (layout.CPair * (0 if collision is None else len(collision.pairs)))()
+    if collision is not None:
+        safety = safety_distances(options, collision)
+        for pair, (first, second), kept, sweep in zip(
+            pairs, collision.pair_solids, safety, collision.sweeps.tolist(), strict=True
+        ):
+            pair.first, pair.second, pair.safety_m = first, second, kept
+            pair.sweep[: len(sweep)] = sweep
+    given = _options(options, bounds)
+    reason = ctypes.c_int32()
+    handle: int | None = None
+    if 1 <= kinematics.joints <= layout.MAX_JOINTS:
+        handle = library.kernel_create(
+            ctypes.byref(_arm(kinematics, bounds, weights)),
+            ctypes.byref(given),
+            shapes,
+            len(shapes),
+            pairs,
+            len(pairs),
+            ctypes.byref(reason),
+        )
+    else:
+        reason.value = layout.BAD_JOINTS
+    if not handle:
+        raise ConfigurationError(
+            "",
+            f"the compiled servo cannot take the arm {kinematics.arm.name!r}: "
+            f"{layout.REASONS[reason.value]}",
+        )
+    return handle
+
+
+def _options(options: ServoOptions, bounds: JointBounds) -> layout.COptions:
+    return layout.COptions(
+        closing_deceleration_m_s2=closing_deceleration(options, bounds),
+        **{name: getattr(options, name) for name in layout.OPTIONS},
+    )
+
+
+def _arm(kinematics: ArmKinematics, bounds: JointBounds, weights: SixWeights) -> layout.CArm:
+    arm = layout.CArm(joints=kinematics.joints)
+    for i, joint in enumerate(kinematics.arm.joints):
+        placement = to_se3(joint.placement)
+        prismatic = joint.kind is JointKind.PRISMATIC
+        axis = tuple(joint.axis)
+        if not prismatic and max(axis) > _ALIGNED:
+            axis = tuple(float(value > _ALIGNED) for value in axis)
+        arm.prismatic[i] = prismatic
+        arm.rotation[i][:] = placement.rotation.ravel().tolist()
+        arm.position[i][:] = placement.translation.tolist()
+        arm.axis[i][:] = axis
+    for name in ("lower", "upper", "velocity", "acceleration"):
+        getattr(arm, name)[: kinematics.joints] = getattr(bounds, name)
+    arm.weights[:] = weights
+    return arm
+
+
+def _shape(solid: Solid) -> layout.CShape:
+    shape, made = solid.shape, layout.CShape(body=solid.body)
+    if isinstance(shape, Capsule):
+        start, end = shape.start, shape.end
+        if norm(subtract(end, start)) < _SPHERE_M:
+            start = end
+        made.kind, made.radius_m = layout.CAPSULE, shape.radius_m
+        made.start[:], made.end[:] = start, end
+    elif isinstance(shape, Box):
+        placement = to_se3(shape.pose)
+        made.kind = layout.BOX
+        made.rotation[:] = placement.rotation.ravel().tolist()
+        made.position[:] = placement.translation.tolist()
+        made.half_m[:] = [0.5 * size for size in shape.size_m]
+    elif isinstance(shape, HalfSpace):
+        made.kind, made.offset_m = layout.HALF_SPACE, shape.offset_m
+        made.normal[:] = shape.normal
+    return made

@@ -1,0 +1,51 @@
+#ifndef CARDAN_SERVO_INTERNAL_H
+#define CARDAN_SERVO_INTERNAL_H
+
+#include <stdbool.h>
+
+#include "kernel.h"
+
+/* No length, angle, speed or weight is larger; a product of a few of them is still a number. */
+#define LARGEST 1e9
+
+/* No loop is slower. */
+#define LONGEST_PERIOD_S 10.0
+
+static inline bool all_within(const double *values, size_t count, double low, double high)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!(values[i] >= low && values[i] <= high)) /* false for NaN */
+            return false;
+    return true;
+}
+
+struct Kernel {
+    KernelState state;
+    Chain chain;
+    ChainPose pose; /* where `state.q` was when the last call began */
+    double jacobian[6][MAX_JOINTS];
+    Programme programme;
+
+    int n;
+    double lower[MAX_JOINTS], upper[MAX_JOINTS], velocity[MAX_JOINTS], acceleration[MAX_JOINTS];
+    double weights[6], scales[6];
+    int equal_weights, full_rank, smallest;
+    double small_m, small_rad;
+    KernelOptions options;
+
+    size_t shape_count, pair_count;
+    double farthest[MAX_JOINTS]; /* of all pairs' sweeps */
+    double nearest_m;
+    int ending;
+    KernelShape *shapes;
+    KernelPair *pairs;
+    Body *bodies, *ahead; /* shapes where they are, and where a step would take them */
+    Separation *separations;
+    int32_t *near;
+    double *room;
+};
+
+/* Distances of all pairs at `kernel->pose`. */
+void kernel_separate(Kernel *kernel);
+
+#endif

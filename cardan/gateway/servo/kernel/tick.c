@@ -1,0 +1,768 @@
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#include "eigen.h"
+#include "internal.h"
+#include "vectors.h"
+
+/* As in servo.py, which says why. */
+#define AT_REST 1e-5
+#define POSTURE_FULL_AT_M_S 0.02
+#define SLOWED 0.9
+#define TIGHT_M_S 1e-4
+#define FREE_DIRECTION 1e-9
+#define LIMITING 1e-9
+
+static double stopping_speed(double distance, double acceleration, double dt_s)
+{
+    if (!(distance > 0.0))
+        return 0.0;
+    double gain = acceleration * dt_s;
+    return sqrt(gain * gain + 2.0 * acceleration * distance) - gain;
+}
+
+static bool all_finite(const double *values, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (!isfinite(values[i]))
+            return false;
+    return true;
+}
+
+static double product(int n, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (int i = 0; i < n; i++)
+        sum += a[i] * b[i];
+    return sum;
+}
+
+/* ----------------------------------------------------------------------------------------------
+ * Distances */
+
+static void separate(Kernel *kernel, const ChainPose *pose, Body *bodies)
+{
+    for (size_t i = 0; i < kernel->shape_count; i++)
+        if (kernel->shapes[i].body > 0)
+            body_place(&kernel->shapes[i], &pose->bodies[kernel->shapes[i].body], &bodies[i]);
+}
+
+void kernel_separate(Kernel *kernel)
+{
+    separate(kernel, &kernel->pose, kernel->bodies);
+    kernel->state.nearest = -1;
+    kernel->state.distance_m = INFINITY;
+    for (size_t i = 0; i < kernel->pair_count; i++) {
+        const KernelPair *pair = &kernel->pairs[i];
+        Separation *found = &kernel->separations[i];
+        body_separation(&kernel->bodies[pair->first], &kernel->bodies[pair->second], found);
+        if (found->distance_m < kernel->state.distance_m) {
+            kernel->state.distance_m = found->distance_m;
+            kernel->state.nearest = (int32_t)i;
+        }
+    }
+}
+
+static double closing(const Kernel *kernel, size_t pair, const double *v)
+{
+    double sum = 0.0;
+    for (int i = 0; i < kernel->n; i++)
+        sum += kernel->pairs[pair].sweep[i] * fabs(v[i]);
+    return sum;
+}
+
+static double fastest_closing(const Kernel *kernel, const double *v)
+{
+    double sum = 0.0;
+    for (int i = 0; i < kernel->n; i++)
+        sum += kernel->farthest[i] * fabs(v[i]);
+    return sum;
+}
+
+/* How fast the distance of a pair grows per joint speed: the nearest points of both bodies lie on
+ * the normal, so one moment serves both. */
+static void gradient(const Kernel *kernel, size_t pair, double *row)
+{
+    const Separation *found = &kernel->separations[pair];
+    int low = kernel->shapes[kernel->pairs[pair].first].body;
+    int high = kernel->shapes[kernel->pairs[pair].second].body;
+    for (int i = 0; i < kernel->n; i++) {
+        row[i] = 0.0;
+        if (i < low || i >= high)
+            continue;
+        if (kernel->chain.prismatic[i]) {
+            row[i] = dot3(found->normal, kernel->pose.axes[i]);
+        } else {
+            double arm[3], lever[3];
+            subtract3(found->point, kernel->pose.origins[i], arm);
+            cross3(kernel->pose.axes[i], arm, lever);
+            row[i] = dot3(found->normal, lever);
+        }
+    }
+}
+
+/* The MAX_ROWS of `near` with the least room, in place of the first. */
+static void keep_most_urgent(Kernel *kernel, int count)
+{
+    double deceleration = kernel->options.closing_deceleration_m_s2;
+    for (int i = 0; i < count; i++) {
+        size_t pair = (size_t)kernel->near[i];
+        double speed = closing(kernel, pair, kernel->state.v);
+        kernel->room[i] = kernel->separations[pair].distance_m - kernel->pairs[pair].safety_m -
+                          speed * speed / (2.0 * deceleration);
+    }
+    for (int i = 0; i < MAX_ROWS; i++) {
+        int least = i;
+        for (int j = i + 1; j < count; j++)
+            if (kernel->room[j] < kernel->room[least])
+                least = j;
+        double room = kernel->room[i];
+        int32_t pair = kernel->near[i];
+        kernel->room[i] = kernel->room[least];
+        kernel->near[i] = kernel->near[least];
+        kernel->room[least] = room;
+        kernel->near[least] = pair;
+    }
+}
+
+/* A row of the programme for each pair of bodies that could meet. */
+static void add_rows(Kernel *kernel, double dt_s)
+{
+    KernelState *state = &kernel->state;
+    Programme *programme = &kernel->programme;
+    const KernelOptions *options = &kernel->options;
+    state->active = programme->rows = 0;
+    if (!kernel->pair_count)
+        return;
+    kernel_separate(kernel);
+    kernel->nearest_m = state->distance_m;
+    double deceleration = options->closing_deceleration_m_s2;
+    double fastest = fastest_closing(kernel, state->v);
+    double stop = fastest * (fastest / (2.0 * deceleration) + dt_s);
+    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop);
+    int count = 0;
+    for (size_t i = 0; i < kernel->pair_count; i++) {
+        double distance = kernel->separations[i].distance_m;
+        if (!(distance < farthest))
+            continue;
+        if (!(distance < options->influence_distance_m)) {
+            double speed = closing(kernel, i, state->v);
+            if (!(distance - kernel->pairs[i].safety_m <
+                  speed * (speed / (2.0 * deceleration) + dt_s)))
+                continue;
+        }
+        kernel->near[count++] = (int32_t)i;
+    }
+    if (count > MAX_ROWS) {
+        keep_most_urgent(kernel, count);
+        count = MAX_ROWS;
+    }
+    for (int r = 0; r < count; r++) {
+        size_t pair = (size_t)kernel->near[r];
+        gradient(kernel, pair, programme->row[r]);
+        programme->row[r][kernel->n] = 0.0;
+        programme->row_name[r] = (int)pair;
+        programme->least[r] = -stopping_speed(
+            kernel->separations[pair].distance_m - kernel->pairs[pair].safety_m, deceleration,
+            dt_s);
+    }
+    state->active = programme->rows = count;
+}
+
+/* ----------------------------------------------------------------------------------------------
+ * The programme */
+
+/* JointBounds.fill */
+static void fill_bounds(Kernel *kernel, double dt_s)
+{
+    Programme *programme = &kernel->programme;
+    kernel->ending = false;
+    for (int i = 0; i < kernel->n; i++) {
+        double position = kernel->state.q[i], speed = kernel->state.v[i];
+        double fastest = kernel->velocity[i], acceleration = kernel->acceleration[i];
+        double gain = acceleration * dt_s, slowed = speed - gain, sped = speed + gain;
+        double top = fmin(fastest, sped), bottom = fmax(-fastest, slowed);
+        double room = kernel->upper[i] - position;
+        if (room * acceleration < fastest * (fastest + gain)) {
+            double stop = stopping_speed(room, acceleration, dt_s);
+            if (top > stop) {
+                top = stop;
+                kernel->ending = true;
+            }
+        }
+        room = position - kernel->lower[i];
+        if (room * acceleration < fastest * (fastest + gain)) {
+            double stop = -stopping_speed(room, acceleration, dt_s);
+            if (bottom < stop) {
+                bottom = stop;
+                kernel->ending = true;
+            }
+        }
+        /* Braking harder than the joint can is impossible. */
+        programme->highest[i] = fmax(top, slowed);
+        programme->lowest[i] = fmin(bottom, sped);
+    }
+}
+
+/* The programme's solution in its x; a braking ramp where there is none. */
+static void solve(Kernel *kernel, double dt_s)
+{
+    Programme *programme = &kernel->programme;
+    KernelState *state = &kernel->state;
+    int n = kernel->n;
+    programme->unknowns = n + 1;
+    fill_bounds(kernel, dt_s);
+    int failed = programme_solve(programme);
+    state->iterations += programme->iterations;
+    if (failed || !all_finite(programme->x, n + 1)) {
+        state->failures++;
+        state->problem = KERNEL_NO_SOLUTION;
+        for (int i = 0; i <= n; i++)
+            programme->x[i] = fmin(fmax(0.0, programme->lowest[i]), programme->highest[i]);
+    }
+}
+
+/* Bounds and price of the speed along the path: a share of the pace, alike at any pace. */
+static void price_slowing(Kernel *kernel, double pace)
+{
+    Programme *programme = &kernel->programme;
+    int n = kernel->n;
+    if (!(pace > AT_REST)) {
+        programme->hessian[n][n] = 1.0;
+        programme->highest[n] = programme->lowest[n] = 0.0;
+        return;
+    }
+    programme->hessian[n][n] += kernel->options.path_stiffness;
+    programme->linear[n] -= kernel->options.path_stiffness * pace;
+    programme->highest[n] = pace;
+    programme->lowest[n] = kernel->state.reach ? pace : 0.0;
+}
+
+/* ----------------------------------------------------------------------------------------------
+ * What is asked */
+
+/* x from L L' x = b, where `matrix` (positive definite) becomes L. */
+static void cholesky_solve(int n, double matrix[MAX_JOINTS][MAX_JOINTS], double *b, bool factored)
+{
+    for (int i = 0; i < n && !factored; i++) {
+        for (int j = 0; j < i; j++)
+            matrix[i][j] = (matrix[i][j] - product(j, matrix[i], matrix[j])) / matrix[j][j];
+        matrix[i][i] = sqrt(matrix[i][i] - product(i, matrix[i], matrix[i]));
+    }
+    for (int i = 0; i < n; i++)
+        b[i] = (b[i] - product(i, matrix[i], b)) / matrix[i][i];
+    for (int i = n - 1; i >= 0; i--) {
+        double sum = b[i];
+        for (int j = i + 1; j < n; j++)
+            sum -= matrix[j][i] * b[j];
+        b[i] = sum / matrix[i][i];
+    }
+}
+
+/* out = J' W^2 J with the given weights, both triangles. */
+static void normal_matrix(const Kernel *kernel, const double *weights,
+                          double out[MAX_JOINTS][MAX_JOINTS])
+{
+    for (int i = 0; i < kernel->n; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = 0.0;
+            for (int row = 0; row < 6; row++)
+                sum += (weights[row] * kernel->jacobian[row][i]) *
+                       (weights[row] * kernel->jacobian[row][j]);
+            out[i][j] = out[j][i] = sum;
+        }
+}
+
+/* Drop what an arm with few joints cannot do from what is asked, and keep its size. */
+static void project(Kernel *kernel, double wanted[6], double feedback[6])
+{
+    int n = kernel->n;
+    double matrix[MAX_JOINTS][MAX_JOINTS], rest[6];
+    normal_matrix(kernel, kernel->weights, matrix);
+    for (int i = 0; i < n; i++)
+        matrix[i][i] += FREE_DIRECTION;
+    memcpy(rest, wanted, sizeof rest);
+    for (int part = 0; part < 2; part++) {
+        double *asked = part ? feedback : wanted, speeds[MAX_JOINTS];
+        for (int i = 0; i < n; i++) {
+            speeds[i] = 0.0;
+            for (int row = 0; row < 6; row++)
+                speeds[i] += kernel->weights[row] * kernel->weights[row] *
+                             kernel->jacobian[row][i] * asked[row];
+        }
+        cholesky_solve(n, matrix, speeds, part == 1);
+        for (int row = 0; row < 6; row++)
+            asked[row] = product(n, kernel->jacobian[row], speeds);
+    }
+    for (int row = 0; row < 6; row++)
+        rest[row] -= wanted[row];
+    kernel->state.unreachable_m_s = norm3(rest);
+    kernel->state.unreachable_rad_s = norm3(rest + 3);
+}
+
+/* The velocity that removes the pose error in `feedback` and can still stop. */
+static void limit_feedback(Kernel *kernel, double feedback[6], double dt_s)
+{
+    const KernelOptions *options = &kernel->options;
+    double error_m = kernel->state.error_m = norm3(feedback);
+    double error_rad = kernel->state.error_rad = norm3(feedback + 3);
+    if (error_m < kernel->small_m && error_rad < kernel->small_rad) {
+        for (int i = 0; i < 6; i++)
+            feedback[i] *= options->gain_1_s;
+        return;
+    }
+    for (int part = 0; part < 2; part++) {
+        double error = part ? error_rad : error_m;
+        if (!(error > 0.0))
+            continue;
+        double fastest = part ? options->angular_speed_rad_s : options->linear_speed_m_s;
+        double deceleration =
+            part ? options->angular_deceleration_rad_s2 : options->linear_deceleration_m_s2;
+        double speed = fmin(fmin(options->gain_1_s * error,
+                                 stopping_speed(error, deceleration, dt_s)),
+                            fastest);
+        for (int i = 3 * part; i < 3 * part + 3; i++)
+            feedback[i] *= speed / error;
+    }
+}
+
+/* Pull towards the posture, and what is asked of joints, where the task leaves freedom: along the
+ * null space, and only while the TCP is asked to move. */
+static void add_posture(Kernel *kernel, double vectors[MAX_JOINTS][MAX_JOINTS],
+                        const double *joint_rate, double pace)
+{
+    Programme *programme = &kernel->programme;
+    const KernelOptions *options = &kernel->options;
+    const KernelState *state = &kernel->state;
+    int n = kernel->n;
+    double share = fmin(1.0, pace / POSTURE_FULL_AT_M_S), pull[MAX_JOINTS];
+    double weight = options->posture_weight * share * share;
+    for (int i = 0; i < n; i++) {
+        pull[i] = joint_rate ? joint_rate[i] : 0.0;
+        if (state->has_posture)
+            pull[i] += share * options->posture_gain_1_s * (state->posture[i] - state->q[i]);
+    }
+    for (int k = 0; k < kernel->smallest; k++) {
+        double along = 0.0;
+        for (int i = 0; i < n; i++)
+            along += vectors[i][k] * pull[i];
+        for (int i = 0; i < n; i++) {
+            for (int j = 0; j <= i; j++)
+                programme->hessian[i][j] += weight * vectors[i][k] * vectors[j][k];
+            programme->linear[i] -= weight * vectors[i][k] * along;
+        }
+    }
+}
+
+/* Smallest singular value of the task, the damping it asks for, and the directions it leaves. */
+static void damp(Kernel *kernel, const double *joint_rate, double pace)
+{
+    Programme *programme = &kernel->programme;
+    const KernelOptions *options = &kernel->options;
+    KernelState *state = &kernel->state;
+    int n = kernel->n;
+    double matrix[MAX_JOINTS][MAX_JOINTS] = {{0.0}}, values[MAX_JOINTS];
+    double vectors[MAX_JOINTS][MAX_JOINTS];
+    bool pulled = kernel->smallest && (state->has_posture || joint_rate);
+    if (kernel->equal_weights) {
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j <= i; j++)
+                matrix[i][j] = matrix[j][i] = programme->hessian[i][j];
+    } else {
+        normal_matrix(kernel, kernel->scales, matrix);
+    }
+    bool found = eigen_symmetric(n, matrix, values, pulled ? vectors : NULL);
+    double square = found ? values[kernel->smallest] : 0.0;
+    double sigma = state->smallest_singular_value = square > 0.0 ? sqrt(square) : 0.0;
+    double damping = options->damping_floor;
+    if (sigma < options->singular_below) {
+        double share = sigma / options->singular_below;
+        damping += options->damping * options->damping * (1.0 - share * share);
+    }
+    state->damping = sqrt(damping);
+    for (int i = 0; i <= n; i++)
+        programme->hessian[i][i] += damping;
+    if (pulled && found)
+        add_posture(kernel, vectors, joint_rate, pace);
+}
+
+/* H and f of the task; the pace that is asked. */
+static double set_task(Kernel *kernel, const double wanted[6], const double feedback[6])
+{
+    Programme *programme = &kernel->programme;
+    int n = kernel->n;
+    double task[MAX_UNKNOWNS][6], back[6], weighed[6];
+    for (int row = 0; row < 6; row++) {
+        weighed[row] = wanted[row] * kernel->weights[row];
+        back[row] = feedback[row] * kernel->weights[row];
+    }
+    /* The path's unknown is its speed itself and not the share s, so that the programme is as well
+     * conditioned at 1 um/s as at 1 m/s. */
+    double pace = sqrt(product(6, weighed, weighed)), share = pace > AT_REST ? -1.0 / pace : 0.0;
+    for (int row = 0; row < 6; row++) {
+        for (int i = 0; i < n; i++)
+            task[i][row] = kernel->jacobian[row][i] * kernel->weights[row];
+        task[n][row] = weighed[row] * share;
+    }
+    for (int i = 0; i <= n; i++) {
+        for (int j = 0; j <= i; j++)
+            programme->hessian[i][j] = product(6, task[i], task[j]);
+        programme->linear[i] = -product(6, task[i], back);
+    }
+    return pace;
+}
+
+/* Whether a pair of bodies closes as fast as it may. */
+static bool blocked(const Kernel *kernel)
+{
+    const Programme *programme = &kernel->programme;
+    for (int r = 0; r < programme->rows; r++)
+        if (product(kernel->n, programme->row[r], programme->x) - programme->least[r] < TIGHT_M_S)
+            return true;
+    return false;
+}
+
+/* ----------------------------------------------------------------------------------------------
+ * The step */
+
+/* Whether this step would bring a pair into contact. Pairs that cannot meet within the step are
+ * excluded by how far their bodies can move; so nothing is missed between two ticks. */
+static bool strikes(Kernel *kernel, const double *step)
+{
+    bool placed = false;
+    for (size_t i = 0; i < kernel->pair_count; i++) {
+        double before = kernel->separations[i].distance_m;
+        if (!(before >= 0.0) || !(closing(kernel, i, step) > before))
+            continue;
+        if (!placed) {
+            double there[MAX_JOINTS];
+            ChainPose pose;
+            pose.bodies[0] = kernel->pose.bodies[0];
+            for (int j = 0; j < kernel->n; j++)
+                there[j] = kernel->state.q[j] + step[j];
+            chain_update(&kernel->chain, there, &pose);
+            separate(kernel, &pose, kernel->ahead);
+            placed = true;
+        }
+        Separation after;
+        body_separation(&kernel->ahead[kernel->pairs[i].first],
+                        &kernel->ahead[kernel->pairs[i].second], &after);
+        if (after.distance_m < 0.0)
+            return true;
+    }
+    return false;
+}
+
+static void note_motion(Kernel *kernel)
+{
+    KernelState *state = &kernel->state;
+    double fastest = 0.0;
+    for (int i = 0; i < kernel->n; i++)
+        fastest = fmax(fastest, fabs(state->v[i]));
+    state->moving = fastest > AT_REST;
+}
+
+static void step_on(Kernel *kernel, double dt_s)
+{
+    KernelState *state = &kernel->state;
+    Programme *programme = &kernel->programme;
+    double *v = programme->x, step[MAX_JOINTS] = {0.0};
+    int n = kernel->n;
+    for (int i = 0; i < n; i++)
+        step[i] = v[i] * dt_s;
+    if (kernel->pair_count && fastest_closing(kernel, step) > kernel->nearest_m &&
+        strikes(kernel, step)) {
+        /* The soft rows are violated; what is left is to be slower. */
+        state->failures++;
+        for (int i = 0; i < n; i++) {
+            v[i] = fmin(fmax(0.0, programme->lowest[i]), programme->highest[i]);
+            step[i] = v[i] * dt_s;
+        }
+    }
+    for (int i = 0; i < n; i++) {
+        state->v[i] = v[i];
+        state->q[i] += step[i];
+    }
+    note_motion(kernel);
+    if (state->iterations > state->most_iterations)
+        state->most_iterations = state->iterations;
+}
+
+static void update(Kernel *kernel)
+{
+    chain_update(&kernel->chain, kernel->state.q, &kernel->pose);
+    chain_jacobian(&kernel->chain, &kernel->pose, kernel->jacobian);
+}
+
+static bool period_is_sound(Kernel *kernel, double dt_s)
+{
+    kernel->state.problem = KERNEL_GOOD;
+    kernel->state.iterations = 0;
+    if (dt_s > 0.0 && dt_s <= LONGEST_PERIOD_S)
+        return true;
+    kernel->state.problem = KERNEL_BAD_PERIOD;
+    kernel->state.path_speed = 0.0;
+    memset(kernel->state.twist, 0, sizeof kernel->state.twist);
+    return false;
+}
+
+/* Slow every joint down as fast as it can, obstacles in the braking path included. */
+static void brake(Kernel *kernel, double dt_s)
+{
+    Programme *programme = &kernel->programme;
+    KernelState *state = &kernel->state;
+    int n = kernel->n;
+    update(kernel);
+    memset(programme->hessian, 0, sizeof programme->hessian);
+    memset(programme->linear, 0, sizeof programme->linear);
+    for (int i = 0; i <= n; i++)
+        programme->hessian[i][i] = 1.0;
+    programme->lowest[n] = programme->highest[n] = 0.0;
+    add_rows(kernel, dt_s);
+    solve(kernel, dt_s);
+    state->path_speed = 0.0;
+    memset(state->twist, 0, sizeof state->twist);
+    step_on(kernel, dt_s);
+}
+
+static double refuse(Kernel *kernel, double dt_s)
+{
+    kernel->state.failures++;
+    brake(kernel, dt_s);
+    kernel->state.problem = KERNEL_BAD_INPUT;
+    return 0.0;
+}
+
+static void turn_both(const double rotation[9], const double twist[6], double out[6])
+{
+    turn3(rotation, twist, out);
+    turn3(rotation, twist + 3, out + 3);
+}
+
+double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
+{
+    KernelState *state = &kernel->state;
+    Programme *programme = &kernel->programme;
+    int n = kernel->n;
+    const double *joint_rate = flags & KERNEL_WITH_RATE ? state->joint_rate : NULL;
+    if (!period_is_sound(kernel, dt_s))
+        return 0.0;
+    double length = product(4, state->goal_orientation, state->goal_orientation);
+    if (!all_finite(state->goal_position, 3) || !(length > 1e-6 && length < 1e6) ||
+        !all_finite(state->goal_twist, 6) || (joint_rate && !all_finite(joint_rate, n)) ||
+        (state->has_posture && !all_finite(state->posture, n)))
+        return refuse(kernel, dt_s);
+
+    update(kernel);
+    const Placement *tcp = &kernel->pose.tcp;
+    double goal[9], away[3], apart[9], feedback[6], wanted[6];
+    quaternion_to_rotation(state->goal_orientation, goal);
+    subtract3(state->goal_position, tcp->position, away);
+    turn_back3(tcp->rotation, away, feedback);
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 3; column++) {
+            apart[3 * row + column] = tcp->rotation[row] * goal[column] +
+                                      tcp->rotation[3 + row] * goal[3 + column] +
+                                      tcp->rotation[6 + row] * goal[6 + column];
+        }
+    rotation_log(apart, feedback + 3);
+    turn_back3(tcp->rotation, state->goal_twist, wanted);
+    turn_back3(tcp->rotation, state->goal_twist + 3, wanted + 3);
+    if (joint_rate)
+        for (int row = 0; row < 6; row++)
+            wanted[row] += product(n, kernel->jacobian[row], joint_rate);
+    state->unreachable_m_s = state->unreachable_rad_s = 0.0;
+    if (!kernel->full_rank) {
+        double turned[9], reached[9];
+        project(kernel, wanted, feedback);
+        rotation_exp(feedback + 3, turned);
+        multiply33(tcp->rotation, turned, reached);
+        rotation_to_quaternion(reached, state->reachable_orientation);
+        turn3(tcp->rotation, feedback, away);
+        along3(tcp->position, 1.0, away, state->reachable_position);
+    }
+    limit_feedback(kernel, feedback, dt_s);
+
+    double pace = set_task(kernel, wanted, feedback);
+    damp(kernel, joint_rate, pace);
+    price_slowing(kernel, pace);
+    add_rows(kernel, dt_s);
+    solve(kernel, dt_s);
+    bool slides = flags & KERNEL_SLIDE &&
+                  ((kernel->ending && programme->x[n] < SLOWED * pace) || blocked(kernel));
+    double share = 1.0;
+    if (slides) {
+        if (programme->x[n] < pace) {
+            programme->lowest[n] = programme->highest[n];
+            solve(kernel, dt_s);
+        }
+        /* What obstacle or range leaves of the twist: the goal must not run away from the arm. */
+        double asked = product(6, wanted, wanted), left[6];
+        for (int row = 0; row < 6; row++)
+            left[row] = product(n, kernel->jacobian[row], programme->x) - feedback[row];
+        if (asked > 0.0)
+            share = fmin(1.0, fmax(0.0, product(6, left, wanted) / asked));
+        memcpy(wanted, left, sizeof wanted);
+    } else {
+        if (pace > AT_REST)
+            share = fmin(1.0, programme->x[n] / pace);
+        for (int row = 0; row < 6; row++)
+            wanted[row] *= share;
+    }
+    state->path_speed = share;
+    turn_both(tcp->rotation, wanted, state->twist);
+    step_on(kernel, dt_s);
+    return share;
+}
+
+double kernel_tick_joints(Kernel *kernel, double dt_s)
+{
+    KernelState *state = &kernel->state;
+    Programme *programme = &kernel->programme;
+    int n = kernel->n;
+    const double *goal = state->goal_joints, *rate = state->goal_rate;
+    if (!period_is_sound(kernel, dt_s))
+        return 0.0;
+    if (!all_finite(goal, n) || !all_finite(rate, n))
+        return refuse(kernel, dt_s);
+    update(kernel);
+    double pace = sqrt(product(n, rate, rate)), along = 0.0;
+    memset(programme->hessian, 0, sizeof programme->hessian);
+    for (int i = 0; i < n; i++) {
+        double error = goal[i] - state->q[i], size = fabs(error);
+        double speed = fmin(kernel->options.joint_gain_1_s * size,
+                            stopping_speed(size, kernel->acceleration[i], dt_s));
+        programme->linear[i] = -copysign(speed, error);
+        programme->hessian[i][i] = 1.0;
+        programme->hessian[n][i] = pace > AT_REST ? rate[i] / -pace : 0.0;
+        along -= rate[i] * programme->linear[i];
+    }
+    programme->hessian[n][n] = 1.0;
+    programme->linear[n] = pace > AT_REST ? along / pace : 0.0;
+    price_slowing(kernel, pace);
+    add_rows(kernel, dt_s);
+    solve(kernel, dt_s);
+    double share = pace > AT_REST ? fmin(1.0, programme->x[n] / pace) : 1.0;
+    state->path_speed = share;
+    state->error_m = state->error_rad = 0.0;
+    step_on(kernel, dt_s);
+    return share;
+}
+
+void kernel_brake(Kernel *kernel, double dt_s)
+{
+    if (period_is_sound(kernel, dt_s))
+        brake(kernel, dt_s);
+}
+
+/* ----------------------------------------------------------------------------------------------
+ * State */
+
+int32_t kernel_place(Kernel *kernel, const double *q)
+{
+    KernelState *state = &kernel->state;
+    if (!all_within(q, (size_t)kernel->n, -LARGEST, LARGEST))
+        return false;
+    for (int i = 0; i < kernel->n; i++) {
+        state->q[i] = q[i];
+        state->v[i] = 0.0;
+    }
+    state->moving = false;
+    state->path_speed = 1.0;
+    state->error_m = state->error_rad = 0.0;
+    state->active = 0;
+    programme_forget(&kernel->programme);
+    update(kernel);
+    kernel_separate(kernel);
+    return true;
+}
+
+int32_t kernel_move_at(Kernel *kernel, const double *v)
+{
+    if (!all_within(v, (size_t)kernel->n, -LARGEST, LARGEST))
+        return false;
+    memcpy(kernel->state.v, v, (size_t)kernel->n * sizeof *v);
+    note_motion(kernel);
+    return true;
+}
+
+static void fill_pose(Kernel *kernel, const double *q)
+{
+    ChainPose pose;
+    pose.bodies[0] = kernel->pose.bodies[0];
+    chain_update(&kernel->chain, q, &pose);
+    copy3(pose.tcp.position, kernel->state.pose_position);
+    rotation_to_quaternion(pose.tcp.rotation, kernel->state.pose_orientation);
+}
+
+void kernel_pose(Kernel *kernel)
+{
+    fill_pose(kernel, kernel->state.q);
+}
+
+void kernel_pose_at(Kernel *kernel)
+{
+    fill_pose(kernel, kernel->state.pose_joints);
+}
+
+void kernel_motion(Kernel *kernel)
+{
+    double own[6];
+    for (int row = 0; row < 6; row++)
+        own[row] = product(kernel->n, kernel->jacobian[row], kernel->state.v);
+    turn_both(kernel->pose.tcp.rotation, own, kernel->state.motion);
+}
+
+void kernel_status(Kernel *kernel)
+{
+    KernelState *state = &kernel->state;
+    const Programme *programme = &kernel->programme;
+    state->limiting = 0;
+    if (!state->moving)
+        return;
+    for (int i = 0; i < kernel->n; i++)
+        if (state->v[i] >= programme->highest[i] - LIMITING ||
+            state->v[i] <= programme->lowest[i] + LIMITING)
+            state->limiting |= 1 << i;
+}
+
+/* ----------------------------------------------------------------------------------------------
+ * Parts */
+
+void kernel_kinematics(Kernel *kernel, const double *q, double rotation[9], double position[3],
+                       double *jacobian)
+{
+    int n = kernel->n;
+    chain_update(&kernel->chain, q, &kernel->pose);
+    chain_jacobian(&kernel->chain, &kernel->pose, kernel->jacobian);
+    memcpy(rotation, kernel->pose.tcp.rotation, sizeof kernel->pose.tcp.rotation);
+    copy3(kernel->pose.tcp.position, position);
+    for (int row = 0; row < 6; row++)
+        for (int i = 0; i < n; i++)
+            jacobian[row * n + i] = kernel->jacobian[row][i];
+}
+
+void kernel_distances(Kernel *kernel, const double *q, double *distances, double *gradients)
+{
+    chain_update(&kernel->chain, q, &kernel->pose);
+    kernel_separate(kernel);
+    for (size_t i = 0; i < kernel->pair_count; i++) {
+        distances[i] = kernel->separations[i].distance_m;
+        gradient(kernel, i, gradients + i * (size_t)kernel->n);
+    }
+}
+
+int32_t kernel_programme(Programme *programme)
+{
+    return programme_solve(programme);
+}
+
+double kernel_smallest_eigenvalue(const double *matrix, int32_t n)
+{
+    double values[MAX_JOINTS], copy[MAX_JOINTS][MAX_JOINTS] = {{0.0}};
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            copy[i][j] = matrix[i * n + j];
+    return eigen_symmetric(n, copy, values, NULL) ? values[0] : NAN;
+}

@@ -1,0 +1,65 @@
+"""Loads the compiled servo and declares its functions."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from ctypes import POINTER, c_char_p, c_double, c_int32, c_size_t, c_void_p
+from pathlib import Path
+from typing import Any
+
+import cardan
+from cardan.gateway.servo.kernel_layout import expected_layout
+from cardan.native import ADVICE, NativePartError, load_library
+
+
+def library_path() -> Path:
+    """Path of the compiled servo, whether or not it exists."""
+    return Path(__file__).with_name("libcardan_servo.so")
+
+
+@functools.cache
+def kernel_library() -> Any:
+    """The compiled servo, loaded once. Raises NativePartError, saying what to do."""
+    what = "the compiled servo"
+    loaded = load_library(library_path(), what, "kernel_layout", expected_layout())
+    numbers = POINTER(c_double)
+    for name, result, arguments in (
+        ("kernel_version", c_char_p, ()),
+        (
+            "kernel_create",
+            c_void_p,
+            (c_void_p, c_void_p, c_void_p, c_size_t, c_void_p, c_size_t, POINTER(c_int32)),
+        ),
+        ("kernel_destroy", None, (c_void_p,)),
+        ("kernel_state", c_void_p, (c_void_p,)),
+        ("kernel_set_tool", c_int32, (c_void_p, numbers, numbers)),
+        ("kernel_tune", c_int32, (c_void_p, c_void_p, numbers, numbers, numbers)),
+        ("kernel_place", c_int32, (c_void_p, numbers)),
+        ("kernel_move_at", c_int32, (c_void_p, numbers)),
+        ("kernel_tick", c_double, (c_void_p, c_double, c_int32)),
+        ("kernel_tick_joints", c_double, (c_void_p, c_double)),
+        ("kernel_brake", None, (c_void_p, c_double)),
+        ("kernel_pose", None, (c_void_p,)),
+        ("kernel_pose_at", None, (c_void_p,)),
+        ("kernel_motion", None, (c_void_p,)),
+        ("kernel_status", None, (c_void_p,)),
+        ("kernel_kinematics", None, (c_void_p, numbers, numbers, numbers, numbers)),
+        ("kernel_distances", None, (c_void_p, numbers, numbers, numbers)),
+        ("kernel_programme", c_int32, (c_void_p,)),
+        ("kernel_smallest_eigenvalue", c_double, (numbers, c_int32)),
+    ):
+        function = getattr(loaded, name)
+        function.restype, function.argtypes = result, arguments
+    version = loaded.kernel_version().decode()
+    if version != cardan.__version__:
+        raise NativePartError(
+            f"{what} is of version {version}, cardan of {cardan.__version__}: {ADVICE}"
+        )
+    return loaded
+
+
+def numbers(values: Any) -> Any:
+    """`values` as a C array of doubles."""
+    given = [float(value) for value in values]
+    return (ctypes.c_double * len(given))(*given)

@@ -1,0 +1,100 @@
+"""What the servo tells of its ticks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+SLOWED = 0.9
+"""Share of the asked speed below which the status says what slows the arm."""
+
+SINGULAR = 0.03
+"""Smallest singular value below which a slow arm is called singular."""
+
+UNREACHABLE_M_S, UNREACHABLE_RAD_S = 1e-3, 1e-2
+"""Smallest part of the commanded motion that counts as one that the arm cannot do."""
+
+
+class ServoStatus(NamedTuple):
+    """Numbers of the last tick. Lengths in m, angles in rad."""
+
+    path_speed: float
+    """Share of the commanded speed along the path that was possible, 0..1."""
+    smallest_singular_value: float
+    damping: float
+    limiting_joints: tuple[str, ...]
+    """Joints at a bound of speed, acceleration or range."""
+    distance_m: float
+    """Distance of the nearest pair of bodies; infinite without any."""
+    nearest_pair: tuple[str, str]
+    active_pairs: int
+    error_m: float
+    """From the commanded TCP to the reference."""
+    error_rad: float
+    unreachable_m_s: float
+    """Part of the commanded motion that this arm cannot do anywhere, for want of joints."""
+    unreachable_rad_s: float
+    failures: int
+    """Ticks so far without a solution, or whose step would have collided; each braked."""
+    iterations: int = 0
+    """Most iterations of the programme in a tick so far."""
+    compiled: bool = False
+    """Whether the compiled servo runs."""
+    refused: str = ""
+    """What was wrong with what the last tick was given, which therefore braked; empty: nothing."""
+
+    @property
+    def slowed(self) -> bool:
+        """Whether something slows the arm."""
+        return self.path_speed < SLOWED
+
+    @property
+    def singular(self) -> bool:
+        """Whether the arm is so close to a singularity that it may be what slows it."""
+        return self.smallest_singular_value < SINGULAR
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether two bodies are in each other."""
+        return self.distance_m < 0.0
+
+    @property
+    def unreachable(self) -> bool:
+        """Whether part of what is commanded is a motion that the arm has no joints for."""
+        return self.unreachable_m_s > UNREACHABLE_M_S or self.unreachable_rad_s > UNREACHABLE_RAD_S
+
+    def limits(self) -> list[str]:
+        """What limits the arm now, in one word each; empty while nothing does."""
+        slowed = self.slowed
+        found = {
+            "collision": self.overlaps or (slowed and self.active_pairs > 0),
+            "singularity": slowed and self.singular,
+            "joint": slowed and bool(self.limiting_joints),
+            "unreachable": self.unreachable,
+        }
+        return [name for name, limits in found.items() if limits]
+
+    def in_words(self) -> list[str]:
+        """What limits the arm now, for people; empty while nothing does."""
+        found = []
+        if self.slowed:
+            if self.active_pairs:
+                first, second = self.nearest_pair
+                found.append(f"{first} is {self.distance_m * 1e3:.0f} mm from {second}")
+            if self.singular:
+                found.append(f"singular ({self.smallest_singular_value:.3f})")
+            if self.limiting_joints:
+                found.append(f"limit of {', '.join(self.limiting_joints)}")
+            found.insert(0, f"{self.path_speed * 100:.0f} % of the speed asked")
+        if self.overlaps:
+            first, second = self.nearest_pair
+            found.append(
+                f"{first} and {second} overlap by {self.distance_m * -1e3:.0f} mm: move apart"
+            )
+        if self.unreachable:
+            found.append(
+                f"this arm cannot do {self.unreachable_m_s * 1e3:.0f} mm/s and "
+                f"{self.unreachable_rad_s:.2f} rad/s of what is asked"
+            )
+        if self.refused:
+            found.insert(0, self.refused)
+        return found

@@ -1,0 +1,441 @@
+"""The compiled servo: held to its oracles, given nonsense, and loaded."""
+
+import ctypes
+import gc
+import math
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import cardan
+from cardan.errors import ConfigurationError
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
+from cardan.gateway.servo import choice, compiled, kernel_layout as layout, native
+from cardan.gateway.servo.choice import choose_servo
+from cardan.gateway.servo.compiled import CompiledServo
+from cardan.gateway.servo.options import Policy, ServoOptions
+from cardan.gateway.servo.servo import Servo
+from cardan.native import NativePartError
+from cardan.robots import arm_names, load_arm, parse_urdf
+from cardan.types import IDENTITY_POSE, Pose, Quaternion, Vector3
+from tests import servo_oracles
+
+DT_S = 0.004
+STILL = np.zeros((2, 3))
+
+MAX_ITERATIONS = 120
+"""Of one programme: programme.h."""
+
+
+def made(name="ur5", **options):
+    kinematics = ArmKinematics(load_arm(name))
+    return CompiledServo(kinematics, CollisionModel(kinematics), ServoOptions(**options))
+
+
+# ---------------------------------------------------------------------------------------------
+# Oracles. `python -m tests.servo_oracles` does the same a million times.
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_placement_and_jacobian_are_pinocchios(name):
+    worst = servo_oracles.kinematics(name, 200)
+    assert worst.placement < 1e-12
+    assert worst.jacobian < 1e-12
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_distances_are_coals(name):
+    found = servo_oracles.distances(name, 100)
+    assert found.farther < 1e-9
+    assert found.nearer < 1e-9
+    assert found.gradient < 1e-4
+
+
+@pytest.mark.parametrize("degenerate", [False, True])
+def test_programmes_have_daqps_solutions_or_better_ones(degenerate):
+    found = servo_oracles.programmes(1000, degenerate=degenerate)
+    assert found.daqp < 1e-8
+    assert found.quadprog < 1e-8
+    assert found.residual < 1e-9
+    assert found.warm < 1e-6
+    assert found.iterations < 100
+
+
+def test_a_row_of_rounding_constrains_nothing():
+    """As of a body that turns about its own axis beside an obstacle that it overlaps."""
+    free = servo_oracles.Programme(
+        np.eye(3), np.array((-1.0, 2.0, 0.0)), np.full(3, -9.0), np.full(3, 9.0),
+        np.zeros((1, 3)), np.zeros(1),
+    )  # fmt: skip
+    noise = free._replace(rows=np.array(((-1e-17, 1e-18, 0.0),)))
+    assert noise.by_kernel()[0] == pytest.approx((1.0, -2.0, 0.0))
+    assert noise.by_daqp()[0] == pytest.approx((1.0, -2.0, 0.0))
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_ticks_are_those_of_the_servo_in_python(name):
+    found = servo_oracles.ticks(name, 200)
+    assert found.velocity <= servo_oracles.SAME_TICK
+    assert found.worse == 0
+    assert found.other < 1e-6
+
+
+PRISMATIC = """<robot name="gantry">
+<link name="base"/><link name="a"/><link name="b"/><link name="c"/><link name="d">
+<collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+<joint name="x" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="y" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="0 0.6 0.8"/>
+<origin xyz="0 0 0.2" rpy="0.3 0.2 0.1"/><limit lower="-1" upper="1" velocity="1"/></joint>
+<joint name="turn" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 -1"/>
+<limit velocity="2"/></joint>
+<joint name="tilt" type="revolute"><parent link="c"/><child link="d"/><axis xyz="1 2 3"/>
+<origin xyz="0.1 0 0.1"/><limit lower="-2" upper="2" velocity="2"/></joint></robot>"""
+
+
+def test_sliding_and_endless_joints_are_pinocchios_and_the_servos(monkeypatch):
+    arm = parse_urdf(PRISMATIC)
+    monkeypatch.setattr(servo_oracles, "load_arm", lambda name: arm)
+    worst = servo_oracles.kinematics("gantry", 200)
+    assert max(worst) < 1e-12
+    distances = servo_oracles.distances("gantry", 100)
+    assert max(distances.farther, distances.nearer) < 1e-9
+    found = servo_oracles.ticks("gantry", 300)
+    assert found.velocity <= servo_oracles.SAME_TICK
+    assert found.worse == 0
+
+
+@pytest.mark.parametrize("n", range(1, 9))
+def test_the_smallest_eigenvalue_is_numpys(n):
+    generator, library = np.random.default_rng(n), native.kernel_library()
+    for _ in range(200):
+        factor = generator.normal(size=(n, n)) * 10.0 ** generator.uniform(-6, 0, n)
+        matrix = np.ascontiguousarray(factor.T @ factor)
+        expected = np.linalg.eigvalsh(matrix)[0]
+        found = library.kernel_smallest_eigenvalue(native.numbers(matrix.ravel()), n)
+        assert found == pytest.approx(expected, abs=1e-13 * np.abs(matrix).max())
+
+
+# ---------------------------------------------------------------------------------------------
+# Nonsense
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+def test_a_tick_of_what_is_no_number_brakes_and_says_so(wrong):
+    servo = made()
+    home = servo.q.copy()
+    servo.move_at(np.full(6, 0.1))
+    goal = servo.pose
+    twist = STILL.copy()
+    twist[1, 2] = wrong
+    rate = np.full(6, wrong)
+    for ask in (
+        lambda: servo.tick(Pose(Vector3(0.0, wrong, 0.0), goal.orientation), STILL, DT_S),
+        lambda: servo.tick(Pose(goal.position, Quaternion(wrong, 0.0, 0.0, 0.0)), STILL, DT_S),
+        lambda: servo.tick(Pose(goal.position, Quaternion(0.0, 0.0, 0.0, 0.0)), STILL, DT_S),
+        lambda: servo.tick(goal, twist, DT_S),
+        lambda: servo.tick(goal, STILL, DT_S, rate),
+        lambda: servo.tick_joints(rate, np.zeros(6), DT_S),
+        lambda: servo.tick_joints(servo.q, rate, DT_S),
+    ):
+        servo.place(home)
+        servo.move_at(np.full(6, 0.1))
+        failures = servo.status().failures
+        assert ask() == 0.0
+        assert 0.0 <= np.abs(servo.v).max() < 0.1
+        assert np.isfinite(servo.q).all()
+        status = servo.status()
+        assert status.failures == failures + 1
+        assert status.in_words()[0] == "a goal, twist, rate or posture that is not a number: braked"
+    servo.tick(goal, STILL, DT_S)
+    assert servo.status().refused == ""
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -0.004, math.nan, math.inf])
+def test_nothing_moves_for_a_period_that_is_none(dt_s):
+    servo = made()
+    servo.move_at(np.full(6, 0.1))
+    before = servo.q.copy()
+    for ask in (
+        lambda: servo.tick(servo.pose, STILL, dt_s),
+        lambda: servo.tick_joints(servo.q + 1.0, np.zeros(6), dt_s),
+        lambda: servo.brake(dt_s),
+    ):
+        ask()
+        assert (servo.q == before).all()
+        assert "period" in servo.status().refused
+
+
+def test_what_has_a_wrong_length_or_is_no_number_is_refused_and_nothing_changes():
+    servo = made()
+    q = servo.q.copy()
+    for ask in (
+        lambda: servo.place(np.zeros(5)),
+        lambda: servo.place(np.full(6, math.nan)),
+        lambda: servo.move_at(np.zeros(7)),
+        lambda: servo.move_at(np.full(6, math.inf)),
+        lambda: servo.tick_joints(np.zeros(7), np.zeros(6), DT_S),
+        lambda: servo.tick_joints(np.zeros(6), np.zeros(5), DT_S),
+        lambda: servo.tick(servo.pose, STILL, DT_S, np.zeros(1)),
+        lambda: servo.tick(servo.pose, np.zeros((2, 2)), DT_S),
+        lambda: setattr(servo, "posture", np.zeros(3)),
+    ):
+        with pytest.raises(ValueError, match=r"values for 6 joints|not numbers|2×3"):
+            ask()
+        assert (servo.q == q).all()
+        assert not servo.moving
+
+
+def test_numbers_at_the_end_of_doubles_do_no_harm():
+    servo = made()
+    for size in (1e300, 1e154, 1e-320):
+        goal = Pose(Vector3(size, -size, size), Quaternion(1.0, 0.0, 0.0, 0.0))
+        servo.tick(goal, np.full((2, 3), size), DT_S, np.full(6, size), slide=True)
+        servo.tick_joints(np.full(6, size), np.full(6, -size), DT_S)
+        assert np.isfinite(servo.q).all()
+        assert (np.abs(servo.v) <= servo.kinematics.velocity).all()
+
+
+def test_memory_of_a_servo_outlives_it():
+    servo = made()
+    q, v = servo.q, servo.v
+    expected = q.copy()
+    del servo
+    assert (q == expected).all()
+    assert (v == 0.0).all()
+
+
+def altered(change):
+    """The call that makes a kernel of the UR5, with `change` of what it is given."""
+    kinematics = ArmKinematics(load_arm("ur5"))
+    collision = CollisionModel(kinematics)
+    change(kinematics, collision)
+    return CompiledServo(kinematics, collision)
+
+
+def set_to(array, index, value):
+    array[index] = value
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda k, c: set_to(k.lower, 2, math.nan), "limits"),
+        (lambda k, c: set_to(k.upper, 2, k.lower[2]), "limits"),
+        (lambda k, c: set_to(k.velocity, 0, 0.0), "limits"),
+        (lambda k, c: set_to(k.acceleration, 0, math.inf), "limits"),
+        (lambda k, c: set_to(c.sweeps, (0, 0), math.nan), "pair"),
+        (lambda k, c: set_to(c.solids, 0, c.solids[0]._replace(body=9)), "shape"),
+        (
+            lambda k, c: set_to(
+                c.solids, 0, c.solids[0]._replace(shape=c.solids[0].shape._replace(radius_m=-1.0))
+            ),
+            "shape",
+        ),
+        (lambda k, c: setattr(k, "joints", 9), "1 to 8 joints"),
+    ],
+)
+def test_an_arm_that_it_cannot_take_is_refused_in_words(change, words):
+    with pytest.raises(ConfigurationError, match=words):
+        altered(change)
+
+
+@pytest.mark.parametrize("weights", [(0.0,) * 6, (math.nan, *(1.0,) * 5), (-1.0, *(1.0,) * 5)])
+def test_weights_that_are_none_are_refused(weights):
+    with pytest.raises(ConfigurationError, match="weights"):
+        CompiledServo(ArmKinematics(load_arm("ur5")), weights=weights)
+
+
+def test_a_changed_tool_counts_from_the_next_tick():
+    servo = made()
+    before = servo.pose
+    tool = Pose(Vector3(0.0, 0.0, 0.1), Quaternion(1.0, 0.0, 0.0, 0.0))
+    servo.kinematics.set_tool(tool)
+    there = servo.placement
+    assert np.linalg.norm(servo.pose.position) == pytest.approx(np.linalg.norm(there.translation))
+    assert servo.pose.position == pytest.approx(tuple(there.translation), abs=1e-12)
+    servo.kinematics.set_tool(IDENTITY_POSE)
+    servo.tick(before, STILL, DT_S)
+    assert servo.status().error_m == pytest.approx(0.0, abs=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------
+# Loading and choice
+
+
+def test_what_is_tuned_in_midst_of_a_motion_counts_as_in_python():
+    kinematics = [ArmKinematics(load_arm("ur5")) for _ in range(2)]
+    solid = box_obstacle("table", Vector3(0.1, 0.3, 0.05), Vector3(0.5, 0.7, 0.07))
+    python, kernel = (
+        kind(each, CollisionModel(each, [solid]), ServoOptions())
+        for kind, each in zip((Servo, CompiledServo), kinematics, strict=True)
+    )
+    slower = ServoOptions(
+        speed_share=0.2, acceleration_share=0.5, safety_distance_m=0.15, policy=Policy.REACH
+    )
+    for servo in (python, kernel):
+        servo.place(np.array(kinematics[0].arm.home))
+    x, y, z = kernel.pose.position
+    wanted = kernel.pose._replace(position=Vector3(x - 0.1, y + 0.2, z - 0.2))
+    for tick in range(250):
+        if tick == 50:
+            fast = np.abs(kernel.v).max()
+            for servo in (python, kernel):
+                servo.tune(slower)
+        for servo in (python, kernel):
+            servo.tick(wanted, STILL, DT_S)
+        assert kernel.v == pytest.approx(python.v, abs=1e-6)
+    assert kernel.policy is python.policy is Policy.REACH
+    assert kernel.bounds.velocity == python.bounds.velocity
+    assert (np.abs(kernel.v) <= np.array(kernel.bounds.velocity) + 1e-9).all()
+    assert fast > np.abs(kernel.v).max()
+
+
+def test_a_tuning_that_it_cannot_take_is_refused_and_changes_nothing(monkeypatch):
+    servo = made()
+    before = servo.options, servo.bounds
+    monkeypatch.setattr(compiled, "closing_deceleration", lambda *_: math.nan)
+    with pytest.raises(ConfigurationError, match="an option of the servo"):
+        servo.tune(ServoOptions(speed_share=0.1, policy=Policy.REACH))
+    assert (servo.options, servo.bounds) == before
+    assert servo.policy is Policy.PATH
+
+
+def test_the_compiled_one_is_chosen_wherever_there_is_one():
+    servo = choose_servo(ArmKinematics(load_arm("gp8")))
+    assert isinstance(servo, CompiledServo)
+    assert servo.not_compiled == ""
+    assert servo.status().compiled
+
+
+@pytest.fixture
+def loaded_anew():
+    native.kernel_library.cache_clear()
+    yield
+    native.kernel_library.cache_clear()
+
+
+@pytest.mark.usefixtures("loaded_anew")
+@pytest.mark.parametrize(
+    ("target", "name", "value", "words"),
+    [
+        (cardan, "__version__", "0.0.0", "is of version .*, cardan of 0.0.0: .*tools/native"),
+        (native, "expected_layout", lambda: [1, 2], "other sources"),
+    ],
+)
+def test_a_library_that_does_not_fit_is_not_used(monkeypatch, target, name, value, words):
+    monkeypatch.setattr(target, name, value)
+    with pytest.raises(NativePartError, match=words):
+        native.kernel_library()
+    servo = choose_servo(ArmKinematics(load_arm("ur5")))
+    assert isinstance(servo, Servo)
+    assert "tools/native" in servo.not_compiled
+    assert not servo.status().compiled
+
+
+@pytest.mark.usefixtures("loaded_anew")
+def test_without_a_library_the_servo_in_python_moves_the_arm(monkeypatch, tmp_path):
+    monkeypatch.setattr(native, "library_path", lambda: tmp_path / "libcardan_servo.so")
+    servo = choice.choose_servo(ArmKinematics(load_arm("ur5")))
+    assert isinstance(servo, Servo)
+    assert "is not there" in servo.not_compiled
+    assert servo.tick(servo.pose, STILL, DT_S) == 1.0
+
+
+def test_both_languages_agree_on_every_field():
+    library = native.kernel_library()
+    for structure in (layout.CArm, layout.CState, layout.CProgramme):
+        assert ctypes.sizeof(structure) in layout.expected_layout()
+    assert library.kernel_version().decode() == cardan.__version__
+
+
+# ---------------------------------------------------------------------------------------------
+# What a tick may take.
+
+SOURCES = native.library_path().parent / "kernel"
+
+HARMLESS = {"atan2", "cos", "fmax", "fmin", "memcpy", "memset", "sin", "sqrt"}
+"""Functions of C's library that take neither memory nor a lock, and end."""
+
+LARGEST_FRAME_BYTES = 4096
+
+
+@pytest.mark.skipif(
+    None in (shutil.which("cc"), shutil.which("nm")), reason="no C compiler, or no nm beside it"
+)
+def test_a_tick_takes_no_memory_and_asks_the_system_for_nothing(tmp_path):
+    """Whatever is called from outside of `create.c`, which runs before the first tick."""
+    theirs, ours = set(), set()
+    for source in sorted(SOURCES.glob("*.c")):
+        made = tmp_path / f"{source.stem}.o"
+        flags = ("-std=c11", "-D_GNU_SOURCE", "-O2", "-Wvla", "-Werror", "-fstack-usage")
+        version = '-DCARDAN_VERSION="0"'
+        subprocess.run(["cc", *flags, version, "-c", str(source), "-o", str(made)], check=True)
+        found = subprocess.run(["nm", str(made)], check=True, capture_output=True, text=True)
+        for kind, name in (line.split()[-2:] for line in found.stdout.splitlines()):
+            if kind != "U":
+                ours.add(name)
+            elif source.name != "create.c":
+                theirs.add(name.partition("@")[0])
+    assert theirs - ours - {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"} <= HARMLESS
+    frames = [
+        line.split("\t") for each in tmp_path.glob("*.su") for line in each.read_text().splitlines()
+    ]
+    assert len(frames) > 20
+    for where, size, kind in frames:
+        assert kind == "static", where
+        assert int(size) <= LARGEST_FRAME_BYTES, where
+
+
+def test_a_tick_leaves_nothing_in_python():
+    servo = made(influence_distance_m=1.0)
+    goal = servo.pose
+
+    def ticks(count):
+        for number in range(count):
+            turned = goal._replace(
+                position=goal.position._replace(x=goal.position.x + 0.05 * math.sin(0.01 * number))
+            )
+            servo.tick(turned, STILL, DT_S)
+        servo.status()
+
+    ticks(200)
+    gc.collect()
+    before = sys.getallocatedblocks()
+    ticks(2000)
+    gc.collect()
+    assert abs(sys.getallocatedblocks() - before) < 50
+
+
+def test_the_iterations_of_the_worst_tick_are_counted():
+    """Goals that jump about between obstacles, as no operator's do."""
+    kinematics = ArmKinematics(load_arm("pr2_right_arm"))
+    boxes = [
+        box_obstacle(
+            f"box {i}",
+            Vector3(0.7 * math.cos(i) - 0.1, 0.7 * math.sin(i) - 0.1, 0.2 * i - 0.8),
+            Vector3(0.7 * math.cos(i) + 0.1, 0.7 * math.sin(i) + 0.1, 0.2 * i - 0.6),
+        )
+        for i in range(8)
+    ]
+    options = ServoOptions(influence_distance_m=2.0, policy=Policy.REACH)
+    servo = CompiledServo(kinematics, CollisionModel(kinematics, boxes), options)
+    generator = np.random.default_rng(0)
+    home = servo.pose
+    most = rows = 0
+    for _ in range(3000):
+        position = Vector3(*(np.array(home.position) + generator.normal(size=3)).tolist())
+        turn = generator.normal(size=4)
+        goal = Pose(position, Quaternion(*(turn / np.linalg.norm(turn)).tolist()))
+        servo.tick(goal, generator.normal(size=(2, 3)), DT_S)
+        now = servo._state.iterations
+        assert 0 < now <= 2 * MAX_ITERATIONS
+        most, rows = max(most, now), max(rows, servo._state.active)
+        assert servo.status().iterations >= most
+    assert rows > 10
+    assert servo.status().failures == 0
+    assert servo.status().iterations == most
