@@ -14,7 +14,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
 from cardan.openable import Openable
@@ -35,6 +35,25 @@ RECHECK_S = 0.1
 makes a state stale notifies nobody, and the thread that reads the device may hang."""
 
 
+Tap = Callable[[bytes, bool, str], None]
+"""Is given raw bytes as they are exchanged: what was received or, where the second argument is
+True, sent; and by which of several connections, empty where there is one. Called in the thread that
+exchanges them: it must not block and not raise."""
+
+
+class Endpoint(NamedTuple):
+    """An address that a driver uses while it is open."""
+
+    transport: Literal["tcp", "udp"]
+    host: str
+    port: int
+    listens: bool = False
+    """Whether the driver waits here for the other side, which sends first; else it connects to
+    it."""
+    peer: str | None = None
+    """The only computer that it listens to; None: any."""
+
+
 class Driver(Openable):
     """What operator devices and robots have in common: options, open, close, diagnosis."""
 
@@ -48,6 +67,8 @@ class Driver(Openable):
     """Its documentation: a page of Cardan's docs/, or a URL."""
     peer: ClassVar[str] = ""
     """The simulated peer that stands in for the hardware: ``cardan sim PEER``."""
+    tap: Tap | None = None
+    """Who records the raw bytes that are exchanged; set and taken off at any time."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         """Takes an `Options` object, or its fields as keywords.
@@ -99,8 +120,19 @@ class Driver(Openable):
         instead: `cardan check` and `cardan run` print it. Open or not."""
         return ()
 
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """Where it listens, and what it connects to, as its options have it: `cardan doctor` looks
+        whether these can be had. Only those are named at which one more connection, that is closed
+        again without a word, disturbs nobody. Open or not."""
+        return ()
+
     def metrics(self) -> dict[str, float]:
         """Live figures by name; times in s, ratios in 0..1, counts as whole numbers."""
+        return {}
+
+    def protocol_errors(self) -> Mapping[str, int]:
+        """Messages of the device or robot that could not be used, counted by kind since the driver
+        was made: "malformed", "implausible" and the like, few words that never change."""
         return {}
 
 
@@ -228,6 +260,14 @@ class OperatorDevice(Driver):
     @abstractmethod
     def button_events(self) -> Sequence[ButtonEvent]:
         """Button edges since the last call, oldest first; none is lost. One consumer."""
+
+    reshapes: ClassVar[bool] = False
+    """Whether `reshape` works."""
+
+    def reshape(self, options: Any) -> None:
+        """Shape the deflections by other options from now on, also while it is open: only those of
+        :class:`cardan.drivers.shaping.ShapingOptions` may differ. Drivers that can override it."""
+        raise CommandError(f"{type(self).__name__} cannot: close it, and open another one")
 
     def feedback(self, feedback: DeviceFeedback) -> None:
         """Give `feedback` to the operator. Raises CommandError for a channel the device lacks."""

@@ -7,7 +7,18 @@ from collections import Counter
 from collections.abc import Mapping
 
 from cardan.drivers.buttons import ButtonEdges
-from cardan.types import NEUTRAL, NEVER_S, Axes, ButtonEvent, DeviceLink, DeviceState, Pose, Wrench
+from cardan.drivers.shaping import Shaper, ShapingOptions
+from cardan.types import (
+    NEUTRAL,
+    NEVER_S,
+    Axes,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    Inertia,
+    Pose,
+    Wrench,
+)
 
 
 class DeviceCore(ABC):
@@ -22,6 +33,9 @@ class DeviceCore(ABC):
 
     # CPython keeps up to 29 attributes of an object in a fast place, and the SpaceMouse's core has
     # as many: one more makes each of its reports take an eighth longer.
+
+    _shaper: Shaper
+    """Of those with deflections."""
 
     def __init__(self) -> None:
         self._buttons = ButtonEdges()
@@ -40,6 +54,10 @@ class DeviceCore(ABC):
         self._malformed: Counter[str] = Counter()
         """Reports that mean nothing, by what is wrong with them."""
         self._cached: DeviceState | None = None
+
+    def reshape(self, options: ShapingOptions) -> None:
+        """Shape deflections by other options from the next report on."""
+        self._shaper = Shaper(options)
 
     # -- what a core has to say, and may say ---------------------------------------------------
 
@@ -66,6 +84,10 @@ class DeviceCore(ABC):
 
     def _wrench(self) -> Wrench | None:
         """The measured force and torque, whatever the link."""
+        return None
+
+    def _inertia(self, now_s: float) -> Inertia | None:
+        """What its inertial sensors measure, while they are heard."""
         return None
 
     def _why(self) -> str:
@@ -115,6 +137,7 @@ class DeviceCore(ABC):
                 self._battery,
                 "" if live else self._why(),
                 self._wrench(),
+                self._inertia(now_s),
             )
         return self._cached
 
@@ -129,6 +152,10 @@ class DeviceCore(ABC):
             **self._tally(),
             "lost_edges": self._buttons.lost_edges,
         }
+
+    def protocol_errors(self) -> dict[str, int]:
+        """Reports that mean nothing."""
+        return {"malformed": self._malformed.total()}
 
     def diagnosis(self, now_s: float) -> list[str]:
         """Problems, and what else deserves attention, worst first."""

@@ -12,7 +12,7 @@ import socket
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from cardan.bounds import LONGEST_BLIND_S
@@ -32,6 +32,10 @@ _FLOOD: Final = 50
 """Excess of bad over good datagrams that counts as a flood: motion is not safe then."""
 
 _IMPLAUSIBLE: Final = "implausible"
+
+_LATE: Final = "late or double"
+_EARLIER: Final = "an earlier session"
+_OUT_OF_ORDER: Final = (_LATE, _EARLIER)
 """The reason of states that no robot measures."""
 
 
@@ -64,7 +68,7 @@ class DatagramSession(ABC, Generic[MessageT]):
 
     controller: ClassVar[str]
     """What messages call it, with its article."""
-    advice: ClassVar[str] = ""
+    advice: str = ""
     """What to look at when nothing was ever heard of it."""
 
     def __init__(self, capabilities: RobotCapabilities, lost_after_s: float) -> None:
@@ -88,8 +92,9 @@ class DatagramSession(ABC, Generic[MessageT]):
     # -- what a protocol gives ------------------------------------------------------------------
 
     @abstractmethod
-    def _decode(self, data: bytes) -> MessageT | str:
-        """The controller's message, or why `data` is none."""
+    def _decode(self, data: Any) -> MessageT | str | None:
+        """The controller's message, or why `data` (bytes, or what the transport gives) is none;
+        None for what is somebody else's, which is no mistake."""
 
     @abstractmethod
     def _state_of(self, message: MessageT, before: MessageT | None, now_s: float) -> RobotState:
@@ -121,9 +126,11 @@ class DatagramSession(ABC, Generic[MessageT]):
 
     # -- states ---------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, now_s: float) -> RobotState | None:
+    def receive(self, data: Any, now_s: float) -> RobotState | None:
         """The state in `data`, stamped `now_s`; None when it is none, late or double."""
         message = self._decode(data)
+        if message is None:
+            return None
         if isinstance(message, str):
             self._ignore(message)
             return None
@@ -131,10 +138,10 @@ class DatagramSession(ABC, Generic[MessageT]):
         if before is not None and not self.lost(now_s):
             if message.session == before.session:
                 if not is_newer(message.sequence, before.sequence):
-                    self.ignored["late or double"] += 1
+                    self.ignored[_LATE] += 1
                     return None
             elif not is_newer(message.session, before.session):
-                self.ignored["an earlier session"] += 1
+                self.ignored[_EARLIER] += 1
                 return None
         if before is not None and not _continues(message, before):
             before = None
@@ -206,6 +213,14 @@ class DatagramSession(ABC, Generic[MessageT]):
             "sessions": float(self.sessions),
         }
 
+    def protocol_errors(self) -> dict[str, int]:
+        """Datagrams ignored: out of their order, no plausible state, or none of the protocol."""
+        ignored = self.ignored
+        found = {"order": sum(ignored[why] for why in _OUT_OF_ORDER)}
+        found["implausible"] = ignored[_IMPLAUSIBLE]
+        found["malformed"] = sum(ignored.values()) - sum(found.values())
+        return found
+
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
         """Problems, worst first."""
         found = []
@@ -231,10 +246,10 @@ class Transport(Protocol):
     def send(self, data: bytes) -> None:
         """Never raises."""
 
-    def wait(self) -> list[bytes]:
+    def wait(self) -> Sequence[Any]:
         """What came in by the next control instant, oldest first; empty at least every WAKE_S."""
 
-    def waiting(self) -> list[bytes]:
+    def waiting(self) -> Sequence[Any]:
         """What is there already, oldest first."""
 
     def close(self) -> None: ...
@@ -333,6 +348,8 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
             while self._loop == loop:
                 state = None
                 for data in transport.wait():
+                    if (tap := self.tap) is not None:
+                        tap(data, False, "")
                     state = session.receive(data, transport.now()) or state
                 if self._loop != loop:
                     return
@@ -364,15 +381,18 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
         if session.late(transport.now()):
             # The robot has moved on since the state that this command was computed from.
             for data in transport.waiting():
+                if (tap := self.tap) is not None:
+                    tap(data, False, "")
                 session.receive(data, transport.now())
         answer = session.command(command, transport.now())
         self._owes_answer = False
         self._say(transport, answer)
 
-    @staticmethod
-    def _say(transport: Transport, data: bytes | None) -> None:
+    def _say(self, transport: Transport, data: bytes | None) -> None:
         if data is not None:
             transport.send(data)
+            if (tap := self.tap) is not None:
+                tap(data, True, "")
 
     @property
     def link(self) -> RobotLink:
@@ -383,3 +403,6 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
 
     def metrics(self) -> dict[str, float]:
         return self._session.metrics()
+
+    def protocol_errors(self) -> dict[str, int]:
+        return self._session.protocol_errors()

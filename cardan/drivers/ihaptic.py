@@ -40,23 +40,26 @@ class IHapticDevice:
         self._commands = threading.Lock()
         """Held while the mode is read or changed, and while a command is sent."""
 
+    def get_pose(self) -> Pose:
+        """Position and orientation in the frame of the transformation.
+
+        Raises DriverError while the device cannot tell.
+        """
+        return spatial.compose(self._transformation, self._device.measured_pose())
+
     def get_position(self) -> Vector3:
         """Position of the gimbal's centre in the frame of the transformation, m.
 
         Raises DriverError while the device cannot tell.
         """
-        offset, turn, _ = self._transformation
-        return spatial.add(offset, spatial.rotate(turn, self._device.measured_pose().position))
+        return self.get_pose().position
 
     def get_orientation(self) -> Vector3:
         """Orientation of the stylus in the frame of the transformation: roll, pitch, yaw, rad.
 
         Raises DriverError while the device cannot tell.
         """
-        turn = self._transformation.orientation
-        return spatial.to_euler_zyx(
-            spatial.multiply(turn, self._device.measured_pose().orientation)
-        )
+        return spatial.to_euler_zyx(self.get_pose().orientation)
 
     def get_buttons(self) -> tuple[bool, ...]:
         """Whether each button is down, in the order of the device's capabilities."""
@@ -86,6 +89,14 @@ class IHapticDevice:
         most = limits.joint_torque_n_m if self._joint_torques else limits.force_n
         return Vector3(*(most or 0.0,) * 3)
 
+    def to_hand(self, force: Vector3) -> Vector3:
+        """A force along the transformation's axes, along those of the hand frame."""
+        return spatial.rotate(spatial.conjugate(self._transformation.orientation), force)
+
+    def from_hand(self, force: Vector3) -> Vector3:
+        """A force along the axes of the hand frame, along the transformation's."""
+        return spatial.rotate(self._transformation.orientation, force)
+
     def set_feedback(self, feedback: Vector3) -> None:
         """Force in N along the transformation's axes, or joint torques in N·m.
 
@@ -103,8 +114,7 @@ class IHapticDevice:
             if self._joint_torques:
                 self._send(torques=asked)
             else:
-                back = spatial.conjugate(self._transformation.orientation)
-                self._send(force=spatial.rotate(back, asked))
+                self._send(force=self.to_hand(asked))
 
     def stop_feedback(self) -> None:
         """No feedback, by ramp. Raises NotOpenError."""

@@ -131,6 +131,7 @@ class LostTime:
         """
         if self._interrupted:
             self._resume(moved, before, velocity, dt_s)
+            before = velocity
         offset, rate = self.offset, self.rate
         ahead = square = faster = size = 0.0
         for v, each, r in zip(velocity, offset, rate, strict=True):
@@ -146,8 +147,13 @@ class LostTime:
         share = min(dt_s / (SLOW_DOWN_S if faster > 0.0 else SPEED_UP_S), 1.0)
         left = False
         for i, each in enumerate(offset):
-            r = rate[i] + share * (back * each - rate[i])
-            rate[i] = r
+            v = velocity[i]
+            # The robot's speed moves towards its aim and never away from it: a robot that stands
+            # while its command brakes would otherwise be moved back.
+            current, aim = before[i] + rate[i], v + back * each
+            speed = v + rate[i] + share * (back * each - rate[i])
+            low, high = (current, aim) if current < aim else (aim, current)
+            rate[i] = r = min(max(speed, low), high) - v
             offset[i] = each = each + r * dt_s
             left = left or abs(each) > _NOTHING or abs(r) > _NOTHING
         if not left:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from abc import abstractmethod
@@ -10,15 +11,22 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.core import DeviceCore
+from cardan.drivers.hotplug import Arrivals
 from cardan.errors import DeviceAccessError, DriverError, NotOpenError
+from cardan.shortage import shortage
 from cardan.types import ButtonEvent, DeviceState
 
-RETRY_FIRST_S, RETRY_LAST_S = 0.25, 2.0
-"""Pause between attempts to open a lost device, doubled each time: few systems tell of plugs."""
+RETRY_FIRST_S, RETRY_LAST_S = 0.2, 0.8
+"""Pause between attempts to open a lost device, doubled each time, where the system does not tell
+of one that is plugged in: it is found within a second all the same."""
+
+SETTLE_S = 0.05
+"""Pause before an attempt after the system has told of a device: a plug makes a dozen events."""
 
 JOIN_TIMEOUT_S = 2.0
 """A reader looks at `stop` at least every 50 ms; one that does not is left to die as a daemon."""
 
+_log = logging.getLogger(__name__)
 
 C = TypeVar("C", bound=DeviceCore)
 
@@ -125,6 +133,13 @@ class ReadDevice(OperatorDevice, Generic[C]):
         with self._lock:
             return self._core.state(time.monotonic())
 
+    def reshape(self, options: Any) -> None:
+        """Shape the deflections by other options from the next report on."""
+        if not self.reshapes:
+            super().reshape(options)
+        with self._lock:
+            self._core.reshape(options)
+
     def button_events(self) -> Sequence[ButtonEvent]:
         """Button edges since the last call, oldest first."""
         with self._lock:
@@ -134,6 +149,11 @@ class ReadDevice(OperatorDevice, Generic[C]):
         """Live figures by name."""
         with self._lock:
             return self._core.metrics(time.monotonic())
+
+    def protocol_errors(self) -> dict[str, int]:
+        """Reports that mean nothing, by kind."""
+        with self._lock:
+            return self._core.protocol_errors()
 
     def diagnosis(self) -> tuple[str, ...]:
         """Problems, and what else deserves attention, worst first."""
@@ -154,6 +174,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
 
     def _run(self, stop: threading.Event, connected: bool) -> None:
         retry_s = RETRY_FIRST_S
+        arrivals: Arrivals | None = None
         try:
             while not stop.is_set():
                 # Whatever a system's library raises, the device is tried again: a reader that dies
@@ -166,6 +187,9 @@ class ReadDevice(OperatorDevice, Generic[C]):
                     except Exception as error:
                         self._lose(_words(error))
                 if connected:
+                    if arrivals is not None:
+                        arrivals.close()
+                        arrivals = None
                     try:
                         self._serve(stop)
                     except Exception as error:
@@ -173,22 +197,36 @@ class ReadDevice(OperatorDevice, Generic[C]):
                             retry_s = RETRY_FIRST_S
                         self._lose(_words(error))
                         connected = False
-                stop.wait(retry_s)
-                retry_s = min(2.0 * retry_s, RETRY_LAST_S)
+                arrivals = arrivals or Arrivals()
+                if arrivals.wait(retry_s, stop):
+                    retry_s = RETRY_FIRST_S
+                    stop.wait(SETTLE_S)
+                else:
+                    retry_s = min(2.0 * retry_s, RETRY_LAST_S)
         finally:
-            self._release()
+            if arrivals is not None:
+                arrivals.close()
+            self._let_go()
 
     def _lose(self, reason: str) -> None:
         # Neutral first: letting go of a device may take its time.
         with self._lock:
             self._core.on_lost(reason, time.monotonic())
         self._notify()
-        self._release()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        try:
+            self._release()
+        except Exception:  # Of a system's library: the device is tried again all the same.
+            _log.exception("the %s was not closed in good order", self._kind)
 
 
 def _words(error: Exception) -> str:
     if isinstance(error, DriverError):
         return str(error)
+    if lacking := shortage(error):
+        return lacking
     if isinstance(error, OSError):
         return f"unplugged, or it cannot be read ({error.strerror or error})"
     return f"the reader failed: {error!r}"

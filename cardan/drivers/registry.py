@@ -24,8 +24,13 @@ BUILT_IN = {
     "keyboard": "cardan.drivers.keyboard:Keyboard",
     "jr3_can": "cardan.drivers.jr3_can:Jr3",
     "omni": "cardan.drivers.omni:Omni",
+    "ros2_spacenav": "cardan.drivers.ros2_spacenav:Ros2Spacenav",
+    "ros2_joy": "cardan.drivers.ros2_joy:Ros2Joy",
+    "phone": "cardan.drivers.phone:Phone",
+    "xr": "cardan.drivers.xr:Xr",
     "abb_egm": "cardan.drivers.abb_egm:AbbEgm",
     "motoros": "cardan.drivers.motoros:Motoros",
+    "ros2": "cardan.drivers.ros2_arm:Ros2Arm",
     "sim_arm": "cardan.drivers.sim_arm:SimArm",
 }
 """Our own drivers. Other packages add theirs by an entry point of the same form."""

@@ -22,6 +22,7 @@ from typing import Any
 
 from cardan.bounds import Host
 from cardan.options import hints
+from cardan.sockets import is_loopback
 
 
 class Only(enum.Enum):
@@ -38,19 +39,12 @@ Way = Mapping[str, Only | tuple[object, ...]]
 """Options by name, and what each must be: one of these, or one of several values."""
 
 
-def is_loopback(text: object) -> bool:
+def stays_here(text: object) -> bool:
     """Whether a host, or HOST:PORT, is one that only this computer has; None, no host, is."""
-    if text is None or text == "localhost":
+    if text is None:
         return True
     host = str(text)
-    if host.count(":") == 1:
-        host = host.partition(":")[0]
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
+    return is_loopback(host.partition(":")[0] if host.count(":") == 1 else host)
 
 
 def is_elsewhere(text: str) -> bool:
@@ -75,7 +69,7 @@ def why_not_simulated(
     for name, value in values.items():
         if not own(name) and any(map(is_elsewhere, _texts(value))):
             return name, f"{value!r} is an address that other computers have"
-        if _is_host(options, name) and not is_loopback(value):
+        if _is_host(options, name) and not stays_here(value):
             return name, f"{value!r} is not {LOOPBACK.value}"
     # A subclass may reach its hardware otherwise: what it inherits does not count.
     ways: tuple[Way, ...] | None = vars(driver).get("simulated")
@@ -88,7 +82,7 @@ def why_not_simulated(
             if only is OWN:
                 good, allowed = own(name), OWN.value
             elif only is LOOPBACK:
-                good, allowed = value is not None and is_loopback(value), LOOPBACK.value
+                good, allowed = value is not None and stays_here(value), LOOPBACK.value
             elif only is LAUNCHED:
                 good, allowed = launched and not value, LAUNCHED.value
             else:
@@ -108,7 +102,7 @@ def _why_strictly_not(
     """The same of a driver that declares no ways."""
     declare = "its driver may declare the option harmless (`simulated`)"
     for name, value in values.items():
-        if not own(name) and not all(not text or is_loopback(text) for text in _texts(value)):
+        if not own(name) and not all(not text or stays_here(text) for text in _texts(value)):
             return name, (
                 f"{value!r} may reach hardware; it must be {OWN.value}, or {LOOPBACK.value}; "
                 f"or {declare}"

@@ -20,8 +20,12 @@ BUILT_IN = {
     "leap": "cardan.sim_peers.leap.command:Leap",
     "motoman-gp8": "cardan.sim_peers.motoros_controller.command:MotomanGp8",
     "omni": "cardan.sim_peers.omni.command:Omni",
+    "phone": "cardan.sim_peers.handheld.command:PhonePage",
+    "ros2-arm": "cardan.sim_peers.ros2_arm.command:Ros2Arm",
+    "ros2-device": "cardan.sim_peers.ros2_device.command:Ros2Device",
     "spacemouse": "cardan.sim_peers.spacemouse.command:SpaceMouse",
     "wiimote": "cardan.sim_peers.wiimote.command:Wiimote",
+    "xr": "cardan.sim_peers.handheld.command:XrPage",
 }
 """Our own peers. Other packages add theirs by an entry point of the same form."""
 

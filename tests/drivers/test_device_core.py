@@ -166,6 +166,7 @@ def test_the_diagnosis_is_in_one_order(live, monkeypatch):
         live._on_malformed("cut short", 0x21)
     live._on_malformed("of no kind", -1)
     live._counts["odd"] = 3
+    assert live.protocol_errors() == {"malformed": 3}
     assert live.diagnosis(1.2) == [
         "no report for 0.1 s",
         "its cable is worn",

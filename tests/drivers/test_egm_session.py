@@ -1051,6 +1051,7 @@ class TestBadBytes:
                 assert bench.session.state is before
             assert bench.cycle(joint_target(0.1 * k)) == twin.cycle(joint_target(0.1 * k))
         assert sum(bench.session.counters.malformed.values()) == 3 * len(garbage)
+        assert sum(bench.session.protocol_errors().values()) == 3 * len(garbage)
 
     @pytest.mark.parametrize("mode", ["pose", "joint"])
     @pytest.mark.parametrize(

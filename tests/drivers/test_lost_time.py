@@ -76,6 +76,52 @@ def test_a_speed_that_was_lost_comes_back_gently():
     assert max(b - a for a, b in pairwise(rates)) <= 0.4 * PERIOD_S
 
 
+def speeds_of(lost, velocities, before):
+    """What the robot is told, for commands that change their speed."""
+    found = []
+    for v in velocities:
+        lost.step([v * PERIOD_S, 0.0], (before, 0.0), (v, 0.0), PERIOD_S)
+        before = v
+        found.append(v + lost.rate[0])
+    return found
+
+
+def ramp(first, last, acceleration=1.0):
+    count = round(abs(last - first) / acceleration / PERIOD_S)
+    return [first + (last - first) * (k + 1) / count for k in range(count)]
+
+
+def test_a_robot_that_has_stopped_is_not_moved_back_while_its_command_brakes():
+    lost = LostTime(2)
+    lost.passed(5.0, apart=(-0.5, 0.0), slip=(-0.1, 0.0))
+    found = speeds_of(lost, [*ramp(0.1, 0.0), *[0.0] * 250], 0.1)
+    assert min(found) >= 0.0
+    assert max(found) < 0.015  # What it takes to get to where the command rests.
+    assert lost.offset[0] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_nor_is_it_faster_than_a_command_that_turns_back():
+    lost = LostTime(2)
+    lost.passed(5.0, apart=(-0.5, 0.0), slip=(-0.1, 0.0))
+    commanded = [*ramp(0.1, -0.1), *[-0.1] * 250]
+    found = speeds_of(lost, commanded, 0.1)
+    assert all(
+        min(v, 0.0) - 1e-9 <= u <= max(v, 0.0) + 0.002
+        for u, v in zip(found, commanded, strict=True)
+    )
+    assert found[-1] == pytest.approx(-0.1, rel=0.05)
+    assert max(abs(b - a) for a, b in pairwise(found)) <= 1.05 * PERIOD_S
+
+
+def test_one_that_went_on_brakes_as_it_should():
+    lost = LostTime(2)
+    lost.passed(0.06, slip=(0.0, 0.0))
+    found = speeds_of(lost, [*ramp(0.1, 0.0), *[0.0] * 500], 0.1)
+    assert max(found) <= 0.1 + 1e-9
+    assert max(a - b for a, b in pairwise(found)) <= 1.5 * PERIOD_S
+    assert min(found) > -0.02  # Back to where the command rests.
+
+
 def test_what_comes_in_several_parts_adds_up():
     lost = LostTime(2)
     lost.passed(0.02, slip=(-0.05, 0.0))

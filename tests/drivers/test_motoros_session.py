@@ -421,6 +421,7 @@ def test_replies_too_late_for_a_stream_end_it_without_a_step_at_rest():
 def test_garbage_between_states_is_named_and_survived():
     run = rig("stream", faults={"garbage": 0.05}).run(6.0)
     assert run.session.feed.ignored
+    assert run.session.protocol_errors()["malformed"] >= 1
     assert run.session.metrics(run.now_s)["reconnects"] >= 1.0
     assert run.states[-1].joints
 

@@ -47,6 +47,7 @@ from cardan.types import (
     Vector3,
     Wrench,
 )
+from tests.waiting import until
 
 pytestmark = [
     pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled"),
@@ -55,15 +56,6 @@ pytestmark = [
 
 PATIENCE_S = 5.0
 PAGE = Path(__file__).parents[2] / "docs" / "omni.md"
-
-
-def until(condition, words="it did not come to that"):
-    """Wait for a condition, and give back what made it true."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not (value := condition()):
-        assert time.monotonic() < deadline_s, words
-        time.sleep(0.002)
-    return value
 
 
 class Bench:

@@ -62,6 +62,8 @@ class Patient(Options):
 class Device(ReadDevice):
     """Reads a hardware that is there while `plugged` is set."""
 
+    _kind = "device"
+
     Options = Options
 
     def __init__(self, options=None, plugged=True):
@@ -106,6 +108,21 @@ def test_it_opens_and_closes():
     assert device.state().link is DeviceLink.CLOSED
     assert device.released.is_set()
     device.close()
+
+
+def test_one_whose_library_fails_to_let_go_is_found_again(caplog):
+    with Device(options=Patient()) as device:
+
+        def release():
+            device.released.set()
+            raise RuntimeError("close operation timed out")
+
+        device._release = release
+        device.plugged.clear()
+        assert device.released.wait(PATIENCE_S)
+        device.plugged.set()
+        assert device.connected.wait(PATIENCE_S)
+    assert "was not closed in good order" in caplog.text
 
 
 def test_a_missing_device_is_an_error():

@@ -8,6 +8,7 @@ import re
 import time
 from contextlib import contextmanager
 from itertools import islice, pairwise
+from types import SimpleNamespace
 
 import pytest
 
@@ -192,6 +193,32 @@ def test_real_time_keeps_an_absolute_schedule():
         assert abs(states[-1].stamp_s - time.monotonic()) < 1.0
 
 
+def test_instants_that_were_missed_are_counted_and_left_out(monkeypatch):
+    """A clock that only a sleep and the application move."""
+    now_s = 100.0
+
+    def sleep(seconds):
+        nonlocal now_s
+        now_s += seconds + 20e-6
+
+    clock = SimpleNamespace(sleep=sleep)
+    monkeypatch.setattr("cardan.drivers.sim_arm.driver._monotonic", lambda: now_s)
+    monkeypatch.setattr("cardan.drivers.sim_arm.driver.time", clock)
+    with arm(pacing="real-time", drive="ideal", period_s=0.001) as robot:
+        stamps = []
+        for number, state in enumerate(islice(robot.cycles(), 200)):
+            stamps.append(state.stamp_s)
+            robot.send(SPEED)
+            now_s += 0.0034 if number == 99 else 0.0004
+        metrics = robot.metrics()
+    assert metrics["superseded"] == 2
+    assert metrics["instants"] == 202
+    assert metrics["late_p50_s"] == pytest.approx(20e-6, rel=0.03)
+    assert metrics["late_max_s"] == pytest.approx(2.42e-3)
+    assert stamps[-1] == pytest.approx(100.0 + 202 * 0.001 + 20e-6)
+    assert "late_p50_s" not in arm().metrics()  # Nothing is late in virtual time.
+
+
 def test_open_and_close():
     robot = arm()
     assert robot.arm is None
@@ -322,6 +349,7 @@ def test_a_state_that_no_robot_measures_is_none(part, words):
     assert session.receive(encode_state(STATE._replace(sequence=2, **part)), 0.002) is None
     assert session.state.joints == STATE.positions
     assert session.ignored == {"implausible": 2}
+    assert session.protocol_errors() == {"order": 0, "implausible": 2, "malformed": 0}
     assert re.search(f"2 datagrams ignored: implausible .{words}", session.diagnosis(0.002)[-1])
 
 

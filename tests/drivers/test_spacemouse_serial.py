@@ -33,6 +33,7 @@ from cardan.sim_peers.spacemouse import (
 )
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.serving import in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
@@ -610,13 +611,6 @@ def eager_scripts(monkeypatch):
     monkeypatch.setattr(peer_module, "SCRIPT_DELAY_S", 0.2)
 
 
-def eventually(condition):
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s, "it did not happen"
-        time.sleep(0.002)
-
-
 def peer_at(tmp_path, model, script, **more):
     file = tmp_path / "script"
     file.write_text(script)
@@ -644,10 +638,10 @@ TOUCH_AND_HOLD = """
 
 
 def follow(mouse):
-    eventually(lambda: mouse.state().link is DeviceLink.LIVE)
+    until(lambda: mouse.state().link is DeviceLink.LIVE)
     there = pytest.approx((0.5, 0.0, 0.0, 0.0, 0.0, 0.5), abs=0.01)
-    eventually(lambda: (state := mouse.state()).axes == there and state.buttons)
-    eventually(lambda: not any((state := mouse.state()).axes) and not state.buttons)
+    until(lambda: (state := mouse.state()).axes == there and state.buttons)
+    until(lambda: not any((state := mouse.state()).axes) and not state.buttons)
     assert [event.pressed for event in mouse.button_events()][:2] == [True, False]
 
 
@@ -662,7 +656,7 @@ def test_a_magellan_from_hand_to_state(tmp_path):
             follow(mouse)
             with pytest.raises(DeviceAccessError, match="another program has it open"):
                 mouse_at(peer).open()
-        eventually(lambda: not peer.device.powered)
+        until(lambda: not peer.device.powered)
 
 
 @pytest.mark.judged(
@@ -689,10 +683,10 @@ def test_a_spaceorb_that_vanishes_and_comes_back(tmp_path, monkeypatch):
         2.0  loop
     """
     with in_a_thread(peer_at(tmp_path, "spaceorb", script)) as peer, mouse_at(peer) as mouse:
-        eventually(lambda: mouse.state().axes[2] > 0.3)
-        eventually(lambda: mouse.state().link is DeviceLink.LOST)
+        until(lambda: mouse.state().axes[2] > 0.3)
+        until(lambda: mouse.state().link is DeviceLink.LOST)
         assert mouse.state().axes == REST
-        eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+        until(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
         assert mouse.state().axes == REST
 
 
@@ -761,7 +755,7 @@ def test_closing_does_not_wait_for_a_device_that_does_not_answer(tmp_path):
     with in_a_thread(peer):
         mouse = mouse_at(peer, wait_for_device=True)
         mouse.open()
-        eventually(lambda: peer.device.powered)
+        until(lambda: peer.device.powered)
         begin_s = time.monotonic()
         mouse.close()
         assert time.monotonic() - begin_s < 1.0

@@ -6,7 +6,6 @@ import re
 import socket
 import sys
 import threading
-import time
 import types
 from collections import deque
 
@@ -40,21 +39,13 @@ from cardan.protocols.connexion import (
     model_by_key,
 )
 from cardan.types import DeviceFeedback, DeviceLink
+from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
 PATIENCE_S = 10.0
 REST = encode_motion(0, 0, 0, 0, 0, 0)
 UP = encode_motion(0, 0, -175, 0, 0, 0)
-
-
-def eventually(condition):
-    """Wait until another thread has done it; a test that gets here too early just waits longer."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    pause = threading.Event()
-    while not condition():
-        assert time.monotonic() < deadline_s, "it did not happen"
-        pause.wait(0.002)
 
 
 @pytest.fixture(autouse=True)
@@ -273,15 +264,15 @@ def test_unplug_and_replug(usb, open_mouse):
     mouse = open_mouse()
     puck.send(REST, UP, encode_buttons(2, 3))
     puck.unplug()
-    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+    until(lambda: mouse.state().link is DeviceLink.LOST)
     state = mouse.state()
     assert state.axes == (0.0,) * 6
     assert not state.buttons
     assert [e.pressed for e in mouse.button_events()] == [True, False]
-    eventually(lambda: "plugged in" in mouse.state().reason)
+    until(lambda: "plugged in" in mouse.state().reason)
     assert puck.opened == 0
     puck.plugged = True
-    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+    until(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
     puck.send(UP)
     assert mouse.state().link is DeviceLink.NEEDS_NEUTRAL
     puck.send(REST, UP)
@@ -319,7 +310,7 @@ def test_waiting_for_the_device(usb, open_mouse):
     assert mouse.state().link is DeviceLink.LOST
     assert "plugged in" in mouse.diagnosis()[0]
     puck = usb(FakePuck("spacenavigator"))
-    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+    until(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
     assert puck.opened == 1
 
 
@@ -369,11 +360,11 @@ def test_a_receiver_that_is_unplugged_before_it_speaks(usb, open_mouse):
     slots = usb(*(FakePuck("universal-receiver", path=f"/dev/{n}".encode()) for n in range(3)))
     mouse = open_mouse()
     slots[0].unplug()
-    eventually(lambda: slots[0].opened == 0)
+    until(lambda: slots[0].opened == 0)
     assert mouse.state().link is DeviceLink.NEEDS_NEUTRAL
     for slot in slots:
         slot.unplug()
-    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+    until(lambda: mouse.state().link is DeviceLink.LOST)
 
 
 def test_two_pucks_on_one_receiver_are_told_apart_by_slot(usb, open_mouse):
@@ -391,10 +382,10 @@ def test_two_pucks_on_one_receiver_are_told_apart_by_slot(usb, open_mouse):
     for slot in slots:
         slot.unplug()
     for mouse in (left, right):
-        eventually(lambda mouse=mouse: mouse.state().link is DeviceLink.LOST)
+        until(lambda mouse=mouse: mouse.state().link is DeviceLink.LOST)
     for slot in reversed(slots):
         slot.plugged = True
-    eventually(lambda: [slot.opened for slot in slots] == [1, 0, 1, 0, 0])
+    until(lambda: [slot.opened for slot in slots] == [1, 0, 1, 0, 0])
     with pytest.raises(DeviceNotFoundError, match="slot '4'"):
         SpaceMouse(SpaceMouseOptions(slot="4", path="/dev/hidraw1")).open()
 
@@ -410,10 +401,10 @@ def test_two_of_a_kind_are_told_apart_by_port(usb, open_mouse, monkeypatch):
     assert (one.opened, two.opened) == (0, 1)
     # After both were replugged the nodes have changed places, the ports have not.
     two.unplug()
-    eventually(lambda: two.opened == 0)
+    until(lambda: two.opened == 0)
     ports.update({"/dev/hidraw0": "1-3.4", "/dev/hidraw1": "1-2"})
     two.plugged = True
-    eventually(lambda: (one.opened, two.opened) == (1, 0))
+    until(lambda: (one.opened, two.opened) == (1, 0))
 
 
 def test_the_port_of_a_node(tmp_path):
@@ -447,7 +438,7 @@ def test_open_refused(usb, open_mouse):
     mouse = open_mouse(wait_for_device=True)
     assert "another program" in mouse.state().reason
     puck.refuses = False
-    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+    until(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
 
 
 def test_a_seized_device_is_named(usb, open_mouse, monkeypatch):
@@ -462,16 +453,16 @@ def test_the_led_follows_feedback_and_survives_a_replug(usb, open_mouse):
     puck = usb(FakePuck("spacemouse-compact"))
     mouse = open_mouse()
     mouse.feedback(DeviceFeedback(led=False))
-    eventually(lambda: len(puck.written) == 2)
+    until(lambda: len(puck.written) == 2)
     assert puck.written == [encode_led(True), encode_led(False)]  # a Compact needs both
     mouse.feedback(DeviceFeedback(led=True))
     mouse.feedback(DeviceFeedback())
-    eventually(lambda: len(puck.written) == 3)
+    until(lambda: len(puck.written) == 3)
     assert puck.written[2] == encode_led(True)
     puck.unplug()
-    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+    until(lambda: mouse.state().link is DeviceLink.LOST)
     puck.plugged = True
-    eventually(lambda: len(puck.written) == 4)
+    until(lambda: len(puck.written) == 4)
     assert puck.written[3] == encode_led(True)
 
 
@@ -489,7 +480,7 @@ def test_led_policy(usb, open_mouse, policy, written):
 def test_the_led_of_the_last_moment_is_set_before_closing(usb, open_mouse):
     puck = usb(FakePuck("spacenavigator"))
     mouse = open_mouse(led="on")
-    eventually(lambda: puck.written)
+    until(lambda: puck.written)
     mouse.feedback(DeviceFeedback(led=False))
     mouse.close()
     assert puck.written[-1] == encode_led(False)
@@ -499,7 +490,7 @@ def test_an_led_that_cannot_be_set_is_said(usb, open_mouse):
     puck = usb(FakePuck("spacenavigator"))
     puck.model = puck.model._replace(led=False)
     mouse = open_mouse(led="on")
-    eventually(lambda: any("LED could not" in words for words in mouse.diagnosis()))
+    until(lambda: any("LED could not" in words for words in mouse.diagnosis()))
     assert mouse.state().link is DeviceLink.NEEDS_NEUTRAL
 
 
@@ -571,9 +562,9 @@ def test_a_flood_of_reports_does_not_keep_the_led_waiting(usb):
     puck = usb(FakePuck("spacenavigator"))
     with SpaceMouse() as mouse:
         puck.reports = Endless(REST)
-        eventually(lambda: mouse.state().link is DeviceLink.LIVE)
+        until(lambda: mouse.state().link is DeviceLink.LIVE)
         mouse.feedback(DeviceFeedback(led=True))
-        eventually(lambda: puck.written)
+        until(lambda: puck.written)
 
 
 class Endless:
@@ -594,9 +585,9 @@ def test_a_bug_in_the_reader_is_no_silent_death(usb, monkeypatch):
     with puck.condition:
         puck.reports.append(REST)
         puck.condition.notify_all()
-    eventually(lambda: "ZeroDivisionError" in mouse.state().reason)
+    until(lambda: "ZeroDivisionError" in mouse.state().reason)
     assert mouse.state().link is DeviceLink.LOST
-    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)  # and goes on
+    until(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)  # and goes on
     mouse.close()
 
 
@@ -818,7 +809,7 @@ def test_socket_both_ways(puck, open_mouse):
         encode_translation(0, 0, 0), encode_rotation(0, 0, 0), encode_buttons(1, 3),
         encode_translation(0, 0, -175), encode_rotation(0, 0, 0), encode_buttons(3, 3),
     )  # fmt: skip
-    eventually(lambda: mouse.state().buttons == {"left", "right"})
+    until(lambda: mouse.state().buttons == {"left", "right"})
     assert [e.button for e in mouse.button_events()] == ["left", "right"]
     mouse.feedback(DeviceFeedback(led=False))
     assert puck.peer.recv(64) == encode_led(False)
@@ -833,7 +824,7 @@ def test_socket_model_names_the_buttons(puck, open_mouse):
     puck.accept()
     assert mouse.capabilities.buttons[:3] == ("menu", "fit", "top")
     puck.send(encode_buttons(1 << 26, 7))
-    eventually(lambda: mouse.state().buttons == {"rotate-lock"})
+    until(lambda: mouse.state().buttons == {"rotate-lock"})
 
 
 def test_socket_unplug_and_replug(puck, tmp_path, open_mouse, monkeypatch):
@@ -841,14 +832,14 @@ def test_socket_unplug_and_replug(puck, tmp_path, open_mouse, monkeypatch):
     mouse = open_mouse(transport="socket", path=puck.path)
     puck.accept()
     puck.send(REST, encode_buttons(1, 3))
-    eventually(lambda: mouse.state().buttons)
+    until(lambda: mouse.state().buttons)
     puck.close()
     os.unlink(puck.path)
-    eventually(lambda: mouse.state().link is DeviceLink.LOST)
+    until(lambda: mouse.state().link is DeviceLink.LOST)
     assert [e.pressed for e in mouse.button_events()] == [True, False]
     again = Puck(puck.path)
     again.accept()
-    eventually(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
+    until(lambda: mouse.state().link is DeviceLink.NEEDS_NEUTRAL)
     again.close()
 
 

@@ -3,7 +3,6 @@
 import errno
 import sys
 import threading
-import time
 from collections import deque
 from types import SimpleNamespace
 
@@ -28,19 +27,13 @@ from cardan.protocols.connexion import (
     model_by_key,
 )
 from cardan.types import DeviceFeedback, DeviceLink
+from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
 PATIENCE_S = 10.0
 REST = encode_motion(0, 0, 0, 0, 0, 0)
 UP = encode_motion(0, 0, -175, 0, 0, 0)
-
-
-def eventually(condition):
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s, "it did not happen"
-        time.sleep(0.002)
 
 
 class Interface:
@@ -221,12 +214,12 @@ def test_it_takes_the_interface_and_gives_it_back(plug):
     with mouse(led="on") as device:
         assert (interface.kernel_has_it, interface.claimed) == (False, 1)
         puck.send(REST, UP, encode_buttons(2, 3))
-        eventually(lambda: device.state().buttons == {"right"})
+        until(lambda: device.state().buttons == {"right"})
         assert device.state().link is DeviceLink.LIVE
         assert device.state().axes[2] == 0.5
-        eventually(lambda: puck.written == [(0, encode_led(True))])
+        until(lambda: puck.written == [(0, encode_led(True))])
         device.feedback(DeviceFeedback(led=False))
-        eventually(lambda: len(puck.written) == 2)
+        until(lambda: len(puck.written) == 2)
         assert device.capabilities.battery
     assert (interface.kernel_has_it, interface.claimed, puck.opened) == (True, 0, 0)
 
@@ -237,20 +230,20 @@ def test_halves_and_the_full_scale_of_the_descriptor(plug):
     with mouse() as device:
         puck.send(encode_translation(0, 0, 0), encode_rotation(0, 0, 0))
         puck.send(encode_translation(0, 0, -250), encode_rotation(0, 0, 0))
-        eventually(lambda: device.state().axes[2] == 0.5)
+        until(lambda: device.state().axes[2] == 0.5)
 
 
 def test_unplug_and_replug(plug):
     puck = plug(Puck("spacemouse-wireless"))
     with mouse() as device:
         puck.send(REST, UP)
-        eventually(lambda: device.state().axes[2] == 0.5)
+        until(lambda: device.state().axes[2] == 0.5)
         puck.unplug()
-        eventually(lambda: device.state().link is DeviceLink.LOST)
+        until(lambda: device.state().link is DeviceLink.LOST)
         assert not any(device.state().axes)
         assert puck.opened == 0
         puck.plugged = True
-        eventually(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL)
+        until(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL)
 
 
 def test_a_device_that_is_being_plugged_in_is_not_there_yet(plug, monkeypatch):
@@ -273,7 +266,7 @@ def test_a_device_that_is_being_plugged_in_is_not_there_yet(plug, monkeypatch):
         mouse().open()
     answer.refused, coming.refuses = 1, None
     with mouse(wait_for_device=True) as device:
-        eventually(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL)
+        until(lambda: device.state().link is DeviceLink.NEEDS_NEUTRAL)
 
 
 def test_a_device_that_vanishes_while_it_is_looked_at(plug, monkeypatch):
@@ -308,12 +301,12 @@ def test_a_receiver_has_slots(plug):
     with mouse() as device:
         assert [i.claimed for i in receiver.interfaces] == [1, 1, 1, 0]
         receiver.send(UP, interface=1)
-        eventually(lambda: [i.claimed for i in receiver.interfaces] == [0, 1, 0, 0])
+        until(lambda: [i.claimed for i in receiver.interfaces] == [0, 1, 0, 0])
         assert device.state().link is DeviceLink.NEEDS_NEUTRAL
     with mouse(slot="2") as left, mouse(slot="0") as right:
         assert [i.claimed for i in receiver.interfaces] == [1, 0, 1, 0]
         receiver.send(REST, UP, interface=2)
-        eventually(lambda: left.state().axes[2] == 0.5)
+        until(lambda: left.state().axes[2] == 0.5)
         assert not right.state().stamp_s > 0
     with mouse(slot="1"), pytest.raises(DeviceAccessError, match=r"1-2:1\.1"):
         mouse(slot="1").open()  # once more: refused, and not shared

@@ -240,6 +240,7 @@ def test_nonsense_is_not_listened_to(path):
     thread.join(TIMEOUT_S)
     assert not thread.is_alive()
     assert driver.metrics()["malformed_records"] >= 50
+    assert driver.protocol_errors()["malformed"] >= 50
     driver.close()
 
 

@@ -729,3 +729,24 @@ def test_closed_is_closed():
     bench.core.on_report(bytes.fromhex("31604c84829f"), bench.now_s)
     assert bench.state == state
     assert bench.core.outgoing(bench.now_s) == []
+
+
+def test_its_inertial_sensors_are_told_while_they_are_heard():
+    bench = Bench(WiimoteOptions(motion_plus="on"), motion_plus=True)
+    bench.ready()
+    bench.tilt(right_deg=30.0)
+    inertia = bench.run(0.5).inertia
+    # The specific force points up, which is to the left of a remote that leans to the right.
+    assert inertia.acceleration == pytest.approx(
+        (0.0, 9.80665 * SIN[30], 9.80665 * math.cos(math.radians(30.0))), abs=9.81 * CLOSE
+    )
+    assert inertia.rates == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+    bench.deaf = True
+    assert bench.run(2.0 * STALE_AFTER_S).inertia is None
+
+
+def test_a_remote_without_a_motionplus_tells_no_rates():
+    bench = Bench()
+    bench.ready()
+    assert bench.state.inertia.rates is None
+    assert bench.state.inertia.acceleration.z == pytest.approx(9.81, abs=9.81 * CLOSE)

@@ -13,6 +13,7 @@ from cardan.sim_peers.wiimote import FAULTS, WiimotePeer, WiimotePeerOptions
 from cardan.types import ZERO3, DeviceFeedback, DeviceLink, Wrench
 from tests.drivers.wiimote_bench import REST, fault_default
 from tests.serving import in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
@@ -23,13 +24,6 @@ SOON = {
     "refuse": 0.2, "burst": 0.15,
 }  # fmt: skip
 BEFORE = {"in-range": "out-of-range", "power-on": "power-off"}
-
-
-def eventually(condition, within_s=PATIENCE_S):
-    end_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.002)
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +50,7 @@ def driver_of(tmp_path, **more):
 
 
 def live(wiimote):
-    eventually(lambda: wiimote.state().link is DeviceLink.LIVE)
+    until(lambda: wiimote.state().link is DeviceLink.LIVE)
 
 
 def gripped(peer, wiimote, condition):
@@ -101,7 +95,7 @@ def test_every_kind_of_remote(tmp_path, idle, remote, ir):
         assert wiimote.state().battery == pytest.approx(0.96)
         peer.device.release("a")
         live(wiimote)
-        eventually(lambda: wiimote.state().axes == REST and not wiimote.state().buttons)
+        until(lambda: wiimote.state().axes == REST and not wiimote.state().buttons)
         assert lasting(wiimote.diagnosis()) == []
         edges = [(e.button, e.pressed) for e in wiimote.button_events()]
         assert edges == [("a", True), ("a", False)] * (len(edges) // 2)
@@ -126,7 +120,7 @@ def test_faults_end_to_end(tmp_path, idle, name):
             assert state.axes == REST
             time.sleep(0.005)
         if name in ("out-of-range", "power-off", "woken-by-1-2"):
-            eventually(lambda: wiimote.state().link is DeviceLink.LOST)
+            until(lambda: wiimote.state().link is DeviceLink.LOST)
             return
         live(wiimote)
         if name in ("silence", "close-control", "close-interrupt", "refuse", *BEFORE):
@@ -151,15 +145,15 @@ def test_feedback_reaches_the_remote(tmp_path, idle):
         assert peer.device.leds == 0b1000
         assert wiimote.capabilities.feedback == {"led", "rumble"}
         wiimote.feedback(DeviceFeedback(led=False, rumble=1.0))
-        eventually(lambda: peer.device.leds == 0 and peer.device.rumble)
+        until(lambda: peer.device.leds == 0 and peer.device.rumble)
         wiimote.feedback(DeviceFeedback(led=True, rumble=0.0))
-        eventually(lambda: peer.device.leds == 0b1000 and not peer.device.rumble)
+        until(lambda: peer.device.leds == 0b1000 and not peer.device.rumble)
         with pytest.raises(CommandError, match="wrench"):
             wiimote.feedback(DeviceFeedback(wrench=Wrench(ZERO3, ZERO3)))
         wiimote.feedback(DeviceFeedback(rumble=1.0))
-        eventually(lambda: peer.device.rumble)
+        until(lambda: peer.device.rumble)
         wiimote.close()
-        eventually(lambda: not peer.device.connected)
+        until(lambda: not peer.device.connected)
         told = [entry.what for entry in peer.device.log]
         motor = [index for index, what in enumerate(told) if "rumble" in what]
         assert "rumble off" in told[motor[-1]]
@@ -172,7 +166,7 @@ def test_the_remote_comes_and_goes(tmp_path, idle):
         with in_a_thread(peer_of(tmp_path, idle)) as peer:
             live(wiimote)
             gripped(peer, wiimote, lambda state: any(state.axes))
-        eventually(lambda: wiimote.state().link is DeviceLink.LOST)
+        until(lambda: wiimote.state().link is DeviceLink.LOST)
         assert wiimote.state().axes == REST
         with in_a_thread(peer_of(tmp_path, idle)):
             live(wiimote)
@@ -305,13 +299,13 @@ def test_another_remote_is_no_successor():
     with wiimote:
         shelf.remotes = (SECOND,)
         shelf.links[0].lost = True
-        eventually(lambda: "another one" in wiimote.state().reason)
+        until(lambda: "another one" in wiimote.state().reason)
         assert f"the remote {FIRST.address} is gone" in wiimote.state().reason
         assert any(SECOND.address in words for words in wiimote.diagnosis())
         assert shelf.opened == [FIRST.path]
         # It is back, and the system calls it by another path.
         shelf.remotes = (SECOND, FIRST._replace(path="/dev/hidraw7"))
-        eventually(lambda: len(shelf.opened) == 2)
+        until(lambda: len(shelf.opened) == 2)
         assert shelf.opened[1] == "/dev/hidraw7"
     shelf.remotes = (SECOND,)
     with wiimote:
@@ -324,11 +318,11 @@ def test_a_remote_without_an_address_is_known_by_its_path():
     with Wiimote(backend=shelf) as wiimote:
         shelf.remotes = (second,)
         shelf.links[0].lost = True
-        eventually(lambda: f"the remote {first.path} is gone" in wiimote.state().reason)
+        until(lambda: f"the remote {first.path} is gone" in wiimote.state().reason)
         shelf.remotes = ()
-        eventually(lambda: wiimote.state().reason.endswith("is gone: press one of its buttons"))
+        until(lambda: wiimote.state().reason.endswith("is gone: press one of its buttons"))
         shelf.remotes = (second, first)
-        eventually(lambda: shelf.opened == [first.path] * 2)
+        until(lambda: shelf.opened == [first.path] * 2)
 
 
 def test_a_path_finds_the_remote_only_the_first_time():
@@ -336,7 +330,7 @@ def test_a_path_finds_the_remote_only_the_first_time():
     with Wiimote(WiimoteOptions(path=SECOND.path), backend=shelf):
         shelf.remotes = (FIRST, SECOND._replace(path="/dev/hidraw8"))
         shelf.links[0].lost = True
-        eventually(lambda: shelf.opened == [SECOND.path, "/dev/hidraw8"])
+        until(lambda: shelf.opened == [SECOND.path, "/dev/hidraw8"])
 
 
 def test_the_motor_is_stopped_at_the_end():

@@ -12,8 +12,10 @@ from cardan.protocols.egm import encode_sensor
 from cardan.protocols.egm.messages import (
     EgmHeader,
     EgmMotion,
+    EgmPose,
     EgmSensor,
     EgmSensorPathCorr,
+    EgmSpeedRef,
     MCIState,
     MessageType,
     MotorState,
@@ -25,6 +27,7 @@ from cardan.sim_peers.egm_controller import (
     EgmControllerOptions,
     EgmState,
 )
+from cardan.sim_peers.egm_controller.guidance import beyond_any_robot
 from cardan.sim_peers.egm_controller.kinematics import GOFA
 from cardan.spatial import from_rotation_vector, multiply, norm, rotation_between, subtract
 from cardan.types import Quaternion, Vector3
@@ -664,6 +667,36 @@ def test_a_pc_that_sends_faster_than_the_cycle_gains_latency():
             pc.send(marked(pc, y["n"]))
     assert pc.core.counters.accepted == 39
     assert y["n"] - pc.core.rapid.guidance._reference[0] / 1e-4 == pytest.approx(41)
+
+
+ENORMOUS = (0.0, 0.0, 0.0, 1e200, 1e200, 1e200)
+
+
+@pytest.mark.parametrize("mode", ["joint", "pose"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        (EgmMotion(joints=ENORMOUS), None),
+        (EgmMotion(cartesian=EgmPose(Vector3(1e200, 0.0, 0.0), None)), None),
+        (EgmMotion(cartesian=EgmPose(None, Quaternion(1e200, 1e200, 0.0, 0.0))), None),
+        (EgmMotion(cartesian=EgmPose(None, None, Vector3(1e200, 0.0, 0.0))), None),
+        (None, EgmSpeedRef(joints=ENORMOUS)),
+        (None, EgmSpeedRef(cartesians=ENORMOUS)),
+    ],
+)
+def test_numbers_beyond_any_robot_are_counted_and_change_nothing(mode, content):
+    pc = Pc(mode=mode, **QUIET)
+    before = pc.run(0.1)[-1].planned.joints
+    for number in range(50):
+        pc.send(EgmSensor(EgmHeader(number, 0, 3), *content))
+        assert pc.step().planned.joints == before
+    assert pc.core.counters.ignored["a number beyond any robot"] == 50
+
+
+def test_a_correction_beyond_any_robot_is_ignored():
+    message = EgmSensorPathCorr(EgmHeader(1, 0, 4), Vector3(0.0, 1e200, 0.0), 1)
+    assert beyond_any_robot(message)
+    assert not beyond_any_robot(message._replace(pos=Vector3(0.0, 0.001, 0.0)))
 
 
 def test_bad_messages_are_counted_and_change_nothing():

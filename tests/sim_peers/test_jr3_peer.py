@@ -8,7 +8,7 @@ import time
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.errors import AddressError, OptionError, ScriptError
+from cardan.errors import AddressError, ExtraMissingError, OptionError, ScriptError
 from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.carriers import socketcand
 from cardan.sim_peers.carriers.socketcand import Session, SocketcandHub, frame_line
@@ -234,7 +234,7 @@ def test_a_bus_that_cannot_be_opened_is_named(monkeypatch):
     with pytest.raises(AddressError, match="no-such-interface"):
         Jr3Peer(Jr3PeerOptions(interface="no-such-interface")).open()
     monkeypatch.setitem(sys.modules, "can", None)
-    with pytest.raises(AddressError, match=r'pip install "cardan\[can\]"'):
+    with pytest.raises(ExtraMissingError, match=r'pip install "cardan\[can\]"'):
         Jr3Peer().open()
 
 

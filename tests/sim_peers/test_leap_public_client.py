@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 
 from cardan.protocols.leap import ClientOptions
 from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
+from tests.npm import installed
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.once
 
 LEAPJS = "1.1.1"
-INSTALL_TIMEOUT_S = 45.0
 RUN_TIMEOUT_S = 20.0
 
 judged = pytest.mark.judged(device="Leap Motion", transport="WebSocket", by="leapjs 1.1.1")
@@ -67,29 +64,8 @@ setTimeout(() => process.exit(3), 10000);
 
 @pytest.fixture(scope="module")
 def leapjs():
-    """The folder in which node finds leapjs; installed once per user."""
-    if not shutil.which("node") or not shutil.which("npm"):
-        pytest.skip("node and npm are not installed (Debian: nodejs, npm)")
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = cache / "cardan-tests" / f"leapjs-{LEAPJS}"
-    package = folder / "node_modules" / "leapjs" / "package.json"
-    if not package.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        command = ["npm", "install", "--prefix", str(folder), "--no-audit", "--no-fund"]
-        try:
-            result = subprocess.run(
-                [*command, "--ignore-scripts", f"leapjs@{LEAPJS}"],
-                capture_output=True,
-                text=True,
-                timeout=INSTALL_TIMEOUT_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            pytest.skip(f"npm could not install leapjs in {INSTALL_TIMEOUT_S:.0f} s")
-        if result.returncode != 0 or not package.exists():
-            pytest.skip(f"npm could not install leapjs {LEAPJS}: {result.stderr.strip()[-200:]}")
-    assert json.loads(package.read_text())["version"] == LEAPJS
-    return folder
+    """The folder in which node finds leapjs."""
+    return installed("leapjs", LEAPJS)
 
 
 def heard(folder, script, frames, *, background=True, **options):

@@ -37,6 +37,7 @@ from cardan.sim_peers.spacemouse import (
 )
 from cardan.sim_peers.spacemouse.keyboard import status_line
 from tests.serving import in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
@@ -587,13 +588,6 @@ def hear(fd, wanted, patience_s=PATIENCE_S):
     return came
 
 
-def eventually(condition):
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.002)
-
-
 def test_the_port_is_a_terminal_and_powers_the_device(tmp_path):
     peer = SpaceMousePeer(options(tmp_path, boot_s=0.02))
     assert peer.endpoint == str(tmp_path / "port")
@@ -601,15 +595,15 @@ def test_the_port_is_a_terminal_and_powers_the_device(tmp_path):
         assert not peer.device.powered
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
         assert os.isatty(fd)
-        eventually(lambda: peer.device.powered)
-        eventually(lambda: peer.device.next_due_s == float("inf"))
+        until(lambda: peer.device.powered)
+        until(lambda: peer.device.next_due_s == float("inf"))
         os.write(fd, b"\rnA\rvQ\r")
         assert hear(fd, b"97 \r").startswith(b"nA\rv   MAGELLAN")
         os.close(fd)
-        eventually(lambda: not peer.device.powered)
+        until(lambda: not peer.device.powered)
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
-        eventually(lambda: peer.device.powered)
-        eventually(lambda: peer.device.next_due_s == float("inf"))
+        until(lambda: peer.device.powered)
+        until(lambda: peer.device.next_due_s == float("inf"))
         os.write(fd, b"nQ\r")
         assert hear(fd, b"\r") == b"nH\r"  # as after power-up
         os.close(fd)
@@ -626,7 +620,7 @@ def test_unplugging_hangs_the_port_up(tmp_path):
             hear(fd, b"nothing more")
         os.close(fd)
         assert not os.path.lexists(peer.endpoint)
-        eventually(lambda: os.path.exists(peer.endpoint))
+        until(lambda: os.path.exists(peer.endpoint))
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
         hear(fd, b"R")
         os.close(fd)
@@ -638,7 +632,7 @@ def test_the_script_waits_for_a_host(tmp_path, monkeypatch):
     peer = SpaceMousePeer(options(tmp_path, script, boot_s=0.0, faults={"unplug": 0.4}))
     with in_a_thread(peer):
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
-        eventually(lambda: peer.device.powered)
+        until(lambda: peer.device.powered)
         os.write(fd, b"vQ\r")
         hear(fd, b"97 \r")
         assert not select.select([fd], [], [], 0.6)[0]  # it is not that long
@@ -647,7 +641,7 @@ def test_the_script_waits_for_a_host(tmp_path, monkeypatch):
         assert hear(fd, b"d").startswith(b"m3\r")
         assert time.monotonic() - asked_s >= 0.2
         assert peer.device.plugged
-        eventually(lambda: not peer.device.plugged)  # times of faults count from the script, too
+        until(lambda: not peer.device.plugged)  # times of faults count from the script, too
         assert time.monotonic() - asked_s >= 0.6
         os.close(fd)
 
@@ -680,7 +674,7 @@ def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
 def test_a_refused_port_comes_later(tmp_path):
     with in_a_thread(SpaceMousePeer(options(tmp_path, faults={"refuse": 0.1}))) as peer:
         assert not os.path.lexists(peer.endpoint)
-        eventually(lambda: os.path.exists(peer.endpoint))
+        until(lambda: os.path.exists(peer.endpoint))
 
 
 def test_paths_that_are_taken(tmp_path):

@@ -6,13 +6,15 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
 from cardan.drivers.abb_egm.address import bind_udp, resolve
+from cardan.drivers.abb_egm.compiled import datagrams
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import Address, EgmSession
 from cardan.drivers.abb_egm.stream import EgmStream
+from cardan.drivers.base import Endpoint
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
@@ -59,6 +61,8 @@ class AbbEgm(LoopingRobot[EgmSession]):
         super().__init__(options, **keywords)
         self._session = EgmSession(self.options, _monotonic())
         self._socket: socket.socket | None = None
+        self._recvfrom: Callable[[int], tuple[bytes, Address]]
+        self._sendto: Callable[[bytes, Address], object]
         self._poll = select.poll()
         self._drained_s = NEVER_S
         """When the socket was last seen empty; datagrams read now arrived after it."""
@@ -108,6 +112,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         self._session.port = sock.getsockname()[1]
         self._poll = select.poll()
         self._poll.register(sock, select.POLLIN)
+        self._recvfrom, self._sendto = datagrams(sock)
         self._socket = sock
 
     def _release(self) -> None:
@@ -134,7 +139,8 @@ class AbbEgm(LoopingRobot[EgmSession]):
             return
         session = self._session
         receive = self._receive
-        recvfrom = sock.recvfrom
+        recvfrom = self._recvfrom
+        period_s = self._period_s
         poll = self._poll.poll
         yielded_s = _monotonic()
         with self._looping(loop):
@@ -150,8 +156,8 @@ class AbbEgm(LoopingRobot[EgmSession]):
                         continue
                     now_s = _monotonic()
                     # A datagram that waited for less than a period has no newer one behind it.
-                    more = now_s - self._drained_s > self._period_s and poll(0)
-                    state = receive(sock, data, source, now_s)
+                    more = now_s - self._drained_s > period_s and poll(0)
+                    state = receive(data, source, now_s)
                     if more:
                         taken = session.counters.accepted
                         state = self._drain(sock) or state
@@ -180,23 +186,26 @@ class AbbEgm(LoopingRobot[EgmSession]):
         the call returns when it rests.
         """
         session = self._session
-        sock = self._open_socket()
+        sock = self._socket
+        if sock is None:
+            raise self._not_open()
         state = session.state
         if state is None or not session.owes_answer:
             session.check(command)
             return
         now_s = _monotonic()
-        if now_s - state.stamp_s > self._late_after_s:
+        age_s = now_s - state.stamp_s
+        if age_s > self._late_after_s:
             session.check(command)
             self._brake(sock)
             return
-        if now_s - state.stamp_s > self._period_s:
+        if age_s > self._period_s:
             # The robot has moved on since the state that this command was computed from.
             self._drain(sock)
             if not self._owed():
                 session.check(command)
                 return
-        self._transmit(sock, session.reply(command, now_s))
+        self._transmit(session.reply(command, now_s))
 
     def _owed(self) -> bool:
         """Whether a datagram waits for its answer; one of a run that is over gets none."""
@@ -205,35 +214,37 @@ class AbbEgm(LoopingRobot[EgmSession]):
             session.skip()
         return session.owes_answer
 
-    def _transmit(self, sock: socket.socket, answer: bytes) -> None:
+    def _transmit(self, answer: bytes) -> None:
         session = self._session
-        if self._say(sock, answer, session.peer):
+        if self._say(answer, session.peer):
             now_s = _monotonic()
             if not self._poll.poll(0):
                 self._drained_s = now_s
             session.answered(now_s)
 
-    def _say(self, sock: socket.socket, data: bytes, peer: Address | None) -> bool:
+    def _say(self, data: bytes, peer: Address | None) -> bool:
         """Send `data`; whether it has left."""
         if peer is None:
             return False
         try:
-            sock.sendto(data, peer)
+            self._sendto(data, peer)
         except OSError as error:
             self._session.send_failed(error.strerror or str(error))
             return False
+        if (tap := self.tap) is not None:
+            tap(data, True, "")
         return True
 
-    def _receive(
-        self, sock: socket.socket, data: bytes, source: Address, now_s: float
-    ) -> RobotState | None:
+    def _receive(self, data: bytes, source: Address, now_s: float) -> RobotState | None:
         """What the session makes of a datagram; a port that the controller has left is told."""
+        if (tap := self.tap) is not None:
+            tap(data, False, "")
         session = self._session
         state = session.receive(data, source, now_s)
         if session.parting is not None:
             last_words, port_before = session.parting
             session.parting = None
-            self._say(sock, last_words, port_before)
+            self._say(last_words, port_before)
         return state
 
     def _drain(self, sock: socket.socket) -> RobotState | None:
@@ -246,7 +257,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
                 data, source = sock.recvfrom(_RECEIVE_BYTES, socket.MSG_DONTWAIT)
             except BlockingIOError:  # what was there had a bad checksum
                 break
-            newest = self._receive(sock, data, source, _monotonic()) or newest
+            newest = self._receive(data, source, _monotonic()) or newest
         return newest
 
     def _hold(self, sock: socket.socket) -> None:
@@ -256,7 +267,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         if state is not None and now_s - state.stamp_s > self._late_after_s:
             self._brake(sock)
         elif self._owed():
-            self._transmit(sock, self._session.hold(now_s))
+            self._transmit(self._session.hold(now_s))
 
     def _brake(self, sock: socket.socket) -> None:
         """Bring the robot to rest, answering its datagrams until it is, or until they cease."""
@@ -267,7 +278,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         self._drain(sock)
         while True:
             if self._owed():
-                self._transmit(sock, session.hold(_monotonic()))
+                self._transmit(session.hold(_monotonic()))
             if not session.moving or _monotonic() > deadline_s or not self._poll.poll(patience_ms):
                 return
             self._drain(sock)
@@ -281,7 +292,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
             session = self._session
             last_words = session.farewell(_monotonic())
             if last_words is not None:
-                self._say(sock, last_words, session.peer)
+                self._say(last_words, session.peer)
 
     # -- the rest -------------------------------------------------------------------------------
 
@@ -302,6 +313,11 @@ class AbbEgm(LoopingRobot[EgmSession]):
     def cautions(self) -> tuple[str, ...]:
         caution = self.options.caution
         return (caution,) if caution else ()
+
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """The UDP port, to which the controller sends first."""
+        own = self.options
+        return (Endpoint("udp", own.listen_host, own.listen_port, True, own.controller_host),)
 
     def metrics(self) -> dict[str, float]:
         return self._session.metrics()

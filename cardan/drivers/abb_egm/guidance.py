@@ -6,6 +6,7 @@ commands do not act, and from there moves only through its limiters.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -19,11 +20,19 @@ from cardan.bounds import (
     JOINT_VELOCITY,
     LINEAR_VELOCITY_M_S,
 )
+from cardan.drivers.abb_egm.compiled import (
+    Answerer,
+    AnsweringLimiter,
+    AnsweringPose,
+    CompiledCycle,
+    no_answer,
+)
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
 from cardan.drivers.lost_time import LostTime
 from cardan.drivers.robot_core import check_numbers, no_rotation, outside, wrong_kind
 from cardan.errors import CommandError
+from cardan.native import NativePartError
 from cardan.protocols.egm import (
     EgmHeader,
     EgmMotion,
@@ -121,6 +130,18 @@ class Guidance(ABC):
     def encode(self, seqno: int, tm_ms: int, suffix: bytes, still: bool = False) -> bytes:
         """The message for the present reference; `still` sends a speed of zero."""
 
+    answer: Answerer
+    """`check`, `step` and `encode` of a command in one, where that is possible and nothing is
+    unusual."""
+
+    asked: RobotCommand | None = None
+    """The command before; None where nothing is to be continued from it."""
+
+    @property
+    def steady(self) -> bool:
+        """Whether `answer` is possible, and there is nothing to be made up for."""
+        return False
+
     @property
     @abstractmethod
     def moving(self) -> bool:
@@ -131,12 +152,12 @@ class Guidance(ABC):
         """The reference and the controller's own one, `heading`; None without a reference."""
 
 
-def guidance_for(options: AbbEgmOptions) -> Guidance:
-    """The guidance of the mode in `options`."""
+def guidance_for(options: AbbEgmOptions, cycle: CompiledCycle | None = None) -> Guidance:
+    """The guidance of the mode in `options`, which can answer in a `cycle`."""
     if options.mode == "joint":
-        return JointGuidance(options)
+        return JointGuidance(options, cycle)
     if options.mode == "pose":
-        return PoseGuidance(options)
+        return PoseGuidance(options, cycle)
     return PathGuidance(options)
 
 
@@ -185,6 +206,12 @@ def wire_factors(options: AbbEgmOptions) -> tuple[float, ...]:
     return tuple(
         1000.0 if axis in options.linear_external_axes else math.degrees(1.0) for axis in range(6)
     )
+
+
+def _said(options: AbbEgmOptions) -> tuple[bool, float]:
+    """Whether answers have the speed, and in speed control the delay that it is extrapolated by."""
+    only = options.speed_reference == "only"
+    return options.speed_reference != "none", _DELAY_S if only else 0.0
 
 
 def _speeds(now: Sequence[float], before: Sequence[float], dt_s: float) -> tuple[float, ...] | None:
@@ -280,18 +307,25 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
     target_type: type[_TargetT]
     speed_type: type[_SpeedT]
 
-    def __init__(self, options: AbbEgmOptions, *parts: _Followed) -> None:
+    def __init__(
+        self, options: AbbEgmOptions, cycle: CompiledCycle | None, *parts: _Followed
+    ) -> None:
         self._mode = options.mode
         self._speed_only = options.speed_reference == "only"
         self._with_speed = options.speed_reference != "none"
-        taken = self.speed_type if self._speed_only else self.target_type
-        self.kinds = frozenset((CommandKind.HOLD, taken._field_defaults["kind"]))
+        self._taken: type[Any] = self.speed_type if self._speed_only else self.target_type
+        self.kinds = frozenset((CommandKind.HOLD, self._taken._field_defaults["kind"]))
         self._period_s = options.period_s
         self._parts = parts
         self._externals = _Externals(options)
         self._gap_s = 0.0
-        self._asked: _TargetT | None = None
-        """The command before, if it was a target."""
+        compiled = self._compiled
+        if cycle is None or compiled is None:
+            self.answer = no_answer
+        else:
+            self.answer = compiled.answerer(cycle)
+
+    _compiled: AnsweringLimiter | AnsweringPose | None = None
 
     @abstractmethod
     def _measured_parts(self, state: RobotState) -> Sequence[Any]:
@@ -327,6 +361,12 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
             speed = " speed" * self._speed_only
             raise wrong_kind(f"EGM in {self._mode}{speed} mode", command, self.kinds)
 
+    @property
+    def steady(self) -> bool:
+        return self._compiled is not None and not (
+            self._gap_s or any(part.working for part in self._parts)
+        )
+
     def reset(self, state: RobotState) -> None:
         for part, place in zip(self._parts, self._measured_parts(state), strict=True):
             part.limiter.reset(place)
@@ -334,7 +374,7 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         self._forget()
 
     def _forget(self) -> None:
-        self._asked = None
+        self.asked = None
         self._gap_s = 0.0
         for part in self._parts:
             part.reset()
@@ -363,7 +403,8 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         if self._speed_only:
             self._relocate(state)
         if isinstance(command, self.target_type):
-            asked, self._asked = self._asked, command
+            before, self.asked = self.asked, command
+            asked = before if isinstance(before, self.target_type) else None
             gap_s, self._gap_s = self._gap_s, 0.0
             self._track(command, asked, dt_s, gap_s + dt_s)
             if self._externals.count:
@@ -375,10 +416,10 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
             self._drive(command, dt_s)
         else:
             for part in self._parts:
-                if self._asked is None:
-                    part.limiter.brake(dt_s)
-                else:
+                if isinstance(self.asked, self.target_type):
                     part.brake(dt_s)
+                else:
+                    part.limiter.brake(dt_s)
         self._externals.limiter.brake(dt_s)
 
 
@@ -388,20 +429,25 @@ class JointGuidance(_ReferenceGuidance[JointCommand, JointVelocityCommand]):
     target_type = JointCommand
     speed_type = JointVelocityCommand
 
-    def __init__(self, options: AbbEgmOptions) -> None:
+    def __init__(self, options: AbbEgmOptions, cycle: CompiledCycle | None) -> None:
         self._count = count = options.joints
         limits = options.joint_limits
         acceleration = math.radians(options.joint_acceleration_deg_s2)
-        self._limiter = JointLimiter(
+        given = (
             limits.lower if limits else (-math.inf,) * count,
             limits.upper if limits else (math.inf,) * count,
             options.joint_speeds_rad_s,
             (acceleration,) * count,
             LONGEST_STEP_PERIODS * options.period_s,
         )
+        arm = count == 6 and not options.external_axes
+        self._plain = arm and options.speed_reference != "only"
+        self._limiter = JointLimiter(*given)
+        if arm:
+            with contextlib.suppress(NativePartError):
+                self._limiter = self._compiled = AnsweringLimiter(*given, *_said(options))
         self._joints = _Followed(count, self._limiter)
-        super().__init__(options, self._joints)
-        self._plain = count == 6 and not self._externals.count and not self._speed_only
+        super().__init__(options, cycle, self._joints)
 
     def _measured_parts(self, state: RobotState) -> Sequence[Any]:
         return (state.joints,)
@@ -477,20 +523,26 @@ class PoseGuidance(_ReferenceGuidance[PoseCommand, TwistCommand]):
     target_type = PoseCommand
     speed_type = TwistCommand
 
-    def __init__(self, options: AbbEgmOptions) -> None:
+    def __init__(self, options: AbbEgmOptions, cycle: CompiledCycle | None) -> None:
         box = (options.workspace_lower_m, options.workspace_upper_m)
-        self._point = PointLimiter(
+        point = (
             options.linear_speed_m_s,
             options.linear_acceleration_m_s2,
             box if options.workspace_lower_m else None,
         )
-        self._turn = OrientationLimiter(
+        turn = (
             math.radians(options.angular_speed_deg_s),
             math.radians(options.angular_acceleration_deg_s2),
         )
+        self._point = PointLimiter(*point)
+        self._turn = OrientationLimiter(*turn)
+        if not options.external_axes:
+            with contextlib.suppress(NativePartError):
+                self._compiled = AnsweringPose(point, turn, *_said(options))
+                self._point, self._turn = self._compiled.point, self._compiled.turn
         self._positions = _FollowedPoint(3, self._point)
         self._orientations = _FollowedTurn(3, self._turn)
-        super().__init__(options, self._positions, self._orientations)
+        super().__init__(options, cycle, self._positions, self._orientations)
         self._plain = not self._externals.count and not self._speed_only
 
     def _measured_parts(self, state: RobotState) -> Sequence[Any]:
@@ -611,6 +663,7 @@ class PathGuidance(Guidance):
             ((0.0, -reach, -reach), (0.0, reach, reach)),
         )
         self._age_ms = 0
+        self.answer = no_answer
 
     def check(self, command: RobotCommand) -> None:
         if isinstance(command, HoldCommand):

@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.drivers.simulated import is_loopback
 from cardan.options import Options, require_each
 from cardan.protocols.egm.messages import DNUM_MAX
 from cardan.robots import arm_names, load_arm
+from cardan.sockets import is_loopback
 from cardan.types import JointLimits
 
 CONTROLLER_PERIOD_S = 0.004032

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from cardan.bounds import COORDINATE_M, JOINT_POSITION, OUTPUT_VALUE
+from cardan.drivers.abb_egm.book import NO_STATES, UNKNOWN, Book, PlainBook
+from cardan.drivers.abb_egm.compiled import (
+    CompiledCycle,
+    CompiledReader,
+    feedback_reader,
+    no_answer,
+)
 from cardan.drivers.abb_egm.counters import EgmCounters
 from cardan.drivers.abb_egm.diagnosis import diagnose
 from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
@@ -20,7 +28,6 @@ from cardan.protocols.egm import (
     EgmFeedback,
     EgmRapidData,
     EgmRobot,
-    FeedbackReader,
     Malformed,
     MCIState,
     MotorState,
@@ -43,14 +50,13 @@ from cardan.types import (
 )
 
 Address = tuple[str, int]
+Heard = tuple[RobotState | None, bytes, float]
+"""A state, its datagram, and how much earlier or later than by its clock that came, s."""
 
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor, for objects made in every cycle."""
 _LIVE = RobotLink.LIVE
 _BASE = Frame.BASE
-
-_NO_STATES = (-1, -1, -1)
-"""No controller sends these, so the first states received count as a change."""
 
 _MASK = 0xFFFFFFFF
 _HALF = 0x80000000
@@ -140,48 +146,78 @@ class EgmSession:
         self._needs_external = options.joints - 6 + options.external_axes
         self._external_factors = tuple(1.0 / factor for factor in wire_factors(options))
         self._force_frame = Frame(options.force_frame)
-        self._guidance = guidance_for(options)
-        self._reader = FeedbackReader()
+        self._reader = feedback_reader()
+        cycle = None
+        self._book: Book = PlainBook()
+        self._take: Callable[..., Any] = no_answer
+        if isinstance(self._reader, CompiledReader):
+            cycle = self._compiled_cycle()
+            self._book = cycle.book
+            if not self._needs_external:
+                self._take = self._reader.taker(cycle, self._force_frame)
+        self._guidance = guidance_for(options, cycle)
         self._suffix = b""
         self._outputs = EgmRapidData(None, ())
         if options.digital_output is not None or options.output_values:
             self.set_outputs(options.digital_output, options.output_values)
-        self._out_seqno = 0
         self._sessions = 0
         self._silent = False
         self._fresh = False
-        self._seqno = 0
         self._flood = 0
         """Refused datagrams, less one for each that was accepted."""
         self._alarm = ""
-        self._tm_ms: int | None = None
-        self._time_us: int | None = None
-        self._jitter_s = 0.0
-        self._last_step_s = 0.0
-        self._last_s = NEVER_S
         self._session_s = NEVER_S
         self._session_first = 0
-        self._before: RobotState | None = None
-        self._data = self._data_before = b""
-        """The datagrams of `state` and `_before`."""
-        self._answered: tuple[RobotState | None, bytes] = (None, b"")
-        """The state that was answered last, and its datagram."""
+        self._newest: Heard = (None, b"", 0.0)
+        """`state`. Likewise of the one before, and of what was answered last:"""
+        self._before: Heard = self._newest
+        self._answered: Heard = self._newest
+        self._past: Heard | None = None
+        """The one before `_before`: to let go of its parts has time until the answer is out."""
         self._full: tuple[bytes, EgmRobot | None] = (b"", None)
         """A datagram and all that was in it."""
-        self._since_reply_s = 0.0
-        self._replied_s = NEVER_S
-        self._said_speed = False
         self._held = False
         """Whether the last answer braked a robot that reports that commands do not act."""
-        self._controller_states = _NO_STATES
         self._hold_reason = EGM_UNDEFINED
         self._orientation: Quaternion | None = None
+        """The last one that was measured, unless `state` has a newer one."""
 
     # -- reception ------------------------------------------------------------------------------
+
+    def _compiled_cycle(self) -> CompiledCycle:
+        cycle = CompiledCycle(
+            nominal_s=self._nominal_s,
+            lost_after_s=self._lost_after_s,
+            late_after_s=self._late_after_s,
+            longest_gap_s=_GAP_PERIODS * self._nominal_s,
+            leap=_LEAP,
+            leap_per_s=_LEAP_PER_S,
+            usual=_USUAL,
+            rounding=_ROUNDING,
+            by_joints=self._needs_joints,
+            tm_ms=UNKNOWN,
+            time_us=UNKNOWN,
+            replied_s=NEVER_S,
+        )
+        cycle.book.states[:] = NO_STATES
+        return cycle
 
     def receive(self, data: bytes, source: Address, now_s: float) -> RobotState | None:
         """Take one datagram; the robot's state if it is to be answered, None if it is refused."""
         peer = self.peer
+        if source == peer and not self.owes_answer and not self._flood:
+            # As nearly all come: the next one of a controller that obeys.
+            found = self._take(data, now_s, self.state)
+            if found is not None:
+                self._past = self._before
+                self._before = self._newest
+                self._newest = found
+                self.state = state = found[0]
+                self.counters.accepted += 1
+                self.owes_answer = True
+                return state  # type: ignore[no-any-return]
+        book = self._book
+        previous = self._last_orientation()
         if source != peer and not self._admissible(source, now_s):
             self._refuse_foreign(source, counts_on=source in self._rivals)
             return None
@@ -197,7 +233,7 @@ class EgmSession:
             return None
         pose = None
         if position is not None and orientation is not None:
-            pose = _pose(position, orientation, self._orientation)
+            pose = _pose(position, orientation, previous)
         if (
             (self._needs_pose and (position is None or orientation is None))
             or (self._needs_joints and len(joints) != 6)
@@ -229,8 +265,8 @@ class EgmSession:
             now_s - self._last_s > self._lost_after_s and not self._was_queued(feedback)
         ):
             cause = f"{now_s - self._last_s:.2f} s of silence"
-        elif seqno != (self._seqno + 1) & _MASK:
-            step = ((seqno - self._seqno + _HALF) & _MASK) - _HALF
+        elif seqno != ((seqno_before := self._seqno) + 1) & _MASK:
+            step = ((seqno - seqno_before + _HALF) & _MASK) - _HALF
             if step <= 0:
                 if not self._restarted(feedback, step):
                     if step:
@@ -238,9 +274,9 @@ class EgmSession:
                     else:
                         self.counters.duplicates += 1
                     return None
-                cause = f"the sequence number fell from {self._seqno} to {seqno}"
+                cause = f"the sequence number fell from {seqno_before} to {seqno}"
             elif (step - 1) * self._nominal_s > 2.0 * (now_s - self._last_s) + self._lost_after_s:
-                cause = f"the sequence number jumped from {self._seqno} to {seqno}"
+                cause = f"the sequence number jumped from {seqno_before} to {seqno}"
         if not cause:
             if wrong := self._leap(joints, position, now_s):
                 self.counters.malformed["implausible"] += 1
@@ -248,6 +284,7 @@ class EgmSession:
                 return None
             self.counters.lost += step - 1
         superseded = None
+        jitter_s = self._newest[2]
         if cause:
             if peer is not None and source != peer:
                 last_words = self.farewell(now_s)
@@ -258,33 +295,28 @@ class EgmSession:
             self._session_first = self.counters.accepted
         else:
             period_s = self._period(time_us, step)
-            self._jitter_s = abs(now_s - self._last_s - period_s)
+            jitter_s = abs(now_s - self._last_s - period_s)
             superseded = self.state if self.owes_answer else None
             if superseded is not None:
                 self.counters.superseded += 1
-        self._seqno = seqno
-        self._tm_ms = tm_ms
-        self._time_us = time_us
-        self._last_s = now_s
-        self._last_step_s = period_s
-        self._since_reply_s += period_s
+        book.tm_ms = UNKNOWN if tm_ms is None else tm_ms
+        book.time_us = UNKNOWN if time_us is None or time_us > _CLOCK_MAX_US else time_us
+        book.last_step_s = period_s
+        book.since_reply_s += period_s
         if superseded is not None:
             period_s += superseded.period_s  # that one gets no answer: its time counts here
         self.counters.accepted += 1
         if self._flood:
             self._note_accepted()
-        if states != self._controller_states:
+        if states != tuple(book.states):
             self._enter(states)
-        if pose is not None:
-            self._orientation = pose.orientation
+        self._orientation = previous if pose is None else pose.orientation
         wrench = None
         if len(force) == 6:
             fx, fy, fz, tx, ty, tz = force
             wrench = Wrench(Vector3(fx, fy, fz), Vector3(tx, ty, tz), self._force_frame)
         self.owes_answer = True
-        self._before = self.state
-        self._data_before = self._data
-        self._data = data
+        self._before = self._newest
         self.state = state = _new(
             RobotState,
             (
@@ -305,6 +337,8 @@ class EgmSession:
                 (),
             ),
         )
+        self._newest = (state, data, jitter_s)
+        book.known = False
         return state
 
     def _note_accepted(self) -> None:
@@ -414,10 +448,11 @@ class EgmSession:
     def _clock_steps_ms(self, feedback: EgmFeedback) -> list[float]:
         """Time since the last message by each clock that the controller sends, ms."""
         steps: list[float] = []
-        if feedback.tm_ms is not None and self._tm_ms is not None:
-            steps.append(((feedback.tm_ms - self._tm_ms + _HALF) & _MASK) - _HALF)
-        if feedback.time_us is not None and self._time_us is not None:
-            steps.append((feedback.time_us - self._time_us) * 1e-3)
+        tm_ms, time_us = self._book.tm_ms, self._book.time_us
+        if feedback.tm_ms is not None and tm_ms != UNKNOWN:
+            steps.append(((feedback.tm_ms - tm_ms + _HALF) & _MASK) - _HALF)
+        if feedback.time_us is not None and time_us != UNKNOWN:
+            steps.append((feedback.time_us - time_us) * 1e-3)
         return steps
 
     def _was_queued(self, feedback: EgmFeedback) -> bool:
@@ -434,8 +469,8 @@ class EgmSession:
     def _period(self, time_us: int | None, step: int) -> float:
         """Time since the message before, by the controller's clock if that is plausible, s."""
         nominal_s = self._nominal_s * step
-        before_us = self._time_us
-        if time_us is not None and before_us is not None:
+        before_us = self._book.time_us
+        if time_us is not None and before_us != UNKNOWN:
             measured_s = (time_us - before_us) * 1e-6
             # Outside of this its clock was set.
             if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
@@ -450,9 +485,9 @@ class EgmSession:
         self.peer = source
         self._silent = False
         self._fresh = True
-        self._since_reply_s = 0.0
-        self._replied_s = NEVER_S
-        self._controller_states = _NO_STATES
+        self._book.since_reply_s = 0.0
+        self._book.replied_s = NEVER_S
+        self._book.states[:] = NO_STATES
         self._hold_reason = EGM_UNDEFINED
 
     def _note_end(self) -> None:
@@ -464,13 +499,13 @@ class EgmSession:
     def _enter(self, states: tuple[int, int, int]) -> None:
         motors, mci, rapid = states
         if (
-            self._controller_states[1] == MCIState.RUNNING
+            self._book.states[1] == MCIState.RUNNING
             and mci == MCIState.STOPPED
             and motors != MotorState.OFF
             and rapid != RapidState.STOPPED
         ):
             self._note_end()
-        self._controller_states = states
+        self._book.states[:] = states
         self.slow_motion.reset()
         self._hold_reason = hold_reason(motors, mci, rapid)
 
@@ -490,7 +525,7 @@ class EgmSession:
             if orientation is None and euler is not None:
                 orientation = from_euler_zyx(*euler)
             if position is not None and orientation is not None:
-                pose = _pose(position, orientation, self._orientation)
+                pose = _pose(position, orientation, self._last_orientation())
         if (self._needs_pose and pose is None) or (
             self._needs_joints and len(joints) != self._joints
         ):
@@ -504,18 +539,19 @@ class EgmSession:
             self._guidance.coast(gap_s)
             return
         known = []
-        before, (answered, data) = self._before or state, self._answered
+        (earlier, data_before, _), (answered, data, _) = self._before, self._answered
+        before = earlier or state
         for each, datagram in (
-            (state, self._data),
-            (before, self._data_before),
-            (answered or before, data or self._data_before),
+            (state, self._newest[1]),
+            (before, data_before),
+            (answered or before, data or data_before),
         ):
             message = decode_robot(datagram)
             known.append(None if isinstance(message, Malformed) else self._heading(message, each))
         heading, heading_before, then = known
         if heading is None or heading_before is None or then is None:
             heading, heading_before, then = state, before, answered or before
-        self._guidance.resync(heading, heading_before, then, self._last_step_s, gap_s)
+        self._guidance.resync(heading, heading_before, then, self._book.last_step_s, gap_s)
 
     def _ordered(
         self, joints: tuple[float, ...], outside: tuple[float, ...]
@@ -560,6 +596,17 @@ class EgmSession:
         Raises CommandError for a command that cannot be sent in this mode; the answer is then
         still owed. While commands do not act, the answer is the measured position.
         """
+        state = self.state
+        if self.owes_answer and state is not None:
+            guidance = self._guidance
+            # As every cycle goes but for the first and for what is wrong.
+            answer = guidance.answer(command, now_s, state, self._suffix)
+            if answer is not None:
+                guidance.asked = command
+                self.counters.answers += 1
+                self._answered = self._newest
+                self.owes_answer = False
+                return answer
         return self._reply(command, now_s)
 
     def _reply(self, command: RobotCommand | None, now_s: float) -> bytes:
@@ -567,16 +614,16 @@ class EgmSession:
         if state is None or not self.owes_answer:
             raise CommandError("there is no datagram to answer")
         guidance = self._guidance
+        nominal_s = self._nominal_s
+        dt_s = self._book.since_reply_s
         if command is not None:
             self.check(command)
-        nominal_s = self._nominal_s
-        dt_s = self._since_reply_s
         gap_s = 0.0
         if dt_s > _GAP_PERIODS * nominal_s:
             gap_s, dt_s = dt_s - nominal_s, nominal_s
         if state.hold_reason:
             # Should commands act nevertheless, the robot brakes and is not halted in one period.
-            obeys = self._said_speed and not self._fresh and guidance.near(state)
+            obeys = self._book.said_speed and not self._fresh and guidance.near(state)
             if obeys:
                 guidance.step(None, state, dt_s)
             else:
@@ -587,7 +634,7 @@ class EgmSession:
             if self._held and not guidance.near(state):
                 guidance.reset(state)
             self._held = False
-            if now_s - self._replied_s > timeout_s:
+            if now_s - self._book.replied_s > timeout_s:
                 self.counters.late_commands += 1
             if gap_s:
                 self._follow_controller(state, gap_s)
@@ -596,6 +643,7 @@ class EgmSession:
             else:
                 guidance.step(command, state, dt_s)
         self.counters.answers += 1
+        self._book.steady = guidance.steady and not self._held
         return self._encode(now_s)
 
     def hold(self, now_s: float) -> bytes:
@@ -608,8 +656,9 @@ class EgmSession:
         state = self.state
         if state is None:
             return
+        self._past = None
         self.reply_latency.add(now_s - state.stamp_s)
-        self.jitter.add(self._jitter_s)
+        self.jitter.add(self._newest[2])
         self._reader.learn()
         if not state.hold_reason and self.slow_motion.due():
             heading = self._heading(self.message, state)
@@ -626,11 +675,15 @@ class EgmSession:
         None where the last message said that already, no controller is known, or the controller's
         run is over. It is no answer: neither counted as one nor timed.
         """
-        if not (self.owes_answer or self._said_speed) or self.peer is None or self.state is None:
+        if (
+            not (self.owes_answer or self._book.said_speed)
+            or self.peer is None
+            or self.state is None
+        ):
             return None
         if self.is_over(now_s):
             return None
-        if self._replied_s == NEVER_S:
+        if self._book.replied_s == NEVER_S:
             self._guidance.reset(self.state)
         self.counters.farewells += 1
         return self._encode(now_s, still=True)
@@ -643,21 +696,29 @@ class EgmSession:
     @property
     def moving(self) -> bool:
         """True while the last message told the controller to move."""
-        return self._said_speed
+        return bool(self._book.said_speed)
 
     def _encode(self, now_s: float, still: bool = False) -> bytes:
-        tm_ms = self._tm_ms
-        if tm_ms is None:
-            tm_ms = int(now_s * 1e3) & _MASK
-        data = self._guidance.encode(self._out_seqno, tm_ms, self._suffix, still)
-        self._out_seqno = (self._out_seqno + 1) & _MASK
-        self._said_speed = not still and self._guidance.moving
-        self._fresh = False
-        self._replied_s = now_s
-        self._since_reply_s = 0.0
-        self._answered = (self.state, self._data)
-        self.owes_answer = False
+        data = self._guidance.encode(
+            self._book.out_seqno, self._stamp_ms(now_s), self._suffix, still
+        )
+        self._note_sent(now_s, not still and self._guidance.moving)
         return data
+
+    def _stamp_ms(self, now_s: float) -> int:
+        """The time of a message: the controller's own, or ours where it sends none."""
+        tm_ms = self._book.tm_ms
+        return int(now_s * 1e3) & _MASK if tm_ms == UNKNOWN else tm_ms
+
+    def _note_sent(self, now_s: float, said_speed: bool) -> None:
+        book = self._book
+        book.out_seqno = (book.out_seqno + 1) & _MASK
+        book.said_speed = said_speed
+        book.replied_s = now_s
+        book.since_reply_s = 0.0
+        self._fresh = False
+        self._answered = self._newest
+        self.owes_answer = False
 
     def set_outputs(self, digital: bool | None = None, values: Sequence[float] = ()) -> None:
         """Set RAPIDtoRobot of every message from now on; None and () leave what was set.
@@ -685,7 +746,7 @@ class EgmSession:
         """All of the newest accepted message. None before the first, and where a part that no
         answer depends on is malformed (which is noticed and counted here, by looking at it).
         """
-        data = self._data
+        data = self._newest[1]
         known, message = self._full
         if data and known is not data:
             decoded = decode_robot(data)
@@ -696,6 +757,24 @@ class EgmSession:
                 message = decoded
             self._full = (data, message)
         return message
+
+    @property
+    def _last_s(self) -> float:
+        """When the newest datagram was accepted."""
+        state = self.state
+        return NEVER_S if state is None else state.stamp_s
+
+    @property
+    def _seqno(self) -> int:
+        """Its sequence number."""
+        state = self.state
+        return 0 if state is None else state.sequence
+
+    def _last_orientation(self) -> Quaternion | None:
+        state = self.state
+        if state is None or state.pose is None:
+            return self._orientation
+        return state.pose.orientation
 
     @property
     def sessions(self) -> int:
@@ -746,10 +825,18 @@ class EgmSession:
         figures.update({f"malformed_{kind}": n for kind, n in counters.malformed.items()})
         return figures
 
+    def protocol_errors(self) -> dict[str, int]:
+        """Datagrams of the controller that could not be used, by kind."""
+        counters = self.counters
+        return {**counters.malformed, "order": counters.duplicates + counters.old}
+
     def diagnosis(self, now_s: float) -> tuple[str, ...]:
         """Problems, and what else deserves attention, worst first."""
         return diagnose(self, now_s)
 
+
+_CLOCK_MAX_US = 2**62
+"""A controller's clock beyond this, in 146 000 years, is none."""
 
 _USUAL = COORDINATE_M.highest
 """No number of a sum up to this is outside of its range."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.gamepad.options import GamepadOptions
-from cardan.drivers.shaping import Deflections, Shaper
+from cardan.drivers.shaping import Deflections, Shaper, ShapingOptions
 from cardan.protocols.evdev import (
     ABS_BRAKE,
     ABS_GAS,
@@ -110,6 +110,12 @@ class GamepadCore(EvdevCore):
         self._sticks: dict[str, _Stick] = {}
         self._triggers: tuple[_Trigger, ...] = ()
         self._names: dict[int, str] = dict(PAD_BUTTONS)
+
+    def reshape(self, options: ShapingOptions) -> None:
+        """Shape deflections by other options from the next report on."""
+        super().reshape(options)
+        assert isinstance(options, GamepadOptions)
+        self._options = options
 
     @property
     def buttons(self) -> tuple[str, ...]:

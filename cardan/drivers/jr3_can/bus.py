@@ -17,13 +17,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.jr3_can.options import Jr3Options
-from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, ExtraMissingError
+from cardan.extras import missing_extra
 from cardan.protocols.jr3_can import NODE_MASK, CanFrame
 
 if TYPE_CHECKING:
     import can
 
-INSTALL = 'python-can is not installed: pip install "cardan[can]"'
+PACKAGE = "a CAN bus", "python-can", "can"
+"""What needs it, its name, and the extra that installs it."""
 SEND_TIMEOUT_S = 0.05
 CONNECT_TIMEOUT_S = 1.0
 GREETING = b"< hi >"
@@ -106,8 +108,8 @@ def open_bus(options: Jr3Options) -> CanBus:
     _silence_warnings()
     try:
         import can
-    except ImportError:
-        raise DriverError(INSTALL) from None
+    except ImportError as error:
+        raise missing_extra(*PACKAGE, error) from error
     interface, channel = options.interface, options.channel
     extra: dict[str, Any] = {}
     if interface == "udp_multicast":
@@ -128,8 +130,9 @@ def open_bus(options: Jr3Options) -> CanBus:
             **extra,
         )
     except NotImplementedError as error:
-        hint = ': pip install "cardan[can]"' if "msgpack" in str(error) else ""
-        raise DriverError(f"cannot open {where}: {error}{hint}") from None
+        if "msgpack" in str(error):
+            raise missing_extra(where, "msgpack", "can", error) from error
+        raise DriverError(f"cannot open {where}: {error}") from None
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
         raise _refusal(interface, channel, where, error) from None
     except Exception as error:  # such as a NameError where the maker's library is missing
@@ -171,7 +174,9 @@ def can_interfaces(root: Path = Path("/")) -> list[FoundDevice]:
 def _obstacle(name: str, up: bool) -> str:
     if not up:
         return _down(name)
-    return "" if importlib.util.find_spec("can") else INSTALL
+    if importlib.util.find_spec("can"):
+        return ""
+    return str(ExtraMissingError(*PACKAGE, "it is not installed"))
 
 
 def _down(name: str) -> str:

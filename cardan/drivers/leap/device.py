@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from cardan.drivers.access import usb_devices
-from cardan.drivers.base import FoundDevice
+from cardan.drivers.base import Endpoint, FoundDevice
 from cardan.drivers.leap.connection import Connection, connect
 from cardan.drivers.leap.core import BUTTONS, LeapCore
 from cardan.drivers.leap.options import LeapOptions
@@ -78,6 +78,10 @@ class Leap(ReadDevice[LeapCore]):
             gives_axes=False,
         )
 
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """The tracking service."""
+        return (Endpoint("tcp", self.options.host, self.options.port),)
+
     @classmethod
     def find(cls) -> list[FoundDevice]:
         """The trackers of this machine's service; without one, those that are plugged in."""
@@ -133,6 +137,8 @@ class Leap(ReadDevice[LeapCore]):
                 # Reading JSON takes its time: the lock is not held meanwhile.
                 message = decode_service(text)
                 now_s = time.monotonic()
+                if (tap := self.tap) is not None:
+                    tap(text, False, "")
                 with self._lock:
                     self._core.on_message(message, now_s)
             self._notify()

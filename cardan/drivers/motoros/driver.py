@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Generator
 from typing import Any
 
+from cardan.drivers.base import Endpoint
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.io_client import IoClient
 from cardan.drivers.motoros.motion_control import Task
@@ -231,6 +232,8 @@ class Motoros(LoopingRobot[MotorosSession]):
             self._lost(session, channel, error.strerror or str(error))
             return
         if data:
+            if (tap := self.tap) is not None:
+                tap(data, False, channel)
             session.received(channel, data, _monotonic())
         else:
             self._lost(session, channel, "the controller closed it")
@@ -246,6 +249,8 @@ class Motoros(LoopingRobot[MotorosSession]):
             to = self._links.get(channel)
             if to is None:
                 continue
+            if (tap := self.tap) is not None:
+                tap(data, True, channel)
             if to.backlog:
                 to.backlog += data
             else:
@@ -338,8 +343,15 @@ class Motoros(LoopingRobot[MotorosSession]):
 
     # -- diagnosis --------------------------------------------------------------------------------
 
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """The state port, which serves several clients; the motion port serves one."""
+        return (Endpoint("tcp", self.options.host, self.options.state_port),)
+
     def metrics(self) -> dict[str, float]:
         return self._session.metrics(_monotonic())
+
+    def protocol_errors(self) -> dict[str, int]:
+        return self._session.protocol_errors()
 
     def diagnosis(self) -> tuple[str, ...]:
         return (*super().diagnosis(), *((self._record_failure,) if self._record_failure else ()))

@@ -383,6 +383,10 @@ class MotorosSession:
             quiet = silence(self.options, feed, self._links["state"], now_s)
         return findings(self.control, quiet, self.hold_reason)
 
+    def protocol_errors(self) -> dict[str, int]:
+        """Messages on the state port that could not be used."""
+        return {"malformed": sum(self.feed.ignored.values())}
+
     def metrics(self, now_s: float) -> dict[str, float]:
         """Live figures."""
         counters, latency = self.counters, self.requests.latency

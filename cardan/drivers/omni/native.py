@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from ctypes import POINTER, c_double, c_int32, c_size_t, c_uint32, c_void_p
+from ctypes import c_double, c_int32, c_uint32, c_void_p
 from pathlib import Path
 from typing import Any
 
 from cardan.drivers.omni.structures import C_MATRIX3, C_VECTOR3, expected_layout
 from cardan.errors import DriverError
 from cardan.haptics import Matrix3
+from cardan.native import NativePartError, load_library
 from cardan.types import Vector3
 
 
@@ -35,26 +36,10 @@ def available() -> bool:
 @functools.cache
 def tick_library() -> Any:
     """The compiled tick, loaded once. Raises NativeMissingError, saying what to install."""
-    path = library_path()
-    advice = (
-        "install a C compiler (Debian: apt-get install gcc libc6-dev) and install cardan anew, or "
-        "run tools/native in its sources"
-    )
-    if not path.exists():
-        raise NativeMissingError(f"the compiled tick {path.name} is not there: {advice}")
     try:
-        # PyDLL: each call is far shorter than letting go of the interpreter and taking it back.
-        loaded: Any = ctypes.PyDLL(str(path))
-        layout = loaded.tick_layout
-    except (OSError, AttributeError) as error:
-        raise NativeMissingError(
-            f"the compiled tick cannot be loaded ({error}): {advice}"
-        ) from None
-    layout.argtypes, layout.restype = (POINTER(POINTER(c_size_t)),), c_size_t
-    values = POINTER(c_size_t)()
-    count = layout(ctypes.byref(values))
-    if values[:count] != expected_layout():
-        raise NativeMissingError(f"the compiled tick is of other sources: {advice}")
+        loaded = load_library(library_path(), "the compiled tick", "tick_layout", expected_layout())
+    except NativePartError as error:
+        raise NativeMissingError(str(error)) from None
     for name, result, arguments in (
         ("tick_create", c_void_p, (c_void_p,)),
         ("tick_destroy", None, (c_void_p,)),

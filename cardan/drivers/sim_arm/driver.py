@@ -16,6 +16,7 @@ from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.drivers.simulated import LOOPBACK
+from cardan.histogram import LatencyHistogram
 from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
 
 if TYPE_CHECKING:  # Imports Pinocchio, which only the arm in this process needs.
@@ -37,6 +38,10 @@ class _InProcess:
         from cardan.sim_peers.arm import SimulatedArm
 
         self.arm = SimulatedArm(options.arm_options)
+        self.lateness = LatencyHistogram()
+        """How long after its instant each cycle began."""
+        self.missed = 0
+        """Instants that were left out: the next one was due when their turn came."""
         self._period_s = options.period_s
         self._virtual = options.pacing == "virtual"
         self._cycle_s = 0.0 if self._virtual else _monotonic()
@@ -70,8 +75,12 @@ class _InProcess:
         ahead_s = self._cycle_s - _monotonic()
         if ahead_s > 0.0:
             time.sleep(ahead_s)
-        elif ahead_s < -self._period_s:
-            self._cycle_s += int(-ahead_s / self._period_s) * self._period_s
+        late_s = _monotonic() - self._cycle_s
+        self.lateness.add(late_s)
+        if late_s >= self._period_s:
+            missed = int(late_s / self._period_s)
+            self.missed += missed
+            self._cycle_s += missed * self._period_s
 
     def close(self) -> None:
         pass
@@ -102,6 +111,20 @@ class SimArm(DatagramRobot[SimArmSession]):
         """The arm in this process, to look at or to disturb; None while closed and over UDP."""
         transport = self._transport
         return transport.arm if isinstance(transport, _InProcess) else None
+
+    def metrics(self) -> dict[str, float]:
+        """Counts; in process in real time how well the period is kept, too."""
+        found, transport = super().metrics(), self._transport
+        if isinstance(transport, _InProcess) and self.options.pacing == "real-time":
+            lateness = transport.lateness
+            found |= {
+                "late_p50_s": lateness.percentile(50.0),
+                "late_p99_s": lateness.percentile(99.0),
+                "late_max_s": lateness.max,
+                "instants": float(lateness.count + transport.missed),
+                "superseded": float(transport.missed),
+            }
+        return found
 
     def _make_session(self) -> SimArmSession:
         return SimArmSession(self.options)

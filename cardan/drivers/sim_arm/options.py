@@ -90,7 +90,7 @@ class SimArmOptions(Options):
     def address(self) -> tuple[str, int]:
         """Host and port of `endpoint`; OptionError when it is none."""
         host, _, port = self.endpoint.rpartition(":")
-        good = host and port.isdecimal() and int(port) in bounds.PORT
+        good = host and port.isdecimal() and len(port) <= 5 and int(port) in bounds.PORT
         require(good, "endpoint", self.endpoint, "HOST:PORT, as 127.0.0.1:6520")
         require(host in bounds.HOST, "endpoint", self.endpoint, f"HOST:PORT with {bounds.HOST}")
         return host, int(port)

@@ -87,6 +87,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     )
     options: SpaceMouseOptions
     _kind = "SpaceMouse"
+    reshapes = True
 
     def __init__(
         self,
@@ -331,6 +332,8 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     def _take(self, report: Reading) -> None:
         now_s = time.monotonic()
+        if (tap := self.tap) is not None and isinstance(report, bytes):
+            tap(report, False, "")
         with self._lock:
             if isinstance(report, bytes):
                 self._core.on_report(report, now_s)

@@ -51,6 +51,7 @@ class Spnav(ReadDevice[SpnavCore]):
     suits = "rate, base frame"
     options: SpnavOptions
     _kind = "spacenavd socket"
+    reshapes = True
 
     def __init__(self, options: SpnavOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -151,6 +152,8 @@ class Spnav(ReadDevice[SpnavCore]):
         if not data:
             raise OSError(errno.ENODEV, "the daemon closed the connection")
         now_s = time.monotonic()
+        if (tap := self.tap) is not None:
+            tap(data, False, "")
         with self._lock:
             self._core.on_bytes(data, now_s)
             output = self._core.outgoing()

@@ -45,11 +45,14 @@ from cardan.protocols.wiimote import (
     to_rad_s,
     with_rumble,
 )
-from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
+from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink, Inertia, Vector3
 
 STALE_AFTER_S = 0.09
 """Silence, nine reports, after which the link is STALE. The state must be neutral within 0.1 s; the
 difference is for one cycle of the reader."""
+
+G_M_S2 = 9.80665
+"""Standard gravity, the unit of what an accelerometer is calibrated by."""
 
 SETTLE_S = 0.02
 """Reports of rest this soon after a silence may be old ones that had queued up meanwhile."""
@@ -505,6 +508,15 @@ class WiimoteCore(DeviceCore):
         else:
             stick = "" if held or let_go else "let go of the Nunchuk's stick once"
             self._reason = missing or stick or self._usual_reason
+
+    def _inertia(self, now_s: float) -> Inertia | None:
+        oldest_s = now_s - STALE_AFTER_S
+        if self._link not in _TALKING or self._stamp_s < oldest_s:
+            return None
+        x, y, z = self._force_g
+        acceleration = Vector3(x * G_M_S2, y * G_M_S2, z * G_M_S2)
+        turning = self._rate_s >= oldest_s
+        return Inertia(acceleration, Vector3(*self._rates_rad_s) if turning else None)
 
     def _axes(self, now_s: float) -> Axes:
         return self._deflected

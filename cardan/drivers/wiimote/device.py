@@ -97,6 +97,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
             buttons=labels,
             feedback=frozenset({"led", "rumble"}),
             battery=True,
+            gives_inertia=True,
         )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
@@ -171,6 +172,8 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 failure = self._core.failure(now_s)
             for report in reports:
                 link.write(report)
+                if (tap := self.tap) is not None:
+                    tap(report, True, "")
             if failure:
                 raise OSError(errno.ETIMEDOUT, failure)
             received = link.read(READ_TIMEOUT_S)
@@ -178,6 +181,8 @@ class Wiimote(ReadDevice[WiimoteCore]):
                 if received is None:
                     break
                 now_s = time.monotonic()
+                if (tap := self.tap) is not None:
+                    tap(received, False, "")
                 with self._lock:
                     self._core.on_report(received, now_s)
                 received = link.read(0.0)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cardan.errors import AddressError
+from cardan.extras import missing_extra
 from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.carriers.base import Carrier, Shell
 
@@ -70,8 +71,8 @@ class PythonCanBus(CanCarrier):
         super().open(shell)
         try:
             import can
-        except ImportError:
-            raise AddressError('python-can is not installed: pip install "cardan[can]"') from None
+        except ImportError as error:
+            raise missing_extra("a CAN bus", "python-can", "can", error) from error
         try:
             self._bus = can.Bus(
                 channel=self._channel, interface=self._interface, ignore_config=True, **self._extra
@@ -84,10 +85,10 @@ class PythonCanBus(CanCarrier):
             TypeError,
             ImportError,
         ) as error:
-            hint = ""
             if "msgpack" in str(error):
-                hint = '; pip install "cardan[can]"'
-            elif self._interface == "udp_multicast":
+                raise missing_extra(self._interface, "msgpack", "can", error) from error
+            hint = ""
+            if self._interface == "udp_multicast":
                 hint = (
                     "; this computer may have no route for multicast: "
                     "sudo ip route add 239.0.0.0/8 dev lo, or serve socketcand"

@@ -155,10 +155,13 @@ class ChannelCarrier(Carrier[bytes]):
         """A host connects.
 
         Several hosts may have come and gone since the last time. An interrupt channel is taken
-        out before the control channels: its own is then among those that have come.
+        out before the control channels: its own is then among those that have come, or its host
+        has left since.
         """
         interrupts = self._waiting(INTERRUPT_PSM, 1)
         controls = self._waiting(CONTROL_PSM, _BACKLOG)
+        if interrupts and _hung_up(interrupts[0]):
+            interrupts.pop().close()
         self._settle()
         if not self._interrupt_up:
             if controls:

@@ -37,6 +37,7 @@ from cardan.sim_peers.egm_controller.faults import (
     PAUSE_EVERY_S,
     RESTART_SILENCE_S,
 )
+from cardan.sim_peers.egm_controller.guidance import beyond_any_robot
 from cardan.sim_peers.egm_controller.instructions import Instructions
 from cardan.sim_peers.egm_controller.kinematics import AXES, GOFA, forward
 from cardan.sim_peers.egm_controller.motion import Servo
@@ -349,7 +350,10 @@ class EgmController:
                 self._restart()
                 self._off_until_s = math.inf
             return
-        reason = self._check_header(message) or self.rapid.accept(message)
+        reason = self._check_header(message)
+        if not reason and beyond_any_robot(message):
+            reason = "a number beyond any robot"
+        reason = reason or self.rapid.accept(message)
         if reason:
             self._ignored[reason] += 1
         else:

@@ -38,6 +38,10 @@ _ZERO = (0.0,) * AXES
 _UNIT_TOLERANCE = 1e-5
 """Deviation of a quaternion's length beyond which its sender did not normalise it."""
 
+LARGEST_NUMBER = 1e9
+"""Of references and speeds in m, rad and seconds: far beyond any robot's, and its powers that the
+kinematics need are far from a float's end."""
+
 _R = TypeVar("_R")
 
 
@@ -65,6 +69,29 @@ class Tuning(NamedTuple):
     """How much later a reference acts than at Level 0."""
     singularity_threshold: float
     path_correction_absolute: bool
+
+
+def beyond_any_robot(message: EgmSensor | EgmSensorPathCorr) -> bool:
+    """Whether a reference or speed of the message cannot be computed with.
+
+    What a real controller does with such a number is not known; the simulated one ignores the
+    message.
+    """
+    if not isinstance(message, EgmSensor):
+        return _largest(message.pos) > LARGEST_NUMBER
+    planned, speed_ref = message.planned, message.speed_ref
+    most = 0.0
+    if planned is not None:
+        most = max(_largest(planned.joints), _largest(planned.external_joints))
+        if planned.cartesian is not None:
+            most = max(most, *map(_largest, planned.cartesian))
+    if speed_ref is not None:
+        most = max(most, *map(_largest, speed_ref))
+    return most > LARGEST_NUMBER
+
+
+def _largest(values: Sequence[float] | None) -> float:
+    return max(map(abs, values), default=0.0) if values else 0.0
 
 
 class Guidance(ABC):

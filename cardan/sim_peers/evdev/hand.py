@@ -72,6 +72,15 @@ GAMEPAD_SCRIPTS: Mapping[str, str] = {
         4.9   release left-shoulder
         5.1   neutral over 0.2
     """,
+    "strokes": """
+        # the dead-man, a stroke to the left and back, one up and down, let go; for ever
+        0.3   hold start for 0.1
+        1.5   press left-shoulder
+        1.7   swing -0.6 0 0 0 over 2
+        3.7   swing 0 0 0 0.6 over 2
+        6.0   release left-shoulder
+        6.5   loop
+    """,
     "circle": """
         # a circle to the left; the ramp that takes the hand there is dropped as the sine begins
         0.3   hold start for 0.1

@@ -103,6 +103,18 @@ SCRIPTS: Mapping[str, str] = {
         12.4  neutral over 0.4
         13.0  release first
     """,
+    "strokes": """
+        # the second button, the dead-man, a stroke to the left and back, one up and down; for ever
+        0.2   axes 0 0 0.2 0 0 0 over 0.1
+        0.3   neutral over 0.1
+        0.8   press second                             # enables a robot that wants it
+        1.0   release second
+        1.5   press first
+        1.7   swing 0 0.6 0 0 0 0 over 2
+        3.7   swing 0 0 0.6 0 0 0 over 2
+        6.0   release first
+        6.5   loop
+    """,
     "taps": """
         # buttons only, for ever
         0.2   axes 0 0 0.2 0 0 0 over 0.1

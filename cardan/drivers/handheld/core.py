@@ -1,0 +1,348 @@
+"""What the frames of a hand mean, without any I/O and in the caller's time.
+
+Frames come 30 to 60 times a second, whether or not the hand moves, and each says whether the hand
+holds the dead-man control. So silence is always trouble, and after anything that is no letting go
+the hand counts again only once it was seen letting go:
+
+- A page that is hidden, tracking that is lost, a sensor that is not there, and a leap: the link is
+  NEEDS_NEUTRAL, deflections are zero, buttons released.
+- No frame that is young enough: STALE. The page that published has left: LOST.
+- Of two pages on one topic, the one that was heard first counts, while it speaks.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
+
+from cardan.drivers.handheld.options import HandheldOptions, PhoneOptions, XrOptions
+from cardan.drivers.ros2_nodes.core import BusCore
+from cardan.drivers.shaping import Deflections, Shaper
+from cardan.protocols.handheld import (
+    BUTTONS,
+    Held,
+    Malformed,
+    OperatorFrame,
+    Phone,
+    Sample,
+    Xr,
+    Yaw,
+    decode_frame,
+    drag_on_screen,
+    from_angles,
+    leap,
+    orientation_from_xr,
+    pitched,
+    position_from_xr,
+)
+from cardan.protocols.ros2.cdr import Message
+from cardan.spatial import add, rotate, scale, subtract
+from cardan.types import (
+    NEUTRAL,
+    ZERO3,
+    Axes,
+    DeviceLink,
+    Inertia,
+    Pose,
+    Vector3,
+)
+
+FRAME_TYPE = "cardan_msgs/msg/OperatorFrame"
+
+HOLD = "hold"
+"""The dead-man control as a button."""
+ALIGN = "align"
+
+SETTLE_S = 0.016
+"""A hand that lets go this soon after a silence may be seen in old frames that had queued up."""
+
+OLDEST_S = 3600.0
+"""No frame is older."""
+
+
+class Reading(NamedTuple):
+    """What a frame says of where the hand is."""
+
+    sample: Sample
+    drag: Vector3 = ZERO3
+    """Of the second finger, along the reference's axes; 1 is a third of the screen."""
+
+
+class HandheldCore(BusCore):
+    """The state of one hand."""
+
+    message_type = FRAME_TYPE
+
+    _counters: ClassVar[Mapping[str, str]] = {
+        "silences": "silences of the page",
+        "late": "frames that came twice or late, ignored",
+        "old": "frames that were too long on their way, ignored",
+        "leaps": "leaps of the tracking",
+        "others": "frames of a second page on the same topic, ignored: close one of the two",
+    }
+
+    kind: ClassVar[str]
+    """Of the frames that are its own."""
+    no_sensor: ClassVar[str]
+    """Why a hand that is not lost has no place, and what to do."""
+    to_align: ClassVar[str]
+    """What the operator does so that the robot's x axis is known."""
+
+    def __init__(self, options: HandheldOptions) -> None:
+        super().__init__()
+        self._hand_options = options
+        self._shaper = Shaper(options)
+        self._full_rad = math.radians(options.full_turn_deg)
+        self._asks = options.heading == "asked"
+        self._yaw: Yaw | None = None
+        self._reading: Reading | None = None
+        self._held: Held | None = None
+        """While it is held and counts."""
+        self._began: Reading | None = None
+        self._dragged = ZERO3
+        """Way of all drags together, along the robot's axes, m."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the buttons."""
+        return (HOLD, *(each for each in BUTTONS[self.kind] if each != ALIGN))
+
+    @abstractmethod
+    def _read(self, frame: OperatorFrame) -> Reading | None:
+        """What a frame of this hand says of its place; None: it has none."""
+
+    @abstractmethod
+    def _heading(self, reading: Reading) -> Yaw:
+        """Where it points."""
+
+    def _is_mine(self, frame: OperatorFrame) -> bool:
+        """Whether a frame of the kind is of this hand."""
+        return True
+
+    def on_opened(self, now_s: float) -> None:
+        """The page was found (again)."""
+        self._forget_sender(now_s)
+        self._on_other_sender()
+        self._begin("let go of the control on the page once", now_s)
+
+    def _on_other_sender(self) -> None:
+        # Its reference is another one, and so is where the robot is in it.
+        self._yaw, self._reading = None, None
+        self._dragged = ZERO3
+
+    # -- frames --------------------------------------------------------------------------------
+
+    def _on_message(self, message: Message, now_s: float) -> None:
+        age_s = message["age"]
+        if not 0.0 <= age_s <= OLDEST_S:
+            self._on_malformed("with an age that is none", -1)
+            return
+        frame = decode_frame(bytes(message["frame"]))
+        if isinstance(frame, Malformed):
+            self._on_malformed(frame.reason, -1)
+            return
+        if frame.kind != self.kind:
+            self._on_malformed(f"of the kind {frame.kind}, not {self.kind}", -1)
+            return
+        if not self._is_mine(frame):
+            return
+        if frame.hold and age_s > self._hand_options.stale_after_s:
+            self._counts["old"] += 1
+            return
+        self._take(frame, age_s, now_s)
+
+    def _take(self, frame: OperatorFrame, age_s: float, now_s: float) -> None:
+        if self._link is DeviceLink.STALE:
+            self._resume("the page fell silent: let go of the control once", SETTLE_S, now_s)
+        self._heard, self._stamp_s = True, now_s
+        self._last_s = max(self._last_s, now_s - age_s)
+        before, self._reading = self._reading, self._read(frame)
+        why = self._why_not(frame, before)
+        if why:
+            self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, why, now_s)
+            if frame.hold:
+                self._buttons.mask((HOLD,))
+            return
+        assert self._reading is not None
+        down = frame.held_buttons
+        if ALIGN in down and not frame.hold:
+            self._yaw = self._heading(self._reading)
+        buttons = [each for each in down if each != ALIGN]
+        self._buttons.set([HOLD, *buttons] if frame.hold else buttons, now_s)
+        if self._link is DeviceLink.NEEDS_NEUTRAL:
+            self._settle(frame, now_s)
+        self._grasp(frame, before)
+        self._cached = None
+
+    def _why_not(self, frame: OperatorFrame, before: Reading | None) -> str:
+        """Why the hand does not count; empty: it does."""
+        if not frame.visible:
+            return "the page is hidden: show it, and let go of the control once"
+        if not frame.tracking:
+            return "the tracking is lost: hold still, and let go of the control once"
+        if self._reading is None:
+            return self.no_sensor
+        if before is not None and (why := leap(before.sample, self._reading.sample)):
+            self._counts["leaps"] += 1
+            return f"{why}: let go of the control once"
+        return ""
+
+    def _settle(self, frame: OperatorFrame, now_s: float) -> None:
+        if self._asks and self._yaw is None:
+            self._reason = self.to_align
+        elif frame.hold:
+            self._reason = "let go of the control on the page once"
+        elif now_s >= self._ignore_rest_until_s:
+            self._link = DeviceLink.LIVE
+
+    def _grasp(self, frame: OperatorFrame, before: Reading | None) -> None:
+        """Begin, go on with, or end what is held."""
+        reading = self._reading
+        assert reading is not None
+        if not frame.hold or self._link is not DeviceLink.LIVE:
+            self._held = self._began = None
+            return
+        if self._held is None:
+            if not self._asks:
+                self._yaw = self._heading(reading)
+            self._held, self._began = Held(reading.sample), reading
+        if before is not None and self._yaw is not None:
+            self._drag(before.drag, reading.drag)
+
+    def _drag(self, before: Vector3, now: Vector3) -> None:
+        """The second finger has moved."""
+
+    # -- what it gives -------------------------------------------------------------------------
+
+    def _watch(self, now_s: float) -> None:
+        stale_s = self._hand_options.stale_after_s
+        silent = now_s - self._last_s > stale_s
+        if self._open and silent and self._link is not DeviceLink.STALE:
+            self._fall_silent(
+                f"no frame for {1e3 * stale_s:.0f} ms: is the page open and shown, and the network "
+                "good?",
+                now_s,
+            )
+
+    def _drop_input(self, now_s: float) -> None:
+        self._held = self._began = None
+
+    def _translation(self) -> Vector3:
+        """Of the hand since it was held, as deflections along the reference's axes."""
+        raise NotImplementedError
+
+    def _axes(self, now_s: float) -> Axes:
+        held, reading, yaw = self._held, self._reading, self._yaw
+        if held is None or reading is None or yaw is None:
+            return NEUTRAL
+        way = yaw.vector(self._translation())
+        turn = scale(yaw.vector(held.turn(reading.sample)), 1.0 / self._full_rad)
+        x, y, z, roll, pitch, yawing = (max(-1.0, min(1.0, each)) for each in (*way, *turn))
+        deflections: Deflections = (x, y, z, roll, pitch, yawing)
+        return self._shaper(deflections)
+
+
+class PhoneCore(HandheldCore):
+    """A phone: its orientation, and the drag of a second finger."""
+
+    kind = "phone"
+    no_sensor = (
+        "the phone tells no orientation: press Start on the page and allow its sensors (they need "
+        "https), and let go of the control once"
+    )
+    to_align = (
+        "not aligned: point the phone's top edge along the robot's x axis, and press Align on the "
+        "page"
+    )
+
+    def __init__(self, options: PhoneOptions) -> None:
+        super().__init__(options)
+        self._drag_m = options.drag_m
+        self._sensed: Inertia | None = None
+
+    def _read(self, frame: OperatorFrame) -> Reading | None:
+        body = frame.body
+        assert isinstance(body, Phone)
+        self._sensed = _inertia_of(body)
+        if body.angles_deg is None:
+            return None
+        q = from_angles(*body.angles_deg)
+        drag = drag_on_screen(body.drag_right, body.drag_up, body.screen_quarters)
+        return Reading(Sample(1e-6 * frame.time_us, q), rotate(q, drag))
+
+    def _heading(self, reading: Reading) -> Yaw:
+        return Yaw.of_phone(reading.sample.orientation)
+
+    def _translation(self) -> Vector3:
+        reading = self._reading
+        return ZERO3 if reading is None else reading.drag
+
+    def _drag(self, before: Vector3, now: Vector3) -> None:
+        # A finger that is lifted does not go back.
+        if any(now) and self._yaw is not None:
+            way = scale(self._yaw.vector(subtract(now, before)), self._drag_m)
+            self._dragged = add(self._dragged, way)
+
+    def _pose(self) -> Pose | None:
+        reading, yaw = self._reading, self._yaw
+        if reading is None or yaw is None:
+            return None
+        return Pose(self._dragged, yaw.orientation(reading.sample.orientation))
+
+    def _inertia(self, now_s: float) -> Inertia | None:
+        heard = self._open and self._link is not DeviceLink.STALE
+        return self._sensed if heard else None
+
+
+class XrCore(HandheldCore):
+    """A hand or the viewer of a WebXR session."""
+
+    kind = "xr"
+    no_sensor = "the hand has no place"
+    to_align = (
+        "not aligned: point along the robot's x axis, and press the stick or touchpad (of a phone: "
+        "Align on the page)"
+    )
+
+    def __init__(self, options: XrOptions) -> None:
+        super().__init__(options)
+        self._part = options.part
+        self._full_way_m = options.full_way_m
+        self._grip_rad = math.radians(options.grip_deg)
+
+    def _is_mine(self, frame: OperatorFrame) -> bool:
+        body = frame.body
+        return isinstance(body, Xr) and body.part.word == self._part
+
+    def _read(self, frame: OperatorFrame) -> Reading | None:
+        body = frame.body
+        assert isinstance(body, Xr)
+        # What is given is where the grip's axis points; the hand points below it.
+        q = pitched(orientation_from_xr(body.orientation), -self._grip_rad)
+        return Reading(Sample(1e-6 * frame.time_us, q, position_from_xr(body.position_m)))
+
+    def _heading(self, reading: Reading) -> Yaw:
+        return Yaw.of_xr(reading.sample.orientation)
+
+    def _translation(self) -> Vector3:
+        if self._held is None or self._reading is None:
+            return ZERO3
+        return scale(self._held.way(self._reading.sample), 1.0 / self._full_way_m)
+
+    def _pose(self) -> Pose | None:
+        reading, yaw = self._reading, self._yaw
+        if reading is None or yaw is None or reading.sample.position is None:
+            return None
+        position = yaw.vector(reading.sample.position)
+        return Pose(position, yaw.orientation(reading.sample.orientation))
+
+
+def _inertia_of(body: Phone) -> Inertia | None:
+    """Along x forward, y left, z up of a phone that lies before the operator."""
+    force, rates = body.acceleration_m_s2, body.rates_rad_s
+    if force is None:
+        return None
+    turned = None if rates is None else Vector3(rates.y, -rates.x, rates.z)
+    return Inertia(Vector3(force.y, -force.x, force.z), turned)

@@ -1,0 +1,70 @@
+"""What can be set about the drivers of hands that a page shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cardan.bounds import Range
+from cardan.drivers.node_options import NodeOptions
+from cardan.drivers.shaping import ShapingOptions
+from cardan.errors import OptionError
+from cardan.protocols.ros2.names import RosNameError, checked_name
+
+STALE_AFTER_S = Range(0.1, 0.3, "s", "a page that is dead moves the arm for so long")
+FULL_TURN_DEG = Range(5.0, 90.0, "°", "smaller is noise, and no wrist turns further")
+FULL_WAY_M = Range(0.01, 0.5, "m", "smaller is noise, and no arm reaches further")
+GRIP_DEG = Range(-90.0, 90.0, "°", "beyond it a hand points backwards")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandheldOptions(NodeOptions, ShapingOptions):
+    """What the drivers of phones and of headsets have."""
+
+    topic: str = "/hand"
+    """cardan_msgs/OperatorFrame, as `cardan face console` publishes what pages send."""
+    name: str = "cardan_device_driver"
+    """Name of this driver's node."""
+    heading: Literal["asked", "each hold"] = "asked"
+    """Where the robot's x axis is for the hand. "asked": where it pointed when *Align* was pressed,
+    once for each page. "each hold": where it points whenever it is held anew."""
+    full_turn_deg: Annotated[float, FULL_TURN_DEG] = 30.0
+    """Turn since it was held that is a full deflection, in rate mode."""
+    stale_after_s: Annotated[float, STALE_AFTER_S] = 0.15
+    """Age of the newest frame at which the hand counts as lost."""
+    wait_for_device: bool = False
+    """open() succeeds without a page, which is found once it is there."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, given in (("topic", self.topic), ("name", f"/{self.name}")):
+            try:
+                checked_name(given)
+            except RosNameError as error:
+                raise OptionError(key, getattr(self, key), f"a name of ROS 2 ({error})") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhoneOptions(HandheldOptions):
+    """Options of :class:`Phone`."""
+
+    topic: str = "/phone"
+    """cardan_msgs/OperatorFrame, as `cardan face console` publishes what pages send."""
+    drag_m: Annotated[float, FULL_WAY_M] = 0.1
+    """Way of the hand for a drag of the second finger over a third of the screen, in position
+    mode."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class XrOptions(HandheldOptions):
+    """Options of :class:`Xr`."""
+
+    topic: str = "/xr"
+    """cardan_msgs/OperatorFrame, as `cardan face console` publishes what pages send."""
+    part: Literal["right", "left", "viewer"] = "right"
+    """Which hand; "viewer": the phone or the headset itself, as of phones with AR."""
+    full_way_m: Annotated[float, FULL_WAY_M] = 0.1
+    """Way since it was held that is a full deflection, in rate mode."""
+    grip_deg: Annotated[float, GRIP_DEG] = 0.0
+    """How far below the grip's axis the hand points; 45 is the natural grip of most
+    controllers."""

@@ -1,0 +1,5 @@
+"""Any arm of a ROS 2 system: joint states in, commands to its ros2_control controllers out."""
+
+from cardan.drivers.ros2_arm.driver import Ros2Arm as Ros2Arm
+from cardan.drivers.ros2_arm.options import Ros2ArmOptions as Ros2ArmOptions
+from cardan.drivers.ros2_arm.session import Ros2ArmSession as Ros2ArmSession

@@ -1,0 +1,143 @@
+"""What can be set about the driver of ROS 2 arms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cardan import bounds
+from cardan.bounds import Range
+from cardan.bus.dds.options import DdsOptions
+from cardan.drivers.node_options import NodeOptions
+from cardan.errors import OptionError
+from cardan.options import require
+from cardan.protocols.ros2.names import RosNameError, checked_name
+from cardan.robots import load_arm
+from cardan.types import JointLimits
+
+SILENT_PERIODS = 3
+"""Missed states after which the link is LOST; fewer are a hiccup."""
+
+STATE_RATE_HZ = Range(10.0, 2000.0, "Hz", "slower, three states are a third of a second")
+
+Commands = Literal["position", "velocity", "joint_state", "trajectory"]
+
+COMMAND_TOPICS: dict[str, str] = {
+    "position": "/forward_position_controller/commands",
+    "velocity": "/forward_velocity_controller/commands",
+    "joint_state": "/robot_joint_command",
+    "trajectory": "/joint_trajectory_controller/joint_trajectory",
+}
+"""Topics by kinds of command: the names that ros2_control's examples and most robots have."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ros2ArmOptions(NodeOptions):
+    """Options of :class:`Ros2Arm`."""
+
+    robot: str = "ur5"
+    """An arm's name, or the path of a .toml or .urdf file: names and limits of the joints. Empty:
+    `joints` names them, and `robot_description` has the limits."""
+    joints: tuple[str, ...] = ()
+    """The joints' names on ROS 2 in kinematic order, where they are not those of `robot`, as with
+    a prefix ("left_shoulder_pan_joint"); empty: as in `robot`."""
+    transport: Literal["zenoh", "dds"] = "zenoh"
+    """What the robot's nodes speak, as their RMW_IMPLEMENTATION says: zenoh: rmw_zenoh_cpp; dds:
+    rmw_cyclonedds_cpp or rmw_fastrtps_cpp, which needs cardan[dds]."""
+    dds_config: str = ""
+    """For dds: configuration of Cyclone DDS, XML or file://PATH. Empty: CYCLONEDDS_URI where that
+    is set, or else this computer alone."""
+    states_topic: str = "/joint_states"
+    """sensor_msgs/JointState, of the joint_state_broadcaster."""
+    command: Commands = "position"
+    """position, velocity: the array of a forward_command_controller with that interface;
+    joint_state: a JointState with positions and speeds; trajectory: a JointTrajectory of one point
+    for each state, which a joint_trajectory_controller follows with a delay (see the page)."""
+    command_topic: str = ""
+    """Where commands go; empty: by `command`, as `forward_position_controller` calls it."""
+    description_topic: str = "/robot_description"
+    """The robot's URDF; needed where `robot` is empty."""
+    rate_hz: Annotated[float, STATE_RATE_HZ] = 100.0
+    """How often the robot publishes its joint states: the controller manager's update_rate."""
+    silence_s: Annotated[float, bounds.BLIND_S] = 0.1
+    """Silence (at least three periods) after which the link is LOST."""
+    lag_s: Annotated[float, bounds.LAG_S] = 0.1
+    """How far measured joints are behind commanded ones in good order."""
+    name: str = "cardan_arm_driver"
+    """Name of this driver's node."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(
+            self.transport == "zenoh" or not self.port,
+            "port",
+            self.port,
+            "0, as nodes on DDS meet by their domain",
+        )
+        for key in ("states_topic", "command_topic", "description_topic", "name"):
+            given = getattr(self, key)
+            if key == "command_topic" and not given:
+                continue
+            try:
+                checked_name(f"/{given}" if key == "name" else given)
+            except RosNameError as error:
+                raise OptionError(key, given, f"a name of ROS 2 ({error})") from None
+        joints = self.joints
+        unique = len(set(joints)) == len(joints) and all(joints)
+        require(unique, "joints", joints, "a name of its own for each joint")
+        if self.robot:
+            count = len(load_arm(self.robot, "robot").joints)
+            good = len(joints) in (0, count)
+            require(good, "joints", joints, f"{count} names, as {self.robot} has, or none")
+        else:
+            require(bool(joints), "joints", joints, "names of the joints, as robot is empty")
+
+    @property
+    def caution(self) -> str:
+        """What speaks against `command`; empty: nothing."""
+        if self.command == "trajectory":
+            return (
+                "command = 'trajectory' sends single points, each of which replaces the one "
+                "before, so the arm follows late and less evenly: load a "
+                "forward_position_controller, and set command = 'position'"
+            )
+        if self.command == "velocity":
+            return (
+                "command = 'velocity': a forward velocity controller keeps the last speed when "
+                "this process dies; have the robot watch its commands, or set command = 'position'"
+            )
+        return ""
+
+    @property
+    def dds(self) -> DdsOptions:
+        """How to be on DDS."""
+        return DdsOptions(
+            dds_domain=self.domain,
+            dds_config=self.dds_config,
+            dds_distribution=self.distribution,
+        )
+
+    @property
+    def period_s(self) -> float:
+        """Of the joint states."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def topic(self) -> str:
+        """Where commands go."""
+        return self.command_topic or COMMAND_TOPICS[self.command]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints' names on ROS 2 in kinematic order."""
+        return self.joints or load_arm(self.robot).joint_names
+
+    @property
+    def limits(self) -> JointLimits | None:
+        """Those of `robot`; None where it is empty."""
+        return load_arm(self.robot).limits if self.robot else None
+
+    @property
+    def lost_after_s(self) -> float:
+        """The silence after which the robot counts as lost, s."""
+        return max(self.silence_s, SILENT_PERIODS * self.period_s)

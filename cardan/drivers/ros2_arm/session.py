@@ -1,0 +1,433 @@
+"""A ROS 2 arm without I/O: joint states to states of the robot, commands to messages.
+
+Joint states are ordered by the number that their publisher gives each message, and by nothing else:
+stamps may be of any clock. A publisher that is new (its node was started anew), or whose stamps go
+back, begins a new session.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from cardan.bus.node import Received
+from cardan.drivers.datagram_robot import DatagramSession
+from cardan.drivers.limiters import JointLimiter
+from cardan.drivers.lost_time import LostTime
+from cardan.drivers.robot_core import check_command, check_numbers, joint_values
+from cardan.drivers.ros2_arm.options import Ros2ArmOptions
+from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
+from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ros2.names import dds_type
+from cardan.types import (
+    CommandKind,
+    JointCommand,
+    JointLimits,
+    JointVelocityCommand,
+    RobotCapabilities,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+)
+
+STATE_TYPE = "sensor_msgs/msg/JointState"
+COMMAND_TYPES = {
+    "position": "std_msgs/msg/Float64MultiArray",
+    "velocity": "std_msgs/msg/Float64MultiArray",
+    "joint_state": "sensor_msgs/msg/JointState",
+    "trajectory": "trajectory_msgs/msg/JointTrajectory",
+}
+"""Types of messages by kinds of command."""
+
+BRIDGED_S, BRIDGED_PERIODS = 0.015, 3.1
+"""Two commands that are no farther apart than one of these are bridged as if the robot had gone on:
+a state that the network lost, a process that waited. After a longer time a robot that is sent
+positions has stopped; and by a longer step it would overshoot."""
+
+FARTHEST_BEHIND = 0.2
+"""rad or m: a joint that has lost more way than this, stop after stop, is not brought back by way
+of lost time, which would have it move long after the operator let go: a new session begins."""
+
+POINT_AHEAD_S = 0.05
+"""A trajectory's point is so far ahead, and at least three periods: nearer ones are reached, and
+the arm stands until the next."""
+
+STOP_TOLERANCE = 0.05
+"""rad or m: a joint that rests on its stop may be measured beyond it."""
+
+SENDERS_KEPT = 64
+"""Publishers of joint states that are told apart."""
+
+NS = 1_000_000_000
+
+ADVICE = {
+    "zenoh": (
+        "is it running with RMW_IMPLEMENTATION=rmw_zenoh_cpp, by the same router and domain, and "
+        "is states_topic its topic?"
+    ),
+    "dds": (
+        "is it running with a middleware of DDS in the same domain, on this computer unless "
+        "dds_config says otherwise, and is states_topic its topic?"
+    ),
+}
+"""What to look for where no joint states come, by transports."""
+
+
+class JointStates(NamedTuple):
+    """A message of joint states, joints in kinematic order."""
+
+    session: int
+    sequence: int
+    stamp_ns: int
+    """By the robot's clock; 0: it gives none."""
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+    """Empty where they are not reported."""
+    efforts: tuple[float, ...]
+
+
+class _Sender:
+    """A publisher of joint states."""
+
+    __slots__ = ("number", "sequence", "stamp_ns")
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.sequence = self.stamp_ns = -1
+
+
+class Ros2ArmSession(DatagramSession[JointStates]):
+    """What is known of an arm, and what is sent to it.
+
+    What is sent is a reference that keeps to the joints' ranges, speeds and accelerations, whatever
+    is asked for. Nothing is sent before the first command that moves: an arm that is only looked at
+    gets no messages.
+    """
+
+    controller = "the robot's joint state publisher"
+
+    def __init__(self, options: Ros2ArmOptions, limits: JointLimits | None = None) -> None:
+        """`limits`: those of the robot's description, where `robot` is empty."""
+        self.options = options
+        self.advice = ADVICE[options.transport]
+        self.names = options.names
+        self._count = n = len(self.names)
+        self._limits = options.limits or limits
+        moves = CommandKind.JOINT_VELOCITY if options.command == "velocity" else CommandKind.JOINT
+        capabilities = RobotCapabilities(
+            frozenset({CommandKind.HOLD, moves}),
+            options.period_s,
+            n,
+            self._limits,
+            lag_s=options.lag_s,
+        )
+        super().__init__(capabilities, options.lost_after_s)
+        self.taken: Callable[[], bool] = lambda: True
+        """Whether somebody takes the commands."""
+        self.others = 0
+        """Messages of other joints than the arm's."""
+        self._codec = codec_of(STATE_TYPE)
+        self._dds_type = dds_type(STATE_TYPE)
+        self._ours = frozenset(self.names)
+        self._order: tuple[tuple[str, ...], tuple[int, ...]] = ((), ())
+        """The names of the message before, and where each of ours is among them."""
+        self._senders: dict[bytes, _Sender] = {}
+        self._bridged_s = max(BRIDGED_S, BRIDGED_PERIODS * options.period_s)
+        self._limiter = None if self._limits is None else _limiter(self._limits, self._bridged_s)
+        self._lost = LostTime(n)
+        self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
+        """The positions asked for in the cycle before, and their speeds."""
+        self._answered: tuple[int, int] | None = None
+        """The session and sequence of the state that was answered last."""
+        self._since_s = self._answered_s = 0.0
+        """Time since that state, by the robot's periods; and when it was answered, by ours."""
+        self._commanded = False
+        """A command that moves has come since the session began."""
+        self._messages = _Commands(options, self.names)
+
+    # -- states ---------------------------------------------------------------------------------
+
+    def _decode(self, data: Received) -> JointStates | str | None:
+        if data.key.split("/")[-2:-1] != [self._dds_type]:
+            return f"messages of another type than {STATE_TYPE}"
+        attachment = data.attachment
+        if attachment is None:
+            return "messages without the attachment that nodes of ROS 2 have"
+        message = self._codec.decode(data.data)
+        if isinstance(message, Malformed):
+            return message.reason
+        names = tuple(message["name"])
+        if names != self._order[0]:
+            if not self._ours.intersection(names):
+                self.others += 1
+                return None
+            missing = self._ours.difference(names)
+            if missing:
+                return f"joint states without {', '.join(sorted(missing))}"
+            if len(set(names)) < len(names):
+                return "joint states with a joint twice"
+            self._order = names, tuple(names.index(name) for name in self.names)
+        values = self._values(message, len(names))
+        if isinstance(values, str):
+            return values
+        stamp = message["header"]["stamp"]
+        stamp_ns = stamp["sec"] * NS + stamp["nanosec"]
+        sender = self._sender(attachment.gid)
+        if attachment.sequence > sender.sequence:
+            if 0 < stamp_ns == sender.stamp_ns:
+                self.ignored[
+                    "joint states with the stamp of those before: the robot is frozen"
+                ] += 1
+                return None
+            if sender.stamp_ns > stamp_ns > 0:
+                sender.number = self._next_session()
+            sender.sequence, sender.stamp_ns = attachment.sequence, stamp_ns
+        sequence = attachment.sequence & 0xFFFFFFFF
+        return JointStates(sender.number, sequence, stamp_ns, *values)
+
+    def _values(
+        self, message: Message, count: int
+    ) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]] | str:
+        """Positions, velocities and efforts in kinematic order, or what is wrong."""
+        found: list[tuple[float, ...]] = []
+        for key in ("position", "velocity", "effort"):
+            given = message[key]
+            if len(given) == count:
+                values = tuple([given[index] for index in self._order[1]])
+            elif not given and key != "position":
+                values = ()
+            else:
+                return f"joint states with {len(given)} numbers of {key} for {count} joints"
+            if key != "position" and any(map(math.isnan, values)):
+                # A joint_state_broadcaster fills in NaN for an interface that there is not.
+                values = ()
+            found.append(values)
+        return found[0], found[1], found[2]
+
+    def _sender(self, gid: bytes) -> _Sender:
+        sender = self._senders.get(gid)
+        if sender is None:
+            if len(self._senders) >= SENDERS_KEPT:
+                self._senders.pop(next(iter(self._senders)))
+            sender = self._senders[gid] = _Sender(self._next_session())
+        return sender
+
+    def _next_session(self) -> int:
+        return 1 + max((each.number for each in self._senders.values()), default=0)
+
+    def _begin(self, message: JointStates) -> None:
+        if self._limiter is not None:
+            self._limiter.reset(message.positions)
+        self._lost.reset()
+        self._asked = self._answered = None
+        # A controller of speeds goes on at the last one, unless it is sent zeros.
+        self._commanded = self._commanded and self.options.command == "velocity"
+
+    def receive(self, data: Received, now_s: float) -> RobotState | None:
+        """The state in a message, stamped `now_s`; None when it is none, late or double."""
+        state = super().receive(data, now_s)
+        if state is None or self.message is None:
+            return None
+        self._since_s += state.period_s
+        if max(map(abs, self._lost.offset)) > FARTHEST_BEHIND:
+            self.sessions += 1
+            self._begin(self.message)
+            self.state = state = state._replace(session=self.sessions)
+        return state
+
+    def _state_of(
+        self, message: JointStates, before: JointStates | None, now_s: float
+    ) -> RobotState:
+        return RobotState(
+            stamp_s=now_s,
+            link=RobotLink.LIVE,
+            session=self.sessions,
+            sequence=message.sequence,
+            period_s=self._period(message, before, now_s),
+            joints=message.positions,
+            external_axes=(),
+            pose=None,
+            hold_reason=self._hold_reason(message),
+            clock_s=message.stamp_ns / NS if message.stamp_ns else None,
+            velocities=message.velocities,
+            torques=message.efforts,
+        )
+
+    def _period(self, message: JointStates, before: JointStates | None, now_s: float) -> float:
+        """Time since the state before, by the stamps where they make sense."""
+        if before is None:
+            return self.options.period_s
+        if message.stamp_ns and before.stamp_ns:
+            period_s = (message.stamp_ns - before.stamp_ns) / NS
+            if 0.0 < period_s <= self._lost_after_s:
+                return period_s
+        missed = (message.sequence - before.sequence) & 0xFFFFFFFF
+        return min(missed * self.options.period_s, self._lost_after_s)
+
+    def _hold_reason(self, message: JointStates) -> str:
+        if self._limits is None:
+            return "the limits of the joints are not known"
+        if not self.taken():
+            return (
+                f"nobody takes commands on {self.options.topic}: is the controller loaded and "
+                "active, and is its name right?"
+            )
+        limits = self._limits
+        for name, value, low, high in zip(
+            self.names, message.positions, limits.lower, limits.upper, strict=True
+        ):
+            if not low - STOP_TOLERANCE <= value <= high + STOP_TOLERANCE:
+                return (
+                    f"joint {name} is at {value:.4g}, beyond its range of {low:.4g} to {high:.4g}: "
+                    "is this the robot's model?"
+                )
+        return ""
+
+    # -- commands -------------------------------------------------------------------------------
+
+    def check(self, command: RobotCommand) -> None:
+        check_command("the ROS 2 arm", command, self._check)
+
+    def _check(self, command: RobotCommand) -> None:
+        kinds = self.capabilities.commands
+        for name, values, allowed in joint_values("the ROS 2 arm", command, kinds):
+            check_numbers(name, values, allowed, self._count)
+
+    @property
+    def moving(self) -> bool:
+        """Whether what was sent last moves the arm."""
+        return self._commanded and self._limiter is not None and any(self._limiter.velocity)
+
+    def command(self, command: RobotCommand, now_s: float) -> bytes | None:
+        """The message that answers the newest state; a second one to the same state is none."""
+        self.check(command)
+        message, limiter = self.message, self._limiter
+        if message is None or limiter is None:
+            return None
+        number = message.session, message.sequence
+        if number == self._answered:
+            return None
+        if self.state is not None and self.state.hold_reason:
+            return self.greeting(now_s)
+        dt_s = self.options.period_s
+        if self._answered is not None:
+            dt_s = self._catch_up(limiter, dt_s, now_s)
+        self._answered, self._since_s, self._answered_s = number, 0.0, now_s
+        if isinstance(command, JointCommand):
+            self._commanded = True
+            self._track(limiter, command.positions, command.velocities, dt_s)
+        elif isinstance(command, JointVelocityCommand):
+            self._commanded = True
+            limiter.relocate(message.positions)
+            limiter.drive(command.velocities, dt_s)
+        else:
+            self._asked = None
+            self._lost.reset()
+            if self.options.command == "velocity":
+                limiter.relocate(message.positions)
+            limiter.brake(dt_s)
+        if not self._commanded:
+            return None
+        return self._messages.message(limiter.reference, limiter.velocity)
+
+    def _catch_up(self, limiter: JointLimiter, dt_s: float, now_s: float) -> float:
+        """Take the time without a command into account; the time that the next one is for, s."""
+        waited_s = now_s - self._answered_s
+        if waited_s > self._bridged_s:
+            # States that were kept for a process that stood still say nothing of that time.
+            self._since_s = max(self._since_s, waited_s)
+        state = self.state
+        if state is not None and state.period_s > 0.0:
+            dt_s = min(state.period_s, self._bridged_s)
+        gap_s = self._since_s - dt_s
+        bridged = self._since_s <= self._bridged_s
+        if (bridged and gap_s <= 1e-6) or self.options.command == "velocity":
+            return dt_s
+        if bridged:
+            limiter.coast(gap_s)
+            self._lost.passed(gap_s)
+            return dt_s
+        # A forward_command_controller keeps its last position: the arm has stopped there.
+        dt_s = self.options.period_s
+        gap_s = self._since_s - dt_s
+        speeds = tuple(limiter.velocity)
+        limiter.reset(tuple(limiter.reference))
+        back = tuple(-v for v in speeds)
+        self._lost.passed(gap_s, tuple(v * gap_s for v in back), back)
+        return dt_s
+
+    def _track(
+        self,
+        limiter: JointLimiter,
+        positions: Sequence[float],
+        speeds: Sequence[float] | None,
+        dt_s: float,
+    ) -> None:
+        asked, self._asked = self._asked, (positions, speeds)
+        if self._lost.working:
+            positions, speeds = self._lost.follow(asked, positions, speeds, dt_s)
+        limiter.track(positions, speeds, dt_s)
+
+    def greeting(self, now_s: float) -> bytes | None:
+        """Zeros where speeds were sent, as the controller would keep the last ones: the arm is not
+        measured, or may not be driven."""
+        return self.farewell(now_s) if self.options.command == "velocity" else None
+
+    def farewell(self, now_s: float) -> bytes | None:
+        """What stops the arm when nothing comes after it: its reference, at rest."""
+        if not self._commanded or self._limiter is None:
+            return None
+        return self._messages.message(self._limiter.reference, (0.0,) * self._count)
+
+    # -- diagnosis ------------------------------------------------------------------------------
+
+    def metrics(self) -> dict[str, float]:
+        return {**super().metrics(), "others": float(self.others)}
+
+
+def _limiter(limits: JointLimits, longest_period_s: float) -> JointLimiter:
+    return JointLimiter(*limits, longest_period_s=longest_period_s)
+
+
+class _Commands:
+    """Encodes commands in place."""
+
+    def __init__(self, options: Ros2ArmOptions, names: Sequence[str]) -> None:
+        self._kind = options.command
+        self._ahead_s = max(POINT_AHEAD_S, 3.0 * options.period_s)
+        type_name = COMMAND_TYPES[self._kind]
+        zeros = [0.0] * len(names)
+        message = default_message(type_name)
+        if self._kind == "joint_state":
+            message |= {"name": list(names), "position": zeros, "velocity": zeros}
+        elif self._kind == "trajectory":
+            point = default_message("trajectory_msgs/msg/JointTrajectoryPoint")
+            ahead_ns = round(self._ahead_s * NS)
+            point["positions"] = zeros
+            point["time_from_start"] = {"sec": ahead_ns // NS, "nanosec": ahead_ns % NS}
+            message |= {"joint_names": list(names), "points": [point]}
+        else:
+            message["data"] = zeros
+        template = Template(type_name, message)
+        self._data = template.data
+        self._slots: list[Callable[..., Any]] = [
+            template.slot(path)
+            for path in {
+                "joint_state": ("position", "velocity"),
+                "trajectory": ("points.0.positions",),
+            }.get(self._kind, ("data",))
+        ]
+
+    def message(self, positions: Sequence[float], velocities: Sequence[float]) -> bytes:
+        """The message of a reference."""
+        if self._kind == "velocity":
+            self._slots[0](*velocities)
+        elif self._kind == "trajectory":
+            ahead_s = self._ahead_s
+            self._slots[0](*[q + v * ahead_s for q, v in zip(positions, velocities, strict=True)])
+        else:
+            self._slots[0](*positions)
+            if self._kind == "joint_state":
+                self._slots[1](*velocities)
+        return bytes(self._data)

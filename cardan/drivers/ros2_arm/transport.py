@@ -1,0 +1,138 @@
+"""How the driver of ROS 2 arms reaches the robot's nodes."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from cardan.bus.dds.node import DdsNode
+from cardan.bus.node import BusNode, Received
+from cardan.drivers.datagram_robot import Transport
+from cardan.drivers.robot_core import WAKE_S
+from cardan.drivers.ros2_arm.options import Ros2ArmOptions
+from cardan.drivers.ros2_arm.session import COMMAND_TYPES, STATE_TYPE
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.zenoh import LATCHED_QOS, SUBSCRIPTION
+
+DESCRIPTION_TYPE = "std_msgs/msg/String"
+
+STATES_KEPT = 16
+"""Joint states that wait; the newest of them counts."""
+
+DESCRIPTION_TIMEOUT_S = 5.0
+"""Longest wait for the robot's description, which is kept for who comes later."""
+
+LOOK_PERIOD_S = 0.1
+"""Period of looking at who is on the graph."""
+
+
+class Ros2Transport(Transport, Protocol):
+    """A transport that also knows the graph."""
+
+    def taken(self) -> bool:
+        """Whether somebody takes the commands."""
+
+    def description(self) -> str:
+        """The robot's URDF; empty where none comes within DESCRIPTION_TIMEOUT_S."""
+
+
+class NodeTransport(ABC):
+    """By a node of its own."""
+
+    def __init__(self, options: Ros2ArmOptions, node: BusNode | DdsNode) -> None:
+        """Raises DriverError, ConfigurationError or ExtraMissingError."""
+        self._options, self._node = options, node
+        node.open()
+        try:
+            self._states = node.waiting_subscription(options.states_topic, STATE_TYPE, STATES_KEPT)
+            self._commands = node.publisher(options.topic, COMMAND_TYPES[options.command])
+        except BaseException:
+            node.close()
+            raise
+        self._taken = False
+        self._look_s = 0.0
+
+    @abstractmethod
+    def _found(self) -> bool:
+        """Whether somebody is there who takes the commands."""
+
+    def now(self) -> float:
+        """The time of the stamps."""
+        return time.monotonic()
+
+    def send(self, data: bytes | bytearray) -> None:
+        """Publish a command."""
+        self._commands.put(data, time.time_ns())
+
+    def wait(self) -> Sequence[Received]:
+        """The joint states that came in by the next one."""
+        first = self._states.wait(WAKE_S)
+        return () if first is None else (first, *self.waiting())
+
+    def waiting(self) -> Sequence[Received]:
+        """Those that are there already."""
+        found = []
+        while (each := self._states.poll()) is not None:
+            found.append(each)
+        return found
+
+    def taken(self) -> bool:
+        """Whether somebody takes the commands."""
+        now_s = self.now()
+        if now_s >= self._look_s:
+            self._look_s = now_s + LOOK_PERIOD_S
+            self._taken = self._found()
+        return self._taken
+
+    def description(self) -> str:
+        """The robot's URDF."""
+        codec = codec_of(DESCRIPTION_TYPE)
+        latched = self._node.waiting_subscription(
+            self._options.description_topic, DESCRIPTION_TYPE, 1, LATCHED_QOS
+        )
+        try:
+            received = latched.wait(DESCRIPTION_TIMEOUT_S)
+        finally:
+            latched.close()
+        message = None if received is None else codec.decode(received.data)
+        if message is None or isinstance(message, Malformed):
+            return ""
+        text: str = message["data"]
+        return text
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._node.close()
+
+
+class ZenohTransport(NodeTransport):
+    """Over Zenoh."""
+
+    def __init__(self, options: Ros2ArmOptions) -> None:
+        """Raises DriverError, ConfigurationError or ExtraMissingError."""
+        node = BusNode(options.bus, options.name)
+        super().__init__(options, node)
+        self._takers = node.presence(SUBSCRIPTION, options.topic)
+
+    def _found(self) -> bool:
+        return bool(self._takers.others())
+
+
+class DdsTransport(NodeTransport):
+    """Over DDS."""
+
+    def __init__(self, options: Ros2ArmOptions) -> None:
+        """Raises DriverError, ConfigurationError or ExtraMissingError."""
+        super().__init__(options, DdsNode(options.dds, options.name))
+
+    def _found(self) -> bool:
+        return self._commands.heard
+
+
+TRANSPORTS: dict[str, Callable[[Ros2ArmOptions], Ros2Transport]] = {
+    "zenoh": ZenohTransport,
+    "dds": DdsTransport,
+}
+"""By the option `transport`."""

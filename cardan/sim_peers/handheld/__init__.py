@@ -1,0 +1,11 @@
+"""Pages with a phone or a headset's controllers in a simulated hand."""
+
+from cardan.sim_peers.handheld.core import (
+    FAULTS as FAULTS,
+    SimulatedHand as SimulatedHand,
+)
+from cardan.sim_peers.handheld.peer import (
+    PagePeer as PagePeer,
+    PagePeerOptions as PagePeerOptions,
+    XrPeerOptions as XrPeerOptions,
+)

@@ -1,0 +1,210 @@
+"""What a page sends of a hand, without any I/O and in virtual time.
+
+The hand aligns once, and is then moved by a script: six deflections, of which the turns tip and
+twist it by 30° at most; the ways are a drag of the second finger (phone), or go 10 cm at most (XR).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final, Literal, NamedTuple
+
+from cardan.protocols.handheld import (
+    BUTTONS,
+    OperatorFrame,
+    Part,
+    Phone,
+    Xr,
+    encode_frame,
+    orientation_to_xr,
+    position_to_xr,
+    to_angles,
+)
+from cardan.sim_peers.base import FaultSwitch, TimedActs
+from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
+from cardan.spatial import add, conjugate, from_rotation_vector, multiply, rotate, scale
+from cardan.types import Quaternion, Vector3
+
+HandKind = Literal["phone", "xr"]
+
+FAULTS: Final = (
+    *PERIODIC_FAULTS,
+    FaultSwitch("null", "the sensors tell nothing from VALUE s on", 3.0),
+    FaultSwitch("lost", "the tracking is lost from VALUE s on", 3.0),
+    FaultSwitch("hidden", "the page is hidden from VALUE s on", 3.0),
+    FaultSwitch("leap", "the hand leaps by half a metre and a right angle at VALUE s", 3.0),
+    FaultSwitch("stuck", "the control counts as held from VALUE s on, whatever the hand does", 3.0),
+    FaultSwitch("late", "every frame is VALUE s on its way", 0.2),
+    FaultSwitch.share("nan", "share of frames with a number that is none"),
+)
+
+PERIOD_S: Final = 1.0 / 60.0
+"""Browsers draw, and sensors speak, 60 times a second."""
+
+FULL_TURN_RAD: Final = math.radians(30.0)
+FULL_WAY_M: Final = 0.1
+
+NORTH_RAD: Final = 1.0
+"""Of the robot's x axis in the hand's reference, which knows nothing of the robot."""
+
+ALIGNS_S: Final = 0.1
+"""How long Align is pressed at the beginning."""
+
+STANDS: Final = Vector3(0.3, 0.1, 1.2)
+"""Where the hand is at rest, m."""
+
+HOLD: Final = "hold"
+
+
+class Model(NamedTuple):
+    """What a scripted hand needs of a device."""
+
+    name: str
+    buttons: Mapping[int, str]
+
+
+class SimulatedHand(PeriodicDevice[bytes]):
+    """A page and the hand that it shows, which a script deflects (-1..1, robot frame)."""
+
+    def __init__(
+        self,
+        kind: HandKind,
+        faults: Mapping[str, float],
+        seed: int = 0,
+        part: Part = Part.RIGHT,
+    ) -> None:
+        super().__init__(PERIOD_S, faults, FAULTS)
+        self.kind, self.part = kind, part
+        names = [HOLD, *(each for each in BUTTONS[kind] if each != "align")]
+        self.model = Model(kind, dict(enumerate(names)))
+        self.axes: tuple[float, ...] = (0.0,) * 6
+        self.held: tuple[str, ...] = ()
+        self.led: bool | None = None
+        self.rumble = 0.0
+        """What the page was told to be felt, 0..1."""
+        self.tracking = self.visible = self.senses = True
+        self.stuck = self.leapt = False
+        self.aligns_until_s = ALIGNS_S
+        self.age_s = faults.get("late", 0.0)
+        """How long each frame is on its way."""
+        self._nan = faults.get("nan", 0.0)
+        self._bad = 0.0
+        self._sequence = 0
+        half = 0.5 * NORTH_RAD
+        self._north = Quaternion(math.cos(half), 0.0, 0.0, math.sin(half))
+        """Turns the robot's axes into the reference's."""
+        self._acts = TimedActs(
+            faults,
+            {
+                "null": self.lose_sensors,
+                "lost": self.lose_tracking,
+                "hidden": self.hide,
+                "leap": self.leap,
+                "stuck": self.stick,
+            },
+        )
+
+    # -- the hand -------------------------------------------------------------------------------
+
+    def set_axes(self, axes: Sequence[float]) -> None:
+        """Deflect it."""
+        self.axes = tuple(axes)
+
+    def press(self, label: str) -> None:
+        """Press a button."""
+        self.held = (*self.held, label)
+
+    def release(self, label: str) -> None:
+        """Let a button go."""
+        self.held = tuple(each for each in self.held if each != label)
+
+    def replug(self) -> None:
+        """The page is open again, and Align is pressed on it."""
+        super().replug()
+        self.aligns_until_s = self.next_due_s + ALIGNS_S
+
+    def silence(self) -> None:
+        """The page hangs."""
+        self.silent = True
+
+    def resume(self) -> None:
+        """The page goes on."""
+        self.silent = False
+
+    def lose_sensors(self) -> None:
+        """The sensors tell nothing more."""
+        self.senses = False
+
+    def lose_tracking(self) -> None:
+        """The tracking is lost."""
+        self.tracking = False
+
+    def hide(self) -> None:
+        """The page is hidden."""
+        self.visible = False
+
+    def leap(self) -> None:
+        """The tracking says that it is elsewhere from now on."""
+        self.leapt = True
+
+    def stick(self) -> None:
+        """The control counts as held for ever."""
+        self.stuck = True
+
+    # -- frames ---------------------------------------------------------------------------------
+
+    def reports(self, now_s: float) -> list[bytes]:
+        """What the page sends from the last call until `now_s`."""
+        for _, act in self._acts.due(now_s):
+            act()
+        return super().reports(now_s)
+
+    def report(self) -> bytes:
+        """The frame that it sends now."""
+        self._sequence += 1
+        frame = OperatorFrame(
+            self._phone() if self.kind == "phone" else self._xr(),
+            HOLD in self.held or self.stuck,
+            self.tracking and (self.senses or self.kind == "phone"),
+            self.visible,
+            sequence=self._sequence % 2**32,
+            time_us=round(1e6 * self.next_due_s),
+        )
+        data = bytearray(encode_frame(frame))
+        self._bad += self._nan
+        if self._bad >= 1.0:
+            self._bad -= 1.0
+            data[16:20] = b"\0\0\xc0\x7f"  # The first number, and it alone, is none.
+        return bytes(data)
+
+    @property
+    def _buttons(self) -> int:
+        names = BUTTONS[self.kind]
+        down = [*self.held, *(("align",) if self.next_due_s < self.aligns_until_s else ())]
+        return sum(1 << names.index(each) for each in down if each != HOLD)
+
+    @property
+    def _turn(self) -> Quaternion:
+        """Along the reference's axes."""
+        turn = scale(Vector3(*self.axes[3:]), FULL_TURN_RAD)
+        q = from_rotation_vector(rotate(self._north, turn))
+        if self.leapt:
+            q = multiply(q, from_rotation_vector(Vector3(0.5 * math.pi, 0.0, 0.0)))
+        return q
+
+    def _phone(self) -> Phone:
+        # Flat, its top edge (y) along the robot's x axis.
+        half = 0.5 * (NORTH_RAD - 0.5 * math.pi)
+        q = multiply(self._turn, Quaternion(math.cos(half), 0.0, 0.0, math.sin(half)))
+        drag = rotate(conjugate(q), rotate(self._north, Vector3(*self.axes[:3])))
+        angles = Vector3(*to_angles(q)) if self.senses else None
+        up = scale(rotate(conjugate(q), Vector3(0.0, 0.0, 1.0)), 9.81)
+        return Phone(angles, drag.x, drag.y, Vector3(0.0, 0.0, 0.0), up, self._buttons)
+
+    def _xr(self) -> Xr:
+        way = rotate(self._north, scale(Vector3(*self.axes[:3]), FULL_WAY_M))
+        if self.leapt:
+            way = add(way, Vector3(0.5, 0.0, 0.0))
+        q = orientation_to_xr(multiply(self._turn, self._north))
+        return Xr(self.part, position_to_xr(add(STANDS, way)), q, self._buttons)

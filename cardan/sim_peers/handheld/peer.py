@@ -1,0 +1,141 @@
+"""A simulated page on the bus, as the console's server passes its frames on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from cardan.protocols.handheld import Part
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import default_message
+from cardan.sim_peers.base import load_script
+from cardan.sim_peers.carriers.base import Carrier
+from cardan.sim_peers.carriers.bus import BusCarrier, BusPeerOptions
+from cardan.sim_peers.command import option
+from cardan.sim_peers.hand_peer import HandPeer
+from cardan.sim_peers.handheld.console import ConsolePage
+from cardan.sim_peers.handheld.core import HandKind, SimulatedHand
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+
+FRAME = "cardan_msgs/msg/OperatorFrame"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PagePeerOptions(BusPeerOptions):
+    """Options of :class:`PagePeer`, beside script, faults and seed."""
+
+    console: str = option(
+        "",
+        "Be a page of this console instead (ws://127.0.0.1:8443); its token is read from the "
+        "environment's CARDAN_FACE_TOKEN.",
+        metavar="URL",
+    )
+
+    @property
+    def kind(self) -> HandKind:
+        """Whose page it is."""
+        return "phone"
+
+    @property
+    def hand(self) -> Part:
+        """Which part of the body it shows."""
+        return Part.RIGHT
+
+
+@dataclass(frozen=True, kw_only=True)
+class XrPeerOptions(PagePeerOptions):
+    """The same of a headset."""
+
+    part: Literal["right", "left", "viewer"] = option("right", "Which hand, or the viewer.")
+
+    @property
+    def kind(self) -> HandKind:
+        return "xr"
+
+    @property
+    def hand(self) -> Part:
+        return Part[self.part.upper()]
+
+
+def page_on_bus(device: SimulatedHand, options: PagePeerOptions) -> BusCarrier:
+    """A page whose frames are passed on already."""
+
+    def feel(feedback: Mapping[str, Any]) -> None:
+        device.rumble = feedback["intensity"]
+
+    topic = f"/{options.kind}"
+    return BusCarrier(
+        options,
+        "console_client",
+        (topic, FRAME),
+        f"{topic}/feedback",
+        feel,
+        lambda frame: wrapped(frame, device.age_s),
+    )
+
+
+class ConsoleCarrier(Carrier[bytes]):
+    """Is a page of a console."""
+
+    def __init__(self, device: SimulatedHand, options: PagePeerOptions) -> None:
+        self._device, self._options = device, options
+        self._page: ConsolePage | None = None
+
+    @property
+    def endpoint(self) -> str:
+        """The console's."""
+        return self._options.console
+
+    @property
+    def there(self) -> bool:
+        """Whether the page is open."""
+        return self._page is not None
+
+    def appear(self) -> None:
+        """Open the page. Raises DriverError."""
+        self._page = ConsolePage(self._options.console, f"/{self._options.kind}")
+
+    def vanish(self) -> None:
+        """Close it."""
+        page, self._page = self._page, None
+        if page is not None:
+            page.close()
+
+    def send(self, messages: Sequence[bytes]) -> None:
+        """Send frames."""
+        if self._page is not None:
+            for data in messages:
+                self._page.send(data, self._device.age_s)
+
+    @property
+    def due_s(self) -> float:
+        """It looks at every turn of the loop."""
+        return 0.0 if self._page is None else self._page.due_s
+
+    def attend(self, now_s: float) -> None:
+        """Take what the server says."""
+        if self._page is None or now_s < self._page.due_s:
+            return
+        self._page.attend(now_s)
+        if self._page.ready:
+            self.shell.begin()
+        self._device.rumble = self._page.rumble
+
+
+def wrapped(frame: bytes, age_s: float) -> bytes:
+    """A frame as the console's server publishes it."""
+    message = default_message(FRAME)
+    return codec_of(FRAME).encode({**message, "age": age_s, "frame": frame})
+
+
+class PagePeer(HandPeer[SimulatedHand, bytes]):
+    """A simulated page. Raises ScriptError for a script or a fault."""
+
+    def __init__(self, options: PagePeerOptions | None = None) -> None:
+        options = PagePeerOptions() if options is None else options
+        device = SimulatedHand(options.kind, options.faults, options.seed, options.hand)
+        steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
+        hand = ScriptedHand(steps, device.model)
+        made = ConsoleCarrier if options.console else page_on_bus
+        super().__init__(device, hand, made(device, options), options)  # type: ignore[arg-type]

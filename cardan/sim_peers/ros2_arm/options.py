@@ -1,0 +1,116 @@
+"""Settings of the simulated ROS 2 arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from cardan import bounds
+from cardan.bounds import Range
+from cardan.bus.dds.options import DdsOptions
+from cardan.bus.options import DOMAIN, BusOptions
+from cardan.errors import ConfigurationError
+from cardan.options import Options
+from cardan.robots import load_arm
+from cardan.sim_peers.arm.options import PlantOptions
+from cardan.sim_peers.base import FaultSwitch, check_faults
+from cardan.sim_peers.command import option
+from cardan.sim_peers.link import LINK_FAULTS
+
+RATE_HZ = Range(10.0, 1000.0, "Hz", "the simulation of the arm is no faster")
+
+FAULTS: tuple[FaultSwitch, ...] = (
+    *LINK_FAULTS,
+    FaultSwitch("silence", "no joint states for this long every 5 s, s", 0.3),
+    FaultSwitch.at("restart", "the nodes end, and are there anew 1 s later,"),
+    FaultSwitch.at("stale", "joint states repeat themselves, stamp and all, from"),
+    FaultSwitch.share("nan", "share of joint states with a position that is no number"),
+    FaultSwitch.share("absurd", "share of joint states with a position of 1e9 rad"),
+    FaultSwitch.at("wrong-names", "joints are called otherwise from"),
+    FaultSwitch.at("missing", "joint states lack the last joint from"),
+    FaultSwitch.flag("extra", "joint states have a finger's joint, too"),
+    FaultSwitch.flag("gripper", "another node publishes a gripper's joint on the same topic"),
+    FaultSwitch("clock-step", "the stamps jump by this at 5 s, s", -3600.0, -1e9, 1e9),
+    FaultSwitch.flag("no-stamps", "stamps are zero"),
+    FaultSwitch.at("inactive", "the controller is unloaded"),
+    FaultSwitch("jam", "this joint (1: the first) does not move any more from 2 s on", 2.0, 1, 16),
+)
+
+NEVER_ON_DDS = frozenset({"duplicate", "reorder"})
+"""Faults of a network that its own numbers mend."""
+
+SILENCE_EVERY_S = 5.0
+CLOCK_STEP_AT_S = 5.0
+JAM_AT_S = 2.0
+RESTART_S = 1.0
+"""A real restart takes longer; to the other side only the silence counts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosArmOptions(Options):
+    """The simulated arm, its controller, and how it is on the bus."""
+
+    robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
+    drive: Literal["dynamic", "ideal"] = option("dynamic", "ideal: exactly where commanded.")
+    sag: bool = option(False, "Its servo does not know gravity.")
+    payload_kg: Annotated[float, bounds.PAYLOAD_KG] = option(0.0, "A mass at the TCP.")
+    transport: Literal["zenoh", "dds"] = option(
+        "zenoh", "What its nodes speak: rmw_zenoh, or DDS (domain instead of listen and router)."
+    )
+    host: Annotated[str, bounds.LISTEN_HOST] = option(
+        "127.0.0.1",
+        "Where other nodes connect to; port 0: any.",
+        name="listen",
+        metavar="HOST:PORT",
+        port_field="port",
+    )
+    port: Annotated[int, bounds.ANY_PORT] = 7447
+    """TCP; by default in place of a router."""
+    router: str = option("", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).")
+    domain: Annotated[int, DOMAIN] = option(0, "ROS_DOMAIN_ID.", metavar="NUMBER")
+    controller: Literal["position", "velocity", "joint_state", "trajectory"] = option(
+        "position", "Which controller is active, on its usual topic."
+    )
+    rate_hz: Annotated[float, RATE_HZ] = option(100.0, "Joint states are published this often.")
+    faults: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_faults(self.faults, FAULTS)
+        joints = len(load_arm(self.robot, "robot").joints)
+        if "jam" in self.faults and self.faults["jam"] not in range(1, joints + 1):
+            raise ConfigurationError(
+                "faults", f"jam: {self.faults['jam']:g} is no joint; allowed: 1 to {joints}"
+            )
+
+        if self.transport == "dds" and (never := NEVER_ON_DDS.intersection(self.faults)):
+            raise ConfigurationError(
+                "faults",
+                f"{', '.join(sorted(never))}: DDS gives each message once and in order; take zenoh",
+            )
+
+    @property
+    def plant(self) -> PlantOptions:
+        """The arm without its controllers."""
+        return PlantOptions(
+            drive=self.drive, gravity_feedforward=not self.sag, payload_kg=self.payload_kg
+        )
+
+    @property
+    def bus(self) -> BusOptions:
+        """How it is on the bus."""
+        return BusOptions(
+            domain=self.domain, router=self.router, listen=(f"tcp/{self.host}:{self.port}",)
+        )
+
+    @property
+    def dds(self) -> DdsOptions:
+        """How it is on DDS."""
+        return DdsOptions(dds_domain=self.domain)
+
+    @property
+    def period_s(self) -> float:
+        """Of the joint states."""
+        return 1.0 / self.rate_hz

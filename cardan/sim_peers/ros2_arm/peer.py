@@ -1,0 +1,141 @@
+"""The simulated ROS 2 arm as nodes on the bus."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from cardan.bus.dds.node import DdsNode, DdsPublisher, DdsSubscription
+from cardan.bus.node import BusNode, Publisher, WaitingSubscription
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.zenoh import LATCHED_QOS
+from cardan.sim_peers.base import SimulatedPeer
+from cardan.sim_peers.link import FaultyLink
+from cardan.sim_peers.ros2_arm.controllers import JOINT_STATE, TOPICS, RosArm, StateMessage
+from cardan.sim_peers.ros2_arm.options import RosArmOptions
+
+log = logging.getLogger(__name__)
+
+NODE = "simulated_arm"
+STATES_TOPIC = "/joint_states"
+DESCRIPTION_TOPIC, DESCRIPTION_TYPE = "/robot_description", "std_msgs/msg/String"
+
+COMMANDS_KEPT = 10
+"""ROS 2's default depth."""
+
+
+class RosArmPeer(SimulatedPeer):
+    """Serves a `RosArm`.
+
+    All of it is one node, in a Zenoh session or a DDS participant that ends and begins as the nodes
+    do that it stands for.
+    """
+
+    def __init__(self, options: RosArmOptions | None = None) -> None:
+        self.options = options = RosArmOptions() if options is None else options
+        self.core = RosArm(options)
+        self._node: BusNode | DdsNode | None = None
+        self._publishers: dict[int, Publisher | DdsPublisher] = {}
+        self._commands: WaitingSubscription | DdsSubscription | None = None
+        self._description: Publisher | DdsPublisher | None = None
+        """Kept: it is off the bus when it is nobody's."""
+        self._next_s = 0.0
+        self._out: FaultyLink[StateMessage] | None = None
+        self._in: FaultyLink[bytes] | None = None
+        if FaultyLink.wanted(options.faults):
+            self._out = FaultyLink(options.faults, options.seed + 2)
+            self._in = FaultyLink(options.faults, options.seed + 3)
+
+    @property
+    def endpoint(self) -> str:
+        """Where other nodes connect to; on DDS the domain."""
+        if self.options.transport == "dds":
+            return f"dds/{self.options.domain}"
+        return self.options.router or f"tcp/{self.options.host}:{self.options.port}"
+
+    def open(self) -> None:
+        """Join the bus. Raises DriverError where it cannot, as when a router has the port."""
+        if self._node is None:
+            self._join()
+            self._next_s = time.monotonic()
+
+    def _join(self) -> None:
+        node: BusNode | DdsNode
+        if self.options.transport == "dds":
+            node = DdsNode(self.options.dds, NODE)
+        else:
+            node = BusNode(self.options.bus, NODE)
+        node.open()
+        self._node = node
+        topic, type_name = TOPICS[self.options.controller]
+        if self.core.loaded:
+            self._commands = node.waiting_subscription(topic, type_name, COMMANDS_KEPT)
+        self._publishers = {self.core.sender: node.publisher(STATES_TOPIC, JOINT_STATE)}
+        if "gripper" in self.options.faults:
+            self._publishers[0] = node.publisher(STATES_TOPIC, JOINT_STATE)
+        self._description = node.publisher(DESCRIPTION_TOPIC, DESCRIPTION_TYPE, LATCHED_QOS)
+        urdf = codec_of(DESCRIPTION_TYPE).encode({"data": self.core.arm.urdf})
+        self._description.put(urdf, time.time_ns())
+
+    def close(self) -> None:
+        """Leave the bus."""
+        node, self._node, self._commands = self._node, None, None
+        if node is not None:
+            node.close()
+
+    def step(self, until_s: float) -> None:
+        """Serve until the monotonic time `until_s`."""
+        while (now_s := time.monotonic()) < until_s:
+            if now_s >= self._next_s:
+                period_s = self.options.period_s
+                self._next_s += (1 + int((now_s - self._next_s) / period_s)) * period_s
+                for state in self.core.cycle(time.time()):
+                    if self._out is None:
+                        self._publish(state)
+                    else:
+                        self._out.push(now_s, state)
+                self._follow_nodes()
+            if self._out is not None:
+                for state in self._out.pop(now_s):
+                    self._publish(state)
+            if self._in is not None:
+                for data in self._in.pop(now_s):
+                    self.core.receive(data)
+            self._wait(min(self._next_s, until_s))
+
+    def _wait(self, until_s: float) -> None:
+        """Take commands until then, or until one came."""
+        left_s = max(until_s - time.monotonic(), 0.0)
+        if self._commands is None:
+            time.sleep(left_s)
+            return
+        for link in (self._out, self._in):
+            due_s = None if link is None else link.next_s()
+            if due_s is not None:
+                left_s = max(min(left_s, due_s - time.monotonic()), 0.0)
+        received = self._commands.wait(left_s)
+        if received is None:
+            return
+        if self._in is None:
+            self.core.receive(received.data)
+        else:
+            self._in.push(time.monotonic(), received.data)
+
+    def _publish(self, state: StateMessage) -> None:
+        publisher = self._publishers.get(state.sender)
+        if publisher is not None and self._node is not None:
+            publisher.put_as(state.sequence, state.data, time.time_ns())
+
+    def _follow_nodes(self) -> None:
+        """Be on the bus as the core's nodes are."""
+        if not self.core.up:
+            if self._node is not None:
+                log.info("the nodes end")
+                self.close()
+        elif self._node is None:
+            log.info("the nodes are there anew")
+            self._join()
+        elif self._commands is not None and not self.core.loaded:
+            log.info("the controller is unloaded")
+            self._commands.close()
+            self._commands = None

@@ -1,0 +1,49 @@
+"""A simulated stock node on the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cardan.sim_peers.base import load_script
+from cardan.sim_peers.carriers.bus import BusCarrier, BusPeerOptions
+from cardan.sim_peers.command import option
+from cardan.sim_peers.hand_peer import HandPeer
+from cardan.sim_peers.ros2_device.core import JOY, TOPICS, SimulatedNode, StockNode
+from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+
+FEEDBACK_TOPIC = "/joy/set_feedback"
+RUMBLE = 1
+
+NODE_NAMES = {"spacenav": "spacenav", "joy_node": "joy_node"}
+"""The names of stock nodes on the bus; others are a game_controller_node."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodePeerOptions(BusPeerOptions):
+    """Options of :class:`NodePeer`, beside script, faults and seed."""
+
+    node: StockNode = option("spacenav", "Which stock node.")
+
+
+def node_on_bus(device: SimulatedNode, options: NodePeerOptions) -> BusCarrier:
+    """The node, which is a Joy publisher."""
+
+    def feel(feedback: Mapping[str, Any]) -> None:
+        if feedback["type"] == RUMBLE:
+            device.rumble = feedback["intensity"]
+
+    name = NODE_NAMES.get(options.node, "game_controller_node")
+    return BusCarrier(options, name, (TOPICS[options.node], JOY), FEEDBACK_TOPIC, feel)
+
+
+class NodePeer(HandPeer[SimulatedNode, bytes]):
+    """A simulated stock node. Raises ScriptError for a script or a fault."""
+
+    def __init__(self, options: NodePeerOptions | None = None) -> None:
+        options = NodePeerOptions() if options is None else options
+        device = SimulatedNode(options.node, options.faults, options.seed)
+        steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
+        hand = ScriptedHand(steps, device.model)
+        super().__init__(device, hand, node_on_bus(device, options), options)  # type: ignore[arg-type]

@@ -1,0 +1,96 @@
+"""The driver of ROS 2 arms against the simulated one, over Zenoh and over DDS."""
+
+import time
+
+import pytest
+
+pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
+
+from cardan.drivers.ros2_arm import Ros2Arm
+from cardan.errors import ConfigurationError, DriverError
+from cardan.gateway.session.examples import free_ports
+from cardan.robots import load_arm
+from cardan.sim_peers.ros2_arm import RosArmOptions, RosArmPeer
+from cardan.types import HoldCommand, JointCommand, RobotLink
+from tests.bus.dds.rig import OPTIONS
+
+pytestmark = pytest.mark.realtime
+
+HOME = load_arm("ur5").home
+WITHIN_S = 20.0
+
+
+def cycles(robot):
+    """The states, for as long as a test may take."""
+    begun_s = time.monotonic()
+    for state in robot.cycles():
+        assert time.monotonic() - begun_s < WITHIN_S
+        yield state
+
+
+@pytest.fixture(params=["zenoh", "dds"])
+def meeting(request):
+    """Options by which the driver and the simulated arm meet."""
+    if request.param == "zenoh":
+        return {"port": free_ports()}
+    pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
+    return {"transport": "dds", "domain": OPTIONS.dds_domain}
+
+
+@pytest.mark.parametrize("command", ["position", "joint_state", "trajectory"])
+def test_it_moves_the_arm(command, meeting):
+    peer = RosArmPeer(RosArmOptions(**meeting, controller=command))
+    with peer, Ros2Arm(**meeting, command=command) as robot:
+        for state in cycles(robot):
+            if not state.ready:
+                continue
+            assert state.joints[1:] == pytest.approx(HOME[1:], abs=0.01)
+            if state.joints[0] > HOME[0] + 0.09:
+                break
+            robot.send(JointCommand((HOME[0] + 0.1, *HOME[1:])))
+
+
+def test_limits_come_from_the_description(meeting):
+    with RosArmPeer(RosArmOptions(**meeting)):
+        with Ros2Arm(**meeting, robot="", joints=load_arm("ur5").joint_names) as robot:
+            assert robot.capabilities.limits == load_arm("ur5").limits
+        with pytest.raises(DriverError, match="no joint 'one'"):
+            Ros2Arm(**meeting, robot="", joints=("one",)).open()
+
+
+def test_a_controller_of_another_name_is_told(meeting):
+    peer = RosArmPeer(RosArmOptions(**meeting))
+    with peer, Ros2Arm(**meeting, command_topic="/other/commands") as robot:
+        for state in cycles(robot):
+            if state.link is RobotLink.LIVE:
+                assert "nobody takes commands on /other/commands" in state.hold_reason
+                break
+
+
+def test_a_node_that_is_started_anew_is_a_new_session(meeting):
+    peer = RosArmPeer(RosArmOptions(**meeting, faults={"restart": 1.0}))
+    links = []
+    with peer, Ros2Arm(**meeting) as robot:
+        for state in cycles(robot):
+            links.append(state.link)
+            if state.ready:
+                robot.send(HoldCommand())
+            if state.session == 2 and state.ready:
+                break
+    assert RobotLink.LOST in links
+
+
+def test_nobody_on_dds_is_told_with_advice():
+    pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
+    with Ros2Arm(transport="dds", domain=OPTIONS.dds_domain, states_topic="/nothing") as robot:
+        for _ in cycles(robot):
+            if robot.diagnosis():
+                break
+        assert any("a middleware of DDS in the same domain" in each for each in robot.diagnosis())
+
+
+def test_what_does_not_go_with_dds_is_refused():
+    with pytest.raises(ConfigurationError, match=r"port: .* nodes on DDS meet by their domain"):
+        Ros2Arm(transport="dds", port=7447)
+    with pytest.raises(ConfigurationError, match="duplicate: DDS gives each message once"):
+        RosArmOptions(transport="dds", faults={"duplicate": 0.1, "drop": 0.1})

@@ -1,0 +1,179 @@
+"""Every driver that exchanges bytes gives them to its tap, as they are."""
+
+import socket
+import threading
+
+import pytest
+
+from cardan.drivers.abb_egm import AbbEgm
+from cardan.drivers.gamepad import Gamepad
+from cardan.drivers.jr3_can import Jr3
+from cardan.drivers.leap import Leap
+from cardan.drivers.motoros import Motoros
+from cardan.drivers.motoros.driver import _Link
+from cardan.drivers.sim_arm import SimArm
+from cardan.drivers.spacemouse import SpaceMouse
+from cardan.drivers.spnav import Spnav
+from cardan.drivers.wiimote import Wiimote
+from cardan.protocols.jr3_can import CanFrame
+from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
+from cardan.types import HoldCommand
+
+
+class Tap(list):
+    def __call__(self, data, sent, connection):
+        assert type(data) is bytes
+        self.append((data, sent, connection))
+
+
+@pytest.fixture
+def tap():
+    return Tap()
+
+
+class Link:
+    """Gives `given`, one a time, then tells the reader to stop."""
+
+    def __init__(self, *given):
+        self.stop = threading.Event()
+        self.given, self.written = list(given), []
+
+    def read(self, _timeout_s):
+        if self.given:
+            return self.given.pop(0)
+        self.stop.set()
+        return None
+
+    def write(self, data):
+        self.written.append(data)
+
+    send = write
+
+    def answers(self, _timeout_s):
+        return True
+
+
+def test_without_one_there_is_none():
+    assert SimArm().tap is None
+    assert SpaceMouse().tap is None
+
+
+def test_datagrams_of_the_simulated_arm(tap):
+    with SimArm(pacing="virtual") as robot:
+        robot.tap = tap
+        for number, _ in enumerate(robot.cycles()):
+            robot.send(HoldCommand())
+            if number == 5:
+                break
+    # A greeting, then a state and its answer each; and farewells.
+    assert [sent for _, sent, _ in tap[:13]] == [True] + 6 * [False, True]
+    assert tap[13:]
+    assert all(sent for _, sent, _ in tap[13:])
+
+
+@pytest.mark.realtime
+def test_datagrams_of_egm(tap):
+    controller = EgmController(EgmControllerOptions())
+    with (
+        AbbEgm(listen_host="127.0.0.1", listen_port=0) as robot,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as theirs,
+    ):
+        robot.tap = tap
+        theirs.bind(("127.0.0.1", 0))
+        cycles = robot.cycles()
+        sent, answers = [], []
+        for number in range(1, 4):
+            sent.append(controller.cycle(0.004 * number))
+            theirs.sendto(sent[-1], robot.endpoint)
+            next(cycles)
+            robot.send(HoldCommand())
+            answers.append(theirs.recv(2000))
+        assert tap == [
+            entry
+            for data, answer in zip(sent, answers, strict=True)
+            for entry in ((data, False, ""), (answer, True, ""))
+        ]
+        cycles.close()
+
+
+@pytest.mark.realtime
+def test_messages_of_motoros_with_their_connection(tap):
+    ours, theirs = socket.socketpair()
+    robot = Motoros(host="127.0.0.1")
+    robot.tap = tap
+    with ours, theirs:
+        ours.setblocking(False)
+        link = _Link(ours, 0.0)
+        robot._links["state"] = link
+        theirs.send(b"\0\0\0\4abcd")
+        robot._receive(robot._session, "state", link)
+        robot._session._out.append(("state", b"\0\0\0\4efgh"))
+        robot._flush(robot._session)
+        assert theirs.recv(100).endswith(b"efgh")
+    assert tap == [(b"\0\0\0\4abcd", False, "state"), (b"\0\0\0\4efgh", True, "state")]
+
+
+def test_reports_of_a_spacemouse(tap):
+    mouse = SpaceMouse()
+    mouse.tap = tap
+    mouse._take(bytes(7))
+    assert tap == [(bytes(7), False, "")]
+
+
+def test_reports_of_a_wiimote_both_ways(tap):
+    remote, link = Wiimote(), Link(b"\x20\0\0\0\0\0\0")
+    remote.tap, remote._remote = tap, link
+    remote._core.on_opened(0.0)
+    remote._serve(link.stop)
+    assert [data for data, sent, _ in tap if not sent] == [b"\x20\0\0\0\0\0\0"]
+    assert [data for data, sent, _ in tap if sent] == link.written[: len(tap) - 1]
+
+
+def test_packets_of_a_gamepad(tap):
+    pad, link = Gamepad(), Link(bytes(24))
+    pad.tap, pad._link = tap, link
+    pad._serve(link.stop)
+    assert tap == [(bytes(24), False, "")]
+
+
+def test_bytes_of_spacenavd(tap):
+    ours, theirs = socket.socketpair()
+    navigator = Spnav()
+    navigator.tap = tap
+    with ours, theirs:
+        theirs.send(bytes(32))
+        navigator._exchange(ours, 1.0)
+    assert tap == [(bytes(32), False, "")]
+
+
+def test_messages_of_a_leap_service(tap):
+    leap, stop = Leap(), threading.Event()
+
+    class Connection:
+        heard_s = 1e12
+
+        def receive(self, _timeout_s):
+            stop.set()
+            return [b'{"version": 6}']
+
+        def send(self, text):
+            pass
+
+    leap.tap, leap._connection = tap, Connection()
+    leap._serve(stop)
+    assert tap == [(b'{"version": 6}', False, "")]
+
+
+def test_frames_of_a_jr3_with_their_identifier(tap):
+    sensor, given = Jr3(), [CanFrame(0x181, bytes(8))]
+
+    class Bus:
+        def receive(self, _timeout_s):
+            return given.pop() if given else None
+
+        def send(self, frame):
+            pass
+
+    sensor.tap = tap
+    sensor._turn(Bus())
+    assert (bytes(8), False, "can 0x181") in tap
