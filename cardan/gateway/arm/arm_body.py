@@ -15,15 +15,20 @@ from cardan.gateway.arm.body import (
     SHORTEST_S,
     Body,
     FollowingError,
+    ServoTuning,
 )
 from cardan.gateway.arm.gate import GateLimits
-from cardan.gateway.kinematics.base import FloatArray, Kinematics, to_pose, to_se3
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import FloatArray, Kinematics, to_pose
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.servo.choice import AnyServo
 from cardan.gateway.servo.lag import ResponseLag
-from cardan.gateway.servo.servo import SINGULAR, Servo, ServoStatus, servo_steps
+from cardan.gateway.servo.servo import servo_steps
+from cardan.gateway.servo.status import SINGULAR, ServoStatus
 from cardan.spatial import is_finite, norm, rotation_between, subtract
 from cardan.types import (
     IDENTITY_POSE,
+    ZERO_TWIST,
     CommandKind,
     Frame,
     JointCommand,
@@ -76,7 +81,7 @@ class ArmBody(Body):
 
     def __init__(
         self,
-        servo: Servo,
+        servo: AnyServo,
         kinds: frozenset[CommandKind],
         lag_s: float = 0.0,
         *,
@@ -91,14 +96,10 @@ class ArmBody(Body):
         self.servo = servo
         self.kind = next((kind for kind in PREFERRED if kind in kinds), None)
         self.velocity_gain_1_s = VELOCITY_GAIN_1_S
-        if tcp_tolerance_m is None:
-            sends_poses = self.kind is CommandKind.POSE
-            tcp_tolerance_m = POSE_TCP_TOLERANCE_M if sends_poses else JOINT_TCP_TOLERANCE_M
-        self._tolerance_m = tcp_tolerance_m
+        self._tolerance_m = self._tolerance(tcp_tolerance_m)
         self._sent_as = sent_as or servo.kinematics
         self._highest = servo.kinematics.velocity
         self._fastest: list[float] = self._highest.tolist()
-        self._twist = np.zeros((2, 3))
         self._still = np.zeros(servo.joints)
         self._sent: FloatArray | None = None
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
@@ -108,7 +109,7 @@ class ArmBody(Body):
 
     @property
     def pose(self) -> Pose:
-        return to_pose(self.servo.placement)
+        return self.servo.pose
 
     @property
     def tool(self) -> Pose:
@@ -117,7 +118,11 @@ class ArmBody(Body):
 
     @property
     def twist(self) -> Twist:
-        linear, angular = self.servo.twist.tolist()
+        # Not `servo.twist`, which is that of a reference: a motion of joints has none.
+        servo = self.servo
+        if not servo.moving:
+            return ZERO_TWIST
+        linear, angular = servo.motion.tolist()
         return Twist(Vector3(*linear), Vector3(*angular), Frame.BASE)
 
     @property
@@ -126,10 +131,29 @@ class ArmBody(Body):
 
     @property
     def settled(self) -> bool:
-        return float(np.abs(self.servo.v).max()) < AT_REST_RAD_S
+        fastest: float = max(map(abs, self.servo.v.tolist()))
+        return fastest < AT_REST_RAD_S
 
     def status(self) -> ServoStatus:
         return self.servo.status()
+
+    def _tolerance(self, given_m: float | None) -> float:
+        if given_m is not None:
+            return given_m
+        sends_poses = self.kind is CommandKind.POSE
+        return POSE_TCP_TOLERANCE_M if sends_poses else JOINT_TCP_TOLERANCE_M
+
+    def tune(self, limits: ReferenceLimits, servo: ServoTuning | None) -> None:
+        if servo is None:
+            return
+        self.servo.tune(servo.options)
+        self._tolerance_m = self._tolerance(servo.tcp_tolerance_m)
+        if servo.tool != getattr(self._sent_as, "tool", servo.tool):
+            # Not where a verb has changed the servo's alone.
+            for kinematics in (self._sent_as, self.servo.kinematics):
+                if isinstance(kinematics, ArmKinematics):
+                    kinematics.set_tool(servo.tool)
+            self.servo.kinematics.update(self.servo.q)
 
     def keep_sent_as(self, kinematics: Kinematics) -> None:
         """Send poses by the tool of `kinematics`, which this body owns from now on, whatever tool
@@ -164,7 +188,10 @@ class ArmBody(Body):
 
     def _misfit(self, state: RobotState, reported: Pose) -> str:
         """Why the robot's own TCP contradicts its joints by the model."""
-        model = to_pose(self._sent_as.forward(np.array(state.joints)))
+        if self._sent_as is self.servo.kinematics:
+            model = self.servo.pose_at(state.joints)
+        else:
+            model = to_pose(self._sent_as.forward(np.array(state.joints)))
         apart_m = norm(subtract(reported.position, model.position))
         apart_rad = 0.0
         if self.kind is CommandKind.POSE:
@@ -181,10 +208,10 @@ class ArmBody(Body):
         )
 
     def measured(self, state: RobotState) -> Pose:
-        return to_pose(self.servo.kinematics.forward(self._joints(state)))
+        return self.servo.pose_at(self._joints(state).tolist() if self._lag.late else state.joints)
 
     def reported(self, state: RobotState) -> Pose:
-        return to_pose(self.servo.kinematics.forward(np.array(state.joints)))
+        return self.servo.pose_at(state.joints)
 
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
         share = LEAP_SHARE * time_s
@@ -244,7 +271,7 @@ class ArmBody(Body):
         self, state: RobotState, before: RobotState | None = None, time_s: float = 0.0
     ) -> None:
         servo = self.servo
-        last = servo.v
+        last = servo.v.copy()
         servo.place(np.array(state.joints))
         servo.twist[:] = 0.0
         self._lag.reset()
@@ -268,9 +295,7 @@ class ArmBody(Body):
         servo = self.servo
         servo.move_at(v)
         self._sent = v.copy()
-        kinematics = servo.kinematics
-        lines = (kinematics.jacobian @ v).reshape(2, 3)
-        np.dot(lines, kinematics.placement.rotation.T, out=servo.twist)
+        servo.twist[:] = servo.motion
 
     @staticmethod
     def steps(dt_s: float) -> list[float]:
@@ -284,17 +309,16 @@ class ArmBody(Body):
         slide: bool = True,
     ) -> float:
         assert reference.pose is not None
-        twist = self._twist
-        twist[0], twist[1] = reference.linear, reference.angular
         servo = self.servo
         if self._relaxed is not None:
             servo.posture = self._relaxed(servo.q)
         joint_rates = None
         if rates:
             joint_rates = np.array([rates.get(name, 0.0) for name in servo.kinematics.names])
-        share = servo.tick(to_se3(reference.pose), twist, dt_s, joint_rates, slide=slide)
+        twist = reference.linear, reference.angular
+        share = servo.tick(reference.pose, twist, dt_s, joint_rates, slide=slide)
         if servo.reachable is not None:
-            reference.pose = to_pose(servo.reachable)
+            reference.pose = servo.reachable
         linear, angular = servo.twist.tolist()
         reference.move(Vector3(*linear), Vector3(*angular), dt_s)
         return share

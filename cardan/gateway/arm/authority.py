@@ -68,13 +68,16 @@ class Authority:
     """The one source that may move the arm, and its lease. All times are the robot's stamps, s."""
 
     def __init__(self, options: AuthorityOptions | None = None) -> None:
-        options = options or AuthorityOptions()
-        self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
+        self.tune(options or AuthorityOptions())
         self._owner = ""
         self._since_s = self._renewed_s = NEVER_S
         self._handed_to = ""
         """Source that the authority was handed over to, until it uses it."""
         self._refused = ""
+
+    def tune(self, options: AuthorityOptions) -> None:
+        """Take another policy; who has the authority keeps it."""
+        self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
 
     @property
     def owner(self) -> str:

@@ -1,17 +1,30 @@
-"""What is checked of every command before anything else: length, numbers, rotation, workspace."""
+"""What is checked of every command before anything else: length, numbers, rotation, names."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.authority import HAND
+from cardan.gateway.arm.codes import Action, vocab, vocab_text
 from cardan.spatial import from_rotation_vector, is_finite, normalized, to_rotation_vector
 from cardan.types import Frame, Pose, Vector3
 
 Six = tuple[float, float, float, float, float, float]
 Target = Pose | Sequence[float]
 """A pose, or its six numbers: position (m) and rotation vector (rad)."""
+
+
+class FramedPose(NamedTuple):
+    """A pose in a frame of its own, whatever the parameter referenceFrame says."""
+
+    pose: Target
+    frame: Frame
+    """BASE; or TOOL: relative to where the TCP is."""
+
+
 Workspace = tuple[
     tuple[float, float] | None, tuple[float, float] | None, tuple[float, float] | None
 ]
@@ -22,25 +35,106 @@ LARGEST_NUMBER = 1e4
 UNIT_TOLERANCE = 1e-3
 """Largest deviation of a quaternion's length from 1 that can be rounding."""
 
+LONGEST_NAME = 64
+"""Characters of a source's name."""
 
-def six_numbers(verb: str, values: Sequence[float]) -> Six:
-    """`values` as six finite floats. Raises MotionRefusedError that says what is wrong."""
+LARGEST_SEQUENCE = 1 << 53
+"""Largest number of a streamed command: every reader of JSON keeps it exactly."""
+
+_GRIPPER = {Action.CLOSE: "close", Action.OPEN: "open", Action.STOP: "stop"}
+
+
+def _finite_numbers(verb: str, values: Any, many: str) -> tuple[float, ...]:
+    """`values` as finite floats; `many`: how many the verb takes, in words."""
     try:
         numbers = tuple(float(value) for value in values)
     except (TypeError, ValueError, OverflowError):
-        raise MotionRefusedError(f"{verb} takes six numbers, not {values!r}") from None
-    if len(numbers) != 6:
-        raise MotionRefusedError(f"{verb} takes six numbers, not {len(numbers)}")
-    for index, number in enumerate(numbers):
+        raise MotionRefusedError(f"{verb} takes {many}, not {brief(values)}") from None
+    for index, number in enumerate(numbers, 1):
         if not math.isfinite(number):
-            raise MotionRefusedError(f"{verb}: number {index + 1} of 6 is {number}")
+            raise MotionRefusedError(f"{verb}: number {index} of {len(numbers)} is {number}")
         if abs(number) > LARGEST_NUMBER:
             raise MotionRefusedError(
-                f"{verb}: number {index + 1} of 6 is {number:g}; no arm goes beyond "
+                f"{verb}: number {index} of {len(numbers)} is {number:g}; no arm goes beyond "
                 f"{LARGEST_NUMBER:g}"
             )
+    return numbers
+
+
+def six_numbers(verb: str, values: Sequence[float]) -> Six:
+    """`values` as six finite floats. Raises MotionRefusedError that says what is wrong."""
+    numbers = _finite_numbers(verb, values, "six numbers")
+    if len(numbers) != 6:
+        raise MotionRefusedError(f"{verb} takes six numbers, not {len(numbers)}")
     x, y, z, rx, ry, rz = numbers
     return x, y, z, rx, ry, rz
+
+
+def joint_numbers(verb: str, values: Sequence[float], joints: int | None) -> tuple[float, ...]:
+    """`values` as finite floats, one for each of the `joints` (None: it is not known how many
+    there are). Raises MotionRefusedError."""
+    numbers = _finite_numbers(verb, values, "numbers, one for each joint")
+    if joints not in (None, len(numbers)):
+        raise MotionRefusedError(f"{verb} takes {joints} numbers, not {len(numbers)}")
+    return numbers
+
+
+def brief(value: object) -> str:
+    """`value` in a message, however long it is."""
+    words = repr(value)
+    return words if len(words) <= LONGEST_NAME else f"{words[:LONGEST_NAME]}…"
+
+
+def checked_name(verb: str, name: object) -> str:
+    """`name` as that of a source. Raises MotionRefusedError."""
+    if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME:
+        raise MotionRefusedError(
+            f"{verb}: takes a name of 1 to {LONGEST_NAME} characters, not {brief(name)}"
+        )
+    return name
+
+
+def checked_source(verb: str, name: object) -> str:
+    """`name` as that of a source which is a program. Raises MotionRefusedError."""
+    if name == HAND:
+        raise MotionRefusedError(f"{verb}: {HAND!r} is the operator device, no program")
+    return checked_name(verb, name)
+
+
+def checked_sequence(verb: str, number: object) -> int:
+    """`number` as that of a streamed command. Raises MotionRefusedError."""
+    if (
+        isinstance(number, bool)
+        or not isinstance(number, int)
+        or not 0 <= number <= LARGEST_SEQUENCE
+    ):
+        raise MotionRefusedError(
+            f"{verb}: the sequence number {brief(number)} is no integer from 0 to "
+            f"{LARGEST_SEQUENCE}"
+        )
+    return number
+
+
+def checked_timeout(verb: str, timeout_s: float) -> float:
+    """`timeout_s`, at least 0 s and finite. Raises MotionRefusedError."""
+    try:
+        if 0.0 <= timeout_s < math.inf:
+            return float(timeout_s)
+    except TypeError:
+        pass
+    raise MotionRefusedError(f"{verb}: a timeout is a number >= 0, not {brief(timeout_s)}")
+
+
+def checked_action(code: Action | int | str) -> Action:
+    """What a gripper is told to do. Raises MotionRefusedError."""
+    try:
+        action = Action(vocab(code) if isinstance(code, str) else code)
+    except ValueError:
+        action = Action.NONE
+    if action not in _GRIPPER:
+        allowed = ", ".join(f"{vocab_text(each)} ({word})" for each, word in _GRIPPER.items())
+        raise MotionRefusedError(f"act: allowed are {allowed}, not {brief(code)}")
+    return action
 
 
 def checked_pose(verb: str, target: Target) -> Pose:

@@ -58,6 +58,20 @@ class Stream(enum.IntEnum):
     """Ours: speeds of single joints."""
 
 
+class Begins(enum.Enum):
+    """What becomes of a streamed command of a stream that chooses its preset by itself, where no
+    streaming command is chosen. The values are the reasons why it is refused."""
+
+    NEW = ""
+    """It chooses: its stream has just begun."""
+    GOING_ON = (
+        "the stream was ended, and does not begin again by itself: let it be silent for 0.5 s, or "
+        "send zero, first"
+    )
+    """It chooses only where the stream before fell silent: one that was stopped stays so."""
+    REST = "zero begins no stream; the first command that moves the arm does"
+
+
 class State(enum.IntEnum):
     """What the controller is doing."""
 

@@ -12,9 +12,10 @@ that ends in a braking ramp and a hold, and going on takes a deliberate act.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 from cardan.gateway.arm.activities.base import Activity
@@ -24,8 +25,9 @@ from cardan.gateway.arm.activities.recover import NO_WAY, Recover
 from cardan.gateway.arm.authority import HAND, Authority
 from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.arm.gate import Gate, GateLimits
-from cardan.gateway.arm.status import ArmStatus, Phase
+from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
+from cardan.gateway.arm.tuning import Tuning
 from cardan.gateway.hand.position import resting_pose
 from cardan.gateway.hand.source import NO_REQUEST, HandRequest, HandSource, HandView
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
@@ -54,11 +56,13 @@ BEHIND_SHARE = 0.5
 COASTS_S = 0.5
 """Longest time for which a robot goes on at the speed it was commanded last."""
 
-TAUT_SHARE = 0.9
-"""Share of the leash above which the message says that the robot does not follow."""
-
 HELD_SHARE = 0.5
 """Share of the asked speed below which the message says what holds the arm."""
+
+
+Witness = Callable[[int, str, str], None]
+"""Told of each request that is no operator device's: how many ticks had begun before it, its name,
+and its argument in words. Called in the thread that asks."""
 
 
 class Listener(Protocol):
@@ -103,10 +107,19 @@ class ArmController:
         """Counts what voids plans: loss of the robot, trips, stops, the operator taking over."""
         self.listener: Listener | None = None
         """What begins activities beside the operator device."""
+        self.witness: Witness | None = None
+        """Who writes down what the ticks depend on beside their arguments."""
+        self.ticks = 0
+        """Counts the ticks that have begun."""
+        self._noting = 0
+        """The thread whose present request was told of as a whole; 0: none."""
         self._period_s = period_s
         self.not_ready = "nothing was heard of the robot yet"
         """Why the robot cannot be commanded now; empty when it can."""
         self._gate = Gate(gate or limits_of_free_body(limits))
+        self._gate_by_limits = gate is None
+        self._gate_next: GateLimits | None = None
+        """What the gate takes as soon as the command is braked to it."""
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
@@ -245,53 +258,83 @@ class ArmController:
 
     # -- requests --------------------------------------------------------------------------------
 
+    def note(self, what: str, argument: str = "") -> None:
+        """Tell the witness, where there is one, of a request that changes what the next ticks
+        do."""
+        if self.witness is not None and self._noting != threading.get_ident():
+            self.witness(self.ticks, what, argument)
+
+    @contextlib.contextmanager
+    def noted(self, what: str, argument: str) -> Iterator[None]:
+        """Tell the witness of a request made inside, as a whole: of no other that it consists of.
+        The caller holds the lock."""
+        self.note(what, argument)
+        outer, self._noting = self._noting, threading.get_ident()
+        try:
+            yield
+        finally:
+            self._noting = outer
+
     def request_stop(self, reason: str) -> None:
         """Brake and stay: from now on no operator input moves the robot."""
         with self.lock:
+            self.note("request_stop", reason)
             self._stop_reason = self._message = reason
-            self.stop(reason)
+            self._stop(reason)
 
     def stop(self, reason: str) -> None:
         """Brake along the path, then hold; a recovery ends as well. Needs no authority."""
         with self.lock:
-            if self._armed:
-                self._disarm()
-            self.generation += 1
-            if self.recovering:
-                self._require_act(f"and stays so: {reason}")
-            self._end_activity(reason)
+            self.note("stop", reason)
+            self._stop(reason)
+
+    def _stop(self, reason: str) -> None:
+        if self._armed:
+            self._disarm()
+        self.generation += 1
+        if self.recovering:
+            self._require_act(f"and stays so: {reason}")
+        self._end_activity(reason)
 
     def trip(self, reason: str) -> None:
         """Disengage the source that moves the arm in the next tick, as the watchdogs do; without
         effect where no source does by then."""
+        self.note("trip", reason)
         self._disengage_reason = self._disengage_reason or reason
 
     def hold_off(self, reason: str) -> None:
         """From the next tick on no source may move the arm, for this reason; "" lifts that."""
+        if reason != self._held_off:
+            self.note("hold_off", reason)
         self._held_off = reason
 
     def suspend(self) -> None:
         """Ignore the operator's motion in the next tick; after it, teleoperation goes on as
         before."""
+        self.note("suspend")
         self._suspended = True
 
     def acknowledge(self) -> str:
         """The deliberate act after implausible readings, or after a recovery that was given up;
         returns why it is too early, or ""."""
         with self.lock:
-            if self.supervision.distrust and not self.supervision.trustworthy:
-                return f"{self.supervision.distrust}; wait until the readings rest"
-            if self.supervision.distrust:
-                self.supervision.trust()
-                if self._ready_elsewhere and self.robot is not None and not self.not_ready:
-                    self._place(self.robot)
-                self._ready_elsewhere = False
-            if self._apart_reason and self.supervision.watchdogs.recovery:
-                # One more leash's length towards the robot, where it is not near already.
-                self._recover = self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE)
-            self._apart_reason = ""
-            self._recovered_way = NO_WAY
-            return ""
+            self.note("acknowledge")
+            return self._acknowledge()
+
+    def _acknowledge(self) -> str:
+        if self.supervision.distrust and not self.supervision.trustworthy:
+            return f"{self.supervision.distrust}; wait until the readings rest"
+        if self.supervision.distrust:
+            self.supervision.trust()
+            if self._ready_elsewhere and self.robot is not None and not self.not_ready:
+                self._place(self.robot)
+            self._ready_elsewhere = False
+        if self._apart_reason and self.supervision.watchdogs.recovery:
+            # One more leash's length towards the robot, where it is not near already.
+            self._recover = self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE)
+        self._apart_reason = ""
+        self._recovered_way = NO_WAY
+        return ""
 
     @property
     def barred(self) -> str:
@@ -306,9 +349,50 @@ class ArmController:
             return f"coming back to the arm, {self._trip_reason}"
         return ""
 
+    @property
+    def unclaimed(self) -> bool:
+        """Whether nobody has the authority over the arm, and nothing moves it or is about to."""
+        return (
+            not self.authority.owner
+            and not self._claimed
+            and self.idle
+            and self.at_rest
+            and not self.recovering
+        )
+
+    def tune(self, tuning: Tuning) -> None:
+        """Take other limits and options between two ticks; what moves goes on without a jump, and
+        brakes to what is lower.
+
+        A limit may be loosened only by a tuning that `disarms`, and that only while the arm is
+        `unclaimed`: going on takes the deliberate act, as after a stop.
+        """
+        with self.lock:
+            self.note("tune")
+            if tuning.disarms:
+                self._disarm()
+                self.generation += 1
+                self._end_activity("the session's configuration was changed")
+                self._activity, self._braking = None, False
+            elif tuning.ends and self._activity is not None and not self._activity_is_the_hands:
+                self.generation += 1
+                if not self._activity.recovers:
+                    self._end_activity(tuning.ends)
+            self.supervision.tune(tuning.watchdogs)
+            self.authority.tune(tuning.authority)
+            self.body.tune(tuning.limits, tuning.servo)
+            self.reference.tune(tuning.limits)
+            if self.hand is not None and tuning.hand is not None:
+                self.hand.tune(tuning.hand)
+            if tuning.disarms:
+                self._rest_reference()
+            if self._gate_by_limits:
+                self._gate_next = limits_of_free_body(tuning.limits)
+
     def begin(self, activity: Activity) -> None:
         """Start an activity on an arm at rest."""
         with self.lock:
+            self.note("begin", type(activity).__name__)
             self._activity, self._braking = activity, False
             self._recovered_way = NO_WAY
 
@@ -343,6 +427,7 @@ class ArmController:
     ) -> RobotCommand:
         """Decide the command for the control instant that `robot` reports."""
         with self.lock:
+            self.ticks += 1
             self.robot = robot
             self._tripped = False
             finding = self.supervision.look(robot, self.body)
@@ -624,7 +709,7 @@ class ArmController:
         elif request.acts and barred and not recovering:
             if self.authority.refuses(HAND):
                 self.authority.take(HAND, robot.stamp_s)  # Notes the refusal.
-            self.acknowledge()
+            self._acknowledge()
         elif self._armed and claims and self.authority.owner != HAND:
             refusal = self.authority.take(HAND, robot.stamp_s)
             if refusal:
@@ -780,6 +865,8 @@ class ArmController:
             recovers = activity is not None and activity.recovers
             blind = blind or bool(self.supervision.distrust)
             command = body.command(robot, dt_s, recovers, blind)
+        if self._gate_next is not None and self._gate.tune(self._gate_next, body.twist):
+            self._gate_next = None
         wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command

@@ -12,13 +12,14 @@ from cardan.errors import CommandError
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.desk import VerbDesk
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.gateway.arm.link import LoopLink
+from cardan.gateway.arm.link import NOT_OPEN, LoopLink
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.robots import ArmModel, BodyShape, load_arm
+from cardan.shortage import shortage
 
 START_TIMEOUT_S = 5.0
 """How long open() waits for the robot's first state, and close() for the end of the loop."""
@@ -48,7 +49,8 @@ class CartesianDevice(CartesianArm):
             arm.wait()
 
     The same for a loop in a process of its own is
-    :class:`cardan.gateway.session.remote.RemoteArm`.
+    :class:`cardan.gateway.session.remote.RemoteArm`, and for one on the network
+    :class:`cardan.gateway.bus.remote.RemoteCartesianDevice`.
     """
 
     def __init__(
@@ -111,11 +113,13 @@ class CartesianDevice(CartesianArm):
         )
 
     def close(self) -> None:
-        """Brake to rest, end the loop and close the driver. Never raises; twice is fine."""
+        """Brake to rest, give up the authority, end the loop and close the driver. Never raises;
+        twice is fine."""
         thread = self._thread
         if thread is None:
             return
         self.verbs.stop()
+        self.verbs.release(self.source)
         self._link.wait_for(lambda: self.verbs.at_rest or not self._link.running, START_TIMEOUT_S)
         self._closing.set()
         thread.join(START_TIMEOUT_S)
@@ -123,7 +127,7 @@ class CartesianDevice(CartesianArm):
         if self.device is not None:
             self.device.close()
         self._thread = None
-        self._link.end("the arm is not open")
+        self._link.end(NOT_OPEN)
 
     def _ask(
         self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None
@@ -138,7 +142,7 @@ class CartesianDevice(CartesianArm):
                 if self._closing.is_set():
                     break
         except Exception as error:
-            why = f"{why}: {error}"
+            why = f"{why}: {shortage(error) or error}"
         finally:
             # The loop has ended: no motion may seem to be under way.
             self.verbs.stop()

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import VERBS
+from cardan.gateway.arm.checks import Target
+from cardan.gateway.arm.codes import Action
+from cardan.gateway.arm.motion import ControllerStatus, Motion, Rehearsal, Stat
+from cardan.gateway.arm.parameters import Key, Value
 from cardan.openable import Openable
-
-if TYPE_CHECKING:  # Import Pinocchio, which who only asks does without.
-    from cardan.gateway.arm.checks import Target
-    from cardan.gateway.arm.codes import Action
-    from cardan.gateway.arm.motion import ControllerStatus, Motion, Stat
-    from cardan.gateway.arm.parameters import Key, Value
 
 
 class CartesianArm(Openable):
@@ -54,6 +53,16 @@ class CartesianArm(Openable):
         """Joint positions (rad, m) with the TCP at `xd`, nearest to now."""
         positions: tuple[float, ...] = self._ask("inv", xd)
         return positions
+
+    def rehearse_line(self, xd: Target) -> Rehearsal:
+        """Look at the straight line from here to the pose `xd`, without moving: what stops it."""
+        found: Rehearsal = self._ask("rehearse_line", xd)
+        return found
+
+    def rehearse_joints(self, q: Sequence[float]) -> Rehearsal:
+        """The same for the straight motion of all joints to the positions `q`, rad or m."""
+        found: Rehearsal = self._ask("rehearse_joints", q)
+        return found
 
     def movj(self, xd: Target) -> Motion:
         """Start moving all joints to the pose `xd`; they arrive together."""
@@ -129,7 +138,10 @@ class CartesianArm(Openable):
         return self._stream("joints", rates, owner, sequence)
 
     def _stream(self, verb: str, value: Any, owner: str, sequence: int | None) -> str:
-        why_not: str = self._ask(verb, value, source=owner, sequence=sequence)
+        try:
+            why_not: str = self._ask(verb, value, source=owner, sequence=sequence)
+        except MotionRefusedError as error:
+            return str(error)
         return why_not
 
     # -- authority -------------------------------------------------------------------------------
@@ -138,6 +150,12 @@ class CartesianArm(Openable):
         """Confirm, after implausible measured joints, or a recovery that did not bring the command
         to its robot, that the arm may move again. Raises MotionRefusedError while too early."""
         self._ask("acknowledge")
+
+    def acquire(self, owner: str = "") -> None:
+        """Take the authority for the stream `owner`, or, without a name, for ourselves, or renew
+        it; nothing moves by that. Raises MotionRefusedError where another source has it.
+        """
+        self._ask("acquire", source=owner)
 
     def hand_over(self, to: str) -> None:
         """Pass the authority over the arm to the source `to`: "hand", or a stream's owner.

@@ -8,6 +8,9 @@ from collections.abc import Callable
 
 from cardan.errors import DriverError, MotionLoopError
 
+NOT_OPEN = "the arm is not open"
+"""Why nothing can be asked of it."""
+
 POLL_S = 0.05
 """Longest time between two checks of whether the loop still runs."""
 
@@ -22,7 +25,7 @@ class LoopLink:
         self._ticked = threading.Condition()
         self._listeners = 0
         self._errands: deque[tuple[Callable[[], None], list[Exception | None]]] = deque()
-        self._why_not = "the arm is not open"
+        self._why_not = NOT_OPEN
 
     # -- for the loop ----------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.gateway.arm.controller import ArmController
-from cardan.types import ButtonEvent, DeviceState, RobotState
+from cardan.types import ButtonEvent, DeviceState, RobotCommand, RobotState
 
 
 class Cycle(NamedTuple):
@@ -17,6 +17,8 @@ class Cycle(NamedTuple):
     device: DeviceState | None
     """None without an operator device."""
     events: Sequence[ButtonEvent]
+    command: RobotCommand
+    """The controller's answer."""
 
 
 class ArmLoop:
@@ -35,11 +37,13 @@ class ArmLoop:
         tick, send = controller.tick, robot.send
         if device is None:
             for state in robot.cycles():
-                send(tick(state))
-                yield Cycle(state, None, ())
+                command = tick(state)
+                send(command)
+                yield Cycle(state, None, (), command)
             return
         for state in robot.cycles():
             hand = device.state()
             events = device.button_events()
-            send(tick(state, hand, events))
-            yield Cycle(state, hand, events)
+            command = tick(state, hand, events)
+            send(command)
+            yield Cycle(state, hand, events, command)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import VERBS, AuthorityState
 from cardan.gateway.arm.checks import Six
 from cardan.gateway.arm.codes import State, Stream
-
-if TYPE_CHECKING:  # Imports Pinocchio, which who only asks does without.
-    from cardan.gateway.servo.servo import ServoStatus
+from cardan.gateway.servo.status import ServoStatus
 
 
 class Outcome(enum.Enum):
@@ -35,7 +33,7 @@ class Motion:
         self.source = source
         """The source that asked for it."""
         self.ends = ends
-        """True for movj, relj and movl, which `wait` waits for."""
+        """True for movj, relj, movl and trajectories, which `wait` waits for."""
         self.outcome = Outcome.WAITING
         self.reason = ""
         """Why it was aborted or refused."""
@@ -52,6 +50,17 @@ class Motion:
 
     def __repr__(self) -> str:
         return f"Motion({self.verb}, {self.outcome.value}{f': {self.reason}' * bool(self.reason)})"
+
+
+class Rehearsal(NamedTuple):
+    """What would become of a motion."""
+
+    refusal: str
+    """What stops it, and where; empty: nothing does."""
+    note: str
+    """What would be changed of what was asked for; empty: nothing."""
+    duration_s: float
+    """By the speeds of the parameters; 0 where it is refused."""
 
 
 class Stat(NamedTuple):

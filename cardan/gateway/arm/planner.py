@@ -132,6 +132,19 @@ class Planner:
         self.kinematics.set_tool(tool)
         self._boundless.set_tool(tool)
 
+    def tune(
+        self,
+        workspace: Workspace,
+        margins: Margins,
+        velocity: FloatArray,
+        acceleration: FloatArray,
+    ) -> None:
+        """Plan by other limits from now on; `velocity` and `acceleration` are those of the joints
+        (rad/s or m/s, rad/s² or m/s²; n each)."""
+        self.workspace, self.margins = workspace, margins
+        for kinematics in (self.kinematics, self._boundless):
+            kinematics.velocity[:], kinematics.acceleration[:] = velocity, acceleration
+
     def forward(self, q: FloatArray) -> SE3:
         """The TCP in the base for `q`."""
         return self.kinematics.forward(q)
@@ -285,6 +298,37 @@ class Planner:
                 was_outside = True
             else:
                 was_outside = False
+
+    def check_joint_samples(self, verb: str, positions: FloatArray) -> None:
+        """See that straight joint motions from row to row of `positions` are free.
+
+        Raises JointLimitError, CollisionError or MotionRefusedError, with how far along.
+        """
+        last = max(1, len(positions) - 1)
+        for index in range(1, len(positions)):
+            before, q = positions[index - 1], positions[index]
+            where = f" {index / last:.0%} of the way"
+            outside = self._limit_error(verb, q, where)
+            if outside is not None and not _returns(self.kinematics, before, q):
+                raise outside
+            along, pair = self._free_share(before, q)
+            if pair is not None:
+                raise _collision(verb, pair, (index - 1 + along) / last)
+            if any(self.workspace):
+                self._check_entered(verb, before, q, where)
+        goal = self.forward(positions[-1]).translation.tolist()
+        check_workspace(verb, goal, self.workspace)
+
+    def _check_entered(self, verb: str, before: FloatArray, q: FloatArray, where: str) -> None:
+        """The TCP is in the workspace at `q`, or was outside of it already."""
+        try:
+            check_workspace(verb, self.forward(q).translation.tolist(), self.workspace)
+        except MotionRefusedError as error:
+            try:
+                check_workspace(verb, self.forward(before).translation.tolist(), self.workspace)
+            except MotionRefusedError:
+                return
+            raise _further(error, where) from None
 
     def _free_share(
         self, start: FloatArray, end: FloatArray

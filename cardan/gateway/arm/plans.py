@@ -12,18 +12,21 @@ from cardan.gateway.arm.activities.base import Activity, Deceleration
 from cardan.gateway.arm.activities.joint_path import FollowJoints
 from cardan.gateway.arm.activities.line import FollowLine
 from cardan.gateway.arm.activities.torque import TorqueMotion
+from cardan.gateway.arm.activities.trajectory import FollowTrajectory
 from cardan.gateway.arm.activities.twist import FollowTwist
 from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
 from cardan.gateway.arm.checks import check_workspace
 from cardan.gateway.arm.codes import FrameCode, Parameter, ProfileCode, State
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.planner import Planner
+from cardan.gateway.arm.planner import MOST_SAMPLES, Planner
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
+from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory
 from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
+from cardan.gateway.motion.trajectory import TrajectoryPath, samples
 from cardan.robots import ArmModel
 from cardan.spatial import (
     compose,
@@ -39,8 +42,21 @@ from cardan.types import CommandKind, Frame, Pose, RobotCapabilities, Twist, Vec
 
 ALREADY_THERE_RAD = 1e-6
 
+WAY_SAMPLES = 33
+"""Of a straight joint motion: between them the TCP is not far from the workspace's edge."""
+
 SPEED_SAMPLES = 33
 """Samples of a joint motion at which the TCP's speed is checked: every 6 degrees of half a turn."""
+
+BEGINS_RAD = 0.05
+"""Largest distance, rad or m, of a trajectory's first point from where the arm is: MoveIt itself
+allows 0.01 by default."""
+
+TRAJECTORY_STEP_RAD = 0.05
+"""Longest way of a joint between two samples of a trajectory."""
+
+WORTH_A_NOTE = 0.995
+"""Share of the speed below which a slower trajectory is told of: planners use the limits up."""
 
 _STILL = 1e-9
 
@@ -67,14 +83,19 @@ class Plans:
         parameters: dict[Parameter, float],
     ) -> None:
         self.model, self.planner, self.capabilities = model, planner, capabilities
-        self.options, self.parameters = options, parameters
+        self.parameters = parameters
         self.measuring = ArmKinematics(model)
         """With the tool, for measured joints."""
+        self.tune(options)
+        self._controller, self._body = controller, body
+        self.servo = body.servo
+
+    def tune(self, options: ControllerOptions) -> None:
+        """Plan by other limits from now on."""
+        self.options = options
         self.deceleration = Deceleration(
             options.stop_deceleration_m_s2, options.stop_deceleration_rad_s2, 0.5
         )
-        self._controller, self._body = controller, body
-        self.servo = body.servo
 
     @property
     def tcp_frame(self) -> bool:
@@ -105,8 +126,19 @@ class Plans:
         check_workspace(verb, target.position, self.options.streams.workspace_m)
         kinematics = self.planner.kinematics
         speeds = self.parameters[Parameter.JOINT_SPEED] * kinematics.velocity
+        return self._joint_plan(start, self.planner.joint_goal(verb, target, start, speeds))
+
+    def joint_positions(self, verb: str, goal: FloatArray, start: FloatArray) -> Plan:
+        """All joints to the positions `goal`, straight, arriving together; its way is looked at."""
+        self.require_drive(verb)
+        shares = np.linspace(0.0, 1.0, WAY_SAMPLES)[:, np.newaxis]
+        self.planner.check_joint_samples(verb, start + shares * (goal - start))
+        return self._joint_plan(start, goal)
+
+    def _joint_plan(self, start: FloatArray, goal: FloatArray) -> Plan:
+        kinematics = self.planner.kinematics
+        speeds = self.parameters[Parameter.JOINT_SPEED] * kinematics.velocity
         accelerations = self.parameters[Parameter.JOINT_ACCELERATION] * kinematics.acceleration
-        goal = self.planner.joint_goal(verb, target, start, speeds)
         if float(np.abs(goal - start).max()) < ALREADY_THERE_RAD:
             return Plan(None, 0.0, "the arm is there already")
         share = self._share_of_speed(start, goal, speeds)
@@ -134,10 +166,68 @@ class Plans:
             )
         return share
 
-    def line(self, target: Pose, start: FloatArray) -> Plan:
+    def trajectory(self, wanted: JointTrajectory, start: FloatArray) -> Plan:
+        verb = "trajectory"
+        self.require_drive(verb)
+        joints = len(wanted.positions[0])
+        if joints != len(start):
+            raise MotionRefusedError(f"{verb}: it has {joints} joints, the arm has {len(start)}")
+        if wanted.times_s[0] < SHORTEST_STEP_S:
+            away = np.abs(np.array(wanted.positions[0]) - start)
+            worst = int(away.argmax())
+            if away[worst] > BEGINS_RAD:
+                raise MotionRefusedError(
+                    f"{verb}: it begins with {self.planner.names[worst]} at "
+                    f"{wanted.positions[0][worst]:.4f}, which is at {start[worst]:.4f}; plan it "
+                    "from where the arm is"
+                )
+        path = TrajectoryPath(wanted, start)
+        planned_s = path.duration_s
+        times = samples(path, TRAJECTORY_STEP_RAD, MOST_SAMPLES)
+        rows = np.array([path.at(t)[0] for t in times.tolist()])
+        self.planner.check_joint_samples(verb, rows)
+        share = self._share_of_trajectory(path, times)
+        if share < 1.0:
+            path.slow(share)
+        if 0.0 < wanted.goal_time_s < path.duration_s - planned_s:
+            raise MotionRefusedError(
+                f"{verb}: inside the limits of the arm it takes {path.duration_s:.2f} s; it was "
+                f"planned for {planned_s:.2f} s, and may take {wanted.goal_time_s:g} s longer"
+            )
+        note = ""
+        if share < WORTH_A_NOTE:
+            note = f"slowed to {share:.0%}, for the limits of the arm"
+        if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD:
+            return Plan(None, 0.0, "the arm is there already")
+        activity = FollowTrajectory(self.servo, path, self.deceleration, wanted)
+        return Plan(activity, path.duration_s, note)
+
+    def _share_of_trajectory(self, path: TrajectoryPath, times: FloatArray) -> float:
+        """Share of its speed at which joints and TCP keep their limits all the way."""
+        kinematics = self.planner.kinematics
+        speed = acceleration = 0.0
+        limits = self.options.limits
+        for t_s in times.tolist():
+            q, v = path.at(t_s)
+            speed = max(speed, float((np.abs(v) / kinematics.velocity).max()))
+            a = path.acceleration(t_s)
+            acceleration = max(acceleration, float((np.abs(a) / kinematics.acceleration).max()))
+            if limits is not None and v.any():
+                kinematics.update(q)
+                twist = kinematics.jacobian @ v
+                linear, angular = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
+                speed = max(
+                    speed,
+                    float(linear) / limits.linear_speed_m_s,
+                    float(angular) / limits.angular_speed_rad_s,
+                )
+        return min(1.0, 1.0 / max(speed, 1.0), 1.0 / math.sqrt(max(acceleration, 1.0)))
+
+    def line(self, target: Pose, start: FloatArray, relative: bool) -> Plan:
+        """A straight line to `target`, in the base, or `relative` to where the TCP is."""
         self.require_drive("movl")
         begin = to_pose(self.planner.forward(start))
-        target = compose(begin, target) if self.tcp_frame else target
+        target = compose(begin, target) if relative else target
         check_workspace("movl", target.position, self.options.streams.workspace_m)
         if (
             norm(subtract(target.position, begin.position)) < 1e-7

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Final, NamedTuple
 
 from cardan.gateway.arm.authority import AuthorityState
+from cardan.gateway.servo.status import ServoStatus
 from cardan.types import Pose, Twist
-
-if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
-    from cardan.gateway.servo.servo import ServoStatus
 
 
 class Phase(enum.Enum):
@@ -27,6 +25,15 @@ class Phase(enum.Enum):
     RECOVERING = "recovering"
     """The command is brought back to a robot that is not where it was commanded to be: slowly, a
     leash's length at most. Any button ends it."""
+
+
+LIMITS: Final = ("collision", "singularity", "joint", "unreachable", "workspace", "leash")
+"""What may limit an arm's motion: a body nearby; a singularity; a joint's bound of speed,
+acceleration or range; no joint for what is commanded; the edge of the workspace; a robot that is
+as far behind as it may be."""
+
+TAUT_SHARE: Final = 0.9
+"""Share of the leash above which the robot counts as one that does not follow."""
 
 
 class ArmStatus(NamedTuple):
@@ -51,3 +58,12 @@ class ArmStatus(NamedTuple):
     """What the filters do to the operator's motion; those that do nothing are silent."""
     arm: ServoStatus | None = None
     """What the servo met, where there is an arm's model."""
+
+    def limits(self) -> list[str]:
+        """Which of LIMITS act now."""
+        found = [] if self.arm is None else self.arm.limits()
+        if self.at_workspace_limit:
+            found.append("workspace")
+        if self.leash_used > TAUT_SHARE:
+            found.append("leash")
+        return found

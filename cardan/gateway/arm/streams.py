@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from cardan.arm_libraries import np
 from cardan.errors import MotionRefusedError
@@ -19,11 +19,21 @@ from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.activities.twist_stream import FollowTwistStream
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.authority import HAND, VERBS
-from cardan.gateway.arm.checks import Target, check_workspace, checked_pose, six_numbers
+from cardan.gateway.arm.checks import (
+    FramedPose,
+    Target,
+    check_workspace,
+    checked_pose,
+    checked_sequence,
+    checked_source,
+    joint_numbers,
+    six_numbers,
+)
 from cardan.gateway.arm.codes import Parameter, State, Stream, vocab_text
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.plans import Plans
-from cardan.gateway.kinematics.base import FloatArray, to_pose
+from cardan.gateway.arm.repeating import Sender, argument_text
+from cardan.gateway.kinematics.base import FloatArray
 from cardan.spatial import (
     add,
     compose,
@@ -41,18 +51,6 @@ CLOCK_SET_BACK_S = 1.0
 QUEUED_S = 0.3
 """A command that is this much older than the freshest one of its sender, by the sender's own clock
 against ours, waited in a queue: it is dropped, not executed late."""
-
-
-class Sender(NamedTuple):
-    """Sender, number and times of a streamed command."""
-
-    owner: str
-    """Empty: nameless."""
-    sequence: int | None
-    stamp_s: float | None
-    """By the sender's clock."""
-    heard_s: float
-    """When it came, the robot's time."""
 
 
 class _Link:
@@ -74,6 +72,10 @@ class Streams:
         self._controller, self._body, self._plans = controller, body, plans
         self._link: _Link | None = None
         self._ended = ""
+        self._heard_s = NEVER_S
+        """When the newest command came, the robot's time."""
+        self.fell_silent = False
+        """Whether the last stream ended as nothing came, and nothing has happened since."""
         self.late = 0
         """Streamed commands that came late or twice."""
         self.scaled = 0
@@ -100,7 +102,10 @@ class Streams:
     def end(self, reason: str) -> bool:
         """No streaming command is chosen any more; False when none was."""
         if self._link is None:
+            self.fell_silent = False
             return False
+        silent_s = self._controller.stamp_s - self._heard_s
+        self.fell_silent = silent_s > self._plans.parameters[Parameter.STREAM_TIMEOUT]
         self._link, self._ended = None, reason
         return True
 
@@ -112,7 +117,7 @@ class Streams:
         controller, plans = self._controller, self._plans
         verb = f"streaming {vocab_text(kind)}"
         owner = controller.authority.owner
-        if owner == HAND or (owner and owner == self.owner):
+        if owner == HAND or (owner and owner == self.owner and owner != source):
             raise MotionRefusedError(f"{verb}: {owner!r} has authority over the arm")
         if kind is Stream.NONE:
             self.end("no streaming command is chosen")
@@ -159,11 +164,14 @@ class Streams:
 
     # -- commands --------------------------------------------------------------------------------
 
-    def pose(self, x: Target, sender: Sender) -> None:
+    def pose(self, x: Target | FramedPose, sender: Sender) -> None:
         """Go to the pose `x` now. Raises MotionRefusedError, as all of these do."""
+        relative = self._plans.tcp_frame
+        if isinstance(x, FramedPose):
+            relative, x = x.frame is Frame.TOOL, x.pose
 
         def of(given: Pose, now: Pose, _before: Pose) -> Pose:
-            return compose(now, given) if self._plans.tcp_frame else given
+            return compose(now, given) if relative else given
 
         self._aim("pose", x, of, sender)
 
@@ -196,7 +204,7 @@ class Streams:
             activity = self._streaming(Stream.POSE, sender)
             assert isinstance(activity, FollowPoseStream)
             start = self._body.servo.q.copy()
-            now = to_pose(self._body.servo.placement)
+            now = self._body.servo.pose
             target = of(pose, now, activity.target or now)
         check_workspace(verb, target.position, plans.options.streams.workspace_m)
         self._check_step(now, target)
@@ -210,8 +218,19 @@ class Streams:
                     f"{verb}: it waited for {waited_s:.2f} s until it was planned; that is too "
                     "late to act on"
                 )
-            activity.aim(target, controller.stamp_s)
-            self._note_command(activity, sender)
+            self._aim_at(activity, target, sender)
+
+    def aim(self, target: Pose, sender: Sender) -> None:
+        """Go to a pose in the base that is checked already, as when a record is repeated."""
+        with self._controller.lock:
+            activity = self._streaming(Stream.POSE, sender)
+            assert isinstance(activity, FollowPoseStream)
+            self._aim_at(activity, target, sender)
+
+    def _aim_at(self, activity: FollowPoseStream, target: Pose, sender: Sender) -> None:
+        self._tell("aim", target, sender=sender)
+        activity.aim(target, self._controller.stamp_s)
+        self._note_command(activity, sender)
 
     def _check_step(self, now: Pose, target: Pose) -> None:
         options = self._plans.options
@@ -223,26 +242,34 @@ class Streams:
                 f"{options.stream_step_m:.3f} m and {options.stream_step_rad:.3f} rad"
             )
 
-    def twist(self, xdot: Sequence[float], sender: Sender) -> None:
-        """Move with the twist `xdot` (m/s, rad/s) now. Too fast a one is slowed."""
+    def twist(self, xdot: Sequence[float] | Twist, sender: Sender) -> None:
+        """Move with the twist `xdot` (m/s, rad/s) now. Too fast a one is slowed. A Twist is along
+        its own frame, numbers along that of the parameter referenceFrame."""
+        frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
+        if isinstance(xdot, Twist):
+            frame, xdot = xdot.frame, (*xdot.linear, *xdot.angular)
         with self._controller.lock:
             x, y, z, rx, ry, rz = six_numbers("twist", xdot)
             activity = self._streaming(Stream.TWIST, sender)
             assert isinstance(activity, FollowTwistStream)
+            self._tell("twist", (x, y, z, rx, ry, rz), frame.value, sender=sender)
             linear, angular, share = self._plans.slowed(Vector3(x, y, z), Vector3(rx, ry, rz))
             self.scaled += share < 1.0
-            frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
             asked = any((*linear, *angular))
             activity.target = Twist(linear, angular, frame) if asked else ZERO_TWIST
             self._note_command(activity, sender)
 
-    def wrench(self, w: Sequence[float], sender: Sender) -> None:
-        """Exert the wrench `w` (N, N·m, at the TCP) on the world now."""
+    def wrench(self, w: Sequence[float] | Wrench, sender: Sender) -> None:
+        """Exert the wrench `w` (N, N·m, at the TCP) on the world now. A Wrench is along its own
+        frame, numbers along that of the parameter referenceFrame."""
+        frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
+        if isinstance(w, Wrench):
+            frame, w = w.frame, (*w.force, *w.torque)
         with self._controller.lock:
             numbers = six_numbers("wrench", w)
             activity = self._streaming(Stream.WRENCH, sender)
             assert isinstance(activity, TorqueMotion)
-            frame = Frame.TOOL if self._plans.tcp_frame else Frame.BASE
+            self._tell("wrench", numbers, frame.value, sender=sender)
             activity.set_wrench(Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), frame))
             self._note_command(activity, sender)
 
@@ -250,16 +277,10 @@ class Streams:
         """Move the joints at `rates` (rad/s or m/s, one a joint) now. Too fast ones are slowed."""
         with self._controller.lock:
             count = self._body.servo.joints
-            try:
-                values = np.array([float(rate) for rate in rates])
-            except (TypeError, ValueError, OverflowError):
-                raise MotionRefusedError(f"joints takes {count} numbers, not {rates!r}") from None
-            if len(values) != count or not np.all(np.isfinite(values)):
-                raise MotionRefusedError(
-                    f"joints takes {count} finite numbers, not {tuple(values.tolist())}"
-                )
+            values = np.array(joint_numbers("joints", rates, count))
             activity = self._streaming(Stream.JOINT, sender)
             assert isinstance(activity, FollowJointStream)
+            self._tell("joints", values.tolist(), sender=sender)
             self.scaled += activity.aim(values)
             self._note_command(activity, sender)
 
@@ -277,14 +298,14 @@ class Streams:
             )
         if link.kind is not kind:
             raise MotionRefusedError(f"{name}: the streaming command is {vocab_text(link.kind)}")
-        if sequence is not None and (isinstance(sequence, bool) or not isinstance(sequence, int)):
-            raise MotionRefusedError(f"{name}: the sequence number {sequence!r} is not an integer")
+        if sequence is not None:
+            checked_sequence(name, sequence)
         if stamp_s is not None and not (
             isinstance(stamp_s, (int, float)) and math.isfinite(stamp_s)
         ):
             raise MotionRefusedError(f"{name}: the stamp {stamp_s!r} is not a time in seconds")
-        if owner == HAND:
-            raise MotionRefusedError(f"{name}: {HAND!r} is the operator device, no stream's owner")
+        if owner:
+            checked_source(name, owner)
         refusal = controller.authority.refuses(owner or VERBS)
         if refusal:
             controller.authority.take(owner or VERBS, controller.stamp_s)  # Notes the refusal.
@@ -313,6 +334,12 @@ class Streams:
                 "too late to act on"
             )
 
+    def _tell(self, name: str, *values: Any, sender: Sender) -> None:
+        """Tell the controller's witness of a command that is taken."""
+        controller = self._controller
+        if controller.witness is not None:
+            controller.note(name, argument_text(*values, sender))
+
     def _note_command(self, activity: Activity, sender: Sender) -> None:
         owner, sequence, stamp_s, _ = sender
         link, now_s = self._link, self._controller.stamp_s
@@ -321,7 +348,7 @@ class Streams:
             link.owner, link.sequence, link.sent_s = owner, None, NEVER_S
             link.quickest_s = math.inf
         self._controller.authority.take(owner or VERBS, now_s)
-        activity.heard_s = now_s
+        activity.heard_s = self._heard_s = now_s
         if sequence is not None:
             link.sequence = sequence
         if stamp_s is not None:
@@ -337,3 +364,12 @@ STREAMED: dict[str, Callable[[Streams, Any, Sender], None]] = {
     "joints": Streams.joints,
 }
 """The streamed commands by the names that they are asked for."""
+
+PRESETS = {
+    "pose": Stream.POSE,
+    "jog": Stream.POSE,
+    "twist": Stream.TWIST,
+    "wrench": Stream.WRENCH,
+    "joints": Stream.JOINT,
+}
+"""The preset that each streamed command needs."""

@@ -71,7 +71,7 @@ class Cause(enum.Enum):
     NOT_READY = "the controller is heard, but does not act on commands, or reports nonsense"
     RETURNED = "the robot is ready again"
     NEW_SESSION = "the controller started a new session"
-    STALLED = "this computer stood still"
+    STALLED = "no state came in time, though the robot is heard"
     LEAPT = "the robot was measured where it cannot be"
     ALARM = "the driver reports an alarm: the robot must not be driven"
     HELD = "the robot is not where it is commanded to be"
@@ -120,6 +120,11 @@ class Supervision:
         """Accept the readings again: after a deliberate act."""
         self.distrust = ""
 
+    def tune(self, watchdogs: Watchdogs) -> None:
+        """Take other limits from the next tick on."""
+        self.watchdogs = watchdogs
+        self.limit = watchdogs.error_limit()
+
     def look(self, state: RobotState, body: Body) -> Finding | None:
         """The gravest thing about this state before the command is compared with it; None when
         all is well."""
@@ -154,7 +159,8 @@ class Supervision:
         if began:
             return Finding(Cause.RETURNED, "")
         if self.gap_s > self.watchdogs.stall_s:
-            return Finding(Cause.STALLED, f"this computer stalled for {self.gap_s:.1f} s")
+            stood = f"this computer or the network stood still for {self.gap_s:.1f} s"
+            return Finding(Cause.STALLED, stood)
         return None
 
     def compare(

@@ -15,29 +15,50 @@ from cardan.arm_libraries import np
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
 from cardan.gateway.arm.activities.torque import TorqueMotion
+from cardan.gateway.arm.activities.trajectory import FollowTrajectory
 from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
 from cardan.gateway.arm.authority import VERBS, Authority
 from cardan.gateway.arm.checks import (
+    FramedPose,
     Target,
     check_workspace,
+    checked_action,
+    checked_name,
     checked_pose,
+    joint_numbers,
     six_numbers,
     six_of,
 )
-from cardan.gateway.arm.codes import Action, Parameter, PolicyCode, State, Stream, vocab, vocab_text
+from cardan.gateway.arm.codes import (
+    Action,
+    Begins,
+    Parameter,
+    PolicyCode,
+    State,
+    Stream,
+    vocab_text,
+)
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
+from cardan.gateway.arm.motion import (
+    ControllerStatus,
+    Motion,
+    Outcome,
+    Rehearsal,
+    Stat,
+)
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import Planner
 from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
-from cardan.gateway.arm.streams import STREAMED, Sender, Streams
+from cardan.gateway.arm.repeating import Sender, argument_text
+from cardan.gateway.arm.streams import PRESETS, STREAMED, Streams
 from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
 from cardan.gateway.hand.source import HandSource
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.gateway.motion.joint_trajectory import JointTrajectory
+from cardan.gateway.servo.choice import choose_servo
 from cardan.gateway.servo.options import Policy
-from cardan.gateway.servo.servo import Servo
 from cardan.robots import ArmModel, BodyShape
 from cardan.spatial import is_finite
 from cardan.types import (
@@ -45,6 +66,7 @@ from cardan.types import (
     Frame,
     RobotCapabilities,
     RobotState,
+    Twist,
     Vector3,
     Wrench,
 )
@@ -101,7 +123,7 @@ class ArmVerbs:
         self.plans.measuring.set_tool(body.tool)
         self.streams = Streams(controller, body, self.plans)
         self._gripper = gripper
-        self._planning = threading.RLock()
+        self.planning = threading.RLock()
         """Held by the thread that uses `planner`; always taken before the controller's lock."""
         self._motion: Motion | None = None
         self._waited_for: Motion | None = None
@@ -135,7 +157,7 @@ class ArmVerbs:
         drive = _drive(options.drive, capabilities)
         obstacles, tool_shapes = tuple(obstacles), tuple(tool_shapes)
         kinematics = ArmKinematics(model)
-        servo = Servo(
+        servo = choose_servo(
             kinematics,
             CollisionModel(kinematics, obstacles, tool_shapes),
             options.servo,
@@ -178,6 +200,26 @@ class ArmVerbs:
             tool_shapes=tool_shapes,
             gripper=gripper,
         )
+
+    def tune(
+        self, options: ControllerOptions, speed_share: float, acceleration_share: float
+    ) -> None:
+        """Plan by other limits from now on, and by the tool and the policy that the body has by
+        now; the shares are of the joints' limits. The caller holds `planning`, and what moves was
+        not planned before."""
+        bounds = self.servo.kinematics
+        self.options = options
+        self.plans.tune(options)
+        self.planner.tune(
+            options.streams.workspace_m,
+            options.margins,
+            speed_share * bounds.velocity,
+            acceleration_share * bounds.acceleration,
+        )
+        if self.plans.measuring.tool != self.body.tool:
+            self.planner.set_tool(self.body.tool)
+            self.plans.measuring.set_tool(self.body.tool)
+        self.parameters[Parameter.POLICY] = float(_TO_CODE[self.servo.policy])
 
     # -- what it is doing ------------------------------------------------------------------------
 
@@ -234,6 +276,14 @@ class ArmVerbs:
                 authority=controller.authority.state(),
             )
 
+    def desired(self) -> tuple[list[float], list[float]] | None:
+        """Joint positions and velocities that a trajectory has now; None where none is followed."""
+        activity = self.controller.activity
+        if not isinstance(activity, FollowTrajectory):
+            return None
+        positions, velocities = activity.desired()
+        return positions.tolist(), velocities.tolist()
+
     # -- what becomes of motions -----------------------------------------------------------------
 
     def void(self, reason: str) -> None:
@@ -261,12 +311,37 @@ class ArmVerbs:
 
         Raises OutOfReachError or JointLimitError.
         """
-        with self._planning, self._counted():
+        with self.planning, self._counted():
             target = checked_pose("inv", xd)
             start = self._start("inv")
             target = self.plans.in_base(target, start)
             check_workspace("inv", target.position, self.options.streams.workspace_m)
             return tuple(self.planner.inverse("inv", target, start).tolist())
+
+    def rehearse_line(self, xd: Target) -> Rehearsal:
+        """Look at the straight line from here to the pose `xd` in the base, without moving: what
+        stops it, and how long it takes."""
+        target = checked_pose("rehearse_line", xd)
+        return self._rehearse("rehearse_line", lambda q: self.plans.line(target, q, False))
+
+    def rehearse_joints(self, q: Sequence[float]) -> Rehearsal:
+        """The same for the straight motion of all joints to the positions `q`, rad or m."""
+        verb = "rehearse_joints"
+        goal = np.array(joint_numbers(verb, q, self.servo.joints))
+        return self._rehearse(verb, lambda start: self.plans.joint_positions(verb, goal, start))
+
+    def _rehearse(self, verb: str, prepare: _Prepare) -> Rehearsal:
+        with self.planning:
+            if self.body.moving:
+                # From where it begins is not known, and the loop needs the time.
+                return Rehearsal("the arm moves: that is looked at when it rests", "", 0.0)
+            try:
+                plan = prepare(self._start(verb, claims=False))
+            except MotionRefusedError as error:
+                # The line's own messages name the verb that goes along it.
+                why = str(error).removeprefix(f"{verb}: ").removeprefix("movl: ")
+                return Rehearsal(why, "", 0.0)
+        return Rehearsal("", plan.note, plan.duration_s)
 
     def movj(self, xd: Target, *, source: str = VERBS) -> Motion:
         """Move all joints to the pose `xd`, arriving together; the way of the TCP is free.
@@ -284,11 +359,25 @@ class ArmVerbs:
             step = checked_pose("relj", xd)
         return self._launch("relj", True, lambda q: self.plans.relative(step, q), source)
 
-    def movl(self, xd: Target, *, source: str = VERBS) -> Motion:
+    def movl(self, xd: Target | FramedPose, *, source: str = VERBS) -> Motion:
         """Move the TCP to the pose `xd` along a straight line, turning about one fixed axis."""
+        framed = xd.frame if isinstance(xd, FramedPose) else None
         with self._counted():
-            target = checked_pose("movl", xd)
-        return self._launch("movl", True, lambda q: self.plans.line(target, q), source)
+            target = checked_pose("movl", xd.pose if isinstance(xd, FramedPose) else xd)
+
+        def prepare(start: FloatArray) -> Plan:
+            relative = self.plans.tcp_frame if framed is None else framed is Frame.TOOL
+            return self.plans.line(target, start, relative)
+
+        return self._launch("movl", True, prepare, source)
+
+    def trajectory(self, wanted: JointTrajectory, *, source: str = VERBS) -> Motion:
+        """Follow joint positions over time that somebody else planned, such as MoveIt.
+
+        It has to begin where the arm is, at rest, and is slowed as a whole to what the arm may do;
+        all of its way has to be free, as in movj.
+        """
+        return self._launch("trajectory", True, lambda q: self.plans.trajectory(wanted, q), source)
 
     def movv(self, xdot: Sequence[float], *, source: str = VERBS) -> Motion:
         """Move the TCP with the constant twist `xdot` (m/s, rad/s) until something ends it."""
@@ -334,7 +423,7 @@ class ArmVerbs:
 
         All later poses, twists and wrenches refer to the new TCP.
         """
-        with self._planning, self.controller.lock, self._counted():
+        with self.planning, self.controller.lock, self._counted():
             tool = checked_pose("tool", x)
             self._require_idle("tool")
             self._require_authority("tool", source)
@@ -348,13 +437,7 @@ class ArmVerbs:
     def act(self, code: Action | int | str, *, source: str = VERBS) -> None:
         """Tell the gripper to close, open or stop; for this, too, `source` needs the authority."""
         with self._counted():
-            try:
-                action = Action(vocab(code) if isinstance(code, str) else code)
-            except ValueError:
-                action = Action.NONE
-            if action not in (Action.CLOSE, Action.OPEN, Action.STOP):
-                allowed = "accg (close), acog (open), acsg (stop)"
-                raise MotionRefusedError(f"act: allowed are {allowed}, not {code!r}")
+            action = checked_action(code)
             if self._gripper is None:
                 raise MotionRefusedError("act: this arm has no gripper")
             with self.controller.lock:
@@ -372,7 +455,7 @@ class ArmVerbs:
         To be called beside the loop until the motion is no longer WAITING, because it takes
         milliseconds. Raises nothing: a motion that turns out impossible is REFUSED.
         """
-        with self._planning:
+        with self.planning:
             with self.controller.lock:
                 if self._pending is None or not self.controller.idle:
                     return None
@@ -400,21 +483,43 @@ class ArmVerbs:
 
         Raises MotionRefusedError where `source` has none.
         """
-        with self.controller.lock, self._counted():
-            refusal = self.controller.authority.hand_over(source, to, self.controller.stamp_s)
+        controller = self.controller
+        checked_name("hand_over", to)
+        with (
+            controller.lock,
+            self._counted(),
+            controller.noted("hand_over", argument_text(to, source)),
+        ):
+            refusal = controller.authority.hand_over(source, to, controller.stamp_s)
             if refusal:
                 raise MotionRefusedError(f"hand_over: {refusal}")
-            self.controller.stop(f"authority was handed over to {to!r}")
+            controller.stop(f"authority was handed over to {to!r}")
+
+    def acquire(self, *, source: str = VERBS) -> None:
+        """Take the authority over the arm for `source`, or renew it, without moving anything.
+
+        Raises MotionRefusedError where another source has it.
+        """
+        controller = self.controller
+        with (
+            controller.lock,
+            self._counted(),
+            controller.noted("acquire", argument_text(source)),
+        ):
+            refusal = controller.authority.take(source, controller.stamp_s)
+            if refusal:
+                raise MotionRefusedError(f"acquire: {refusal}")
 
     def release(self, source: str = VERBS) -> None:
         """Give up the authority of `source`, so that others need not wait until its lease ends.
 
         What moves by it is stopped.
         """
-        with self.controller.lock:
-            if self.controller.authority.owner == source and not self.controller.idle:
-                self.controller.stop(f"{source!r} gave up its authority over the arm")
-            self.controller.authority.release(source)
+        controller = self.controller
+        with controller.lock, controller.noted("release", argument_text(source)):
+            if controller.authority.owner == source and not controller.idle:
+                controller.stop(f"{source!r} gave up its authority over the arm")
+            controller.authority.release(source)
 
     def acknowledge(self) -> None:
         """The deliberate act after implausible measured joints, or after a recovery that did not
@@ -447,8 +552,15 @@ class ArmVerbs:
 
     def set_parameters(self, values: Mapping[prm.Key, prm.Value], *, source: str = VERBS) -> None:
         """Set all of `values`, or, where one of them is refused, none."""
-        with self._planning, self.controller.lock, self._counted():
+        with (
+            self.planning,
+            self.controller.lock,
+            self._counted(),
+            contextlib.ExitStack() as opened,
+        ):
             found = prm.checked_group(values)
+            argument = argument_text(list(found.items()), source)
+            opened.enter_context(self.controller.noted("set_parameters", argument))
             names = ", ".join(vocab_text(key) for key in found)
             self._require_idle(f"setting {names}")
             stream = found.pop(Parameter.STREAM, None)
@@ -476,32 +588,77 @@ class ArmVerbs:
     def stream(
         self,
         verb: str,
-        value: Sequence[float] | Target,
+        value: Sequence[float] | Target | FramedPose | Twist | Wrench,
         *,
         owner: str = "",
         sequence: int | None = None,
         stamp_s: float | None = None,
+        begins: Begins | None = None,
     ) -> str:
         """Do what the streamed command `verb` (a key of `STREAMED`) asks for now; "" or why not.
 
         `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
-        grow.
+        grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen, or
+        one that its sender has left, it chooses its own; None: never.
         """
         sender = Sender(owner, sequence, stamp_s, self.stamp_s)
+        began = False
+        if begins is not None and self.may_choose(verb, begins, owner):
+            try:
+                began = self._begin_stream(verb, begins, owner or VERBS)
+            except MotionRefusedError as error:
+                return str(error)
         # Poses are checked by the inverse kinematics, which takes milliseconds.
-        plans = self._planning if verb in ("pose", "jog") else contextlib.nullcontext()
+        plans = self.planning if verb in ("pose", "jog") else contextlib.nullcontext()
         try:
             with plans, self._counted():
                 STREAMED[verb](self.streams, value, sender)
         except MotionRefusedError as error:
+            if began:
+                self.take_back(PRESETS[verb], str(error))
             return str(error)
         return ""
+
+    def may_choose(self, verb: str, begins: Begins, source: str) -> bool:
+        """Whether the streamed command `verb` may choose its preset: none is chosen, or, where its
+        stream has just begun and the arm rests, another one that is its own sender's, or one whose
+        sender has no authority any more."""
+        streams = self.streams
+        if streams.kind is Stream.NONE:
+            return True
+        if begins is not Begins.NEW or streams.kind is PRESETS[verb] or not streams.owner:
+            return False
+        if self.body.moving:
+            return False
+        return streams.owner == source or streams.owner != self.controller.authority.owner
+
+    def _begin_stream(self, verb: str, begins: Begins, source: str) -> bool:
+        """Choose the preset of `verb`; False where one was chosen meanwhile."""
+        with self.planning, self.controller.lock:
+            if not self.may_choose(verb, begins, source):
+                return False
+            going_on = begins is Begins.GOING_ON and self.streams.fell_silent
+            why_not = "" if going_on else begins.value
+            refusal = why_not or self.controller.authority.refuses(source)
+            if refusal:
+                with self._counted():
+                    raise MotionRefusedError(f"{verb}: {refusal}")
+            self.set_parameters({Parameter.STREAM: PRESETS[verb]}, source=source)
+            return True
+
+    def take_back(self, kind: Stream, reason: str) -> None:
+        """The command that chose the preset `kind` was none: it chooses nothing."""
+        argument = argument_text(kind, reason)
+        with self.planning, self.controller.lock, self.controller.noted("take_back", argument):
+            if self.streams.kind is kind and not self.streams.owner:
+                self.streams.end(reason)
+                self.controller.drop()
 
     # -- starting and ending ---------------------------------------------------------------------
 
     def _launch(self, verb: str, ends: bool, prepare: _Prepare, source: str) -> Motion:
         """Work the motion out and start it, or have it wait until the arm is at rest."""
-        with self._planning, self._counted():
+        with self.planning, self._counted():
             with self.controller.lock:
                 start = self._start(verb, source)
                 generation = self.controller.generation

@@ -252,7 +252,19 @@ class RemoteForceTable(ForceTable):
     socket: Annotated[str, bounds.SOCKET_PATH]
 
 
+@dataclass(frozen=True, kw_only=True)
+class NetworkForceTable(ForceTable):
+    """Programs on the network publish it, for the haptic device that ``[network]`` shows."""
+
+    source: Literal["network"] = "network"
+
+
 ForceTables = Annotated[
-    NoForceTable | MeasuredForceTable | SensorForceTable | ContactForceTable | RemoteForceTable,
+    NoForceTable
+    | MeasuredForceTable
+    | SensorForceTable
+    | ContactForceTable
+    | RemoteForceTable
+    | NetworkForceTable,
     Tag("source", "none"),
 ]

@@ -32,7 +32,7 @@ LEASH_FROM = 0.3
 STEP = 0.05
 """Smallest change of strength that is sent."""
 
-RumbleSource = Literal["trip", "limit", "leash", "force"]
+RumbleSource = Literal["trip", "limit", "leash", "force", "network"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,9 +41,10 @@ class FeedbackOptions(Options):
 
     led: bool = True
     """The device's light is on while teleoperation is engaged."""
-    rumble: tuple[RumbleSource, ...] = ("trip", "limit")
+    rumble: tuple[RumbleSource, ...] = ("trip", "limit", "network")
     """What rumbles: trip, teleoperation was disengaged; limit, the workspace or the arm ends;
-    leash, how far the robot is behind; force, what its sensor measures. The strongest counts."""
+    leash, how far the robot is behind; force, what its sensor measures; network, what somebody
+    asks for on `joy/set_feedback`. The strongest counts."""
     full_force_n: Annotated[float, bounds.ROBOT_FORCE_N] = 20.0
     """Measured force that rumbles at full strength."""
 
@@ -58,6 +59,8 @@ class Felt(NamedTuple):
     limited: bool
     """Whether the operator asks for what the workspace or the arm cannot do."""
     leash_used: float
+    asked: float = 0.0
+    """What the network asks for, 0..1."""
 
 
 class HandFeedback:
@@ -117,4 +120,6 @@ class HandFeedback:
             level = max(level, (felt.leash_used - LEASH_FROM) / (1.0 - LEASH_FROM))
         if "force" in sources and robot.wrench is not None:
             level = max(level, norm(robot.wrench.force) / self._full_force_n)
+        if "network" in sources:
+            level = max(level, felt.asked)
         return min(1.0, level)

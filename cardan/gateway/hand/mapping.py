@@ -135,6 +135,9 @@ class MappingOptions(Options):
     """Button that makes hand and TCP, each where it is, belong together; position mode."""
     enable: str = ""
     """Button that asks for the robot's drives and program; empty: none."""
+    pass_on: str = ""
+    """Button that passes the device on to the next session of a daemon that shares it; empty:
+    none."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -296,6 +299,11 @@ class TwistMapping:
     def follows_pose(self) -> bool:
         """True where the hand's pose moves the TCP, and its deflections mean nothing."""
         return self.options.mode is not Mode.RATE
+
+    def passes_on(self, events: Iterable[ButtonEvent]) -> bool:
+        """True when the operator passes the device on to the next session."""
+        button = self.options.pass_on
+        return any(event.pressed and event.button == button for event in events)
 
     def asks_to_enable(
         self, device: DeviceState, events: Iterable[ButtonEvent], now_s: float

@@ -45,6 +45,15 @@ class Obstacle(NamedTuple):
     shape: Shape | HalfSpace
 
 
+class Solid(NamedTuple):
+    """A shape of the arm or an obstacle, in the frame of the body that it is fixed to."""
+
+    name: str
+    body: int
+    """0: the base."""
+    shape: Shape | HalfSpace
+
+
 class Closest(NamedTuple):
     """The pair of bodies nearest to each other."""
 
@@ -66,33 +75,38 @@ class CollisionModel:
         self.kinematics = kinematics
         arm, n = kinematics.arm, kinematics.joints
         self._geometry: Any = pin.GeometryModel()
-        self._bodies: list[int] = []
-        self._names: list[str] = []
+        self.solids: list[Solid] = []
+        """The arm's shapes, the tool's, and the obstacles."""
         for shape in (*arm.shapes, *tool):
             self._add(shape.name, shape.body, shape.shape)
-        fixed_to_base = len(self._names)
+        fixed_to_base = len(self.solids)
         for obstacle in obstacles:
             self._add(obstacle.name, 0, obstacle.shape)
         reach = _reach(arm, (*arm.shapes, *tool))
         pairs = [
             (first, second)
-            for first in range(len(self._names))
-            for second in range(first + 1, len(self._names))
+            for first in range(len(self.solids))
+            for second in range(first + 1, len(self.solids))
             if self._can_touch(first, second, fixed_to_base, arm.ignored_pairs)
         ]
         # The body that moves more is the second of its pair.
-        pairs = [(a, b) if self._bodies[a] <= self._bodies[b] else (b, a) for a, b in pairs]
+        bodies = [solid.body for solid in self.solids]
+        pairs = [(a, b) if bodies[a] <= bodies[b] else (b, a) for a, b in pairs]
         masks, sweeps = np.zeros((len(pairs), n)), np.zeros((len(pairs), n))
         for row, (first, second) in enumerate(pairs):
             self._geometry.addCollisionPair(pin.CollisionPair(first, second))
-            low, high = self._bodies[first], self._bodies[second]
+            low, high = bodies[first], bodies[second]
             masks[row, low:high] = 1.0
             sweeps[row, low:high] = reach[low:high, second]
-        self.pairs = tuple((self._names[a], self._names[b]) for a, b in pairs)
+        self.pairs = tuple((self.solids[a].name, self.solids[b].name) for a, b in pairs)
         """Names of the two shapes of each pair."""
+        self.pair_solids = tuple(pairs)
+        """Where in `solids` the two of each pair are."""
         self.with_obstacle = np.array([b >= fixed_to_base or a >= fixed_to_base for a, b in pairs])
         """True for pairs of which one is an obstacle, False within the arm."""
-        self._masks, self._sweeps = masks, sweeps
+        self._masks = masks
+        self.sweeps = sweeps
+        """How much nearer each pair can come per motion of each joint, at most; pairs × n."""
         self._farthest = sweeps.max(axis=0) if pairs else np.zeros(n)
         self._data = self._geometry.createData()
         self._own = kinematics.model.createData()
@@ -104,15 +118,14 @@ class CollisionModel:
 
     def _add(self, name: str, body: int, shape: Shape | HalfSpace) -> None:
         geometry, placement = _coal_shape(shape)
-        label = f"{name}#{len(self._names)}"
+        label = f"{name}#{len(self.solids)}"
         self._geometry.addGeometryObject(pin.GeometryObject(label, body, placement, geometry))
-        self._names.append(name)
-        self._bodies.append(body)
+        self.solids.append(Solid(name, body, shape))
 
     def _can_touch(
         self, first: int, second: int, fixed_to_base: int, ignored: frozenset[tuple[int, int]]
     ) -> bool:
-        low, high = sorted((self._bodies[first], self._bodies[second]))
+        low, high = sorted((self.solids[first].body, self.solids[second].body))
         if low == high:
             return False
         if max(first, second) >= fixed_to_base:
@@ -157,7 +170,7 @@ class CollisionModel:
 
     def sweep(self, step: FloatArray) -> FloatArray:
         """Upper bound, m, of how much nearer each pair can come while joints move by `step`."""
-        bound: FloatArray = self._sweeps.dot(np.abs(step))
+        bound: FloatArray = self.sweeps.dot(np.abs(step))
         return bound
 
     def fastest_closing(self, v: FloatArray) -> float:

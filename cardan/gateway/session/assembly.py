@@ -9,19 +9,21 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import ConfigurationError, MotionRefusedError, below
 from cardan.gateway.arm.authority import Authority
-from cardan.gateway.arm.body import Body, FreeBody
+from cardan.gateway.arm.body import Body, FreeBody, ServoTuning
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.tuning import Tuning
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.fixtures import FixtureSet
 from cardan.gateway.force.input import ForceInput
+from cardan.gateway.force.network import NetworkSource
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import (
@@ -35,6 +37,7 @@ from cardan.gateway.force.tables import (
     ContactForceTable,
     ForceTable,
     MeasuredForceTable,
+    NetworkForceTable,
     NoForceTable,
     RemoteForceTable,
     SensorForceTable,
@@ -44,10 +47,12 @@ from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.position import mirrors, unfollowed
-from cardan.gateway.hand.source import HandSource
+from cardan.gateway.hand.source import HandSource, HandTuning
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.session.config import (
+    ArmTable,
     ForceConfig,
+    HapticConfig,
     LimitsTable,
     ObstacleTable,
     ServedConfig,
@@ -57,7 +62,7 @@ from cardan.gateway.session.config import (
 from cardan.options import suggestion
 from cardan.robots import load_arm
 from cardan.spatial import norm, scale
-from cardan.tables import keys_of, read_table, read_toml
+from cardan.tables import as_table, keys_of, read_table, read_toml
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
@@ -68,14 +73,19 @@ from cardan.types import (
 
 if TYPE_CHECKING:
     from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.options import ControllerOptions
     from cardan.gateway.arm.verbs import ArmVerbs
     from cardan.gateway.kinematics.base import Kinematics
     from cardan.gateway.kinematics.collision import Obstacle
+    from cardan.gateway.session.network import SessionNetwork
 
-Part = TypeVar("Part", ServedConfig, ForceConfig)
+Part = TypeVar("Part", ServedConfig, ForceConfig, HapticConfig)
 
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
 """Commands of which a robot must take one for a session to drive it by the model of its arm."""
+
+SHAPED_FORCES = (RemoteForceTable, NetworkForceTable)
+"""Sources whose forces are scaled for the hand already."""
 
 OWN_BODY_SHARE = 0.5
 """Share of the safety distance that a planned way keeps between parts of the arm itself: their
@@ -100,7 +110,7 @@ def make_driver(table: registry.DriverTable, key: str) -> Driver:
     return made
 
 
-def make_device(config: SessionConfig | ServedConfig) -> OperatorDevice:
+def make_device(config: SessionConfig | ServedConfig | HapticConfig) -> OperatorDevice:
     """The operator device that is configured, not opened yet."""
     if config.device is None:
         raise ConfigurationError("device", "is missing: which driver reads the operator device?")
@@ -178,6 +188,11 @@ def why_no_verbs(config: SessionConfig) -> str:
     return ""
 
 
+def has_rigid_arm(config: SessionConfig) -> bool:
+    """Whether a session has the model of an arm of rigid links."""
+    return not why_no_verbs(config)
+
+
 def make_verbs(
     config: SessionConfig,
     robot: RobotDriver,
@@ -191,12 +206,10 @@ def make_verbs(
     if why := why_no_verbs(config):
         raise MotionRefusedError(why)
     from cardan.gateway.arm.arm_body import ArmBody
-    from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
-    from cardan.gateway.arm.planner import Margins
     from cardan.gateway.arm.verbs import ArmVerbs, narrowed
     from cardan.gateway.kinematics.arm import ArmKinematics
 
-    table, limits, body = config.arm, config.limits, controller.body
+    table, body = config.arm, controller.body
     assert table is not None
     assert isinstance(body, ArmBody)
     model = narrowed(load_arm(table.model), robot.capabilities)
@@ -209,7 +222,25 @@ def make_verbs(
     )
     model = model._replace(joints=joints, shapes=model.shapes if table.collisions else ())
     body.keep_sent_as(ArmKinematics(model, table.tool()))
-    options = ControllerOptions(
+    return ArmVerbs(
+        controller,
+        body,
+        model,
+        robot.capabilities,
+        make_verb_options(config),
+        obstacles=[_obstacle(each) for each in config.obstacles],
+        gripper=gripper if has_output(config.gripper, robot.capabilities) else None,
+    )
+
+
+def make_verb_options(config: SessionConfig) -> ControllerOptions:
+    """The limits and options of the verbs of a session that has an ``[arm]``."""
+    from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
+    from cardan.gateway.arm.planner import Margins
+
+    table, limits = config.arm, config.limits
+    assert table is not None
+    return ControllerOptions(
         limits=limits,
         streams=replace(
             limits,
@@ -223,15 +254,72 @@ def make_verbs(
             own_body_m=OWN_BODY_SHARE * table.safety_distance_m,
         ),
     )
-    return ArmVerbs(
-        controller,
-        body,
-        model,
-        robot.capabilities,
-        options,
-        obstacles=[_obstacle(each) for each in config.obstacles],
-        gripper=gripper if has_output(config.gripper, robot.capabilities) else None,
+
+
+def make_tuning(config: SessionConfig, *, ends: str = "", disarms: bool = False) -> Tuning:
+    """What the controller of a session takes of another configuration of it, in which nothing that
+    makes a new session is another; `ends` and `disarms` as :class:`Tuning` has them."""
+    hand, servo, table = None, None, config.arm
+    if config.device is not None:
+        hand = HandTuning(
+            TwistMapping(config.mapping, config.gripper),
+            config.limits,
+            config.watchdogs.device_age_s,
+        )
+    if table is not None:
+        servo = ServoTuning(
+            options=_servo_options(table), tcp_tolerance_m=table.tcp_tolerance_m, tool=table.tool()
+        )
+    return Tuning(
+        limits=config.limits,
+        watchdogs=config.watchdogs,
+        authority=config.authority,
+        hand=hand,
+        servo=servo,
+        ends=ends,
+        disarms=disarms,
     )
+
+
+def check_tuning(
+    config: SessionConfig, now: SessionConfig, robot: RobotDriver, controller: ArmController
+) -> None:
+    """Raise ConfigurationError where a session that has the configuration `now` cannot take this
+    one, in which its robot is the same and it has an arm's model as before."""
+    _check_speeds(config.limits, robot.capabilities)
+    if config.arm is None or now.arm is None or config.arm.model != now.arm.model:
+        return
+    from cardan.gateway.arm.arm_body import ArmBody
+
+    assert isinstance(controller.body, ArmBody)
+    _check_joints(config, controller.body.servo.kinematics.names)
+
+
+def make_network(
+    config: SessionConfig,
+    robot: RobotDriver,
+    offer: Callable[[Any, Any, float], None],
+    full: Callable[[], bool],
+) -> SessionNetwork | None:
+    """What shows the arm to the network, not open yet; None where none is configured."""
+    options = config.network
+    if options is None:
+        return None
+    from cardan.gateway.bus.arm_topics import ArmNames
+    from cardan.gateway.session.network import SessionNetwork
+    from cardan.gateway.session.surroundings import surroundings
+
+    joints = tuple(f"joint_{number}" for number in range(1, robot.capabilities.joints + 1))
+    description, tool = "", IDENTITY_POSE
+    if config.arm is not None:
+        tool = config.arm.tool()
+        if has_rigid_arm(config):
+            model = load_arm(config.arm.model)
+            joints, description = model.joint_names, model.urdf
+    names = ArmNames(joints, options.base_frame, options.flange_frame, options.tcp_frame)
+    tables = as_table(config, from_file=False)
+    around = surroundings(config, has_rigid_arm(config))
+    return SessionNetwork(options, names, description, tool, offer, full, tables, around)
 
 
 def has_output(table: GripperOptions, robot: RobotCapabilities) -> bool:
@@ -268,7 +356,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.collision import CollisionModel
     from cardan.gateway.kinematics.soft_neck import SOFT_NECKS, SoftNeck, load_soft_neck
-    from cardan.gateway.servo.servo import Servo
+    from cardan.gateway.servo.choice import choose_servo
 
     kinematics: Kinematics
     collision, posture = None, None
@@ -296,15 +384,28 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
         )
     _check_joints(config, kinematics.names)
     _take_limits(kinematics, able)
-    options = ServoOptions(
+    servo = choose_servo(kinematics, collision, _servo_options(table), weights)
+    servo.posture = posture
+    return ArmBody(servo, able.commands, able.lag_s, tcp_tolerance_m=table.tcp_tolerance_m)
+
+
+def _servo_options(table: ArmTable) -> ServoOptions:
+    return ServoOptions(
         policy=table.policy,
         speed_share=table.speed_share,
         acceleration_share=table.acceleration_share,
         safety_distance_m=table.safety_distance_m,
     )
-    servo = Servo(kinematics, collision, options, weights)
-    servo.posture = posture
-    return ArmBody(servo, able.commands, able.lag_s, tcp_tolerance_m=table.tcp_tolerance_m)
+
+
+def servo_in_words(config: SessionConfig) -> str:
+    """Which servo moves a session's arm, and why it is not the compiled one; empty without an arm's
+    model."""
+    arm = make_arm(config, make_robot(config))
+    if arm is None:
+        return ""
+    reason = arm.servo.not_compiled
+    return f"in Python: {reason}" if reason else "compiled"
 
 
 def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
@@ -333,6 +434,8 @@ def make_source(table: ForceTable) -> ForceSource | None:
         return ContactSource(table.contact)
     if isinstance(table, RemoteForceTable):
         return RemoteSource(table.socket, table.max_age_s)
+    if isinstance(table, NetworkForceTable):
+        return NetworkSource(table.max_age_s)
     if not isinstance(table, SensorForceTable):
         return None
     sensor = make_driver(table.sensor, "force.sensor")
@@ -367,19 +470,7 @@ def make_force(
                 "[[fixtures]] out, or choose a haptic device",
             )
         return None
-    if config.gives_force and mirrors(config.mapping):
-        raise ConfigurationError(
-            "mapping.axes",
-            "these axes and signs are not a rotation (a mirror, or one axis twice): a force "
-            "cannot be mapped back through them",
-        )
-    if config.gives_force and (still := unfollowed(config.mapping)):
-        raise ConfigurationError(
-            "mapping.scale" if "fixed" not in config.mapping.axes[:3] else "mapping.axes",
-            f"the TCP's {' and '.join(still)} does not follow the hand: a force along it "
-            "pushes the hand, and no motion of the hand ends it; let x, y and z follow, or leave "
-            "[force] and [[fixtures]] out",
-        )
+    check_forces(config, device)
     table = config.force
     source = make_source(table)
     measured = None
@@ -399,6 +490,25 @@ def make_force(
         max_age_s=table.max_age_s,
         warnings=_force_warnings(config, device, robot),
     )
+
+
+def check_forces(config: SessionConfig, device: OperatorDevice) -> None:
+    """Raise ConfigurationError where forces could not be mapped back to the hand."""
+    if not isinstance(device, HapticDevice):
+        return
+    if config.gives_force and mirrors(config.mapping):
+        raise ConfigurationError(
+            "mapping.axes",
+            "these axes and signs are not a rotation (a mirror, or one axis twice): a force "
+            "cannot be mapped back through them",
+        )
+    if config.gives_force and (still := unfollowed(config.mapping)):
+        raise ConfigurationError(
+            "mapping.scale" if "fixed" not in config.mapping.axes[:3] else "mapping.axes",
+            f"the TCP's {' and '.join(still)} does not follow the hand: a force along it "
+            "pushes the hand, and no motion of the hand ends it; let x, y and z follow, or leave "
+            "[force] and [[fixtures]] out",
+        )
 
 
 def _force_warnings(
@@ -427,7 +537,7 @@ def _force_warnings(
         words.append(
             loop_warning(
                 motion_scale=motion_scale,
-                force_scale=1.0 if isinstance(table, RemoteForceTable) else table.scale,
+                force_scale=1.0 if isinstance(table, SHAPED_FORCES) else table.scale,
                 environment_stiffness_n_m=stiffness_n_m,
                 device_damping_n_s_m=getattr(device.options, "damping_n_s_m", 0.0),
                 period_s=period_s,
@@ -482,6 +592,18 @@ def load_served(path: Path) -> ServedConfig:
     return config
 
 
+def load_haptic(path: Path) -> HapticConfig:
+    """Read and check what ``cardan haptic`` needs of a file: ``[device]``, ``[network]`` and the
+    age of ``[force]``."""
+    config = _read_part(HapticConfig, path)
+    device = make_device(config)
+    if not isinstance(device, HapticDevice):
+        raise ConfigurationError(
+            "device.driver", f"{config.device.driver!r} gives no force back to the hand"
+        )
+    return config
+
+
 def load_force(path: Path) -> ForceConfig:
     """Read and check what ``cardan force`` needs of a file: ``[force]`` and ``[[fixtures]]``."""
     config = _read_part(ForceConfig, path)
@@ -509,10 +631,16 @@ def cautions(config: SessionConfig) -> list[str]:
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
     config = parse_config(read_toml(path))
+    check_parts(config)
+    return config
+
+
+def check_parts(config: SessionConfig) -> None:
+    """Check the options of drivers and filters, and what device, robot and arm can do. Raises
+    ConfigurationError; nothing is opened."""
     robot = make_robot(config)
     make_controller(config, robot)
     if config.device is not None:
         device = make_device(config)
         check_mode(config.mapping, device)
         make_force(config, device, robot)
-    return config

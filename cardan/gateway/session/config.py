@@ -17,9 +17,11 @@ from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.bus.options import NetworkOptions
 from cardan.gateway.force.tables import (
     FixtureTables,
     ForceTables,
+    NetworkForceTable,
     NoForceTable,
     Place,
     RemoteForceTable,
@@ -70,6 +72,11 @@ class ArmTable(Options):
     """Most that the controller's own TCP may differ from the model's before the arm is not moved;
     None: 2 mm where poses are sent, 20 mm where joints are."""
 
+    @property
+    def has_no_tool(self) -> bool:
+        """Whether the TCP is the model's own."""
+        return not any((*self.tool_xyz_m, *self.tool_rpy_deg))
+
     def tool(self) -> Pose:
         """The TCP in the model's own."""
         x, y, z = (math.radians(angle) for angle in self.tool_rpy_deg)
@@ -95,6 +102,16 @@ class ServedConfig(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
+class HapticConfig(Options):
+    """What ``cardan haptic`` reads of a file: no robot is needed."""
+
+    device: DriverTable
+    network: NetworkOptions = field(default_factory=NetworkOptions)
+    force: ForceTables = field(default_factory=NetworkForceTable)
+    """Whose `max_age_s` says how long a published feedback counts."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ForceConfig(Options):
     """What ``cardan force`` reads of a file: neither device nor robot is needed."""
 
@@ -103,11 +120,11 @@ class ForceConfig(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.force, RemoteForceTable):
+        if isinstance(self.force, (RemoteForceTable, NetworkForceTable)):
             raise ConfigurationError(
                 "force.source",
-                '"remote" is the session\'s; the force node has a file of its own, with the source '
-                "that it reads",
+                f'"{self.force.source}" is the session\'s; the force node has a file of its own, '
+                "with the source that it reads",
             )
         if isinstance(self.force, NoForceTable) and not self.fixtures:
             raise ConfigurationError(
@@ -133,6 +150,8 @@ class SessionConfig(Options):
     limits: LimitsTable = field(default_factory=LimitsTable)
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
     spnav: SpnavServerOptions | None = None
+    network: NetworkOptions | None = None
+    """Shows the arm to ROS 2, and takes commands from there; None: no network."""
     force: ForceTables = field(default_factory=NoForceTable)
     fixtures: FixtureTables = ()
     """What the hand feels of the space around the robot."""
@@ -144,6 +163,15 @@ class SessionConfig(Options):
                 "fixtures" if self.fixtures else "force",
                 'in mode = "rate" no place of the hand is one of the TCP; set mapping.mode = '
                 '"position" or "absolute"',
+            )
+        network = self.network
+        if isinstance(self.force, NetworkForceTable) and not (
+            network is not None and network.device and network.commands
+        ):
+            raise ConfigurationError(
+                "force.source",
+                '"network" needs the table [network] with device = true and commands as it is, so '
+                "that programs can publish the force",
             )
         if self.mapping.joints and self.arm is None:
             raise ConfigurationError(
@@ -168,7 +196,8 @@ class SessionConfig(Options):
         mapping = self.mapping
         buttons = [("mapping.deadman", button) for button in mapping.deadman_buttons]
         buttons += [
-            (f"mapping.{key}", getattr(mapping, key)) for key in ("clutch", "recapture", "enable")
+            (f"mapping.{key}", getattr(mapping, key))
+            for key in ("clutch", "recapture", "enable", "pass_on")
         ]
         buttons += [(f"gripper.{a.value}", getattr(self.gripper, a.value)) for a in GripperAction]
         for key, button in buttons:

@@ -9,35 +9,32 @@ from __future__ import annotations
 import contextlib
 import math
 import secrets
-import selectors
 import shlex
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cardan.drivers.omni.limits import TickLimits
-from cardan.errors import ConfigurationError, DriverError
+from cardan.errors import ConfigurationError
 from cardan.gateway.session.assembly import make_device
 from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.gateway.session.console_demo import run_with_console
 from cardan.gateway.session.examples import Demo, find_demos, read_demo
+from cardan.gateway.session.launched import READY_WITHIN_S, launched
+from cardan.gateway.session.network_demo import run_on_the_network
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.supervisor import KILL_AFTER_S, supervise
+from cardan.gateway.session.supervisor import KILL_AFTER_S, Outcome, supervise
 from cardan.gateway.session.unattended import check_unattended, check_words
-from cardan.gateway.session.view import SessionView, missed_cycles, summary
-from cardan.printable import printable
+from cardan.gateway.session.view import SessionView, summary
 
 EXIT_INCOMPLETE = 4
 
 CARDAN = (sys.executable, "-m", "cardan")
-
-READY_WITHIN_S = 20.0
-"""Longest time for a peer to serve; importing takes a second on a slow machine."""
 
 WELL_FOLLOWED_M = 0.02
 """Largest distance of the simulated arm from its reference at the demo's speeds: servo delay and
@@ -59,54 +56,6 @@ real-time scheduling delays its loop now and then."""
 FORCE_AGE_S = 0.010
 """Largest age of a force: one EGM cycle between two forces, and 2 ms at most to the hand, on a
 machine that keeps up; on one without real-time scheduling 1 % of the delays are longer."""
-
-
-@contextlib.contextmanager
-def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
-    """Run ``cardan WORDS``, which prints READY, in `folder` (None: here); gives its endpoint once
-    it serves, and ends it after. If this process is killed, it ends and `folder` is removed."""
-    with tempfile.TemporaryFile("w+") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "cardan.gateway.session.leashed", str(folder or ""), *words],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=log,
-            text=True,
-            cwd=folder,
-            start_new_session=True,
-        )
-        try:
-            try:
-                endpoint = _endpoint(process, shlex.join(words[:2]))
-            except DriverError:
-                log.seek(0)
-                sys.stderr.write(printable(log.read()[-2000:], "\n"))
-                raise
-            yield endpoint
-        finally:
-            process.terminate()
-            try:
-                process.wait(5.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-            for pipe in (process.stdin, process.stdout):
-                assert pipe is not None
-                pipe.close()
-
-
-def _endpoint(process: subprocess.Popen[str], name: str) -> str:
-    assert process.stdout is not None
-    give_up_s = time.monotonic() + READY_WITHIN_S
-    with selectors.DefaultSelector() as selector:
-        selector.register(process.stdout, selectors.EVENT_READ)
-        while selector.select(max(0.0, give_up_s - time.monotonic())):
-            line = process.stdout.readline()
-            if line.startswith("READY "):
-                return line.removeprefix("READY ").strip()
-            if not line:
-                raise DriverError(f"`cardan {name}` ended before it served")
-    raise DriverError(f"`cardan {name}` did not serve within {READY_WITHIN_S:.0f} s")
 
 
 @contextlib.contextmanager
@@ -150,7 +99,7 @@ def find_problems(last: Snapshot, device_options: Any = None) -> list[str]:
             f"the robot was up to {last.error_max_m * 1e3:.1f} mm away from its reference "
             f"(expected: {WELL_FOLLOWED_M * 1e3:.0f} mm)"
         )
-    if (missed := missed_cycles(last)) > MISSED_SHARE * last.cycles:
+    if (missed := last.missed_cycles) > MISSED_SHARE * last.cycles:
         found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")
     if last.trips:
         found.append(f"teleoperation was disengaged {last.trips} times")
@@ -223,19 +172,45 @@ def choose_demo(name: str) -> Demo:
     return demos[name]
 
 
-def run_demo(seconds: float, name: str = "gofa") -> int:
-    """Run a demo by its name or its file; returns the exit code of the command."""
-    demo = choose_demo(name)
+def check_length(demo: Demo, seconds: float) -> None:
+    """Raise ConfigurationError where the demo has nothing to show in `seconds`."""
     if not demo.shortest_s <= seconds < math.inf:
         raise ConfigurationError(
             "--seconds",
             f"{seconds:g} are too {'many' if seconds > demo.shortest_s else 'few'} for this demo; "
             f"allowed: {demo.shortest_s:g} or more",
         )
+
+
+def run_demo(
+    seconds: float,
+    name: str = "gofa",
+    pictures: Path | None = None,
+    picture_of: Callable[[str], str] = str,
+) -> int:
+    """Run a demo by its name or its file; returns the exit code of the command. One of a page
+    leaves pictures of it in the folder `pictures` (None: a new one); `picture_of` makes of the
+    page's address what a camera reads."""
+    demo = choose_demo(name)
+    check_length(demo, seconds)
+    if pictures is not None and demo.program != "console":
+        raise ConfigurationError("--pictures", f"{name} shows no page; the demo `console` does")
+    problems: list[str] = []
     with SessionView() as view:
         view.console.print(demo.description, markup=False)
         with simulated_hardware(demo, seconds) as (config, through):
-            outcome = supervise(config, seconds, view.show, through=through, shown=view.is_read)
+
+            def run() -> Outcome:
+                return supervise(config, seconds, view.show, through=through, shown=view.is_read)
+
+            say = partial(view.console.print, markup=False, highlight=False, soft_wrap=True)
+            if demo.program == "console":
+                show = lambda address: say(picture_of(address))  # noqa: E731
+                outcome, problems = run_with_console(config, run, say, show, pictures)
+            elif demo.program:
+                outcome, problems = run_on_the_network(config, seconds, run, say, WELL_FOLLOWED_M)
+            else:
+                outcome = run()
     if outcome.exit_code == EXIT_OK or outcome.last.cycles:
         view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:
@@ -245,7 +220,7 @@ def run_demo(seconds: float, name: str = "gofa") -> int:
         view.console.print("ended early: not judged")
         return EXIT_OK
     options = make_device(config).options if config.device is not None else None
-    problems = find_problems(outcome.last, options)
+    problems += find_problems(outcome.last, options)
     for line in problems:
         print(f"cardan demo: {line}", file=sys.stderr)
     if not problems:

@@ -29,7 +29,7 @@ import shlex
 import socket
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cardan import bounds
 from cardan.drivers import registry
@@ -39,6 +39,7 @@ from cardan.plugins import reason
 from cardan.tables import parse_toml, read_table, read_text, read_toml
 
 _BLOCK = re.compile(r"^# /// demo\n((?:#(?: .*)?\n)*?)# ///$", re.MULTILINE)
+_ENDPOINT = re.compile(r"(tcp/[^/]+:)\d+")
 _KEY = re.compile(r"\{([\w.]+)\}")
 
 
@@ -62,7 +63,17 @@ class Demo(Options):
     files: tuple[str, ...] = ()
     """Keys of the configuration that are made paths in the demo's own folder."""
     ports: tuple[str, ...] = ()
-    """Keys of the configuration that are given free ports, in a row."""
+    """Keys of the configuration that are given free ports, in a row; of an endpoint of Zenoh's it
+    is the port."""
+    program: Literal["", "console", "rosbridge", "lab"] = ""
+    """What runs beside it. ``rosbridge``: a program at ``cardan face rosbridge`` moves the arm of a
+    session without a device, while the session is recorded; the record is replayed after.
+    ``console``: a browser at ``cardan face console`` moves such an arm, by the page. ``lab``:
+    the example is a file of the daemon, ``cardan serve`` runs it, and what happens in a lab
+    happens."""
+    extras: tuple[str, ...] = ()
+    """Extras of Cardan that it needs beside ``arm``, such as ``network``: ``make demo`` installs
+    them."""
     shortest_s: Annotated[float, bounds.POSITIVE] = 3.0
     """A shorter run has nothing to show."""
 
@@ -80,7 +91,11 @@ class Demo(Options):
     def drivers(self) -> frozenset[str]:
         """The names of the drivers that its configuration has."""
         tables = read_toml(self.file)
-        places = (tables.get("device"), tables.get("robot"), tables.get("force", {}).get("sensor"))
+        places = (
+            *(tables.get("device"), tables.get("robot"), tables.get("force", {}).get("sensor")),
+            *tables.get("devices", {}).values(),
+            *tables.get("robots", {}).values(),
+        )
         return frozenset(table["driver"] for table in places if table)
 
     def prepare(self, folder: Path) -> tuple[dict[str, Any], list[list[str]]]:
@@ -95,9 +110,13 @@ class Demo(Options):
             table[name] = str(folder / Path(said).name)
         for port, key in enumerate(self.ports, free_ports(len(self.ports)) if self.ports else 0):
             table, name = self._place(tables, key)
-            if not isinstance(said := table.get(name, 0), int) or isinstance(said, bool):
+            said = table.get(name, 0)
+            if isinstance(said, str) and (endpoint := _ENDPOINT.fullmatch(said)):
+                table[name] = f"{endpoint[1]}{port}"
+            elif isinstance(said, int) and not isinstance(said, bool):
+                table[name] = port
+            else:
                 raise self._wrong("ports", key, said, "a port")
-            table[name] = port
 
         def value(found: re.Match[str]) -> str:
             if found[1] == "examples":

@@ -16,11 +16,11 @@ import math
 import socket
 import sys
 import time
-from typing import Any
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
 
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import (
-    ArmExtraMissingError,
     CardanError,
     CommandError,
     ConfigurationError,
@@ -31,40 +31,54 @@ from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import ArmLoop
+from cardan.gateway.arm.requests import MAX_REQUEST_BYTES
 from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.hand.feedback import Felt, HandFeedback
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.session.assembly import (
+    check_forces,
     check_mode,
+    check_tuning,
     has_output,
+    has_rigid_arm,
     make_controller,
     make_device,
     make_force,
+    make_network,
     make_robot,
+    make_tuning,
+    make_verb_options,
     make_verbs,
 )
+from cardan.gateway.session.changes import Moment
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.heartbeat import BEAT, Heartbeat
-from cardan.gateway.session.requests import MAX_REQUEST_BYTES
-from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.worker import RequestWorker
+from cardan.gateway.session.lending import GIVE, TAKE, DeviceLease
+from cardan.gateway.session.reloading import ORDER, PIECE, Reloading, Step
+from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+from cardan.gateway.session.worker import ChannelClient, RequestWorker
 from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
-from cardan.logs import log_to_stderr
+from cardan.logs import LogFormat, log_to_stderr
 from cardan.output import dropping_text
-from cardan.realtime import ask_for_real_time
+from cardan.realtime import ask_for_real_time, share_interpreter_promptly
 from cardan.shortage import shortage
 from cardan.signals import ignore_ending, take_ending
 from cardan.spatial import norm, subtract
+from cardan.tables import as_table, read_table
 from cardan.types import (
     IDENTITY_POSE,
     ZERO3,
     DeviceFeedback,
+    DeviceLink,
     DeviceState,
     Pose,
     RobotState,
 )
+
+if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do without.
+    from cardan.gateway.session.network import SessionNetwork
 
 SNAPSHOT_PERIOD_S = 0.1
 """A person reads no faster; at 250 Hz one tick in 25 bears the cost, after its answer was sent."""
@@ -97,34 +111,45 @@ class Session:
         config: SessionConfig,
         channel: socket.socket | None = None,
         force: ForceRenderer | None = None,
+        has_device: bool = True,
     ) -> None:
-        """`channel`: the supervisor's beats and requests; `force`: what a haptic device renders."""
+        """`channel`: the supervisor's beats and requests; `force`: what a haptic device renders;
+        `has_device`: whether it begins with the device, which other sessions may have."""
         self.device = device
+        self._has_device = has_device
+        self._lease: DeviceLease | None = None
         self.robot = robot
         self.controller = controller
         self.snapshot = Snapshot()
-        self._gripper = config.gripper
+        self._config = config
         self._gripper_closed = False
         self._link = LoopLink()
         self._requests: RequestWorker | None = None
+        self._network: SessionNetwork | None = None
+        self._reloading: Reloading | None = None
         if channel is not None:
+            self._supervisor = ChannelClient(channel)
+            self._reloading = Reloading(
+                config, self._fits, self._take, self._has_come, self._supervisor.send
+            )
+        if channel is not None or config.network is not None:
             self._requests = RequestWorker(
-                channel,
                 self._link,
-                lambda: make_verbs(config, robot, controller, self._act),
-                lambda: controller.stop("stopped"),
+                lambda: make_verbs(self._config, robot, controller, self._act),
+                controller.stop,
                 time.monotonic,
             )
-        self._mapping = config.mapping
+            worker = self._requests
+            self._network = make_network(config, robot, worker.offer, lambda: worker.full)
         self._channel = channel
         self._force = force
-        self._tool_of_robot = IDENTITY_POSE if config.arm is None else config.arm.tool()
         self._ticks = LatencyHistogram()
+        self._input_ages = LatencyHistogram()
         self._square_sum_m2 = 0.0
         self._moving_cycles = 0
-        self._feedback_options = config.feedback
-        self._feedback = HandFeedback(self._feedback_options, ())
-        self._spnav_options = config.spnav
+        self._error_m: float | None = None
+        self._feedback = HandFeedback(config.feedback, ())
+        self._channels: Collection[str] = ()
         self._spnav: SpnavService | None = None
         self._stop_reason = ""
 
@@ -138,12 +163,14 @@ class Session:
         Raises DriverError when the device, a filter or the robot cannot be opened.
         """
         with contextlib.ExitStack() as opened:
-            device = self.device
+            device, controller, config = self.device, self.controller, self._config
             if device is not None:
-                opened.enter_context(device)
-                self._check(device)
-                channels = device.capabilities.feedback
-                self._feedback = HandFeedback(self._feedback_options, channels)
+                self._lease = DeviceLease(device)
+                opened.callback(self._lease.close)
+                if self._has_device:
+                    self._lease.begin()
+                self._check(config, device)
+                self._fit_feedback(device)
             for each in self._filters:
                 opened.enter_context(each)
             if self._force is not None:
@@ -151,7 +178,7 @@ class Session:
                 if self._force.measured is not None:
                     opened.enter_context(self._force.measured.source)
                 self._force.start(self._tcp)
-            if (spnav := self._spnav_options) is not None and device is not None:
+            if (spnav := config.spnav) is not None and device is not None:
                 self._spnav = SpnavService(
                     lambda: device.capabilities.buttons,
                     spnav,
@@ -159,6 +186,11 @@ class Session:
                 )
                 self._spnav.start()
                 opened.callback(self._spnav.stop)
+            if self._network is not None:
+                opened.callback(self._network.close)
+                measured = None if self._force is None else self._force.measured
+                source = None if measured is None else measured.source
+                self._network.open(controller, self.robot, device, source)
             # The loop makes no cycles of references worth collecting, and a collection in it
             # costs milliseconds. All this comes before the robot is opened, because its
             # datagrams do not wait.
@@ -176,31 +208,39 @@ class Session:
                 self._send_feedback(self._feedback.last())
         return self.snapshot
 
+    def _fit_feedback(self, device: OperatorDevice) -> None:
+        """Give the operator what the device can show: an open one may be able to do more."""
+        channels = device.capabilities.feedback
+        if channels != self._channels:
+            self._channels = channels
+            self._feedback = HandFeedback(self._config.feedback, channels)
+
     def _end_requests(self) -> None:
         self._link.end("the session has ended: " + (self.snapshot.ending or "its robot is closed"))
+        if self._reloading is not None:
+            self._reloading.close()
         if self._requests is not None:
             self._requests.close()
 
-    def _check(self, device: OperatorDevice) -> None:
-        hand = self.controller.hand
-        assert hand is not None
-        options = hand.mapping.options
-        buttons = hand.mapping.gripper.buttons
-        if buttons and not has_output(self._gripper, self.robot.capabilities):
+    def _check(self, config: SessionConfig, device: OperatorDevice) -> None:
+        options, gripper = config.mapping, config.gripper
+        buttons = gripper.buttons
+        if buttons and not has_output(gripper, self.robot.capabilities):
             raise ConfigurationError(
-                "gripper.output", f"the robot has no output {self._gripper.output!r}"
+                "gripper.output", f"the robot has no output {gripper.output!r}"
             )
         known = device.capabilities.buttons
         if options.enable and type(self.robot).enable is RobotDriver.enable:
             raise ConfigurationError(
                 "mapping.enable", "this robot is enabled at its own controller; leave it out"
             )
-        check_mode(self._mapping, device)
+        check_mode(options, device)
         for key, button in (
             *(("mapping.deadman", button) for button in options.deadman_buttons),
             ("mapping.clutch", options.clutch),
             ("mapping.recapture", options.recapture),
             ("mapping.enable", options.enable),
+            ("mapping.pass_on", options.pass_on),
             *((f"gripper.{action.value}", name) for name, action in buttons.items()),
         ):
             if button and known and button not in known:
@@ -214,10 +254,11 @@ class Session:
 
     def _loop(self, seconds: float) -> None:
         robot, controller = self.robot, self.controller
-        mapping = None if controller.hand is None else controller.hand.mapping
-        hand_feedback, spnav, force = self._feedback, self._spnav, self._force
+        operator, reloading = controller.hand, self._reloading
+        spnav, force = self._spnav, self._force
         monotonic, tick_cost = time.monotonic, self._ticks.add
-        requests = self._requests
+        input_age, live = self._input_ages.add, DeviceLink.LIVE
+        requests, network = self._requests, self._network
         start_s = monotonic()
         heartbeat = None
         if self._channel is not None:
@@ -227,21 +268,31 @@ class Session:
         give_up_s = math.inf
         snapshot = self.snapshot
         state: RobotState | None = None
-        for state, hand, events in ArmLoop(robot, controller, self.device).cycles():
+        for cycle in ArmLoop(robot, controller, self.device).cycles():
+            state, hand, events, _ = cycle
             now_s = monotonic()
             # Everything from here on is bookkeeping: the answer has left.
             if state.ready:
                 tick_cost(now_s - state.stamp_s)
                 snapshot.cycles += 1
+                if hand is not None and hand.link is live:
+                    input_age(now_s - hand.stamp_s)
                 if controller.phase in _IN_MOTION:
                     self._update_figures(state)
+            if requests is not None:
+                requests.turn(now_s)
             if requests is not None and requests.busy:
                 requests.attend()
-            if mapping is not None and hand is not None:
+            elif reloading is not None and reloading.busy:
+                self._link.attend()
+            if operator is not None and hand is not None:
+                mapping = operator.mapping
                 if mapping.gripper_closed is not self._gripper_closed:
                     self._move_gripper(mapping.gripper_closed)
                 if events and mapping.asks_to_enable(hand, events, state.stamp_s):
                     robot.enable()
+                if events and mapping.passes_on(events):
+                    snapshot.device_passes += 1
                 if force is not None:
                     at_rest = controller.at_rest and not controller.following
                     disengage_reason = force.cycle(state, hand, controller.hand_map(), at_rest)
@@ -251,13 +302,26 @@ class Session:
                         controller.suspend()
                 if spnav is not None:
                     spnav.offer(hand, events)
+                hand_feedback = self._feedback
                 if hand_feedback.useful and hand_feedback.due(now_s):
                     felt = felt_of(controller.status())
+                    if network is not None:
+                        felt = felt._replace(asked=network.rumble(now_s))
                     self._send_feedback(hand_feedback.update(felt, state, now_s))
             if heartbeat is not None and now_s >= next_listen_s:
                 self._listen(heartbeat, now_s)
                 asked = requests is not None and requests.busy
                 next_listen_s = now_s if asked else now_s + LISTEN_PERIOD_S
+            if network is not None:
+                network.poll(now_s)
+                if hand is not None:
+                    network.show_device(hand, now_s)
+                if network.due(now_s):
+                    verbs = None if requests is None else requests.verbs
+                    status = controller.status()
+                    now_ns = time.time_ns()
+                    network.publish(state, self._tcp(state), status, verbs, now_s, now_ns)
+                network.tap(cycle, now_s)
             if self._stop_reason or now_s >= end_s:
                 if give_up_s == math.inf:
                     snapshot.ending = self._stop_reason or "the session's time is over"
@@ -282,8 +346,14 @@ class Session:
                     packet = channel.recv(MAX_REQUEST_BYTES + 1)
                     if packet == BEAT:
                         heartbeat.heard(now_s)
+                    elif packet in (TAKE, GIVE):
+                        if self._lease is not None:
+                            self._lease.want(packet == TAKE)
+                    elif packet.startswith((PIECE, ORDER)):
+                        if self._reloading is not None:
+                            self._reloading.offer(packet)
                     elif packet:
-                        requests.offer(packet, now_s)
+                        requests.offer(self._supervisor, packet, now_s)
                     else:
                         break
             except BlockingIOError:
@@ -295,9 +365,9 @@ class Session:
     def _tcp(self, state: RobotState) -> Pose | None:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
         the robot reports joints alone."""
-        body = self.controller.body
+        body, arm = self.controller.body, self._config.arm
         # A verb may have changed the tool.
-        same_tool = body.tool == self._tool_of_robot == IDENTITY_POSE
+        same_tool = body.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
         if isinstance(body, FreeBody) or (state.pose is not None and same_tool):
             return state.pose
         return body.reported(state) if state.ready else None
@@ -313,6 +383,7 @@ class Session:
             error_m = norm(subtract(body.pose.position, state.pose.position))
         else:
             return
+        self._error_m = error_m
         self._square_sum_m2 += error_m * error_m
         self._moving_cycles += 1
         snapshot = self.snapshot
@@ -334,7 +405,7 @@ class Session:
         self._link.do(act)
 
     def _move_gripper(self, closed: bool) -> None:
-        table = self._gripper
+        table = self._config.gripper
         self._gripper_closed = closed
         if isinstance(table.output, str):
             self.robot.set_outputs(digital=(table.closed_value if closed else table.open_value) > 0)
@@ -351,6 +422,76 @@ class Session:
             with contextlib.suppress(DriverError):
                 self.device.feedback(feedback)
 
+    # -- another configuration -------------------------------------------------------------------
+
+    def _fits(self, config: SessionConfig) -> None:
+        """Raise ConfigurationError where what is open here cannot be used so."""
+        now, device = self._config, self.device
+        if config.robot == now.robot and (config.arm is None) is (now.arm is None):
+            check_tuning(config, now, self.robot, self.controller)
+        if (
+            device is not None
+            and config.device is not None
+            and now.device is not None
+            and config.device.driver == now.device.driver
+        ):
+            self._check(config, device)
+            check_forces(config, device)
+
+    def _take(self, step: Step) -> bool:
+        """Take another configuration between two cycles, if its moment has come; in the thread of
+        the reloading."""
+        if not self._has_come(step.moment):
+            return False
+        assert self._requests is not None
+        config = step.config
+        disarms = step.moment is Moment.DISARMED
+        tuning = make_tuning(config, ends=step.ends, disarms=disarms)
+        feedback = None
+        if config.feedback != self._config.feedback:
+            feedback = HandFeedback(config.feedback, self._channels)
+        shape: Any = None
+        if (device := self.device) is not None and config.device != self._config.device:
+            assert config.device is not None
+            shape = read_table(type(device).Options, config.device.options, "device")
+        described, around = b"", ""
+        if self._network is not None:
+            from cardan.gateway.bus.taps import configuration_message
+            from cardan.gateway.session.surroundings import surroundings
+
+            described = configuration_message(as_table(config, from_file=False))
+            around = surroundings(config, has_rigid_arm(config))
+        taken = False
+
+        def exchange() -> None:
+            nonlocal taken
+            with self.controller.lock:
+                if not self._has_come(step.moment):
+                    return
+                self.controller.tune(tuning)
+                if verbs is not None and options is not None and config.arm is not None:
+                    arm = config.arm
+                    verbs.tune(options, arm.speed_share, arm.acceleration_share)
+            self._config, taken = config, True
+            if device is not None and shape is not None:
+                device.reshape(shape)
+            if feedback is not None:
+                self._send_feedback(self._feedback.last())
+                self._feedback = feedback
+            if self._network is not None and config.network is not None:
+                self._network.tune(config.network.rate_hz, described, around)
+
+        with self._requests.planning_paused() as verbs:
+            options = None if verbs is None else make_verb_options(config)
+            self._link.do(exchange)
+        return taken
+
+    def _has_come(self, moment: Moment) -> bool:
+        hand = self.controller.hand
+        if moment >= Moment.LET_GO and hand is not None and not hand.let_go:
+            return False
+        return moment < Moment.DISARMED or self.controller.unclaimed
+
     def _publish(self, state: RobotState, hand: DeviceState | None, elapsed_s: float) -> None:
         status = self.controller.status()
         s = self.snapshot
@@ -362,6 +503,8 @@ class Session:
         authority = status.authority
         s.authority, s.authority_refused = authority.owner, authority.refused
         s.authority_s = state.stamp_s - authority.since_s if authority.owner else None
+        if self._reloading is not None:
+            s.changes_wait = list(self._reloading.waits)
         s.robot_link, s.hold_reason = state.link.value, state.hold_reason
         s.sequence, s.joints_rad = state.sequence, list(state.joints)
         pose = state.pose
@@ -381,15 +524,28 @@ class Session:
             )
             s.clearance_m, s.nearest_pair = status.arm.distance_m, list(status.arm.nearest_pair)
             s.arm_limits = status.arm.in_words()
+        s.limits = status.limits()
+        s.error_m = self._error_m if status.phase in _IN_MOTION else None
         if self._moving_cycles:
             s.error_rms_m = math.sqrt(self._square_sum_m2 / self._moving_cycles)
         s.tick_p50_s, s.tick_p99_s = self._ticks.percentile(50), self._ticks.percentile(99)
-        s.tick_max_s = self._ticks.max
-        s.metrics = self.robot.metrics()
+        s.tick_max_s, s.tick_sum_s = self._ticks.max, self._ticks.sum
+        s.tick_within = self._ticks.within(BOUNDS_S)
+        s.inputs, s.input_age_sum_s = self._input_ages.count, self._input_ages.sum
+        s.input_age_within = self._input_ages.within(BOUNDS_S)
+        s.metrics, s.robot_errors = self.robot.metrics(), dict(self.robot.protocol_errors())
+        if self._requests is not None:
+            s.refusals = self._requests.refusals()
         s.filters = list(status.filters)
         s.diagnosis = list(self.robot.diagnosis())
-        if self.device is not None:
-            s.diagnosis += self.device.diagnosis()
+        if self.device is not None and self._lease is not None:
+            s.device_held = self._lease.held
+            if s.device_held:
+                self._fit_feedback(self.device)
+                s.diagnosis += self.device.diagnosis()
+                s.device_errors = dict(self.device.protocol_errors())
+            if self._lease.problem:
+                s.diagnosis.insert(0, self._lease.problem)
         for each in self._filters:
             s.diagnosis += each.diagnosis()
         if self._spnav is not None:
@@ -399,6 +555,9 @@ class Session:
             s.diagnosis += [line for line in self._force.diagnosis() if line not in said]
             for name, value in self._force.report().items():
                 setattr(s, name, value)
+        if self._network is not None:
+            s.diagnosis += self._network.diagnosis()
+            self._network.tell(s, time.monotonic(), time.time_ns())
         self._tell(s)
 
     def _tell(self, snapshot: Snapshot) -> None:
@@ -413,13 +572,15 @@ class Session:
             self.stop("the process that started this session is gone")
 
 
-def make_session(config: SessionConfig, channel: socket.socket | None = None) -> Session:
+def make_session(
+    config: SessionConfig, channel: socket.socket | None = None, has_device: bool = True
+) -> Session:
     """A session as configured, nothing opened yet."""
     robot = make_robot(config)
     controller = make_controller(config, robot)
     device = None if config.device is None else make_device(config)
     force = None if device is None else make_force(config, device, robot)
-    return Session(device, robot, controller, config, channel, force)
+    return Session(device, robot, controller, config, channel, force, has_device)
 
 
 def felt_of(status: ArmStatus) -> Felt:
@@ -449,25 +610,29 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--channel-fd", type=int, required=True)
     parser.add_argument("--seconds", type=float, default=math.inf)
     parser.add_argument("--log-level", type=int, default=logging.WARNING)
+    parser.add_argument("--log-format", type=LogFormat, default=LogFormat.TEXT)
+    parser.add_argument("--without-device", action="store_true")
     options = parser.parse_args(arguments)
     sys.stdout, sys.stderr = dropping_text(1), dropping_text(2)
-    log_to_stderr(options.log_level)
+    log_to_stderr(options.log_level, options.log_format)
     channel = socket.socket(fileno=options.channel_fd)
     channel.setblocking(False)
     table: dict[str, Any] = json.load(sys.stdin)
     last = Snapshot(finished=True)
     code = EXIT_INTERNAL
     try:
-        session = make_session(parse_config(table, from_file=False), channel)
+        config = parse_config(table, from_file=False)
+        session = make_session(config, channel, not options.without_device)
 
         take_ending(lambda _signal: session.stop(STOPPED_ON_REQUEST))
         last = session.snapshot
         last.scheduling = ask_for_real_time()
+        share_interpreter_promptly()
         session.run(options.seconds)
         code = EXIT_OK
     except ConfigurationError as error:
         code, last.error = EXIT_CONFIGURATION, str(error)
-    except (DriverError, ArmExtraMissingError) as error:
+    except DriverError as error:
         code, last.error = EXIT_CANNOT_OPEN, str(error)
     except CardanError as error:
         last.error = str(error)

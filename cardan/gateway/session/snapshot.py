@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from cardan.printable import printable
+
+BOUNDS_S = (0.25e-3, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 16e-3, 32e-3, 50e-3)
+"""Bounds of the histograms: cycles of robots are 1 to 24 ms, of devices 8 to 16 ms."""
 
 MAX_SNAPSHOT_BYTES = 65536
 """Room for a packet: a real snapshot has 2 to 4 kB, diagnosis included."""
@@ -37,6 +40,12 @@ class Snapshot:
     """The source it was refused to last, and why."""
     device_link: str = ""
     device_reason: str = ""
+    device_held: bool = True
+    """False: another session has the device."""
+    device_passes: int = 0
+    """How often the operator asked to pass the device on to the next session."""
+    changes_wait: list[str] = field(default_factory=list)
+    """Keys of the configuration that have changed and wait for their moment."""
     axes: list[float] = field(default_factory=list)
     buttons: list[str] = field(default_factory=list)
     battery: float | None = None
@@ -65,6 +74,8 @@ class Snapshot:
     nearest_pair: list[str] = field(default_factory=list)
     arm_limits: list[str] = field(default_factory=list)
     """What limits the arm now; empty while nothing does."""
+    limits: list[str] = field(default_factory=list)
+    """Of :data:`cardan.gateway.arm.status.LIMITS` those that act now."""
     scheduling: str = ""
     """How the system runs the loop: "real time", "raised priority" or "ordinary"."""
     cycles: int = 0
@@ -72,12 +83,22 @@ class Snapshot:
     path_m: float = 0.0
     """How far the reference has travelled."""
     moving_s: float = 0.0
+    error_m: float | None = None
+    """Distance between reference and robot; None while it does not move."""
     error_rms_m: float = 0.0
-    """Distance between reference and robot while moving."""
+    """The same since the session's start, root of the mean square."""
     error_max_m: float = 0.0
     tick_p50_s: float = 0.0
     tick_p99_s: float = 0.0
     tick_max_s: float = 0.0
+    tick_sum_s: float = 0.0
+    tick_within: list[int] = field(default_factory=list)
+    """Answers that took no longer than each of BOUNDS_S."""
+    input_age_sum_s: float = 0.0
+    inputs: int = 0
+    """Cycles in which the operator device was live."""
+    input_age_within: list[int] = field(default_factory=list)
+    """Those whose newest report was no older than each of BOUNDS_S."""
     haptic_state: str = ""
     """Operating state of the haptic device's force; empty without such a device."""
     haptic_reason: str = ""
@@ -125,19 +146,48 @@ class Snapshot:
     """Deviation about the target, or about the mean without one."""
     metrics: dict[str, float] = field(default_factory=dict)
     """The robot driver's own figures."""
+    robot_errors: dict[str, int] = field(default_factory=dict)
+    """Messages of the robot that could not be used, by kind."""
+    device_errors: dict[str, int] = field(default_factory=dict)
+    """Those of the operator device."""
+    refusals: dict[str, int] = field(default_factory=dict)
+    """Requests that were refused, by kind."""
     diagnosis: list[str] = field(default_factory=list)
     """Problems, worst first: robot, device, then filters."""
     error: str = ""
     """Why the session ended, when it did not end as asked."""
 
+    @property
+    def missed_cycles(self) -> int:
+        """Control instants that never arrived here, or that had passed before they were
+        answered."""
+        return int((self.metrics.get("lost") or 0) + (self.metrics.get("superseded") or 0))
+
     def to_bytes(self) -> bytes:
         """As one packet. Figures that are not numbers travel as null."""
-        return json.dumps(_finite(asdict(self)), separators=(",", ":")).encode()
+        fields = vars(self)
+        try:
+            return _encode(fields).encode()
+        except ValueError:
+            return _encode(_finite(fields)).encode()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Snapshot:
         """From one packet. What it tells is printable: much of it came over a wire."""
-        return cls(**_printable(json.loads(data)))
+        fields = json.loads(data)
+        snapshot = cls()
+        vars(snapshot).update(fields if _is_printable(data) else _printable(fields))
+        return snapshot
+
+
+_encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+"""Raises ValueError for figures that are not numbers."""
+
+
+def _is_printable(data: bytes) -> bool:
+    """Whether all texts in JSON are printable for certain: it allows no control characters but DEL
+    without an escape."""
+    return data.isascii() and b"\\" not in data and b"\x7f" not in data
 
 
 def _printable(value: Any) -> Any:

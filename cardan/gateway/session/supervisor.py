@@ -18,10 +18,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
+from cardan.bus.router import RouterKeeper
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.gateway.session.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
+from cardan.logs import LogFormat
 from cardan.signals import ENDING_SIGNALS, on_ending, signal_name
 from cardan.tables import as_table
 from cardan.types import NEVER_S
@@ -58,7 +60,8 @@ class SessionProcess:
     """A session in a process of its own, from its start to its end.
 
     While `follow` reads its packets, beats are sent: if this process is stopped, or its view hangs,
-    the session's arm brakes and holds.
+    the session's arm brakes and holds. It also keeps the router that the session meets others by,
+    where that is on this computer and nobody else serves it.
     """
 
     def __init__(
@@ -67,21 +70,28 @@ class SessionProcess:
         seconds: float = math.inf,
         through: Sequence[str] = (),
         say: Callable[[bytes], None] = _to_stderr,
+        has_device: bool = True,
+        log_format: LogFormat = LogFormat.TEXT,
     ) -> None:
-        """Start it; `through` as :func:`supervise` has it.
+        """Start it; `through` as :func:`supervise` has it. `has_device`: whether it begins with its
+        operator device, or waits until TAKE is sent.
 
         `say` gets what it writes on standard output and standard error, in a thread of its own:
         where that blocks or fails the words are lost, and nobody waits for them. It logs what the
-        logger ``cardan`` of this process does.
+        logger ``cardan`` of this process does, each line as `log_format` has it.
         """
         self._config = config
         self._stopping = False
         self._give_up_s = math.inf
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        said, saying = os.pipe()
-        # Its loop waits for no terminal, whatever writes to these: a library in C, too.
-        os.set_blocking(saying, False)
-        with theirs, os.fdopen(saying, "wb") as saying_file:
+        with theirs, contextlib.ExitStack() as undone:
+            # Who is short of files tries again and again: nothing may be left open by that.
+            undone.callback(self._channel.close)
+            said, saying = os.pipe()
+            undone.callback(os.close, said)
+            # Its loop waits for no terminal, whatever writes to these: a library in C, too.
+            os.set_blocking(saying, False)
+            saying_file = undone.enter_context(os.fdopen(saying, "wb"))
             self._process = subprocess.Popen(
                 [
                     *through,
@@ -92,6 +102,8 @@ class SessionProcess:
                     f"--channel-fd={theirs.fileno()}",
                     f"--seconds={seconds}",
                     f"--log-level={logging.getLogger('cardan').getEffectiveLevel()}",
+                    f"--log-format={log_format.value}",
+                    *([] if has_device else ["--without-device"]),
                 ],
                 stdin=subprocess.PIPE,
                 stdout=saying_file,
@@ -100,6 +112,8 @@ class SessionProcess:
                 # Ctrl-C is ours to translate into an orderly stop.
                 start_new_session=True,
             )
+            saying_file.close()
+            undone.pop_all()
         _log.info("the session is process %d", self._process.pid)
         self._relay = threading.Thread(
             target=_relay, args=(said, say), name="cardan-session-output", daemon=True
@@ -135,15 +149,21 @@ class SessionProcess:
         times a second, by returning False. No beat is sent while `shown` returns False.
         """
         last = Snapshot()
-        try:
-            for packet in self._packets(poll, shown):
-                last = take(packet) or last
-        except BaseException:
-            # A view that fails must not cost the robot its braking ramp.
-            self.stop()
-            raise
-        finally:
-            outcome = self._reap(last)
+        with contextlib.closing(RouterKeeper(self._config.network)) as router:
+
+            def attend() -> bool:
+                router.poll()
+                return poll()
+
+            try:
+                for packet in self._packets(attend, shown):
+                    last = take(packet) or last
+            except BaseException:
+                # A view that fails must not cost the robot its braking ramp.
+                self.stop()
+                raise
+            finally:
+                outcome = self._reap(last)
         return outcome
 
     def _packets(self, poll: Callable[[], bool], shown: Callable[[], bool]) -> Iterator[bytes]:

@@ -12,8 +12,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from cardan.bus.options import BusOptions
 from cardan.drivers import registry
-from cardan.drivers.simulated import is_elsewhere, is_loopback, why_not_simulated
+from cardan.drivers.simulated import is_elsewhere, stays_here, why_not_simulated
 from cardan.errors import ConfigurationError, below
 from cardan.gateway.force.tables import RemoteForceTable, SensorForceTable
 from cardan.gateway.hand.filters import registry as filter_registry
@@ -28,8 +29,13 @@ ADDRESSES = frozenset({"--host", "--listen", "--to"})
 """Options of peers that are a host, or HOST:PORT."""
 
 
-def check_unattended(demo: Demo, config: SessionConfig) -> None:
-    """Raise ConfigurationError unless all that the session reaches is simulated."""
+def check_unattended(
+    demo: Demo, config: SessionConfig, names: Mapping[str, str] | None = None
+) -> None:
+    """Raise ConfigurationError unless all that the session reaches is simulated.
+
+    `names`: where its ``device`` and ``robot`` stand in the file, if elsewhere: ``devices.left``.
+    """
     if not (demo.launch or demo.launcher):
         _refuse(demo, "launch", "is empty, and so is launcher: no simulated peer is started")
     own = frozenset((*demo.files, *demo.ports))
@@ -39,7 +45,7 @@ def check_unattended(demo: Demo, config: SessionConfig) -> None:
         tables.append(("force.sensor", config.force.sensor))
     for key, table in tables:
         if table is not None:
-            _check_driver(demo, table, key, own, inside)
+            _check_driver(demo, table, (names or {}).get(key, key), own, inside)
     for index, each in enumerate(config.filters):
         key = f"filters.{index}"
         with below(key):
@@ -56,8 +62,22 @@ def check_unattended(demo: Demo, config: SessionConfig) -> None:
             _refuse(demo, ".".join(filter(None, (key, option))), why)
     if isinstance(config.force, RemoteForceTable) and "force.socket" not in own:
         _refuse(demo, "force.socket", "it must be one of `files`: any force node could be there")
+    if config.network is not None:
+        _check_network(demo, config.network, "network.router" in own)
     if config.spnav is not None and "spnav.socket" not in own:
         _refuse(demo, "spnav.socket", "it must be one of `files`: other programs look there")
+
+
+def _check_network(demo: Demo, network: BusOptions, own_router: bool) -> None:
+    """A network that nobody else is on."""
+    if network.zenoh_config:
+        _refuse(demo, "network.zenoh_config", "it may join any network")
+    if not own_router:
+        _refuse(demo, "network.router", "it must be one of `ports`: others may be at any other")
+    for key, endpoints in (("router", (network.router,)), ("listen", network.listen)):
+        for each in endpoints:
+            if not stays_here(each.partition("/")[2]):
+                _refuse(demo, f"network.{key}", f"{each!r} is not of this computer only")
 
 
 def _check_driver(
@@ -110,7 +130,7 @@ def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], lis
         name, _, value = option.partition("=")
         if name in ("--uinput", "--uhid"):
             _refuse(demo, key, f"{name} makes a device of this computer: use a socket")
-        if name in ADDRESSES and not is_loopback(value):
+        if name in ADDRESSES and not stays_here(value):
             _refuse(demo, key, f"{option} is not an address of this computer only")
         if name == "--interface" and value not in SIMULATED_BUSES:
             _refuse(demo, key, f"{option} may reach hardware; allowed: {sorted(SIMULATED_BUSES)}")

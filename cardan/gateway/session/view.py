@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import re
 from collections.abc import Sequence
 
 from rich.console import Console, Group, RenderableType
-from rich.live import Live
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -16,6 +14,7 @@ from rich.text import Text
 from cardan import output
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.hand.mapping import AXES
+from cardan.gateway.session.panel import LivePanel
 from cardan.gateway.session.snapshot import Snapshot
 
 BAR_CELLS = 9
@@ -97,7 +96,7 @@ def render(snapshot: Snapshot) -> RenderableType:
     if s.path_speed is not None:
         clearance = "–" if s.clearance_m is None else f"{s.clearance_m * 1e3:.0f} mm"
         robot.add_row("path speed, clearance", f"{s.path_speed:.0%}, {clearance}")
-    robot.add_row("answered, missed", f"{s.cycles:,}, {missed_cycles(s):,}")
+    robot.add_row("answered, missed", f"{s.cycles:,}, {s.missed_cycles:,}")
     robot.add_row(
         "answer latency p50, p99",
         f"{_microseconds(s.tick_p50_s)}, {_microseconds(s.tick_p99_s)}",
@@ -193,36 +192,23 @@ def _force_rows(s: Snapshot) -> list[tuple[str, str]]:
     return rows
 
 
-def missed_cycles(snapshot: Snapshot) -> int:
-    """Control instants that never arrived here, or that had passed before they were answered."""
-    metrics = snapshot.metrics
-    return int((metrics.get("lost") or 0) + (metrics.get("superseded") or 0))
-
-
 class SessionView:
     """Shows snapshots: a live panel on a terminal, a line a second elsewhere."""
 
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or Console()
-        self._live: Live | None = None
+        self._panel = LivePanel(self.console)
         self._next_line_s = 0.0
         self._messages = ""
         self._advice: set[str] = set()
 
     def __enter__(self) -> SessionView:
-        if self.console.is_terminal:
-            # Drawn by `show`, so that no other thread meets a terminal that has gone.
-            self._live = Live(
-                Text("starting"), console=self.console, auto_refresh=False, transient=True
-            )
-            self._live.start(refresh=True)
+        self._panel.__enter__()
+        self._panel.update(Text("starting"))
         return self
 
-    def __exit__(self, *_exception: object) -> None:
-        if self._live is not None:
-            with contextlib.suppress(OSError):
-                self._live.stop()
-            self._live = None
+    def __exit__(self, *exception: object) -> None:
+        self._panel.__exit__(*exception)
 
     def is_read(self) -> bool:
         """Whether a person can see it: False while its terminal or pipe takes nothing."""
@@ -232,10 +218,8 @@ class SessionView:
         """Show the newest snapshot."""
         if snapshot.error:
             return
-        if self._live is not None:
-            # A slow terminal shows fewer frames, and not older ones.
-            if not output.is_behind():
-                self._live.update(render(snapshot), refresh=True)
+        if self._panel.drawn:
+            self._panel.update(render(snapshot))
             return
         due = snapshot.elapsed_s >= self._next_line_s
         said = _DIGITS.sub("", _messages(snapshot))
@@ -256,7 +240,7 @@ def plain(snapshot: Snapshot) -> str:
     text = (
         f"{s.elapsed_s:6.1f} s  {s.phase or 'starting':9} hand {s.device_link or '–'}, "
         f"robot {s.robot_link}  TCP {_position_mm(s.pose)} mm  {speed_mm_s:5.1f} mm/s  "
-        f"answers {s.cycles}, missed {missed_cycles(s)}, "
+        f"answers {s.cycles}, missed {s.missed_cycles}, "
         f"p99 {_microseconds(s.tick_p99_s)}"
     )
     if s.haptic_state:
@@ -278,7 +262,7 @@ def summary(snapshot: Snapshot) -> Table:
         ("commanded path", f"{s.path_m * 1e3:.0f} mm"),
         ("following error, RMS / max", f"{s.error_rms_m * 1e3:.2f} / {s.error_max_m * 1e3:.2f} mm"),
         ("cycles answered", f"{s.cycles:,}"),
-        ("cycles missed", f"{missed_cycles(s):,}"),
+        ("cycles missed", f"{s.missed_cycles:,}"),
         ("robot sessions", f"{metrics.get('sessions', 0):.0f}"),
         *(
             (

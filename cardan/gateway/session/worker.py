@@ -7,20 +7,27 @@ the other.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import itertools
+import math
 import queue
 import select
 import socket
 import threading
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from cardan.errors import CardanError, MotionRefusedError
+from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.desk import VerbDesk
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
-from cardan.gateway.session.requests import (
+from cardan.gateway.arm.requests import (
+    ENDLESS,
+    LATE_S,
+    NEW_MOTION,
     MotionNote,
     PacketError,
     Request,
@@ -29,10 +36,14 @@ from cardan.gateway.session.requests import (
     encode_note,
     encode_reply,
 )
+from cardan.shortage import shortage
 from cardan.types import NEVER_S
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verbs import ArmVerbs
+
+GONE = "the node that asked is gone"
+"""Why a motion without end was ended, or not begun."""
 
 MAX_PENDING = 32
 """Largest number of requests that wait for the ones before them: more are refused."""
@@ -43,28 +54,105 @@ MAX_WAITS = 8
 STALE_S = 0.3
 """Longest wait of a streamed command for its turn: after more it is not executed."""
 
+MALFORMED, VERB, BUSY = "malformed", "verb", "busy"
+REFUSALS = (MALFORMED, VERB, BUSY)
+"""Why requests are refused: they are none; their verb cannot be done, or not now; too many wait."""
+
 SEND_TIMEOUT_S = 1.0
 """Longest wait of a reply for its reader; one that is silent for half of it holds the arm."""
 
 _QUICK = frozenset(
-    {"stat", "twist", "wrench", "joints", "acknowledge", "hand_over", "release", "status"}
-    | {"get_parameter", "get_parameters"}
+    {"stat", "twist", "wrench", "joints", "acknowledge", "status"}
+    | {"acquire", "hand_over", "release", "get_parameter", "get_parameters"}
 )
 """Verbs that neither plan nor wait."""
 
-_NEW_MOTION = frozenset({"movj", "relj", "movl", "movv", "gcmp", "forc"})
 _STREAMED = frozenset({"pose", "jog", "twist", "wrench", "joints"})
+_BEGINNING = _STREAMED & _QUICK
+"""Streamed commands that plan only where they begin their stream."""
+
+
+class Client(Protocol):
+    """Where requests come from and their answers go. The worker's threads call it."""
+
+    def decode(self, packet: Any) -> Request | None:
+        """The request in what was offered; None where it is answered already. Raises
+        PacketError."""
+
+    def done(self, request: Request, result: Any) -> None:
+        """A request was carried out; `result` is the verb's, a motion as its note."""
+
+    def refused(self, number: int | None, error: CardanError) -> None:
+        """The request with this id, or what is no request, was refused."""
+
+    def ended(self, note: MotionNote) -> None:
+        """A motion that `done` told of has ended."""
+
+
+class ChannelClient:
+    """The client at the other end of a socket of packets: the supervisor."""
+
+    def __init__(self, channel: socket.socket) -> None:
+        self._channel = channel
+
+    def decode(self, packet: Any) -> Request:
+        """From one packet. Raises PacketError."""
+        return decode_request(packet)
+
+    def done(self, request: Request, result: Any) -> None:
+        """Send the reply."""
+        self.send(encode_reply(request.id, result))
+
+    def refused(self, number: int | None, error: CardanError) -> None:
+        """Send the refusal."""
+        self.send(encode_error(number, error))
+
+    def ended(self, note: MotionNote) -> None:
+        """Send the state of a motion."""
+        self.send(encode_note(note))
+
+    def send(self, packet: bytes) -> None:
+        """Send a packet; it is lost where the supervisor is gone, or does not read."""
+        try:
+            self._channel.send(packet)
+        except BlockingIOError:
+            if select.select((), (self._channel,), (), SEND_TIMEOUT_S)[1]:
+                self.send(packet)
+        except OSError:
+            pass  # The supervisor is gone; the loop finds the same.
+
+
+class _Begun(NamedTuple):
+    """A motion that is not over."""
+
+    motion: Motion
+    client: Client
+    there: Callable[[], bool] | None
+    """As the request has it."""
+
+
+class _Packet(NamedTuple):
+    """What a client sent; None: motions that are over are to be told of."""
+
+    client: Client
+    packet: Any
+    received_s: float
+    late_s: float
+    """How long it may have waited before it was received."""
 
 
 class _Job(NamedTuple):
+    client: Client
     request: Request
     received_s: float
+    late_s: float
+    """How long it may have waited before it was received."""
     stops: int
     """Number of the arm's stops when the request came."""
 
 
 class RequestWorker:
-    """Answers the requests of one channel.
+    """Answers the requests of all clients of a session.
 
     `offer` and `attend` are for the loop's thread; neither blocks. `link` is attended to by the
     loop once `busy`.
@@ -72,29 +160,34 @@ class RequestWorker:
 
     def __init__(
         self,
-        channel: socket.socket,
         link: LoopLink,
         make_verbs: Callable[[], ArmVerbs],
-        stop: Callable[[], None],
+        stop: Callable[[str], None],
         clock: Callable[[], float],
     ) -> None:
         """`make_verbs` is called at the first request, beside the loop; an error of it is the
-        answer. `stop` brakes the arm at once; `clock` is that of `offer`."""
-        self.malformed = 0
-        """Packets that were no requests."""
+        answer. `stop` brakes the arm at once, for a reason; `clock` is that of `offer`."""
+        self._refused = dict.fromkeys(REFUSALS, 0)
+        """Counted in several threads: under the lock."""
+        self._counting = threading.Lock()
         self.busy = False
         """Whether there was a request yet."""
-        self._channel, self._link = channel, link
+        self._link = link
         self._make_verbs, self._stop, self._clock = make_verbs, stop, clock
         self._desk: VerbDesk | None = None
         self._why_not: CardanError | None = None
-        self._packets: queue.SimpleQueue[tuple[bytes, float] | None] = queue.SimpleQueue()
+        self._packets: queue.SimpleQueue[_Packet | None] = queue.SimpleQueue()
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._pending = threading.BoundedSemaphore(MAX_PENDING)
         self._waits = threading.BoundedSemaphore(MAX_WAITS)
         self._stops = 0
-        self._motions: dict[int, Motion] = {}
-        """Motions that are not over, by their clients' ids."""
+        self._turned_s = NEVER_S
+        self._late_s = 0.0
+        self._beginning: deque[tuple[Client, str]] = deque()
+        """Senders of the streamed commands that wait as their stream is to begin, in order."""
+        self._ordering = threading.Lock()
+        self._motions: dict[int, _Begun] = {}
+        """Motions that are not over, by the ids that their notes have."""
         self._ids = itertools.count(1)
         self._telling, self._making = threading.Lock(), threading.Lock()
         self._threads: list[threading.Thread] = []
@@ -102,27 +195,50 @@ class RequestWorker:
     # -- for the loop ----------------------------------------------------------------------------
 
     @property
+    def verbs(self) -> ArmVerbs | None:
+        """The verbs, once somebody has asked for one."""
+        return None if self._desk is None else self._desk.verbs
+
+    @property
     def full(self) -> bool:
-        """Whether packets should stay in the channel for now."""
+        """Whether packets should stay where they are for now."""
         return self._packets.qsize() >= MAX_PENDING
 
-    def offer(self, packet: bytes, now_s: float) -> None:
-        """Take a packet that is no heartbeat."""
+    def turn(self, now_s: float) -> None:
+        """Once a cycle, before `offer`: what is offered from now on came after the call before."""
+        self._late_s = now_s - self._turned_s
+        self._turned_s = now_s
+
+    def offer(self, client: Client, packet: Any, now_s: float) -> None:
+        """Take what a client sent; it is decoded beside the loop."""
         if not self.busy:
             self.busy = True
             for name, work in (("requests", self._receive), ("planning", self._work)):
                 thread = threading.Thread(target=work, name=name, daemon=True)
                 self._threads.append(thread)
                 thread.start()
-        self._packets.put((packet, now_s))
+        self._packets.put(_Packet(client, packet, now_s, self._late_s))
 
     def attend(self) -> None:
-        """Once a cycle: do what the verbs need the loop for, and find motions that are over."""
+        """Once a cycle: do what the verbs need the loop for, find motions that are over, and end
+        those without end whose asker is gone."""
         self._link.attend()
-        for motion in tuple(self._motions.values()):
-            if motion.over and self._packets.empty():
-                self._packets.put((b"", NEVER_S))
-                break
+        for motion, client, there in tuple(self._motions.values()):
+            if motion.over:
+                if self._packets.empty():
+                    self._packets.put(_Packet(client, None, NEVER_S, 0.0))
+                    break
+            elif there is not None and not motion.ends and not there():
+                self._stop(GONE)
+
+    @contextlib.contextmanager
+    def planning_paused(self) -> Iterator[ArmVerbs | None]:
+        """Nothing is planned meanwhile, and no verbs are made; gives those that there are. Waits
+        for what is being planned: not for the loop's thread."""
+        with self._making:
+            verbs = self.verbs
+            with contextlib.nullcontext() if verbs is None else verbs.planning:
+                yield verbs
 
     def close(self) -> None:
         """The loop has ended: answer all that is under way so, and end the threads."""
@@ -135,32 +251,50 @@ class RequestWorker:
 
     def _receive(self) -> None:
         while (item := self._packets.get()) is not None:
-            packet, received_s = item
+            client, packet, received_s, late_s = item
             if received_s == NEVER_S:
                 self._report_ended_motions()
                 continue
             try:
-                request = decode_request(packet)
+                request = client.decode(packet)
             except PacketError as error:
-                self.malformed += 1
-                self._send(encode_error(error.request, _cause(error)))
+                self._count(MALFORMED)
+                client.refused(error.request, _cause(error))
                 continue
-            self._dispatch(_Job(request, received_s, self._stops))
+            except Exception as error:  # The thread has `stop` to carry out, whatever comes.
+                self._count(MALFORMED)
+                client.refused(None, CardanError(repr(error)))
+                continue
+            if request is not None:
+                self._dispatch(_Job(client, request, received_s, late_s, self._stops))
 
     def _dispatch(self, job: _Job) -> None:
         verb = job.request.verb
         if verb == "stop":
             self._stops += 1
-            self._stop()
-            self._reply(job.request, None)
+            self._stop("stopped")
+            self._reply(job, None)
         elif verb == "wait":
             self._wait(job)
-        elif verb in _QUICK and self._desk is not None:
+        elif verb in _QUICK and self._desk is not None and not self._waits_to_begin(job):
             self._perform(job)
         elif not self._pending.acquire(blocking=False):
             self._refuse(job, f"{MAX_PENDING} requests are waiting already")
         else:
+            if verb in _BEGINNING:
+                with self._ordering:
+                    self._beginning.append((job.client, job.request.source))
             self._jobs.put(job)
+
+    def _waits_to_begin(self, job: _Job) -> bool:
+        """Whether a streamed command may choose its preset, or comes after one of its sender that
+        waits to."""
+        assert self._desk is not None
+        sender = (job.client, job.request.source)
+        with self._ordering:
+            if job.request.verb in _BEGINNING and sender in self._beginning:
+                return True
+        return _begins(job.request, self._desk)
 
     def _wait(self, job: _Job) -> None:
         if not self._waits.acquire(blocking=False):
@@ -181,6 +315,9 @@ class RequestWorker:
         while (job := self._jobs.get()) is not None:
             self._pending.release()
             self._perform(job)
+            if job.request.verb in _BEGINNING:
+                with self._ordering:
+                    self._beginning.popleft()
             # The session's collector is off for the loop's sake, and what was there before is
             # frozen: only what requests leave behind is looked at here.
             gc.collect(1)
@@ -190,20 +327,33 @@ class RequestWorker:
         request = job.request
         try:
             desk = self._opened()
-            if request.verb in _STREAMED and self._clock() - job.received_s > STALE_S:
-                self._reply(request, f"{request.verb}: it waited for more than {STALE_S:g} s")
+            waited_s = self._clock() - job.received_s + job.late_s
+            if request.verb in _STREAMED and waited_s > STALE_S:
+                self._reply(job, f"{request.verb}: it waited for more than {STALE_S:g} s")
                 return
-            if request.verb in _NEW_MOTION and job.stops != self._stops:
+            if request.begins is not None and job.stops != self._stops:
+                self._reply(job, f"{request.verb}: the arm was stopped before it began")
+                return
+            if request.verb in NEW_MOTION and job.stops != self._stops:
                 raise MotionRefusedError(f"{request.verb}: the arm was stopped before it began")
-            result = desk.perform(request.verb, request.source, request.value, request.sequence)
-            if request.verb in _NEW_MOTION and job.stops != self._stops:
-                self._stop()  # It came between the last check and the beginning.
+            if request.verb in NEW_MOTION and job.late_s > LATE_S:
+                raise MotionRefusedError(f"{request.verb}: {_late(job.late_s)}; ask again")
+            if request.verb in ENDLESS and request.there is not None and not request.there():
+                raise MotionRefusedError(f"{request.verb}: {GONE}")
+            result = desk.perform(
+                request.verb, request.source, request.value, request.sequence,
+                request.stamp_s, request.begins,
+            )  # fmt: skip
+            if request.verb in NEW_MOTION and job.stops != self._stops:
+                self._stop("stopped")  # It came between the last check and the beginning.
         except Exception as error:
             self._report_ended_motions()
-            told = error if isinstance(error, CardanError) else CardanError(repr(error))
-            self._send(encode_error(request.id, told))
+            if not isinstance(error, CardanError):
+                error = CardanError(shortage(error) or repr(error))
+            self._count(VERB)
+            job.client.refused(request.id, error)
             return
-        self._reply(request, result)
+        self._reply(job, result)
 
     def _opened(self) -> VerbDesk:
         if self._why_not is not None:
@@ -218,39 +368,53 @@ class RequestWorker:
                         raise
         return self._desk
 
+    def refusals(self) -> dict[str, int]:
+        """Requests that were refused so far, by kind: of REFUSALS."""
+        return dict(self._refused)
+
+    def _count(self, kind: str) -> None:
+        with self._counting:
+            self._refused[kind] += 1
+
     # -- answers ---------------------------------------------------------------------------------
 
     def _refuse(self, job: _Job, why: str) -> None:
+        self._count(BUSY)
         error = MotionRefusedError(f"{job.request.verb}: {why}")
-        self._send(encode_error(job.request.id, error))
+        job.client.refused(job.request.id, error)
 
-    def _reply(self, request: Request, result: Any) -> None:
+    def _reply(self, job: _Job, result: Any) -> None:
         self._report_ended_motions()
         if not isinstance(result, Motion):
-            self._send(encode_reply(request.id, result))
+            job.client.done(job.request, result)
             return
         with self._telling:
             note = _note(next(self._ids), result)
-            self._send(encode_reply(request.id, note))
+            job.client.done(job.request, note)
             if note.outcome is Outcome.RUNNING:
-                self._motions[note.id] = result
+                self._motions[note.id] = _Begun(result, job.client, job.request.there)
 
     def _report_ended_motions(self) -> None:
         """Report motions that are over; an answer that was sent before arrives before."""
         with self._telling:
-            for number, motion in tuple(self._motions.items()):
+            for number, (motion, client, _) in tuple(self._motions.items()):
                 if motion.over:
                     del self._motions[number]
-                    self._send(encode_note(_note(number, motion)))
+                    client.ended(_note(number, motion))
 
-    def _send(self, packet: bytes) -> None:
-        try:
-            self._channel.send(packet)
-        except BlockingIOError:
-            if select.select((), (self._channel,), (), SEND_TIMEOUT_S)[1]:
-                self._send(packet)
-        except OSError:
-            pass  # The supervisor is gone; the loop finds the same.
+
+def _late(late_s: float) -> str:
+    if late_s == math.inf:
+        return "it came before the session had begun"
+    return f"the session stood still for {late_s:.1f} s when it came"
+
+
+def _begins(request: Request, desk: VerbDesk) -> bool:
+    """Whether a streamed command may choose its preset, which takes what planning takes."""
+    verbs, begins = desk.verbs, request.begins
+    if begins is Begins.NEW or (begins is Begins.GOING_ON and verbs.streams.fell_silent):
+        return verbs.may_choose(request.verb, begins, request.source)
+    return False
 
 
 def _note(number: int, motion: Motion) -> MotionNote:

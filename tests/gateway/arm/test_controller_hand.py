@@ -289,7 +289,7 @@ def test_after_a_stall_the_reference_is_where_the_robot_is():
     device = rig.device._replace(stamp_s=rig.now_s)
     assert rig.core.tick(state, device) == PoseCommand(elsewhere, ZERO_TWIST)
     assert rig.core.phase is Phase.DISARMED
-    assert "stalled for 0.6 s" in rig.status.message
+    assert "stood still for 0.6 s" in rig.status.message
 
 
 def test_gripper_needs_the_dead_man():

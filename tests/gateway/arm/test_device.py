@@ -1,36 +1,80 @@
-"""The arm as its users have it, on a simulated robot that runs as fast as it can."""
+"""The arm as its users have it, and one suite for it wherever its loop runs.
 
+Tests with `reach` run for CartesianDevice, on a simulated robot that is as fast as it can, and for
+RemoteCartesianDevice, at a session on a Zenoh bus of its own in real time.
+"""
+
+import inspect
+import math
 import threading
 
 import numpy as np
 import pytest
 
+from cardan.drivers import registry
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
-from cardan.errors import CommandError, MotionLoopError, MotionRefusedError
+from cardan.errors import (
+    CollisionError,
+    CommandError,
+    ConfigurationError,
+    MotionLoopError,
+    MotionRefusedError,
+    OptionError,
+    OutOfReachError,
+)
 from cardan.gateway.arm import (
+    CartesianArm,
     CartesianDevice,
     ControllerOptions,
+    ControllerStatus,
+    Motion,
     Outcome,
+    Stat,
     State,
     digital_output_gripper,
 )
-from cardan.gateway.arm.authority import AuthorityOptions, AuthorityPolicy
-from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCapabilities
+from cardan.gateway.arm.requests import ARGUMENTS
+from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.types import (
+    CommandKind,
+    DeviceLink,
+    DeviceState,
+    Frame,
+    Pose,
+    Quaternion,
+    RobotCapabilities,
+    Vector3,
+)
+from tests.gateway.arm.reaching import TIMEOUT_S, Here, OnTheBus
 from tests.gateway.fakes import FakeDevice, FakeRobot
+from tests.waiting import until
 
 DOWN = np.array([0.0, 0.0, -0.1])
 QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
 
 
-def simulated(**options):
-    return SimArm(SimArmOptions(pacing="virtual", drive="ideal", **options))
+@pytest.fixture(params=[Here, pytest.param(OnTheBus, marks=pytest.mark.realtime)])
+def reach(request, monkeypatch):
+    """Opens an arm here, or on the bus."""
+    for kind in (Gripping, Failing, AtRest):
+        monkeypatch.setitem(registry.BUILT_IN, kind.__name__, f"{__name__}:{kind.__name__}")
+    return request.param()
 
 
 @pytest.fixture
-def arm():
-    with CartesianDevice(simulated(), arm="ur5") as device:
+def arm(reach):
+    with reach.arm() as device:
         device.set_parameters(QUICK)
         yield device
+
+
+def until_at(arm, pose):
+    """Wait until the arm is measured there: what arrives is the command, some cycles before."""
+    until(lambda: np.allclose(arm.stat().pose[:3], pose[:3], atol=2e-4))
+
+
+def simulated(**options):
+    return SimArm(SimArmOptions(pacing="virtual", drive="ideal", **options))
 
 
 def test_motions_are_waited_for(arm):
@@ -40,7 +84,7 @@ def test_motions_are_waited_for(arm):
         motion = verb(target)
         assert arm.wait(20.0) is True
         assert motion.outcome is Outcome.DONE
-        np.testing.assert_allclose(arm.stat().pose[:3], target[:3], atol=2e-4)
+        until_at(arm, target)
     assert arm.relj([0.0, 0.0, 0.05, 0.0, 0.0, 0.0]).verb == "relj"
     assert arm.wait() is True
     assert arm.stat().state is State.NOT_CONTROLLING
@@ -73,7 +117,7 @@ def test_a_motion_takes_over(arm):
     assert first.over
     assert arm.wait(20.0) is True
     assert second.outcome is Outcome.DONE
-    np.testing.assert_allclose(arm.stat().pose[:3], start[:3], atol=2e-4)
+    until_at(arm, start)
 
 
 def test_refusals_raise_and_change_nothing(arm):
@@ -98,14 +142,60 @@ def test_streams_answer(arm):
     assert "pose" in arm.wrench([0.0] * 6)
 
 
-def test_torque_verbs_and_tools():
-    with CartesianDevice(SimArm(SimArmOptions(pacing="virtual")), arm="ur5") as arm:
+def test_a_rehearsal_tells_what_would_stop_a_motion_and_moves_nothing(arm):
+    start, joints = arm.stat().pose, arm.inv(arm.stat().pose)
+    near = [*(np.array(start[:3]) + DOWN), *start[3:]]
+    found = arm.rehearse_line(near)
+    assert (found.refusal, type(found.duration_s)) == ("", float)
+    assert found.duration_s > 0.0
+    far = arm.rehearse_line([start[0] + 5.0, *start[1:]])
+    assert "out of reach" in far.refusal
+    assert not far.refusal.startswith("movl")
+    assert far.duration_s == 0.0
+    turned = [joints[0] + 0.3, *joints[1:]]
+    assert arm.rehearse_joints(turned).refusal == ""
+    assert arm.rehearse_joints(joints).note == "the arm is there already"
+    beyond = arm.rehearse_joints([joints[0] + 50.0, *joints[1:]])
+    assert "its limit is" in beyond.refusal
+    assert "% of the way" in beyond.refusal
+    with pytest.raises(MotionRefusedError, match="rehearse_joints takes"):
+        arm.rehearse_joints([0.0])
+    assert arm.stat().pose == pytest.approx(start)
+    assert arm.status().authority.owner in ("", arm.source)
+    arm.movv([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
+    until(lambda: arm.status().moving)
+    assert "when it rests" in arm.rehearse_line(near).refusal
+    arm.stop()
+    # What brakes is waited for.
+    assert arm.rehearse_line(near).refusal == ""
+
+
+def test_authority_is_taken_kept_and_passed_on_while_nothing_moves(arm):
+    arm.release()
+    arm.acquire("pendant")
+    arm.acquire("pendant")
+    assert arm.status().authority.owner == "pendant"
+    assert not arm.status().moving
+    with pytest.raises(MotionRefusedError, match="acquire: 'pendant' has authority"):
+        arm.acquire("phone")
+    with pytest.raises(MotionRefusedError, match="'pendant' has authority"):
+        arm.movv([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    arm.release("pendant")
+    arm.acquire()
+    assert arm.status().authority.owner == arm.source
+    arm.hand_over("phone")
+    arm.acquire("phone")
+    with pytest.raises(MotionRefusedError, match="'phone' has authority"):
+        arm.acquire()
+
+
+def test_torque_verbs_and_tools(reach):
+    with reach.arm(robot={"drive": "dynamic"}) as arm:
         start = np.array(arm.stat().pose)
         arm.gcmp()
         assert arm.stat().state is State.GRAVITY
         began = arm.stat().stamp_s
-        while arm.stat().stamp_s < began + 0.5:
-            threading.Event().wait(0.001)
+        until(lambda: arm.stat().stamp_s >= began + 0.5)
         assert arm.status().torque, arm.status().message
         assert np.linalg.norm(np.array(arm.stat().pose[:3]) - start[:3]) < 0.05
         arm.forc([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
@@ -115,19 +205,216 @@ def test_torque_verbs_and_tools():
         arm.tool([0.0] * 6)
 
 
-def test_closed_and_ended_loops_say_so():
-    device = CartesianDevice(simulated(), arm="ur5")
-    with pytest.raises(MotionLoopError, match="not open"):
-        device.movj([0.0] * 6)
-    device.open()
-    device.open()
-    device.robot.close()
-    device._link.wait_for(lambda: not device._link.running, 5.0)
-    with pytest.raises(MotionLoopError, match="has ended"):
-        device.stat()
-    device.stop()
-    device.close()
-    device.close()
+def test_closed_and_ended_loops_say_so(reach):
+    with reach.place() as (device, end_loop):
+        with pytest.raises(MotionLoopError, match="the arm is not open"):
+            device.movj([0.0] * 6)
+        device.stop()
+        device.close()
+        device.open()
+        device.open()
+        motion = device.movv([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
+        end_loop()
+        until(lambda: motion.over)
+        assert motion.outcome is Outcome.ABORTED
+        for ask in (device.stat, lambda: device.movl([0.0] * 6), lambda: device.twist([0.0] * 6)):
+            with pytest.raises(
+                MotionLoopError, match=r"has ended|has left the network|nobody offers it"
+            ):
+                ask()
+        device.close()
+        device.close()
+        with pytest.raises(MotionLoopError, match="the arm is not open"):
+            device.stat()
+        device.stop()
+
+
+def test_what_waits_for_a_motion_ends_with_the_loop(reach):
+    with reach.place() as (device, end_loop):
+        device.open()
+        device.set_parameters({"cpts": 0.01})
+        start = device.stat().pose
+        motion = device.movl([*(np.array(start[:3]) + DOWN), *start[3:]])
+        said = []
+
+        def wait():
+            try:
+                said.append(device.wait())
+            except MotionLoopError as error:
+                said.append(str(error))
+
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        until(lambda: device.status().moving)
+        end_loop()
+        waiting.join(TIMEOUT_S)
+        # Whether it sees the motion's end or the loop's is chance.
+        assert said[0] is False or isinstance(said[0], str)
+        until(lambda: motion.over)
+
+
+def test_it_can_be_opened_again(reach):
+    with reach.place() as (device, _):
+        for _ in range(2):
+            with device as arm:
+                arm.set_parameters(QUICK)
+                start = np.array(arm.stat().pose)
+                arm.movl([*(start[:3] + 0.2 * DOWN), *start[3:]])
+                assert arm.wait() is True
+                assert arm.stat().state is State.NOT_CONTROLLING
+
+
+def test_it_brakes_when_it_is_closed(reach):
+    with reach.place() as (device, _):
+        with device as arm:
+            arm.set_parameters({"cpts": 0.001})
+            start = np.array(arm.stat().pose)
+            motion = arm.movl([*(start[:3] + DOWN), *start[3:]])
+            until(lambda: arm.stat().pose[2] < start[2] - 1e-4)
+        assert motion.outcome is Outcome.ABORTED
+        with device as arm:
+            status = arm.status()
+            assert not status.moving
+            assert status.authority.owner == ""
+            assert arm.stat().pose[2] > start[2] - 0.05
+
+
+POSE = Pose(Vector3(0.4, 0.1, 0.4), Quaternion(1.0, 0.0, 0.0, 0.0), Frame.BASE)
+SIX = [0.0] * 6
+LONG = "x" * 100
+CUT = f"'{'x' * 63}…"
+NO_ACTION = "act: allowed are accg (close), acog (open), acsg (stop), not"
+NO_NAME = "takes a name of 1 to 64 characters, not"
+NO_SEQUENCE = "is no integer from 0 to 9007199254740992"
+
+REFUSED = [
+    ("inv", ([1.0, 2.0],), "inv takes six numbers, not 2"),
+    ("inv", (None,), "inv takes six numbers, not None"),
+    ("movj", ([math.nan] * 6,), "movj: number 1 of 6 is nan"),
+    ("rehearse_line", ("abcdef",), "rehearse_line takes six numbers, not 'abcdef'"),
+    ("rehearse_joints", ([0.0] * 5,), "rehearse_joints takes 6 numbers, not 5"),
+    ("movl", ("abcdef",), "movl takes six numbers, not 'abcdef'"),
+    ("movv", ([1e9] * 6,), "movv: number 1 of 6 is 1e+09; no arm goes beyond 10000"),
+    ("tool", ([0.0] * 5,), "tool takes six numbers, not 5"),
+    (
+        "movj",
+        (POSE._replace(orientation=Quaternion(0.0, 0.0, 0.0, 0.0)),),
+        "movj: the quaternion (0.0, 0.0, 0.0, 0.0) has length 0, not 1",
+    ),
+    ("wait", (-1.0,), "wait: a timeout is a number >= 0, not -1.0"),
+    ("wait", (math.inf,), "wait: a timeout is a number >= 0, not inf"),
+    ("wait", (math.nan,), "wait: a timeout is a number >= 0, not nan"),
+    ("wait", (None,), "wait: a timeout is a number >= 0, not None"),
+    ("act", ("nope",), f"{NO_ACTION} 'nope'"),
+    ("act", (None,), f"{NO_ACTION} None"),
+    ("act", (2.5,), f"{NO_ACTION} 2.5"),
+    ("act", ([1],), f"{NO_ACTION} [1]"),
+    ("act", ("",), f"{NO_ACTION} ''"),
+    ("act", (LONG,), f"{NO_ACTION} {CUT}"),
+    ("act", (10**30,), f"{NO_ACTION} {10**30}"),
+    ("act", ("accg",), "act: this arm has no gripper"),
+    ("hand_over", ("",), f"hand_over: {NO_NAME} ''"),
+    ("hand_over", (None,), f"hand_over: {NO_NAME} None"),
+    ("hand_over", (LONG,), f"hand_over: {NO_NAME} {CUT}"),
+    ("acquire", ("hand",), "acquire: 'hand' is the operator device, no program"),
+    ("acquire", (LONG,), f"acquire: {NO_NAME} {CUT}"),
+    ("release", ("hand",), "release: 'hand' is the operator device, no program"),
+    ("release", (LONG,), f"release: {NO_NAME} {CUT}"),
+    ("release", (5,), f"release: {NO_NAME} 5"),
+]
+"""What every way to an arm refuses: verb, arguments, message."""
+
+STREAMS_REFUSED = [
+    ("twist", SIX, {"owner": "hand"}, "twist: 'hand' is the operator device, no program"),
+    ("twist", SIX, {"owner": LONG}, f"twist: {NO_NAME} {CUT}"),
+    ("twist", SIX, {"owner": 5}, f"twist: {NO_NAME} 5"),
+    ("twist", SIX, {"sequence": "x"}, f"twist: the sequence number 'x' {NO_SEQUENCE}"),
+    ("twist", SIX, {"sequence": True}, f"twist: the sequence number True {NO_SEQUENCE}"),
+    ("twist", SIX, {"sequence": 2.5}, f"twist: the sequence number 2.5 {NO_SEQUENCE}"),
+    ("twist", SIX, {"sequence": -5}, f"twist: the sequence number -5 {NO_SEQUENCE}"),
+    ("twist", SIX, {"sequence": 2**60}, f"twist: the sequence number {2**60} {NO_SEQUENCE}"),
+    ("twist", [1.0] * 5, {}, "twist takes six numbers, not 5"),
+    ("pose", None, {}, "pose takes six numbers, not None"),
+    ("jog", [math.nan] * 6, {}, "jog: number 1 of 6 is nan"),
+    ("wrench", "x", {}, "wrench takes six numbers, not 'x'"),
+    ("joints", [0.0] * 5, {}, "joints takes 6 numbers, not 5"),
+    ("joints", None, {}, "joints takes numbers, one for each joint, not None"),
+    ("joints", [math.nan] * 6, {}, "joints: number 1 of 6 is nan"),
+    ("joints", [1e9] * 6, {}, "joints: number 1 of 6 is 1e+09; no arm goes beyond 10000"),
+]
+"""What every way to an arm answers to such a streamed command: verb, value, keywords, message."""
+
+NOT_SET = [
+    ("cpts", math.nan, OptionError, "trajectoryRefSpeed", "nan is not allowed"),
+    ("cpts", -1, OptionError, "trajectoryRefSpeed", "-1 is not allowed"),
+    ("cpts", "x", OptionError, "trajectoryRefSpeed", "'x' is not allowed"),
+    ("cpts", [1] * 500, OptionError, "trajectoryRefSpeed", "is not allowed"),
+    ("cpsc", "bad", OptionError, "streamingCommand", "'bad' is not allowed"),
+    ("nope", 1.0, ConfigurationError, "nope", "there is no such parameter"),
+]
+
+
+def test_bad_arguments_are_refused_in_the_same_words(arm):
+    for verb, arguments, words in REFUSED:
+        with pytest.raises(MotionRefusedError) as error:
+            getattr(arm, verb)(*arguments)
+        assert (type(error.value), str(error.value)) == (MotionRefusedError, words)
+    for verb, value, keywords, words in STREAMS_REFUSED:
+        assert getattr(arm, verb)(value, **keywords) == words
+    for key, value, kind, name, words in NOT_SET:
+        with pytest.raises(ConfigurationError, match=words) as wrong:
+            arm.set_parameter(key, value)
+        assert (type(wrong.value), wrong.value.key) == (kind, name)
+    with pytest.raises(ConfigurationError, match="there is no such parameter"):
+        arm.get_parameter("nope")
+    with pytest.raises(ConfigurationError, match="is given twice"):
+        arm.set_parameters({"cpts": 0.1, "trajectoryRefSpeed": 0.1})
+    assert arm.stat().state is State.NOT_CONTROLLING
+
+
+def test_what_is_impossible_is_refused_with_its_numbers(arm):
+    with pytest.raises(OutOfReachError) as far:
+        arm.inv([5.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert far.value.distance_m > 1.0
+    assert far.value.angle_rad >= 0.0
+    with pytest.raises(CollisionError) as met:
+        arm.movl(Pose(Vector3(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0), Frame.BASE))
+    assert type(met.value.pair) is tuple
+    assert 0.0 < met.value.share < 1.0
+
+
+def test_answers_are_of_the_same_types(arm):
+    stat, status = arm.stat(), arm.status()
+    assert type(stat) is Stat
+    assert [type(each) for each in stat] == [tuple, State, float]
+    assert [type(each) for each in stat.pose] == [float] * 6
+    assert [type(each) for each in arm.inv(stat.pose)] == [float] * 6
+    assert type(status) is ControllerStatus
+    motion = arm.movj([*(stat.pose[:2]), stat.pose[2] - 0.01, *stat.pose[3:]])
+    assert type(motion) is Motion
+    assert (motion.verb, motion.source, motion.ends) == ("movj", arm.source, True)
+    assert (type(motion.duration_s), motion.error) == (float, None)
+    assert type(arm.wait()) is bool
+    status = arm.status()
+    assert [type(each) for each in status.pose] == [float] * 6
+    assert type(status.authority.since_s) is type(status.stream_age_s) is float
+    assert math.isinf(status.stream_age_s)
+    assert status.authority.owner == arm.source
+    servo = [float] * 3 + [tuple, float, tuple, int] + [float] * 4 + [int, int, bool, str]
+    assert [type(each) for each in status.servo] == servo
+    values = arm.get_parameters()
+    assert {type(each) for each in values.values()} == {float}
+    assert arm.get_parameter("cpts") == values["trajectoryRefSpeed"] == 0.25
+    assert arm.tool(SIX) is arm.release() is arm.stop() is arm.set_parameters({}) is None
+
+
+def test_every_way_has_the_same_verbs():
+    """What an arm has beside `open` and `close` is CartesianArm's, signatures and docs included."""
+    for kind in (CartesianDevice, RemoteCartesianDevice):
+        for name in ("set_parameter", *ARGUMENTS):
+            assert getattr(kind, name) is getattr(CartesianArm, name)
+        for name in ("open", "close"):
+            assert inspect.getdoc(getattr(kind, name))
 
 
 class Gripping(SimArm):
@@ -174,17 +461,17 @@ def test_an_arm_with_mass_arrives(drive):
         motion = arm.movl([*(start[:3] + DOWN), *start[3:]])
         assert arm.wait(20.0), motion
         began = arm.stat().stamp_s
-        while arm.stat().stamp_s < began + 2.0:
-            threading.Event().wait(0.001)
+        until(lambda: arm.stat().stamp_s >= began + 2.0)
         print(arm.stat().pose[:3] - start[:3] - DOWN, arm.status().following_error_rad)
         np.testing.assert_allclose(arm.stat().pose[:3], start[:3] + DOWN, atol=5e-3)
 
 
-def test_a_driver_that_fails_ends_in_an_error():
-    class Failing(FakeRobot):
-        def send(self, command):
-            raise CommandError("the cable is cut")
+class Failing(FakeRobot):
+    def send(self, command):
+        raise CommandError("the cable is cut")
 
+
+def test_a_driver_that_fails_ends_in_an_error():
     device = CartesianDevice(Failing(), arm="gofa_crb15000_5")
     device.open()
     device._link.wait_for(lambda: not device._link.running, 5.0)
@@ -193,8 +480,8 @@ def test_a_driver_that_fails_ends_in_an_error():
     device.close()
 
 
-def test_an_owner_that_was_entrusted_with_the_arm_streams_at_once():
-    with CartesianDevice(simulated(), arm="ur5") as arm:
+def test_an_owner_that_was_entrusted_with_the_arm_streams_at_once(reach):
+    with reach.arm() as arm:
         arm.movj(arm.stat().pose)
         arm.hand_over("pendant")
         assert arm.status().authority.owner == "pendant"
@@ -205,11 +492,8 @@ def test_an_owner_that_was_entrusted_with_the_arm_streams_at_once():
             arm.movj(arm.stat().pose)
 
 
-def test_the_arm_can_be_reserved_for_one_stream():
-    options = ControllerOptions(
-        authority=AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant")
-    )
-    with CartesianDevice(simulated(), "ur5", options) as arm:
+def test_the_arm_can_be_reserved_for_one_stream(reach):
+    with reach.arm(authority={"policy": "named", "named": "pendant"}) as arm:
         with pytest.raises(MotionRefusedError, match="reserved for 'pendant'"):
             arm.movj(arm.stat().pose)
         arm.set_parameter("cpsc", "twst")
@@ -227,10 +511,9 @@ class AtRest(FakeDevice):
         return []
 
 
-def test_a_device_that_nobody_touches_does_not_keep_the_arm_from_the_verbs():
-    robot = simulated()
-    with CartesianDevice(robot, "ur5", device=AtRest()) as arm:
+def test_a_device_that_nobody_touches_does_not_keep_the_arm_from_the_verbs(reach):
+    with reach.arm(device={"driver": "AtRest"}) as arm:
         here = list(arm.stat().pose)
         here[2] -= 0.02
-        arm.movl(here)
-        assert arm.wait()
+        motion = arm.movl(here)
+        assert arm.wait(), motion

@@ -10,6 +10,8 @@ from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import arm_names, load_arm
 from cardan.types import Pose, TorqueCommand
 
+pytestmark = pytest.mark.once
+
 
 class Arm:
     """The verbs on the simulated arm, one cycle at a time; it never holds for a reason."""

@@ -71,8 +71,8 @@ def planned_meanwhile(world, what):
     plans = world.verbs.plans
     line = plans.line
 
-    def slow(target, start):
-        plan = line(target, start)
+    def slow(*arguments):
+        plan = line(*arguments)
         what()
         return plan
 

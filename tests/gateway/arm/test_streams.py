@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cardan.gateway.arm.codes import Stream
+from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.streams import STREAMED
 from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
@@ -21,6 +21,39 @@ def test_a_stream_has_to_be_chosen():
     assert world.verbs.stream("pose", world.six()) == "pose: the streaming command is twst"
     world.verbs.set_parameter("cpsc", "nset")
     assert "choose" in world.verbs.stream("twist", [0.0] * 6)
+
+
+def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():
+    world = quick()
+    world.verbs.release()
+    joints = world.verbs.servo.joints
+
+    def twist(owner, begins=Begins.NEW):
+        return world.verbs.stream("twist", [0.0, 0.0, -0.1, 0, 0, 0], owner=owner, begins=begins)
+
+    assert world.verbs.stream("joints", [0.1] * joints, owner="one", begins=Begins.NEW) == ""
+    world.tick()
+    assert world.verbs.stream("joints", [0.0] * joints, owner="one") == ""
+    world.rest()
+    # While its sender has the authority, its stream stays.
+    assert twist("two") == "twst: the streaming command is jnts"
+    world.tick(int(2.5 / DT_S))
+    assert world.verbs.status().authority.owner == ""
+    assert world.verbs.streams.kind is Stream.JOINT
+    for begins in (None, Begins.GOING_ON, Begins.REST):
+        assert twist("two", begins) == "twst: the streaming command is jnts"
+    assert twist("two") == ""
+    assert (world.verbs.streams.kind, world.verbs.streams.owner) == (Stream.TWIST, "two")
+    # Its own sender turns to another one at rest.
+    world.verbs.stream("twist", [0.0] * 6, owner="two")
+    world.rest()
+    assert world.verbs.stream("joints", [0.1] * joints, owner="two", begins=Begins.NEW) == ""
+    assert (world.verbs.streams.kind, world.verbs.status().authority.owner) == (Stream.JOINT, "two")
+    # One that somebody has chosen and nobody used is not left.
+    world.verbs.release("two")
+    world.rest()
+    world.verbs.set_parameter("cpsc", "jnts")
+    assert twist("two") == "twst: the streaming command is jnts"
 
 
 def test_a_motion_clears_the_choice():
@@ -173,6 +206,6 @@ def test_streams_keep_to_the_workspace():
 
 def test_sequence_numbers_and_stamps_have_to_be_some():
     world = streaming("twst")
-    assert "not an integer" in world.verbs.stream("twist", [0.0] * 6, sequence="a")
+    assert "no integer from 0" in world.verbs.stream("twist", [0.0] * 6, sequence="a")
     assert "not a time" in world.verbs.stream("twist", [0.0] * 6, stamp_s=math.nan)
     assert world.verbs.stream("twist", [0.0] * 6, sequence=1, stamp_s=1.0) == ""

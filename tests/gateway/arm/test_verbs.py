@@ -22,6 +22,7 @@ from cardan.gateway.kinematics.collision import HalfSpace, Obstacle, box_obstacl
 from cardan.spatial import from_rotation_vector, multiply, rotate, to_rotation_vector
 from cardan.types import (
     IDENTITY_POSE,
+    ZERO_TWIST,
     CommandKind,
     HoldCommand,
     JointCommand,
@@ -110,6 +111,22 @@ def test_joints_arrive_together_at_reference_speed():
         shares.append((world.q - start)[[0, 1, 4]] / [0.3, 0.1, 0.2])
     assert np.abs(np.ptp(np.array(shares), axis=1)).max() < 1e-3
     np.testing.assert_allclose(world.q, goal, atol=1e-4)
+
+
+@pytest.mark.parametrize("verb", ["movj", "movl"])
+def test_the_twist_of_the_tcp_is_that_of_its_motion(verb):
+    world = quick()
+    getattr(world.verbs, verb)(turned(world.moved(0.05, 0.0, -0.1), (0.0, 0.0, 0.2)))
+    world.tick(100)
+    before = world.tcp
+    world.tick()
+    after = world.tcp
+    twist = world.verbs.controller.status().twist
+    np.testing.assert_allclose(twist.linear, (after[0] - before[0]) / DT_S, atol=2e-4)
+    assert np.linalg.norm(twist.linear) > 0.02
+    assert twist.angular.z > 0.02
+    world.rest()
+    assert world.verbs.controller.status().twist == ZERO_TWIST
 
 
 def test_a_line_is_straight_and_takes_its_time():

@@ -29,12 +29,21 @@ QUIET = Conditioning(scale=0.1, deadband_n=0.0, tare=False)
 class Rig:
     """A renderer, its device, and virtual time that goes on by one cycle of the robot."""
 
-    def __init__(self, fixtures=(), source=None, conditioning=QUIET, rendering=True, **options):
+    def __init__(
+        self,
+        fixtures=(),
+        source=None,
+        conditioning=QUIET,
+        rendering=True,
+        shaped=False,
+        **options,
+    ):
         self.device = FakeHaptic()
+        conditioner = Conditioner(conditioning, shaped=shaped)
         self.renderer = ForceRenderer(
             self.device,
             FixtureSet(fixtures),
-            None if source is None else ForceInput(source, Conditioner(conditioning), **options),
+            None if source is None else ForceInput(source, conditioner, **options),
             rendering=rendering,
         )
         self.renderer.start(lambda state: state.pose)

@@ -11,6 +11,7 @@ from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.status import Phase
+from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.session.assembly import make_arm, make_controller, make_robot
 from cardan.gateway.session.config import parse_config
 from cardan.spatial import rotate, rotation_between
@@ -548,3 +549,42 @@ def test_how_far_the_tcp_may_contradict_the_joints_is_configured():
             )
             run.robot.send(run.core.tick(state._replace(pose=pose), hand))
     assert run.core.phase is Phase.HOLDING
+
+
+ROUND_ABOUT = [
+    {"name": "floor", "plane": [[0.0, 0.0, 1.0], -1.0]},
+    *(
+        {"name": name, "capsule": [[x, y, 0.0], [x, y, 1.0], 0.1]}
+        for name, x, y in (("east", 1.5, 0.0), ("north", 0.0, 1.5), ("south", 0.0, -1.5))
+    ),
+]
+
+
+def test_a_robot_at_1_khz_is_driven_as_one_at_250_hz_is():
+    """With all pairs of bodies; nothing depends on the period but how finely it is commanded."""
+    ends = []
+    for period_s in (0.001, 0.004):
+        run = Run(robot={"period_s": period_s}, obstacles=ROUND_ABOUT).arm_it()
+        assert len(run.arm.servo.collision.pairs) >= 35
+        assert isinstance(run.arm.servo, CompiledServo)
+        run.commands.clear()
+        moved = run.go(1.5, (0.2, 0.3, 0.3, 0.0, 0.0, 0.2))
+        moved = moved + run.go(0.5)
+        status = run.core.status()
+        assert status.phase is Phase.HOLDING
+        assert status.arm.failures == 0
+        assert run.core.at_rest
+        assert len(run.commands) == round(2.0 / period_s)
+        joints, kinematics = run.joints, run.arm.servo.kinematics
+        speeds = np.diff(joints, axis=0) / period_s
+        assert (np.abs(speeds) <= kinematics.velocity + 1e-6).all()
+        bends = np.abs(np.diff(speeds, axis=0)) / period_s
+        assert (bends <= kinematics.acceleration * (1 + 1e-6) + 1e-6).all()
+        assert np.linalg.norm(moved) > 0.05
+        # Silence ends in a ramp after the same time, not the same number of cycles.
+        run.go(0.3, FORWARD)
+        run.go(0.5, FORWARD, silent=True)
+        assert run.core.phase is Phase.DISARMED
+        assert run.core.status().trips == 1
+        ends.append(moved)
+    assert ends[0] == pytest.approx(ends[1], abs=1e-3)

@@ -41,6 +41,7 @@ from cardan.robots import load_arm
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import in_a_thread
+from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
@@ -56,15 +57,6 @@ TABLE = {
     "arm": {"model": "ur5"},
     "obstacles": [{"name": "table", "plane": [[0.0, 0.0, 1.0], -0.05]}],
 }
-
-
-def until(done, what="it"):
-    """Wait until `done` says so; what is waited for happens elsewhere."""
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while not (found := done()):
-        assert time.monotonic() < deadline_s, f"{what} did not happen"
-        threading.Event().wait(0.005)
-    return found
 
 
 def until_at(arm, pose, tolerance_m=1e-3):

@@ -1,12 +1,16 @@
 """The loop: what it asks of its drivers, and what it tells about itself."""
 
 import contextlib
+import dataclasses
+import json
 import socket
+from types import SimpleNamespace
 
 import pytest
 
 from cardan.errors import ConfigurationError, DeviceNotFoundError
 from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
 from cardan.types import DeviceCapabilities, PoseCommand
@@ -130,6 +134,32 @@ def test_snapshots_survive_figures_that_are_not_numbers():
     back = Snapshot.from_bytes(snapshot.to_bytes())
     assert back.metrics == {"period_s": None}
     assert back.message == "é"
+    assert back == dataclasses.replace(snapshot, metrics={"period_s": None})
+
+
+def test_a_published_snapshot_is_json_whatever_its_figures():
+    told = []
+    topics = SimpleNamespace(
+        put_snapshot=lambda text, _now_ns: told.append(text),
+        put_diagnostics=lambda *_arguments: None,
+        log=lambda *_arguments: None,
+    )
+    network = SimpleNamespace(_topics=topics, _server=None, _haptic=None, _verbs=None, _logged="")
+    SessionNetwork.tell(network, Snapshot(metrics={"period_s": float("nan")}), 0.0, 0)
+    (text,) = told
+    assert json.loads(text, parse_constant=pytest.fail)["metrics"] == {"period_s": None}
+
+
+@pytest.mark.parametrize("unprintable", ["\x1b[2J", "\n", "\x7f", "\u202e", '"\x07'])
+def test_what_a_snapshot_tells_is_printable(unprintable):
+    snapshot = Snapshot(message=f"a{unprintable}b", metrics={unprintable: 1.0}, buttons=["left"])
+    back = Snapshot.from_bytes(snapshot.to_bytes())
+    assert back.message.isprintable()
+    assert back.buttons == ["left"]
+    assert all(name.isprintable() for name in back.metrics)
+    # As another program may write it.
+    plain = json.dumps({"message": f"a{unprintable}b"}, ensure_ascii=False).encode()
+    assert Snapshot.from_bytes(plain).message.isprintable()
 
 
 def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):

@@ -1,6 +1,7 @@
 """A session in a process of its own: it is started, shown, stopped, and its death is noticed."""
 
 import dataclasses
+import errno
 import logging
 import os
 import signal
@@ -14,6 +15,7 @@ from cardan.gateway.session import supervisor
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionProcess, supervise
+from cardan.logs import LogFormat
 from cardan.tables import as_table
 
 pytestmark = pytest.mark.realtime
@@ -49,7 +51,7 @@ def test_a_command_around_it_has_its_signals_and_its_code(waiting):
     outcome = supervise(waiting, 0.5, through=("env", "CARDAN_PROOF=1"))
     assert (outcome.exit_code, outcome.last.robot_link) == (0, "waiting")
     # One that ends as a shell does, by the signal's number and 128.
-    shell = ("sh", "-c", "trap 'exit 143' TERM; sleep 20 & wait", "sh")
+    shell = ("sh", "-c", "trap 'kill $!; exit 143' TERM; sleep 20 & wait", "sh")
     outcome = supervise(waiting, 30.0, poll=lambda: False, through=shell)
     assert (outcome.exit_code, outcome.last.message) == (0, "stopped before it began")
 
@@ -151,6 +153,14 @@ def test_what_a_session_s_process_says_is_passed_on(waiting):
     assert b"".join(said) == b"a word\nanother\n"
 
 
+def test_a_session_logs_in_the_form_that_it_is_told(waiting):
+    said = []
+    through = ("sh", "-c", 'echo "$@"; exec "$@"', "sh")
+    process = SessionProcess(waiting, 0.2, through, said.append, log_format=LogFormat.PRIORITY)
+    assert process.follow(Snapshot.from_bytes).exit_code == 0
+    assert b"--log-format=priority" in b"".join(said)
+
+
 def test_nobody_waits_for_whom_a_session_s_words_hold_up(waiting):
     held, go_on = threading.Event(), threading.Event()
 
@@ -163,6 +173,18 @@ def test_nobody_waits_for_whom_a_session_s_words_hold_up(waiting):
     assert held.is_set()
     go_on.set()
     assert (outcome.exit_code, outcome.last.finished) == (0, True)
+
+
+def test_a_session_that_cannot_be_started_leaves_nothing_open(waiting, monkeypatch):
+    def none_left(*_words, **_options):
+        raise OSError(errno.EMFILE, "too many open files")
+
+    monkeypatch.setattr(supervisor.subprocess, "Popen", none_left)
+    before = sorted(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        with pytest.raises(OSError, match="too many"):
+            SessionProcess(waiting)
+    assert sorted(os.listdir("/proc/self/fd")) == before
 
 
 def test_what_changes_is_logged(waiting, caplog):

@@ -55,7 +55,8 @@ def checked(tmp_path, block, tables):
 @pytest.mark.parametrize("name", DEMOS)
 def test_every_demo_of_ours_is_simulated(name, tmp_path):
     tables, launches = DEMOS[name].prepare(tmp_path)
-    check_unattended(DEMOS[name], parse_config(tables))
+    if DEMOS[name].program != "lab":  # tests/gateway/daemon/test_lab_demo.py
+        check_unattended(DEMOS[name], parse_config(tables))
     for words in launches:
         joined = check_words(DEMOS[name], "launch", words)
         assert " ".join(joined).replace("=", " ") == " ".join(words).replace("=", " ")
@@ -65,6 +66,8 @@ def test_a_demo_that_is_simulated_is_allowed(tmp_path):
     checked(tmp_path, (LAUNCH, FILES), MOUSE + ARM)
     checked(tmp_path, (LAUNCH, FILES, PORTS), MOUSE + EGM)
     checked(tmp_path, (LAUNCH, FILES), MOUSE + ARM.replace("[arm]", 'transport = "udp"\n[arm]'))
+    network = '[network]\nrouter = "tcp/127.0.0.1:7447"\n'
+    checked(tmp_path, (LAUNCH, FILES, 'ports = ["network.router"]'), MOUSE + ARM + network)
 
 
 SENSOR = '[force]\nsource = "sensor"\n[force.sensor]\ndriver = "jr3_can"'
@@ -104,6 +107,26 @@ GP8_PORTS = 'ports = ["robot.motion_port", "robot.state_port", "robot.io_port"]'
             (LAUNCH, FILES),
             MOUSE + ARM.replace("[arm]", 'transport = "udp"\nendpoint = "arm:6520"\n[arm]'),
             "robot.transport: 'udp' may|robot.endpoint: 'arm:6520'",
+        ),
+        (
+            (LAUNCH, FILES),
+            MOUSE + ARM + "[network]\n",
+            "network.router: it must be one of `ports`: others may be at any other",
+        ),
+        (
+            (LAUNCH, FILES, 'ports = ["network.router"]'),
+            MOUSE + ARM + '[network]\nrouter = "tcp/192.168.1.10:7447"\n',
+            r"network.router: 'tcp/192\.168\.1\.10:\d+' is not of this computer only",
+        ),
+        (
+            (LAUNCH, FILES, 'ports = ["network.router"]'),
+            MOUSE + ARM + '[network]\nrouter = "tcp/127.0.0.1:7447"\nlisten = ["tcp/0.0.0.0:0"]\n',
+            "network.listen: 'tcp/0.0.0.0:0' is not of this computer only",
+        ),
+        (
+            (LAUNCH, FILES, 'ports = ["network.router"]'),
+            MOUSE + ARM + '[network]\nrouter = "tcp/127.0.0.1:7447"\nzenoh_config = "z.json5"\n',
+            "network.zenoh_config: it may join any network",
         ),
         ((LAUNCH,), MOUSE + ARM, "device.path: 'mouse.sock' may reach hardware; .*`files`"),
         *(

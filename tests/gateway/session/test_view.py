@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.view import SessionView, missed_cycles, plain, render, summary
+from cardan.gateway.session.view import SessionView, plain, render, summary
 
 MOVING = Snapshot(
     elapsed_s=12.0,
@@ -60,7 +60,7 @@ def test_a_session_that_has_not_begun_can_be_shown():
 def test_summary():
     text = shown(summary(MOVING))
     assert "4.032 ms" in text
-    assert missed_cycles(MOVING) == 3
+    assert MOVING.missed_cycles == 3
 
 
 def view():

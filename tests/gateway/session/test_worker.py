@@ -1,17 +1,21 @@
 """Requests are carried out beside the loop, and answered, whatever they are."""
 
 import json
+import queue
 import select
 import socket
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from cardan.errors import MotionLoopError, MotionRefusedError
+from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
-from cardan.gateway.session.requests import (
+from cardan.gateway.arm.requests import (
+    LATE_S,
     MotionNote,
     PacketError,
     Request,
@@ -19,7 +23,13 @@ from cardan.gateway.session.requests import (
     encode_request,
     result_of,
 )
-from cardan.gateway.session.worker import MAX_PENDING, MAX_WAITS, STALE_S, RequestWorker
+from cardan.gateway.session.worker import (
+    MAX_PENDING,
+    MAX_WAITS,
+    STALE_S,
+    ChannelClient,
+    RequestWorker,
+)
 
 POSE = [0.4, 0.1, 0.3, 0.0, 0.0, 0.0]
 TIMEOUT_S = 5.0
@@ -28,10 +38,13 @@ TIMEOUT_S = 5.0
 class FakeVerbs:
     """Plans until it is let go on; streams are taken down."""
 
+    controller = SimpleNamespace(note=lambda *_: None)
+
     def __init__(self):
         self.planning, self.go_on = threading.Event(), threading.Event()
-        self.began, self.streamed = [], []
-        self.stopped = 0
+        self.began, self.streamed, self.given = [], [], []
+        self.streams = SimpleNamespace(kind=Stream.NONE, fell_silent=False)
+        self.stopped, self.reasons = 0, []
         self.waited_for = None
         self.stamp_s = 0.0
 
@@ -46,9 +59,20 @@ class FakeVerbs:
 
     movj = movl
 
-    def stream(self, verb, x, owner, sequence):
+    def movv(self, xdot, source):
+        motion = Motion("movv", False, source)
+        motion.outcome = Outcome.RUNNING
+        self.waited_for = motion
+        self.began.append(motion)
+        return motion
+
+    def stream(self, verb, x, owner, sequence, stamp_s, begins):
         self.streamed.append((verb, x, owner, sequence))
+        self.given.append((stamp_s, begins))
         return ""
+
+    def may_choose(self, _verb, _begins, _source):
+        return self.streams.kind is Stream.NONE
 
     def stat(self):
         raise MotionRefusedError("stat: nothing was heard of the robot yet")
@@ -58,6 +82,10 @@ class FakeVerbs:
 
     def get_parameter(self, _key):
         return 1.0
+
+    def brake(self, reason):
+        self.reasons.append(reason)
+        self.stop()
 
     def stop(self):
         self.stopped += 1
@@ -74,9 +102,8 @@ class Bench:
         self.theirs.setblocking(False)
         self.verbs, self.link, self.made = FakeVerbs(), LoopLink(), 0
         self.now_s = 100.0
-        self.worker = RequestWorker(
-            self.theirs, self.link, self.make, self.verbs.stop, lambda: self.now_s
-        )
+        self.worker = RequestWorker(self.link, self.make, self.verbs.brake, lambda: self.now_s)
+        self.client = ChannelClient(self.theirs)
         self.link.begin()
 
     def make(self):
@@ -84,9 +111,11 @@ class Bench:
         return self.verbs
 
     def ask(self, number, verb, value=None, sequence=None, source="a"):
-        self.worker.offer(
-            encode_request(Request(number, source, verb, value, sequence)), self.now_s
-        )
+        packet = encode_request(Request(number, source, verb, value, sequence))
+        self.offer(packet)
+
+    def offer(self, packet):
+        self.worker.offer(self.client, packet, self.now_s)
 
     def heard(self, verb=""):
         """The next answer; a reply as its result or error."""
@@ -174,17 +203,57 @@ def test_a_streamed_command_that_waited_behind_a_plan_is_not_acted_on(bench):
     assert bench.verbs.streamed == []
 
 
+@pytest.mark.parametrize("verb", ["movl", "movv"])
+def test_a_motion_that_was_asked_for_while_the_session_stood_still_is_not_begun(bench, verb):
+    bench.verbs.go_on.set()
+    bench.worker.turn(bench.now_s)
+    bench.now_s += 1.5 * LATE_S
+    bench.worker.turn(bench.now_s)
+    bench.ask(1, verb, POSE)
+    number, error = bench.heard(verb)
+    assert (number, type(error)) == (1, MotionRefusedError)
+    assert f"stood still for {1.5 * LATE_S:.1f} s" in str(error)
+    assert bench.verbs.began == []
+    bench.now_s += 0.5 * LATE_S
+    bench.worker.turn(bench.now_s)
+    bench.ask(2, verb, POSE)
+    assert bench.heard(verb)[1].outcome is Outcome.RUNNING
+    assert len(bench.verbs.began) == 1
+
+
+def test_what_came_before_the_session_had_begun_begins_no_motion(bench):
+    bench.verbs.go_on.set()
+    bench.worker.turn(bench.now_s)
+    bench.ask(1, "movl", POSE)
+    assert "before the session had begun" in str(bench.heard("movl")[1])
+    bench.ask(2, "twist", POSE, 4)
+    assert "it waited" in bench.heard()[1]
+    bench.ask(3, "stop")
+    assert bench.heard() == (3, None)
+    assert bench.verbs.began == bench.verbs.streamed == []
+    assert bench.verbs.stopped == 1
+
+
+def test_a_streamed_command_of_a_time_without_a_turn_is_not_acted_on(bench):
+    bench.worker.turn(bench.now_s)
+    bench.now_s += 2.0 * STALE_S
+    bench.worker.turn(bench.now_s)
+    bench.ask(1, "twist", POSE, 4)
+    assert "it waited" in bench.heard()[1]
+    assert bench.verbs.streamed == []
+
+
 def test_refusals_and_what_is_no_request_are_answered(bench):
     bench.ask(1, "stat")
     number, error = bench.heard()
     assert (number, type(error)) == (1, MotionRefusedError)
-    bench.worker.offer(b'{"id":2,"source":"a","verb":"movj","value":3}', 100.0)
+    bench.offer(b'{"id":2,"source":"a","verb":"movj","value":3}')
     number, error = bench.heard()
     assert (number, type(error)) == (2, MotionRefusedError)
-    bench.worker.offer(b"\xff{", 100.0)
+    bench.offer(b"\xff{")
     number, error = bench.heard()
     assert (number, type(error)) == (None, PacketError)
-    assert bench.worker.malformed == 2
+    assert bench.worker.refusals() == {"malformed": 2, "verb": 1, "busy": 0}
 
 
 def test_a_mistake_of_ours_is_an_answer_too(bench):
@@ -192,6 +261,24 @@ def test_a_mistake_of_ours_is_an_answer_too(bench):
     assert "ZeroDivisionError" in str(bench.heard()[1])
     bench.ask(2, "get_parameter", "cpts")
     assert bench.heard() == (2, 1.0)
+
+
+def test_a_client_with_a_mistake_does_not_end_the_worker(bench):
+    class Broken:
+        refusals = queue.SimpleQueue()
+
+        def decode(self, packet):
+            raise ZeroDivisionError
+
+        def refused(self, number, error):
+            self.refusals.put((number, str(error)))
+
+    broken = Broken()
+    bench.worker.offer(broken, b"", bench.now_s)
+    assert broken.refusals.get(timeout=TIMEOUT_S) == (None, "ZeroDivisionError()")
+    bench.ask(1, "stop")
+    assert bench.heard("stop") == (1, None)
+    assert bench.worker.refusals()["malformed"] == 1
 
 
 def test_too_many_requests_are_refused(bench):
@@ -202,6 +289,7 @@ def test_too_many_requests_are_refused(bench):
     number, error = bench.heard()
     assert number == MAX_PENDING + 1
     assert "are waiting already" in str(error)
+    assert bench.worker.refusals()["busy"] == 1
     bench.ask(99, "stop")
     assert bench.heard() == (99, None)
 
@@ -237,7 +325,125 @@ def test_a_session_without_verbs_says_why(bench):
         raise MotionRefusedError("this session has no [arm]")
 
     bench.worker._make_verbs = refuse
-    bench.worker.offer(json.dumps({"id": 1, "source": "a", "verb": "stat"}).encode(), 100.0)
+    bench.offer(json.dumps({"id": 1, "source": "a", "verb": "stat"}).encode())
     assert "no [arm]" in str(bench.heard()[1])
     bench.ask(2, "stop")
     assert bench.heard() == (2, None)
+
+
+class Watched:
+    """A client on the network: its requests say whether who asked is still there."""
+
+    def __init__(self):
+        self.there = True
+        self.heard = queue.SimpleQueue()
+
+    def decode(self, packet):
+        return packet._replace(there=lambda: self.there)
+
+    def done(self, request, result):
+        self.heard.put(("done", request.verb))
+
+    def refused(self, number, error):
+        self.heard.put(("refused", str(error)))
+
+    def ended(self, note):
+        self.heard.put(("ended", note.outcome, note.reason))
+
+
+def begin(bench, client, verb, value):
+    bench.worker.offer(client, Request(1, "ros2", verb, value), bench.now_s)
+    return client.heard.get(timeout=TIMEOUT_S)
+
+
+def test_a_motion_without_end_ends_with_who_asked_for_it(bench):
+    client = Watched()
+    assert begin(bench, client, "movv", POSE) == ("done", "movv")
+    bench.worker.attend()
+    assert bench.verbs.reasons == []
+    client.there = False
+    bench.worker.attend()
+    assert bench.verbs.reasons == ["the node that asked is gone"]
+    bench.worker.attend()
+    assert client.heard.get(timeout=TIMEOUT_S)[:2] == ("ended", Outcome.ABORTED)
+    assert len(bench.verbs.reasons) == 1
+
+
+def test_a_stream_that_begins_waits_for_what_is_planned_and_one_that_goes_on_does_not(bench):
+    bench.ask(1, "movl", POSE)
+    assert bench.verbs.planning.wait(TIMEOUT_S)
+    client = Watched()
+    first = Request(1, "ros2", "twist", POSE, begins=Begins.NEW)
+    bench.worker.offer(client, first, bench.now_s)
+    bench.ask(2, "get_parameter", "cpf")
+    assert bench.heard() == (2, 1.0)  # What was offered before is decided on.
+    bench.verbs.streams.kind = Stream.TWIST
+    second = first._replace(source="another", stamp_s=5.0)
+    bench.worker.offer(client, second, bench.now_s)
+    assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
+    bench.verbs.go_on.set()
+    assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
+    assert bench.verbs.given == [(5.0, Begins.NEW), (None, Begins.NEW)]
+
+
+def test_the_commands_of_a_stream_that_begins_keep_their_order(bench):
+    """The stream has begun while some of its commands still wait: newer ones of the same sender do
+    not overtake them."""
+    bench.ask(0, "movl", POSE)
+    assert bench.verbs.planning.wait(TIMEOUT_S)
+    client = Watched()
+    first = Request(1, "ros2", "twist", POSE, stamp_s=1.0, begins=Begins.NEW)
+    bench.worker.offer(client, first, bench.now_s)
+    bench.ask(2, "get_parameter", "cpf")
+    assert bench.heard() == (2, 1.0)  # What was offered before is decided on.
+    bench.verbs.streams.kind = Stream.TWIST
+    bench.worker.offer(client, first._replace(stamp_s=2.0), bench.now_s)
+    bench.ask(3, "get_parameter", "cpf")
+    assert bench.heard() == (3, 1.0)
+    assert bench.verbs.given == []
+    bench.verbs.go_on.set()
+    for _ in range(2):
+        assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
+    assert [stamp_s for stamp_s, _ in bench.verbs.given] == [1.0, 2.0]
+    bench.worker.offer(client, first._replace(stamp_s=3.0), bench.now_s)
+    assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
+
+
+def test_a_stream_does_not_begin_when_the_arm_was_stopped_meanwhile(bench):
+    bench.ask(1, "movl", POSE)
+    assert bench.verbs.planning.wait(TIMEOUT_S)
+    client = Watched()
+    stream = Request(1, "ros2", "twist", POSE, begins=Begins.NEW)
+    bench.worker.offer(client, stream, bench.now_s)
+    bench.ask(2, "stop")
+    assert bench.heard() == (2, None)
+    bench.verbs.go_on.set()
+    assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
+    assert bench.verbs.streamed == []
+
+
+def test_a_motion_that_ends_by_itself_outlives_who_asked_for_it(bench):
+    bench.verbs.go_on.set()
+    client = Watched()
+    assert begin(bench, client, "movl", POSE) == ("done", "movl")
+    client.there = False
+    bench.worker.attend()
+    assert bench.verbs.reasons == []
+
+
+def test_a_motion_without_end_does_not_begin_for_who_is_gone(bench):
+    client = Watched()
+    client.there = False
+    told = begin(bench, client, "movv", POSE)
+    assert told == ("refused", "movv: the node that asked is gone")
+    assert bench.verbs.began == []
+
+
+def test_the_end_of_a_later_motion_does_not_wait_for_who_asked_before(bench):
+    client, other = Watched(), Watched()
+    begin(bench, client, "movv", POSE)
+    bench.verbs.began[0].outcome = Outcome.ABORTED  # The next one took over.
+    begin(bench, other, "movv", POSE)
+    client.there = False
+    bench.worker.attend()
+    assert bench.verbs.reasons == []

@@ -9,7 +9,7 @@ from cardan.gateway.arm.activities.base import GOING, Activity, Deceleration, Pr
 from cardan.gateway.arm.activities.path import SETTLE_S, TOLERANCE_RAD, PathClock, stuck_in_words
 from cardan.gateway.arm.codes import State
 from cardan.gateway.kinematics.base import FloatArray
-from cardan.gateway.servo.servo import Servo
+from cardan.gateway.servo.choice import AnyServo
 from cardan.types import RobotState
 
 ARRIVED_RAD = 1e-5
@@ -32,7 +32,7 @@ class FollowJoints(Activity):
 
     state = State.MOVJ
 
-    def __init__(self, servo: Servo, path: JointMotionPath, deceleration: Deceleration) -> None:
+    def __init__(self, servo: AnyServo, path: JointMotionPath, deceleration: Deceleration) -> None:
         self._servo, self._path = servo, path
         self._clock = PathClock(path.duration_s)
         self._slowing = deceleration.joint_share * servo.kinematics.acceleration

@@ -15,7 +15,7 @@ from cardan.gateway.arm.activities.path import (
 from cardan.gateway.arm.codes import State
 from cardan.gateway.arm.planner import Line
 from cardan.gateway.kinematics.base import to_se3
-from cardan.gateway.servo.servo import Servo
+from cardan.gateway.servo.choice import AnyServo
 from cardan.spatial import norm, rotation_between, scale, subtract
 from cardan.types import RobotState
 
@@ -27,7 +27,7 @@ class FollowLine(Activity):
 
     def __init__(
         self,
-        servo: Servo,
+        servo: AnyServo,
         path: Line,
         followed: npt.NDArray[np.bool_],
         deceleration: Deceleration,
@@ -37,7 +37,6 @@ class FollowLine(Activity):
         self._followed = followed
         self._deceleration = deceleration
         self._clock = PathClock(path.duration_s)
-        self._twist = np.zeros((2, 3))
         self._resting = False
         self._over_s = 0.0
         self._reason = ""
@@ -62,9 +61,11 @@ class FollowLine(Activity):
         here = self._path.at(clock.time_s)[0]
         there = self._path.at(clock.time_s + step_s)[0]
         gain = 1.0 / dt_s
-        self._twist[0] = scale(subtract(there.position, here.position), gain)
-        self._twist[1] = scale(rotation_between(here.orientation, there.orientation), gain)
-        share = servo.tick(to_se3(here), self._twist, dt_s)
+        twist = (
+            scale(subtract(there.position, here.position), gain),
+            scale(rotation_between(here.orientation, there.orientation), gain),
+        )
+        share = servo.tick(here, twist, dt_s)
         clock.advance(step_s, share, dt_s)
         if clock.over:
             self._over_s += dt_s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.gateway.servo.servo import Servo
+from cardan.gateway.servo.choice import AnyServo
 
 SETTLE_S = 1.0
 """Longest time for the last fraction of a millimetre of a path."""
@@ -64,7 +64,7 @@ class PathClock:
         self._stuck_s = self._stuck_s + dt_s if slow else 0.0
 
 
-def stuck_in_words(servo: Servo, share: float) -> str:
+def stuck_in_words(servo: AnyServo, share: float) -> str:
     status = servo.status()
     why = f"stuck after {share:.0%} of the time"
     if status.limiting_joints:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from cardan.gateway.arm.activities.base import Activity, Deceleration
 from cardan.gateway.arm.body import Body
-from cardan.gateway.motion.reference import Reference
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.types import ZERO_TWIST, Twist
 
 
@@ -25,9 +25,10 @@ class ReferenceMotion(Activity):
         self.reference: Reference = reference
         if not body.moving:
             reference.place(body.pose)
-        limits = reference.limits
-        self._stopping = limits
+        self._stopping: ReferenceLimits | None = None
+        """Its limits while it brakes; None: as ever."""
         if deceleration is not None:
+            limits = reference.limits
             self._stopping = replace(
                 limits,
                 linear_acceleration_m_s2=max(
@@ -47,7 +48,8 @@ class ReferenceMotion(Activity):
     def brake(self) -> None:
         """Ramp to zero speed."""
         self.braking = True
-        self.reference.limits = self._stopping
+        if self._stopping is not None:
+            self.reference.limits = self._stopping
 
     @property
     def idle(self) -> bool:

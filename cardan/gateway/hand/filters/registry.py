@@ -10,7 +10,7 @@ from typing import Any
 
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.options import Options
-from cardan.plugins import Finder
+from cardan.plugins import Finder, Loaded
 from cardan.tables import OTHER_KEYS
 
 ENTRY_POINT_GROUP = "cardan.filters"
@@ -46,6 +46,11 @@ def names() -> tuple[str, ...]:
 def load(name: str) -> type[TwistFilter]:
     """The filter class called `name`; ConfigurationError names the ones there are."""
     return _FINDER.load(name)
+
+
+def load_all() -> Loaded[TwistFilter]:
+    """Every filter class, and why others cannot be loaded."""
+    return _FINDER.load_all()
 
 
 def using(name: str, key: str) -> AbstractContextManager[None]:

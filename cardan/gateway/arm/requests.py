@@ -1,8 +1,11 @@
 """Requests to a session and its replies, as packets: one JSON object each.
 
 A request is ``{"id": 7, "source": "pendant", "verb": "movl", "value": [...]}``, for streams with an
-optional ``"sequence"``. Its reply is ``{"reply": 7, "result": ...}`` or ``{"reply": 7, "error":
-{"kind": ..., "message": ..., ...}}``; the states of a motion follow as ``{"motion": ...}``. A
+optional ``"sequence"``, ``"stamp"`` (when it was sent, s by the sender's clock), ``"begins"``
+(``"new"``, ``"going on"`` or ``"rest"``: see :class:`Begins`) and, of a twist or a wrench, its
+``"frame"``. Its reply is ``{"reply": 7, "result": ...}`` or ``{"reply": 7, "error":
+{"kind": ..., "message": ..., ...}}``; the states of a motion follow as ``{"motion": ...}``. Where a
+packet may overtake another, a reply has the ends of motions before it, too: ``"ended": [...]``. A
 packet that is no request is answered, too, with the `id` that it has, or null. Nothing here opens
 anything, and no bytes raise anything but :class:`PacketError`.
 """
@@ -13,27 +16,38 @@ import enum
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from cardan import errors
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
-from cardan.gateway.arm.authority import HAND, AuthorityState
-from cardan.gateway.arm.checks import LARGEST_NUMBER, checked_pose, six_numbers
-from cardan.gateway.arm.codes import State, Stream
-from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
-from cardan.types import Frame, Pose, Quaternion, Vector3
+from cardan.gateway.arm.authority import AuthorityState
+from cardan.gateway.arm.checks import (
+    LARGEST_SEQUENCE,
+    brief,
+    checked_action,
+    checked_name,
+    checked_pose,
+    checked_sequence,
+    checked_source,
+    checked_timeout,
+    joint_numbers,
+    six_numbers,
+)
+from cardan.gateway.arm.codes import Begins, State, Stream
+from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Rehearsal, Stat
+from cardan.gateway.servo.status import ServoStatus
+from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
+
+_ValueT = TypeVar("_ValueT")
 
 MAX_REQUEST_BYTES = 4096
 """Largest size of a request: the longest, all parameters at once, has a quarter of it."""
 
-MAX_TEXT = 64
-"""Characters of a name."""
-
 MAX_NUMBERS = 32
 """Longest list: no arm has more joints."""
 
-LARGEST_ID = 1 << 53
+LARGEST_ID = LARGEST_SEQUENCE
 """The largest integer that every reader of JSON keeps exactly."""
 
 
@@ -54,14 +68,13 @@ class Request(NamedTuple):
     value: Any = None
     """The verb's argument, where it has one."""
     sequence: int | None = None
-
-
-class Reply(NamedTuple):
-    """The result of a request; `error` is None where it was carried out."""
-
-    id: int | None
-    result: Any
-    error: CardanError | None
+    there: Callable[[], bool] | None = None
+    """Whether who asked is still there, without whom a motion without end ends; None: that is
+    watched otherwise."""
+    stamp_s: float | None = None
+    """Of a streamed command: when it was sent, by the sender's clock."""
+    begins: Begins | None = None
+    """Of a streamed command: whether it chooses its own where none is chosen; None: never."""
 
 
 class MotionNote(NamedTuple):
@@ -83,6 +96,16 @@ class MotionNote(NamedTuple):
         motion.duration_s = self.duration_s
 
 
+class Reply(NamedTuple):
+    """The result of a request; `error` is None where it was carried out."""
+
+    id: int | None
+    result: Any
+    error: CardanError | None
+    ended: tuple[MotionNote, ...] = ()
+    """Motions that had ended before."""
+
+
 # -- arguments ------------------------------------------------------------------------------------
 
 
@@ -92,7 +115,7 @@ def _refuse(verb: str, why: str) -> NoReturn:
 
 def _numbers(verb: str, value: Any, count: tuple[int, ...] = ()) -> list[float]:
     if not isinstance(value, list) or len(value) > MAX_NUMBERS:
-        _refuse(verb, f"takes a list of numbers, not {_shown(value)}")
+        _refuse(verb, f"takes a list of numbers, not {brief(value)}")
     if count and len(value) not in count:
         _refuse(verb, f"takes {' or '.join(map(str, count))} numbers, not {len(value)}")
     return [_number(verb, each) for each in value]
@@ -100,27 +123,16 @@ def _numbers(verb: str, value: Any, count: tuple[int, ...] = ()) -> list[float]:
 
 def _number(verb: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        _refuse(verb, f"takes numbers, not {_shown(value)}")
+        _refuse(verb, f"takes numbers, not {brief(value)}")
     if not -LARGEST_ID <= value <= LARGEST_ID:
-        _refuse(verb, f"{_shown(value)} is too large a number")
+        _refuse(verb, f"{brief(value)} is too large a number")
     return float(value)
-
-
-def _text(verb: str, value: Any) -> str:
-    if not isinstance(value, str) or not 0 < len(value) <= MAX_TEXT:
-        _refuse(verb, f"takes a name of 1 to {MAX_TEXT} characters, not {_shown(value)}")
-    return value
 
 
 def _code(verb: str, value: Any) -> int | str:
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST_ID:
         return value
-    return _text(verb, value)
-
-
-def _shown(value: Any) -> str:
-    words = repr(value)
-    return words if len(words) <= MAX_TEXT else f"{words[:MAX_TEXT]}…"
+    return checked_name(verb, value)
 
 
 def _pose_out(verb: str, value: Any) -> list[float]:
@@ -144,23 +156,15 @@ def _six_in(verb: str, value: Any) -> list[float]:
 
 
 def _joints_out(verb: str, value: Any) -> list[float]:
-    try:
-        rates = [float(each) for each in value]
-    except (TypeError, ValueError, OverflowError):
-        _refuse(verb, f"takes numbers, not {_shown(value)}")
-    if not all(abs(rate) <= LARGEST_NUMBER for rate in rates):
-        _refuse(verb, f"takes finite numbers, not {_shown(tuple(rates))}")
-    return rates
+    return list(joint_numbers(verb, value, None))
 
 
 def _seconds_out(verb: str, value: Any) -> float:
-    if not 0.0 <= value < math.inf:
-        _refuse(verb, f"a timeout is a number >= 0, not {value}")
-    return float(value)
+    return min(checked_timeout(verb, value), float(LARGEST_ID))
 
 
-def _code_out(verb: str, value: Any) -> int | str:
-    return _code(verb, int(value) if isinstance(value, enum.IntEnum) else value)
+def _code_out(_verb: str, value: Any) -> int:
+    return int(checked_action(value))
 
 
 def _key_out(_verb: str, value: Any) -> int:
@@ -175,13 +179,14 @@ def _values_in(verb: str, value: Any) -> dict[prm.Key, prm.Value]:
     if not isinstance(value, list) or not all(
         isinstance(pair, list) and len(pair) == 2 for pair in value
     ):
-        _refuse(verb, f"takes pairs of a key and a value, not {_shown(value)}")
+        _refuse(verb, f"takes pairs of a key and a value, not {brief(value)}")
     found: dict[prm.Key, prm.Value] = {}
     for key, each in value:
         known = prm.find_rule(_code(verb, key))
         if known.key in found:
             raise ConfigurationError(known.name, "is given twice")
-        found[known.key] = _text(verb, each) if isinstance(each, str) else _number(verb, each)
+        text = isinstance(each, str)
+        found[known.key] = checked_name(verb, each) if text else _number(verb, each)
     return found
 
 
@@ -199,6 +204,8 @@ _CODE = _Argument(_code_out, _code)
 ARGUMENTS: dict[str, _Argument | None] = {
     "stat": None,
     "inv": _POSE,
+    "rehearse_line": _POSE,
+    "rehearse_joints": _Argument(_joints_out, _numbers),
     "movj": _POSE,
     "relj": _POSE,
     "movl": _POSE,
@@ -215,7 +222,8 @@ ARGUMENTS: dict[str, _Argument | None] = {
     "wrench": _SIX,
     "joints": _Argument(_joints_out, _numbers),
     "acknowledge": None,
-    "hand_over": _Argument(_text, _text),
+    "acquire": None,
+    "hand_over": _Argument(checked_name, checked_name),
     "release": None,
     "get_parameter": _Argument(_key_out, _code),
     "get_parameters": None,
@@ -224,8 +232,25 @@ ARGUMENTS: dict[str, _Argument | None] = {
 }
 """All verbs, and what each takes."""
 
+ENDLESS = frozenset({"movv", "gcmp", "forc"})
+"""Verbs whose motions do not end by themselves."""
+
+NEW_MOTION = frozenset({"movj", "relj", "movl", "movv", "gcmp", "forc", "trajectory"})
+"""Verbs that begin a motion."""
+
+LATE_S = 1.0
+"""Longest time for which a process may have stood still, or may have been starting, when it finds a
+request to begin a motion: who asked may have given up, or be gone, since."""
+
 SEQUENCED = frozenset({"pose", "jog", "twist", "wrench", "joints"})
-"""Verbs that may carry a sequence number."""
+"""Verbs that may carry a sequence number, a stamp, and whether they begin a stream."""
+
+FRAMED: Mapping[str, Callable[[Vector3, Vector3, Frame], Any]] = {"twist": Twist, "wrench": Wrench}
+"""Verbs whose numbers may have a frame of their own."""
+
+_BEGINS = {begins.name.lower().replace("_", " "): begins for begins in Begins}
+_BEGINS_WORDS = {begins: word for word, begins in _BEGINS.items()}
+_FRAMES = {"twist": tuple(Frame), "wrench": (Frame.BASE, Frame.TOOL)}
 
 
 # -- requests -------------------------------------------------------------------------------------
@@ -234,14 +259,20 @@ SEQUENCED = frozenset({"pose", "jog", "twist", "wrench", "joints"})
 def encode_request(request: Request) -> bytes:
     """As one packet. Raises what the verb raises for an argument that it does not take."""
     argument = ARGUMENTS[request.verb]
+    checked_source(request.verb, request.source)
     table: dict[str, Any] = {"id": request.id, "source": request.source, "verb": request.verb}
+    value = request.value
+    if isinstance(value, (Twist, Wrench)):
+        table["frame"] = value.frame.value
+        value = [*value[0], *value[1]]
     if argument is not None:
-        table["value"] = argument.out(request.verb, request.value)
-    sequence = request.sequence
-    if sequence is not None:
-        if isinstance(sequence, bool) or not isinstance(sequence, int):
-            _refuse(request.verb, f"the sequence number {sequence!r} is not an integer")
-        table["sequence"] = sequence
+        table["value"] = argument.out(request.verb, value)
+    if request.sequence is not None:
+        table["sequence"] = checked_sequence(request.verb, request.sequence)
+    if request.stamp_s is not None:
+        table["stamp"] = request.stamp_s
+    if request.begins is not None:
+        table["begins"] = _BEGINS_WORDS[request.begins]
     return _packed(table)
 
 
@@ -252,7 +283,7 @@ def decode_request(packet: bytes) -> Request:
     table = _unpacked(packet)
     number = table.pop("id", None)
     if not _is_id(number):
-        raise PacketError(f"id: {_shown(number)} is no integer from 0 to {LARGEST_ID}")
+        raise PacketError(f"id: {brief(number)} is no integer from 0 to {LARGEST_ID}")
     try:
         return _request(number, table)
     except CardanError as error:
@@ -260,21 +291,35 @@ def decode_request(packet: bytes) -> Request:
 
 
 def _request(number: int, table: dict[str, Any]) -> Request:
-    source, verb = _text("source", table.pop("source", None)), table.pop("verb", None)
-    if source == HAND:
-        _refuse("source", f"{HAND!r} is the operator device beside the session")
+    source, verb = checked_source("source", table.pop("source", None)), table.pop("verb", None)
     if not isinstance(verb, str) or verb not in ARGUMENTS:
-        _refuse("verb", f"there is no {_shown(verb)}; allowed: {', '.join(ARGUMENTS)}")
-    argument, value, sequence = ARGUMENTS[verb], None, None
+        _refuse("verb", f"there is no {brief(verb)}; allowed: {', '.join(ARGUMENTS)}")
+    argument, sequence = ARGUMENTS[verb], None
+    value: Any = None
     if argument is not None:
         value = argument.back(verb, table.pop("value", None))
+    stamp_s, begins = None, None
     if verb in SEQUENCED:
         sequence = table.pop("sequence", None)
-        if sequence is not None and not _is_id(sequence):
-            _refuse(verb, f"the sequence number {_shown(sequence)} is not valid")
+        if sequence is not None:
+            checked_sequence(verb, sequence)
+        if "stamp" in table:
+            stamp_s = _number(f"{verb}: stamp", table.pop("stamp"))
+        if "begins" in table:
+            begins = _one_of(_BEGINS, verb, "begins", table.pop("begins"))
+    if verb in FRAMED and "frame" in table:
+        frames = {frame.value: frame for frame in _FRAMES[verb]}
+        frame = _one_of(frames, verb, "frame", table.pop("frame"))
+        value = FRAMED[verb](Vector3(*value[:3]), Vector3(*value[3:]), frame)
     if table:
-        _refuse(verb, f"takes no {', '.join(map(_shown, table))}")
-    return Request(number, source, verb, value, sequence)
+        _refuse(verb, f"takes no {', '.join(map(brief, table))}")
+    return Request(number, source, verb, value, sequence, stamp_s=stamp_s, begins=begins)
+
+
+def _one_of(known: Mapping[str, _ValueT], verb: str, key: str, given: Any) -> _ValueT:
+    if not isinstance(given, str) or given not in known:
+        _refuse(verb, f"{key} is {brief(given)}; allowed: {', '.join(known)}")
+    return known[given]
 
 
 def _is_id(value: Any) -> bool:
@@ -291,7 +336,7 @@ def _unpacked(packet: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise PacketError(f"it is no JSON: {error}") from None
     if not isinstance(table, dict):
-        raise PacketError(f"it is no object: {_shown(table)}")
+        raise PacketError(f"it is no object: {brief(table)}")
     return table
 
 
@@ -301,7 +346,7 @@ def _no_number(word: str) -> NoReturn:
 
 def _finite(word: str) -> float:
     value = float(word)
-    return value if math.isfinite(value) else _no_number(_shown(word))
+    return value if math.isfinite(value) else _no_number(brief(word))
 
 
 # -- replies --------------------------------------------------------------------------------------
@@ -321,17 +366,22 @@ _FIELDS: dict[type[CardanError], tuple[str, ...]] = {
 _KINDS = {kind.__name__: kind for kind in _FIELDS}
 
 
-def encode_reply(number: int | None, result: Any) -> bytes:
-    """That a request was carried out; `result` is the verb's result, a motion as its note."""
-    return _packed({"reply": number, "result": _plain(result)})
+def encode_reply(number: int | None, result: Any, ended: Sequence[MotionNote] = ()) -> bytes:
+    """That a request was carried out; `result` is the verb's result, a motion as its note; `ended`:
+    motions that had ended before."""
+    return _packed({"reply": number, "result": _plain(result), **_ended(ended)})
 
 
-def encode_error(number: int | None, error: CardanError) -> bytes:
+def encode_error(number: int | None, error: CardanError, ended: Sequence[MotionNote] = ()) -> bytes:
     """That a request was refused, and why."""
     kind = next(each for each in type(error).__mro__ if each in _FIELDS)
     told = {"kind": kind.__name__, "message": str(error)}
     told |= {name: _plain(getattr(error, name)) for name in _FIELDS[kind]}
-    return _packed({"reply": number, "error": told})
+    return _packed({"reply": number, "error": told, **_ended(ended)})
+
+
+def _ended(notes: Sequence[MotionNote]) -> dict[str, Any]:
+    return {"ended": _plain(list(notes))} if notes else {}
 
 
 def encode_note(note: MotionNote) -> bytes:
@@ -354,10 +404,22 @@ def _plain(value: Any) -> Any:
     return value
 
 
+_ANSWERS = b'{"reply":', b'{"motion":'
+
+_BROKEN = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
+"""What a reply with wrong values in it leads to. OverflowError: a whole number that is too large
+for a float."""
+
+
+def is_answer(packet: bytes) -> bool:
+    """Whether a packet is a reply or a motion's note."""
+    return packet.startswith(_ANSWERS)
+
+
 def decode_answer(packet: bytes) -> Reply | MotionNote | None:
     """A reply or a motion's note; None for what is neither, as a snapshot is. Raises PacketError
     for one that is broken."""
-    if not packet.startswith((b'{"reply":', b'{"motion":')):
+    if not is_answer(packet):
         return None
     table = _unpacked(packet)
     try:
@@ -367,9 +429,10 @@ def decode_answer(packet: bytes) -> Reply | MotionNote | None:
         number = table["reply"]
         if number is not None and not _is_id(number):
             raise ValueError(number)
-        return Reply(number, table.get("result"), None if error is None else _error(error))
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise PacketError(f"it is no reply: {error!r}") from None
+        ended = tuple(map(_note, table.get("ended", ())))
+        return Reply(number, table.get("result"), None if error is None else _error(error), ended)
+    except _BROKEN as error:
+        raise PacketError(f"it is no reply: {error!r:.200}") from None
 
 
 def _note(table: Mapping[str, Any]) -> MotionNote:
@@ -400,8 +463,8 @@ def result_of(verb: str, result: Any) -> Any:
     try:
         if verb in _RESULTS:
             return _RESULTS[verb](result)
-    except (LookupError, TypeError, ValueError) as error:
-        raise PacketError(f"no answer of {verb}: {error!r}") from None
+    except _BROKEN as error:
+        raise PacketError(f"no answer of {verb}: {error!r:.200}") from None
     return result
 
 
@@ -409,13 +472,15 @@ def _stat(table: Mapping[str, Any]) -> Stat:
     return Stat(_floats(table["pose"]), State(table["state"]), table["stamp_s"])
 
 
+def _rehearsal(table: Mapping[str, Any]) -> Rehearsal:
+    return Rehearsal(**{**table, "duration_s": float(table["duration_s"])})
+
+
 def _floats(values: Sequence[Any]) -> Any:
     return tuple(map(float, values))
 
 
 def _status(table: Mapping[str, Any]) -> ControllerStatus:
-    from cardan.gateway.servo.servo import ServoStatus  # Who never asks does without Pinocchio.
-
     return ControllerStatus(
         **{
             **table,
@@ -423,10 +488,15 @@ def _status(table: Mapping[str, Any]) -> ControllerStatus:
             "stream": Stream(table["stream"]),
             "stream_age_s": float(table["stream_age_s"]),
             "pose": None if table["pose"] is None else _floats(table["pose"]),
-            "servo": ServoStatus(**{key: _number_or_names(v) for key, v in table["servo"].items()}),
+            "servo": _servo_status(table["servo"]),
             "authority": _authority(table["authority"]),
         }
     )
+
+
+def _servo_status(table: Mapping[str, Any]) -> ServoStatus:
+    numbers = {key: _number_or_names(value) for key, value in table.items() if key != "refused"}
+    return ServoStatus(**numbers, refused=table["refused"])
 
 
 def _number_or_names(value: Any) -> Any:
@@ -443,5 +513,6 @@ _RESULTS: dict[str, Callable[[Any], Any]] = {
     "stat": _stat,
     "inv": _floats,
     "status": _status,
+    **dict.fromkeys(("rehearse_line", "rehearse_joints"), _rehearsal),
     **dict.fromkeys(("movj", "relj", "movl", "movv", "gcmp", "forc"), _note),
 }

@@ -10,11 +10,9 @@ from hypothesis import given, strategies as st
 from cardan import errors
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm.authority import AuthorityState
-from cardan.gateway.arm.codes import Action, Parameter, State, Stream
+from cardan.gateway.arm.codes import Action, Begins, Parameter, State, Stream
 from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
-from cardan.gateway.servo.servo import ServoStatus
-from cardan.gateway.session.heartbeat import BEAT
-from cardan.gateway.session.requests import (
+from cardan.gateway.arm.requests import (
     ARGUMENTS,
     MAX_REQUEST_BYTES,
     MotionNote,
@@ -29,8 +27,10 @@ from cardan.gateway.session.requests import (
     encode_request,
     result_of,
 )
+from cardan.gateway.servo.status import ServoStatus
+from cardan.gateway.session.heartbeat import BEAT
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.types import Pose, Quaternion, Vector3
+from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
 
 POSE = Pose(Vector3(0.4, 0.1, 0.3), Quaternion(0.5, 0.5, 0.5, 0.5))
 SIX = [0.1, 0.0, -0.1, 0.0, 0.2, 0.0]
@@ -48,6 +48,8 @@ def arrived(verb, value=None, sequence=None):
 
 VALUES = {
     "inv": (POSE, POSE),
+    "rehearse_line": (POSE, POSE),
+    "rehearse_joints": ((0.1,) * 7, [0.1] * 7),
     "movj": (POSE, POSE),
     "relj": (POSE, POSE),
     "movl": (POSE, POSE),
@@ -76,6 +78,45 @@ def test_every_verb_travels(verb):
     assert arrived(verb, sent) == expected
 
 
+@pytest.mark.parametrize(
+    "request_",
+    [
+        Request(7, "page", "twist", Twist(Vector3(0.1, 0, 0), Vector3(0, 0, 1), Frame.MIXED), 3),
+        Request(7, "page", "twist", SIX, 3, stamp_s=1234.5, begins=Begins.NEW),
+        Request(7, "page", "joints", [0.1] * 7, 4, stamp_s=0.25, begins=Begins.GOING_ON),
+        Request(7, "page", "joints", [0.0] * 7, begins=Begins.REST),
+        Request(7, "page", "wrench", Wrench(Vector3(1, 2, 3), Vector3(0, 0, 0), Frame.TOOL)),
+    ],
+)
+def test_a_streamed_command_travels_with_all_that_it_has(request_):
+    assert decode_request(encode_request(request_)) == request_
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"begins": "now"}, "allowed: new, going on, rest"),
+        ({"begins": None}, "allowed"),
+        ({"stamp": "1"}, "takes numbers"),
+        ({"stamp": None}, "takes numbers"),
+        ({"frame": "world"}, "allowed: base, tool, mixed"),
+        ({"frame": ["base"]}, "allowed"),
+    ],
+)
+def test_what_a_streamed_command_cannot_have_is_refused(more, words):
+    packet = {"id": 1, "source": "page", "verb": "twist", "value": SIX, **more}
+    with pytest.raises(PacketError, match=words):
+        decode_request(json.dumps(packet).encode())
+    with pytest.raises(PacketError, match="takes no"):
+        decode_request(json.dumps({**packet, "verb": "movv", "frame": "base"}).encode())
+
+
+def test_a_wrench_has_no_mixed_frame():
+    packet = {"id": 1, "source": "page", "verb": "wrench", "value": SIX, "frame": "mixed"}
+    with pytest.raises(PacketError, match="allowed: base, tool"):
+        decode_request(json.dumps(packet).encode())
+
+
 def test_all_parameters_fit_into_a_packet():
     values = dict.fromkeys(Parameter, 0.123456789012345)
     pairs = [[int(key), value] for key, value in values.items()]
@@ -93,7 +134,7 @@ def test_streams_have_numbers():
         ("movj", [0.0, math.nan, 0.0, 0.0, 0.0, 0.0], "number 2 of 6 is nan"),
         ("movl", [0.0] * 5, "six numbers, not 5"),
         ("twist", "fast", "twist takes six numbers"),
-        ("joints", [math.inf], "finite"),
+        ("joints", [math.inf], "number 1 of 1 is inf"),
         ("joints", 3, "takes numbers"),
         ("wait", -1.0, "a timeout is a number >= 0"),
         ("hand_over", "", "a name of 1 to 64"),
@@ -192,7 +233,9 @@ def test_results_come_as_they_were():
     assert result("wait", True) is True
     assert result("twist", "why not") == "why not"
     assert result("get_parameters", {"cpts": 0.1}) == {"cpts": 0.1}
-    servo = ServoStatus(1.0, 0.2, 0.0, ("elbow",), math.inf, ("a", "b"), 0, 0.0, 0.0, 0.0, 0.0, 1)
+    servo = ServoStatus(
+        1.0, 0.2, 0.0, ("elbow",), math.inf, ("a", "b"), 0, 0.0, 0.0, 0.0, 0.0, 1, 7, True, "inf"
+    )  # fmt: skip
     status = ControllerStatus(
         State.NOT_CONTROLLING, Stream.TWIST, True, False, False, False, False, "", "pendant",
         math.inf, 1, 2, 0.01, "elbow", 3, 4, "no", None, servo,

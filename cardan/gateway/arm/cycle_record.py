@@ -1,0 +1,156 @@
+"""What went into a cycle of the control loop and what came out of it, as one line of JSON.
+
+Numbers are written as Python's ``repr`` has them, which reads back to the same bits: a recorded
+session can be held against a controller bit for bit (:mod:`cardan.gateway.recording.engine`). The
+controller reads no clock: all times that it saw are in the states.
+"""
+
+from __future__ import annotations
+
+import enum
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from cardan.gateway.arm.loop import Cycle
+from cardan.types import (
+    Axes,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    Frame,
+    Inertia,
+    Pose,
+    Quaternion,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+    Vector3,
+    Wrench,
+)
+
+
+class RecordError(ValueError):
+    """A text is no record of a cycle; the message says why."""
+
+
+class Request(NamedTuple):
+    """A request that the controller's witness was told of."""
+
+    name: str
+    """Of the controller's method, or "verb"."""
+    argument: str
+
+
+class CycleRecord(NamedTuple):
+    """One cycle."""
+
+    number: int
+    """Counts the controller's ticks, from 1."""
+    before: tuple[Request, ...]
+    """Requests since the tick before, in their order."""
+    robot: RobotState
+    device: DeviceState | None
+    events: tuple[ButtonEvent, ...]
+    command: str
+    """What was sent, as `command_text` has it."""
+
+
+def _plain(value: Any) -> Any:
+    """Of what JSON does not have: names of an enumeration, and sets."""
+    if isinstance(value, enum.Enum):
+        return value.value
+    if isinstance(value, (frozenset, set)):
+        return sorted(value)
+    raise TypeError(f"{type(value).__name__} is not recorded")
+
+
+_encode = json.JSONEncoder(separators=(",", ":"), default=_plain).encode
+
+
+def command_text(command: RobotCommand) -> str:
+    """A command as JSON, its kind last. Commands are the same where their texts are."""
+    return _encode(command)
+
+
+def encode_cycle(number: int, before: Sequence[Request], cycle: Cycle) -> str:
+    """The record of a cycle."""
+    return _encode(
+        {
+            "cycle": number,
+            "before": before,
+            "robot": cycle.robot,
+            "device": cycle.device,
+            "events": cycle.events,
+            "command": cycle.command,
+        }
+    )
+
+
+def decode_cycle(text: str) -> CycleRecord:
+    """The cycle that was recorded. Raises RecordError."""
+    try:
+        table: Mapping[str, Any] = json.loads(text)
+        return CycleRecord(
+            int(table["cycle"]),
+            tuple(Request(str(name), str(argument)) for name, argument in table["before"]),
+            _robot(*table["robot"]),
+            None if table["device"] is None else _device(*table["device"]),
+            tuple(ButtonEvent(*each) for each in table["events"]),
+            _encode(table["command"]),
+        )
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ) as error:
+        raise RecordError(f"no record of a cycle: {error!r:.200}") from None
+
+
+def _robot(*row: Any) -> RobotState:
+    state = RobotState(*row)
+    return state._replace(
+        link=RobotLink(state.link),
+        joints=tuple(state.joints),
+        external_axes=tuple(state.external_axes),
+        pose=_pose(state.pose),
+        wrench=_wrench(state.wrench),
+        velocities=tuple(state.velocities),
+        torques=tuple(state.torques),
+    )
+
+
+def _device(*row: Any) -> DeviceState:
+    state = DeviceState(*row)
+    return state._replace(
+        link=DeviceLink(state.link),
+        axes=Axes(*state.axes),
+        buttons=frozenset(state.buttons),
+        pose=_pose(state.pose),
+        wrench=_wrench(state.wrench),
+        inertia=_inertia(state.inertia),
+    )
+
+
+def _inertia(row: Any) -> Inertia | None:
+    if row is None:
+        return None
+    acceleration, rates = row
+    return Inertia(Vector3(*acceleration), None if rates is None else Vector3(*rates))
+
+
+def _pose(row: Any) -> Pose | None:
+    if row is None:
+        return None
+    position, orientation, frame = row
+    return Pose(Vector3(*position), Quaternion(*orientation), Frame(frame))
+
+
+def _wrench(row: Any) -> Wrench | None:
+    if row is None:
+        return None
+    force, torque, frame = row
+    return Wrench(Vector3(*force), Vector3(*torque), Frame(frame))

@@ -1,0 +1,1 @@
+"""An arm on the bus: what a session publishes, and what it takes."""

@@ -1,0 +1,664 @@
+"""Serves one arm to the bus: takes commands from topics and services, and answers each of them.
+
+The loop only passes on what has arrived; decoding, carrying out and answering is done by the
+session's worker of requests, in its threads.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from cardan.bounds import LONGEST_BLIND_S
+from cardan.bus.node import BusNode, Received, ServiceRequest
+from cardan.errors import CardanError, MotionRefusedError
+from cardan.gateway.arm.codes import Begins
+from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.requests import (
+    ENDLESS,
+    SEQUENCED,
+    MotionNote,
+    PacketError,
+    Request,
+    decode_request,
+    encode_error,
+    encode_note,
+    encode_reply,
+)
+from cardan.gateway.bus.actions import ArmAction
+from cardan.gateway.bus.arm_parameters import ArmParameters
+from cardan.gateway.bus.arm_topics import OK, WARN, Part
+from cardan.gateway.bus.askers import UNKNOWN, Askers, Presence
+from cardan.gateway.bus.commands import (
+    ACTIONS,
+    ASK_SERVICE,
+    ASK_TYPE,
+    MOTIONS_TOPIC,
+    MOTIONS_TYPE,
+    SERVICES,
+    TOPICS,
+    ActionCommand,
+    Asks,
+    Instant,
+    ServiceCommand,
+    TopicCommand,
+)
+from cardan.gateway.bus.serving import key_end
+from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.messages import default_message
+from cardan.types import NEVER_S, Twist, Wrench
+
+RESULT_TYPE = "cardan_msgs/msg/CommandResult"
+
+ENDS_KEPT = 32
+"""Ends of motions that wait for a request of their source: more than one has at a time."""
+
+AT_ONCE = 8
+"""Most messages of one endpoint that are passed on in one cycle."""
+
+TOKENS_AT_ONCE = 32
+"""Most liveliness tokens that are taken in one cycle: 0.2 ms of it, and a graph of 1000 endpoints
+in 0.13 s at 250 Hz."""
+
+CONTEST_SHOWN_S = 5.0
+"""How long the diagnostics, which come once a second, warn of two publishers on one stream."""
+
+GOALS_PERIOD_S = 0.01
+"""How often goals and parameters are looked for: looking costs 0.5 µs for each of their services,
+which are many, and nobody notices 10 ms."""
+
+SENDERS_KEPT = 64
+"""Publishers of a topic whose sequence numbers are remembered."""
+
+STREAM_KEPT_S = LONGEST_BLIND_S
+"""How long a publisher keeps a stream after its newest message: no stream is fresh for longer,
+whatever streamTimeout says."""
+
+BEGINS_S = 3.0
+"""How long a stream that chooses its preset tries to, from its first message on: opening the arm's
+model takes a second. One that goes on for longer does not move an arm unexpectedly later."""
+
+Offer = Callable[[Any, Any, float], None]
+"""`offer(client, packet, now_s)` of the worker of requests."""
+
+
+TOKEN_WAIT_S = 0.2
+"""How long a motion without end waits for the token of who asked: tokens and messages travel by
+different queues of Zenoh."""
+
+HELD_AT_MOST = 32
+"""Most requests that wait for such a token: more go on without it, as a stop waits for all that
+came before it."""
+
+_Input = tuple[Callable[[], Any], Any]
+"""A poll, and the client of the worker that takes what it gives."""
+
+_ENDLESS_WORDS = tuple(f'"{verb}"'.encode() for verb in ENDLESS)
+
+
+def _asks_for_endless(packet: ServiceRequest) -> bool:
+    """Whether a packet of verbs may be about a motion without end."""
+    return any(word in packet.data for word in _ENDLESS_WORDS)
+
+
+class ArmServer:
+    """The commands of one arm on the bus.
+
+    `poll` is for the loop's thread and never blocks; the rest happens in the threads of `offer`.
+    """
+
+    def __init__(
+        self,
+        node: BusNode,
+        offer: Offer,
+        *,
+        source: str = "ros2",
+        endless_without_watch: bool = False,
+        topics: Sequence[TopicCommand] = TOPICS,
+        services: Sequence[ServiceCommand] = SERVICES,
+        actions: Sequence[ActionCommand] = ACTIONS,
+        full: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """`node` is open. `source`: the name of all of them in the arm's authority. `full`: whether
+        what arrives should stay where it is for now."""
+        self._full = full
+        self.now_s = NEVER_S
+        """Time of the newest poll."""
+        self.source = source
+        self.refused = 0
+        """Messages and requests that were none: wrong type, wrong length."""
+        self.late = 0
+        """Messages that came twice, or after a newer one of the same publisher."""
+        self.contested = 0
+        """Streamed messages that were refused as another publisher has the stream."""
+        self._streams: dict[str, _Stream] = {}
+        """The streams, by their verbs."""
+        self._contest = ""
+        self._contest_s = NEVER_S
+        self._askers = Askers(node.zid)
+        self._tokens = node.watch_tokens()
+        self._endless_without_watch = endless_without_watch
+        self._arrived: list[tuple[Any, Any]] = []
+        self.lost = 0
+        """Messages that newer ones of the same publisher had displaced before their turn."""
+        self._node, self._offer = node, offer
+        self._ids = itertools.count(1)
+        self._results = node.publisher("~/result", RESULT_TYPE)
+        self._telling = threading.Lock()
+        self._inputs: list[_Input] = []
+        self._endless: dict[Any, Callable[[Any], bool]] = {}
+        """Of clients that may ask for a motion without end: whether a packet does."""
+        self._held: list[tuple[Any, Any]] = []
+        self._held_until_s = NEVER_S
+        self._notes = node.publisher(f"~/{MOTIONS_TOPIC}", MOTIONS_TYPE)
+        asked = node.service(f"~/{ASK_SERVICE}", ASK_TYPE)
+        packets = _PacketClient(self)
+        self._inputs.append((asked.poll, packets))
+        self._endless[packets] = _asks_for_endless
+        self._stops: list[_Input] = []
+        for command in topics:
+            subscription = node.subscription(command.topic, command.type_name, command.depth)
+            inputs = self._stops if command.verb == "stop" else self._inputs
+            self._add(inputs, (subscription.poll, _TopicClient(self, command)), command.verb)
+        for service in services:
+            server = node.service(service.service, service.type_name)
+            inputs = self._stops if service.verb == "stop" else self._inputs
+            self._add(inputs, (server.poll, _ServiceClient(self, service)), service.verb)
+        self._actions = [ArmAction(node, self, action) for action in actions]
+        self.parameters = ArmParameters(node, self)
+        self._rare_inputs: list[_Input] = list(self.parameters.inputs)
+        for each in self._actions:
+            self._add(self._rare_inputs, each.offers, each.verb)
+            self._rare_inputs.append(each.results)
+        self._rare_stops = [each.cancels for each in self._actions]
+        self._rare_due_s = -math.inf
+
+    def _add(self, inputs: list[_Input], added: _Input, verb: str) -> None:
+        inputs.append(added)
+        if verb in ENDLESS:
+            self._endless[added[1]] = lambda _packet: True
+
+    def poll(self, now_s: float) -> None:
+        """Pass on what has arrived, while the worker has enough to do only what stops the arm; and
+        see who has come and gone."""
+        self.now_s = now_s
+        rare = now_s >= self._rare_due_s
+        self._collect(self._stops)
+        if self._arrived:
+            for stream in tuple(self._streams.values()):
+                stream.spend()
+        if rare:
+            self._rare_due_s = now_s + GOALS_PERIOD_S
+            self._collect(self._rare_stops)
+        if not self._full():
+            self._collect(self._inputs)
+            if rare:
+                self._collect(self._rare_inputs)
+        # After the packets: the tokens of who sent them were there before.
+        for _ in range(TOKENS_AT_ONCE):
+            told = self._tokens.poll()
+            if told is None:
+                break
+            self._askers.take(*told)
+        if self._held and (now_s >= self._held_until_s or self._known(*self._held[-1])):
+            self._let_go(now_s)
+        for client, packet in self._arrived:
+            if self._known(client, packet):
+                # What was held came first, and a stop must come after it.
+                self._let_go(now_s)
+                self._offer(client, packet, now_s)
+            else:
+                if len(self._held) >= HELD_AT_MOST:
+                    self._let_go(now_s)
+                if not self._held:
+                    self._held_until_s = now_s + TOKEN_WAIT_S
+                self._held.append((client, packet))
+        self._arrived.clear()
+
+    def _known(self, client: Any, packet: Any) -> bool:
+        """Whether who sent `packet` is known, where that matters."""
+        endless = self._endless.get(client)
+        if endless is None or self._endless_without_watch or not endless(packet):
+            return True
+        return self._asker(packet) is not None
+
+    def _let_go(self, now_s: float) -> None:
+        for client, packet in self._held:
+            self._offer(client, packet, now_s)
+        self._held.clear()
+
+    def _collect(self, inputs: Sequence[_Input]) -> None:
+        for poll, client in inputs:
+            for _ in range(AT_ONCE):
+                packet = poll()
+                if packet is None:
+                    break
+                self._arrived.append((client, packet))
+
+    def watched(self, request: Request, packet: Received | ServiceRequest) -> Request:
+        """`request`, of a motion without end with a way to see whether who sent `packet` is still
+        on the bus. Raises PacketError where nobody could see it. From any thread."""
+        if request.verb not in ENDLESS:
+            return request
+        asker = self._asker(packet)
+        if asker is not None:
+            return request._replace(there=asker.there)
+        if self._endless_without_watch:
+            return request
+        why = MotionRefusedError(f"{request.verb}: {UNKNOWN}")
+        raise PacketError(str(why), request.id) from why
+
+    def _asker(self, packet: Received | ServiceRequest) -> Presence | None:
+        """Of a message its publisher, of a request the node of its client, as programs make clients
+        for one call; of a publisher that old releases of rmw_zenoh name at random its session."""
+        askers, attachment = self._askers, packet.attachment
+        if isinstance(packet, Received):
+            known = None if attachment is None else askers.endpoint(attachment.gid)
+            return known or askers.session(packet.zid)
+        return None if attachment is None else askers.node(attachment.gid)
+
+    def stream(self, verb: str) -> _Stream:
+        """The stream of a verb, which all topics that mean it share."""
+        return self._streams.setdefault(verb, _Stream())
+
+    def name(self, gid: bytes) -> str:
+        """Who sends with this GID, in words."""
+        return self._askers.name(gid) or "a publisher without a node"
+
+    def contest(self, words: str) -> None:
+        """Count a streamed message that another publisher's stream was in the way of."""
+        self.contested += 1
+        self._contest, self._contest_s = words, self.now_s
+
+    def part(self) -> Part:
+        """What the diagnostics say of the commands."""
+        contested = self.now_s - self._contest_s < CONTEST_SHOWN_S
+        counts = {
+            "refused": self.refused,
+            "late": self.late,
+            "displaced": self.lost,
+            "contested": self.contested,
+        }
+        words = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
+        return Part(
+            "commands",
+            WARN if contested or self.refused else OK,
+            self._contest if contested else words or "all read",
+            values=counts,
+        )
+
+    @property
+    def running(self) -> bool:
+        """Whether the goal of an action moves the arm."""
+        return any(action.running for action in self._actions)
+
+    def report(self, now: Instant, now_ns: int) -> None:
+        """Publish how far the goals are that move the arm."""
+        for action in self._actions:
+            action.tell(now, now_ns)
+
+    def offer(self, client: Any, packet: Any) -> None:
+        """Pass on what a client needs done besides. From any thread."""
+        self._offer(client, packet, self.now_s)
+
+    def key_end(self, type_name: str) -> str:
+        """How the keys of messages of this type end."""
+        return key_end(self._node.key_of("/", type_name))
+
+    def next_id(self) -> int:
+        """Of the next request."""
+        return next(self._ids)
+
+    def tell(self, command: str, sequence: int, outcome: str, reason: str = "") -> None:
+        """Publish what became of a command that came on a topic. From any thread."""
+        now_ns = time.time_ns()
+        message: Message = {
+            "header": default_message("std_msgs/msg/Header"),
+            "command": command,
+            "sequence": sequence,
+            "source": self.source,
+            "outcome": outcome,
+            "success": outcome in ("accepted", "done"),
+            "reason": reason,
+        }
+        message["header"]["stamp"] = {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9}
+        data = codec_of(RESULT_TYPE).encode(message)
+        with self._telling:
+            self._results.put(data, now_ns)
+
+    def note(self, packet: bytes) -> None:
+        """Publish the state of a motion. From any thread."""
+        data = codec_of(MOTIONS_TYPE).encode({"data": packet.decode()})
+        with self._telling:
+            self._notes.put(data, time.time_ns())
+
+
+class _PacketClient:
+    """Programs that ask by packets, each as a source of its own name."""
+
+    def __init__(self, server: ArmServer) -> None:
+        self._server = server
+        self._request = codec_of(f"{ASK_TYPE}_Request")
+        self._response = codec_of(f"{ASK_TYPE}_Response")
+        self._waiting: dict[int, tuple[ServiceRequest, int, str]] = {}
+        """The requests that wait for their answer, and the ids and sources that they have."""
+        self._untold: deque[MotionNote] = deque(maxlen=ENDS_KEPT)
+        """Ends of motions that no reply has told yet: what is published may be later than a reply
+        that was sent after it."""
+
+    def decode(self, packet: ServiceRequest) -> Request:
+        """The request in a service's request. Raises PacketError."""
+        number = self._server.next_id()
+        self._waiting[number] = packet, 0, ""
+        message = self._request.decode(packet.data)
+        if isinstance(message, Malformed):
+            self._server.refused += 1
+            raise PacketError(message.reason, number)
+        try:
+            request = decode_request(message["request"].encode())
+        except PacketError as error:
+            self._server.refused += 1
+            self._waiting[number] = packet, error.request or 0, ""
+            raise PacketError(str(error), number) from error.__cause__
+        self._waiting[number] = packet, request.id, request.source
+        return self._server.watched(request._replace(id=number), packet)
+
+    def done(self, request: Request, result: Any) -> None:
+        """Respond with the reply."""
+        self._respond(request.id, lambda number, ended: encode_reply(number, result, ended))
+
+    def refused(self, number: int | None, error: CardanError) -> None:
+        """Respond that it was refused, and why."""
+        self._respond(number, lambda asked, ended: encode_error(asked, error, ended))
+
+    def ended(self, note: MotionNote) -> None:
+        """Publish that a motion has ended, and tell it with the next reply to its source."""
+        self._untold.append(note)
+        self._server.note(encode_note(note))
+
+    def _respond(
+        self, number: int | None, encode: Callable[[int, list[MotionNote]], bytes]
+    ) -> None:
+        waiting, asked, source = self._waiting.pop(number or 0, (None, 0, ""))
+        if waiting is not None:
+            ended = [note for note in tuple(self._untold) if note.source == source]
+            for note in ended:
+                with contextlib.suppress(ValueError):  # Another thread has told it.
+                    self._untold.remove(note)
+            reply = {"reply": encode(asked, ended).decode()}
+            waiting.reply(self._response.encode(reply), time.time_ns())
+
+
+class _Sender:
+    """A publisher of a topic."""
+
+    def __init__(self, gid: bytes = b"") -> None:
+        self.gid = gid
+        """Of one that sends no GID, the id of its Zenoh session."""
+        self.sequence, self.source_ns = -1, -1
+        self.heard_s = NEVER_S
+        """When its newest message came."""
+        self.told = ""
+        """What the result topic said last of its stream."""
+        self.note = ""
+        """What is told with the next command that is accepted."""
+
+
+class _Stream:
+    """Who has the stream of a verb, and whether it may begin."""
+
+    def __init__(self) -> None:
+        self._holder = b""
+        """GID of its publisher."""
+        self._heard_s = NEVER_S
+        self._may_begin_s = NEVER_S
+        """Until when it may choose its preset."""
+
+    def take(self, gid: bytes, now_s: float) -> bytes | None:
+        """Who has it, where that is another one than `gid`, who gets it otherwise."""
+        silent = now_s - self._heard_s > STREAM_KEPT_S
+        if gid != self._holder and not silent:
+            return self._holder
+        self._holder, self._heard_s = gid, now_s
+        if silent:
+            self._may_begin_s = now_s + BEGINS_S
+        return None
+
+    def rest(self, now_s: float) -> None:
+        """Its newest message asks for no motion."""
+        self._may_begin_s = now_s + BEGINS_S
+
+    def may_begin(self, now_s: float) -> bool:
+        """Whether it has just begun, so that one that was stopped does not go on by itself."""
+        return now_s <= self._may_begin_s
+
+    def spend(self) -> None:
+        """A message was taken, or the arm was stopped: it does not begin any more."""
+        self._may_begin_s = NEVER_S
+
+
+NO_STAMP = "its stamp is zero: it counts as sent when it came"
+
+
+class _TopicClient:
+    """A topic as a client of the worker: its answers are messages on the result topic.
+
+    Of a stream, whose commands come many times a second, only the first answer after a silence and
+    changes are told.
+    """
+
+    def __init__(self, server: ArmServer, command: TopicCommand) -> None:
+        self._server, self._command = server, command
+        types = ((command.type_name, command.value), *command.also)
+        self._types = {server.key_end(name): (codec_of(name), value) for name, value in types}
+        self._streamed = command.verb in SEQUENCED
+        self._senders: dict[bytes, _Sender] = {}
+        self._asked: dict[int, tuple[int, _Sender]] = {}
+        """The senders and their sequence numbers, by request and later by motion."""
+        self._nobody = _Sender()
+        self._stream = server.stream(command.verb)
+
+    def decode(self, packet: Received) -> Request | None:
+        """The request in a message; None for one that came twice. Raises PacketError."""
+        server, command = self._server, self._command
+        attachment = packet.attachment
+        if attachment is None:
+            sequence, sender = 0, self._sender(packet.zid.encode())
+        else:
+            sequence, sender = attachment.sequence, self._sender(attachment.gid)
+            if not attachment.follows(sender.sequence, sender.source_ns):
+                server.late += 1
+                if not command.always:
+                    return None
+            if 0 <= sender.sequence < sequence - 1:
+                self._note_lost(sender.sequence + 1, sequence - 1)
+            sender.sequence, sender.source_ns = sequence, attachment.source_ns
+        if server.now_s - sender.heard_s > STREAM_KEPT_S:
+            sender.told = ""
+        sender.heard_s = server.now_s
+        number = server.next_id()
+        self._asked[number] = sequence, sender
+        codec, value_of = self._types.get(key_end(packet.key), (None, command.value))
+        if codec is None:
+            message: Message | Malformed = Malformed(self._wrong_type(packet.key))
+        else:
+            message = codec.decode(packet.data)
+        if isinstance(message, Malformed):
+            server.refused += 1
+            raise PacketError(f"{command.verb}: {message.reason}", number)
+        try:
+            value = value_of(message)
+        except CardanError as error:
+            raise PacketError(str(error), number) from error
+        if self._streamed and (other := self._other_holder(sender)):
+            why = MotionRefusedError(f"{command.verb}: {other} streams on it; one at a time can")
+            server.contest(str(why))
+            raise PacketError(str(why), number) from why
+        if isinstance(value, Asks):
+            return self._asked_for(value, number)
+        request = Request(number, server.source, command.verb, value)
+        if command.begins:
+            request = request._replace(begins=self._begins(value))
+        if command.stamped and "header" in message:
+            stamp_s = _seconds(message["header"]["stamp"])
+            sender.note = "" if stamp_s else NO_STAMP
+            request = request._replace(stamp_s=stamp_s or None)
+        return server.watched(request, packet)
+
+    def _asked_for(self, asks: Asks, number: int) -> Request | None:
+        request = Request(number, self._server.source, asks.verb)
+        if asks.verb:
+            return request
+        self.done(request, None)
+        return None
+
+    def _begins(self, value: Any) -> Begins:
+        """What becomes of a streamed command where none is chosen."""
+        now_s = self._server.now_s
+        if _asks_nothing(value):
+            self._stream.rest(now_s)
+            return Begins.REST
+        return Begins.NEW if self._stream.may_begin(now_s) else Begins.GOING_ON
+
+    def _sender(self, gid: bytes) -> _Sender:
+        sender = self._senders.get(gid)
+        if sender is None:
+            if len(self._senders) >= SENDERS_KEPT:
+                self._senders.pop(next(iter(self._senders)))
+            sender = self._senders[gid] = _Sender(gid)
+        return sender
+
+    def _other_holder(self, sender: _Sender) -> str:
+        """Who has the stream, where it is another one than `sender`, who gets it otherwise."""
+        holder = self._stream.take(sender.gid, self._server.now_s)
+        return "" if holder is None else self._server.name(holder)
+
+    def _note_lost(self, first: int, last: int) -> None:
+        """Messages have been displaced; of a stream, whose newest one counts, that is no news."""
+        server, verb = self._server, self._command.verb
+        server.lost += last - first + 1
+        if not self._streamed:
+            numbers = f"{verb}: numbers {first} to {last}"
+            reason = f"{numbers} were lost on their way, or displaced by newer ones"
+            server.tell(verb, last, "refused", reason)
+
+    def _wrong_type(self, key: str) -> str:
+        type_name, mark = key.split("/")[-2:]
+        return f"it takes {' or '.join(self._types)}, not {type_name} of {mark}"
+
+    def done(self, request: Request, result: Any) -> None:
+        """Tell that a command was accepted, or a streamed one refused."""
+        sequence, sender = self._pop(request.id)
+        if isinstance(result, MotionNote):
+            if result.outcome is Outcome.RUNNING:
+                self._asked[-result.id] = sequence, sender
+            self._server.tell(request.verb, sequence, "accepted", _both(result.note, sender.note))
+        elif not self._streamed:
+            self._server.tell(request.verb or self._command.verb, sequence, "done")
+        else:
+            if not result:
+                self._stream.spend()
+            self._tell_change(sender, sequence, str(result or ""))
+
+    def refused(self, number: int | None, error: CardanError) -> None:
+        """Tell that a command was refused, and why."""
+        sequence, sender = self._pop(number or 0)
+        if self._streamed:
+            self._tell_change(sender, sequence, str(error))
+        else:
+            self._server.tell(self._command.verb, sequence, "refused", str(error))
+
+    def ended(self, note: MotionNote) -> None:
+        """Tell that a motion has ended."""
+        sequence, _ = self._pop(-note.id)
+        outcome = "done" if note.outcome is Outcome.DONE else "aborted"
+        self._server.tell(note.verb, sequence, outcome, note.reason)
+
+    def _pop(self, number: int) -> tuple[int, _Sender]:
+        return self._asked.pop(number, (0, self._nobody))
+
+    def _tell_change(self, sender: _Sender, sequence: int, reason: str) -> None:
+        told = reason or "accepted"
+        if told != sender.told:
+            sender.told = told
+            outcome = "refused" if reason else "accepted"
+            self._server.tell(self._command.verb, sequence, outcome, reason or sender.note)
+
+
+class _ServiceClient:
+    """A service as a client of the worker: each request gets its response."""
+
+    def __init__(self, server: ArmServer, command: ServiceCommand) -> None:
+        self._server, self._command = server, command
+        self._request = codec_of(f"{command.type_name}_Request")
+        self._response = codec_of(f"{command.type_name}_Response")
+        self._waiting: dict[int, ServiceRequest] = {}
+
+    def decode(self, packet: ServiceRequest) -> Request | None:
+        """The request in a service's request; None where it asks nothing of the arm. Raises
+        PacketError."""
+        server, command = self._server, self._command
+        number = server.next_id()
+        self._waiting[number] = packet
+        message = self._request.decode(packet.data)
+        if isinstance(message, Malformed):
+            server.refused += 1
+            raise PacketError(f"{command.verb}: {message.reason}", number)
+        try:
+            value = command.value(message)
+        except CardanError as error:
+            raise PacketError(str(error), number) from error
+        if not isinstance(value, Asks):
+            return server.watched(Request(number, server.source, command.verb, value), packet)
+        request = Request(number, server.source, value.verb)
+        if value.verb:
+            return request
+        self.done(request, None)
+        return None
+
+    def done(self, request: Request, result: Any) -> None:
+        """Respond; of a motion, that it has begun."""
+        if isinstance(result, MotionNote):
+            response: Message = {"success": True, "message": result.note}
+        else:
+            response = self._command.answer(result)
+        self._respond(request.id, response)
+
+    def refused(self, number: int | None, error: CardanError) -> None:
+        """Respond that it was refused, and why; where the response has no words, on the result
+        topic, too."""
+        response = self._command.refusal(error)
+        if "message" not in response:
+            self._server.tell(self._command.verb, 0, "refused", str(error))
+        self._respond(number, response)
+
+    def ended(self, note: MotionNote) -> None:
+        """The end of a motion was not asked for; `wait` is."""
+
+    def _respond(self, number: int | None, response: Message) -> None:
+        waiting = self._waiting.pop(number or 0, None)
+        if waiting is not None:
+            waiting.reply(self._response.encode(response), time.time_ns())
+
+
+def _both(*notes: str) -> str:
+    return "; ".join(filter(None, notes))
+
+
+def _seconds(stamp: Message) -> float:
+    return float(stamp["sec"] + stamp["nanosec"] * 1e-9)
+
+
+def _asks_nothing(value: Any) -> bool:
+    """Whether a streamed command asks for no motion and no force; a pose always asks."""
+    if isinstance(value, Twist):
+        return not any((*value.linear, *value.angular))
+    if isinstance(value, Wrench):
+        return not any((*value.force, *value.torque))
+    return isinstance(value, (list, tuple)) and not hasattr(value, "_fields") and not any(value)

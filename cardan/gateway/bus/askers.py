@@ -1,0 +1,96 @@
+"""Who is on the bus, by liveliness tokens: whether the one that asked for a motion is still there.
+
+A token vanishes with its process: at once where the process ends, however it does, as the computer
+then closes its connections; after the lease of its Zenoh session where the computer or the cable
+fails.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.bus.node import gid_of_token
+from cardan.protocols.ros2.zenoh import LIVELINESS, Entity
+
+UNKNOWN = (
+    "this motion has no end, and who asked for it is not known, so nobody would notice when that "
+    "one is gone: ask from a node of ROS 2 over rmw_zenoh, from a Zenoh session that has "
+    "timestamping and a liveliness token, or by a RemoteCartesianDevice; or set "
+    "endless_without_watch in [network]"
+)
+"""Why a motion without end is refused."""
+
+
+class Presence:
+    """An endpoint, a node or a Zenoh session of somebody, from its first token to its last: one
+    that comes back is another one."""
+
+    def __init__(self) -> None:
+        self.tokens = 0
+        """How many it has."""
+
+    def there(self) -> bool:
+        """Whether it is still on the bus. From any thread."""
+        return self.tokens > 0
+
+
+class _Token(NamedTuple):
+    text: str
+    owners: tuple[Presence, ...]
+    """The endpoint, its node and its session."""
+
+
+class Askers:
+    """All endpoints, nodes and sessions of others.
+
+    `take` is for one thread, the rest for any; what is not known is None.
+    """
+
+    def __init__(self, own: str) -> None:
+        """`own`: id of the Zenoh session that listens. It gives its own id to samples without a
+        timestamp, so that this id says nothing of who asked."""
+        self._own = own
+        self._tokens: dict[bytes, _Token] = {}
+        """By GID."""
+        self._owners: dict[str, Presence] = {}
+        """Sessions by "ZID", nodes by "ZID/NODE"."""
+
+    def take(self, token: str, there: bool) -> None:
+        """A liveliness token has appeared or vanished, perhaps twice; what is none of ROS 2 counts
+        as nothing."""
+        parts = token.split("/", 4)
+        if len(parts) < 5 or parts[0] != LIVELINESS or parts[2] == self._own:
+            return
+        gid = gid_of_token(token)
+        names = f"{parts[2]}/{parts[3]}", parts[2]
+        if there and gid not in self._tokens:
+            owners = (Presence(), *(self._owners.setdefault(name, Presence()) for name in names))
+            for each in owners:
+                each.tokens += 1
+            self._tokens[gid] = _Token(token, owners)
+        elif not there and gid in self._tokens:
+            for each in self._tokens.pop(gid).owners:
+                each.tokens -= 1
+            for name in names:
+                if not self._owners[name].there():
+                    del self._owners[name]
+
+    def endpoint(self, gid: bytes) -> Presence | None:
+        """The publisher or client with this GID."""
+        token = self._tokens.get(gid)
+        return None if token is None else token.owners[0]
+
+    def node(self, gid: bytes) -> Presence | None:
+        """The node that has the endpoint with this GID."""
+        token = self._tokens.get(gid)
+        return None if token is None else token.owners[1]
+
+    def session(self, zid: str) -> Presence | None:
+        """The Zenoh session with this id."""
+        return self._owners.get(zid)
+
+    def name(self, gid: bytes) -> str:
+        """Full name of the node that has the endpoint with this GID; empty: not known."""
+        token = self._tokens.get(gid)
+        entity = None if token is None else Entity.parse(token.text)
+        return "" if entity is None else entity.full_node

@@ -1,0 +1,297 @@
+"""The commands of the Cartesian server: topics and services, and the verbs that they stand for.
+
+Source: Łukawski et al. 2025 ("YARP, ROS 2, Cartesian, web"), Table 1, with the corrections that
+docs/ros2.md lists; the services with an answer, and the result topic, are Cardan's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from cardan.errors import CardanError, MotionRefusedError
+from cardan.gateway.arm.codes import Action
+from cardan.gateway.arm.motion import Stat
+from cardan.protocols.ros2.cdr import Message
+from cardan.protocols.ros2.messages import default_message
+from cardan.spatial import from_rotation_vector
+from cardan.types import Pose, Quaternion, RobotState, Vector3
+
+ROS_ACTIONS = {1: Action.OPEN, 2: Action.CLOSE, 3: Action.STOP}
+"""Codes of the gripper on ROS 2; 0 does nothing."""
+
+
+ASK_SERVICE, ASK_TYPE = "ask", "cardan_msgs/srv/Ask"
+"""All verbs as the packets of :mod:`cardan.gateway.arm.requests`, below the arm's node."""
+
+MOTIONS_TOPIC, MOTIONS_TYPE = "motions", "std_msgs/msg/String"
+"""The notes of motions that were asked for by packets."""
+
+
+class Asks(NamedTuple):
+    """What a message asks for whose verb depends on it; given as the value of its command."""
+
+    verb: str = ""
+    """Empty: nothing of the arm."""
+
+
+class TopicCommand(NamedTuple):
+    """A command that comes as a message on a topic."""
+
+    topic: str
+    type_name: str
+    verb: str
+    value: Callable[[Message], Any]
+    """The verb's argument of a message, or an :class:`Asks`; raises MotionRefusedError."""
+    depth: int = 8
+    """Messages that are kept until their turn: 1 of a stream, whose newest one counts."""
+    begins: bool = False
+    """Of a stream: whether it chooses its preset by itself."""
+    stamped: bool = False
+    """Of a stream: whether the stamp of its header, where it has one, says when it was sent."""
+    also: tuple[tuple[str, Callable[[Message], Any]], ...] = ()
+    """Further types on the same topic, and the argument of a message of each."""
+    always: bool = False
+    """Whether it is carried out though it came twice, or after a newer one."""
+
+
+class Instant(NamedTuple):
+    """What goals in progress tell of the arm."""
+
+    stamp_ns: int
+    """Of the measurement, since the epoch."""
+    frame: str
+    pose: Pose | None
+    """Measured, of the TCP."""
+    robot: RobotState
+    desired: tuple[Sequence[float], Sequence[float]] | None = None
+    """Joint positions and velocities that a trajectory has now."""
+
+
+def _pose_feedback(now: Instant) -> Message:
+    message = default_message("geometry_msgs/msg/PoseStamped")
+    stamp = {"sec": now.stamp_ns // 10**9, "nanosec": now.stamp_ns % 10**9}
+    message["header"] = {"stamp": stamp, "frame_id": now.frame}
+    if now.pose is not None:
+        p, q = now.pose.position, now.pose.orientation
+        message["pose"] = {
+            "position": {"x": p.x, "y": p.y, "z": p.z},
+            "orientation": {"x": q.x, "y": q.y, "z": q.z, "w": q.w},
+        }
+    return {"pose": message}
+
+
+def _words_of(reason: str, _error: CardanError | None) -> Message:
+    return {"success": not reason, "message": reason}
+
+
+class ActionCommand(NamedTuple):
+    """A motion that comes as the goal of an action."""
+
+    action: str
+    type_name: str
+    verb: str
+    value: Callable[[Message], Any] = lambda _goal: None
+    """The verb's argument of a goal; raises MotionRefusedError."""
+    result: Callable[[str, CardanError | None], Message] = _words_of
+    """The result, for the reason why the goal was not reached, or "", and for the error."""
+    feedback: Callable[[Instant], Message] = _pose_feedback
+
+
+class ServiceCommand(NamedTuple):
+    """A command that comes as a request to a service."""
+
+    service: str
+    type_name: str
+    verb: str
+    value: Callable[[Message], Any] = lambda _request: None
+    """The verb's argument of a request, or an :class:`Asks`; raises MotionRefusedError."""
+    answer: Callable[[Any], Message] = lambda _result: {"success": True, "message": ""}
+    """The response for the verb's result."""
+
+    def refusal(self, error: CardanError) -> Message:
+        """The response where the verb was refused."""
+        response = default_message(f"{self.type_name}_Response")
+        response["success"] = False
+        if "message" in response:
+            response["message"] = str(error)
+        return response
+
+
+# -- arguments --------------------------------------------------------------------------------
+
+
+def pose_of(message: Mapping[str, Any]) -> Pose:
+    """Of a geometry_msgs/Pose."""
+    p, q = message["position"], message["orientation"]
+    return Pose(Vector3(p["x"], p["y"], p["z"]), Quaternion(q["w"], q["x"], q["y"], q["z"]))
+
+
+def _vector(message: Mapping[str, Any]) -> tuple[float, float, float]:
+    return message["x"], message["y"], message["z"]
+
+
+def twist_of(message: Mapping[str, Any]) -> list[float]:
+    """Of a geometry_msgs/Twist: m/s, rad/s."""
+    return [*_vector(message["linear"]), *_vector(message["angular"])]
+
+
+def wrench_of(message: Mapping[str, Any]) -> list[float]:
+    """Of a geometry_msgs/Wrench: N, N·m."""
+    return [*_vector(message["force"]), *_vector(message["torque"])]
+
+
+def joint_speeds(names: Sequence[str]) -> Callable[[Message], list[float]]:
+    """What makes the speeds of the joints `names`, in this order, of a sensor_msgs/JointState."""
+
+    def speeds(message: Message) -> list[float]:
+        given, velocities = message["name"], message["velocity"]
+        if not velocities:
+            raise MotionRefusedError(
+                "joints takes speeds (velocity), rad/s or m/s, and the message has none; there is "
+                "no stream of joint positions"
+            )
+        if len(velocities) != len(given):
+            raise MotionRefusedError(
+                f"joints: {len(velocities)} numbers of velocity for {len(given)} names"
+            )
+        by_name = dict(zip(given, velocities, strict=True))
+        if len(by_name) < len(given) or by_name.keys() != set(names):
+            missing = [name for name in names if name not in by_name]
+            strange = [name for name in by_name if name not in names]
+            words = [
+                f"{what} {', '.join(each)}"
+                for what, each in (("without", missing), ("with", strange))
+                if each
+            ]
+            raise MotionRefusedError(
+                f"joints takes each joint of the arm once; the message is {' and '.join(words)}"
+                if words
+                else "joints takes each joint of the arm once; the message has one twice"
+            )
+        return [by_name[name] for name in names]
+
+    return speeds
+
+
+def action_of(code: int) -> Action:
+    """The gripper's action of a code on ROS 2."""
+    if code not in ROS_ACTIONS:
+        raise MotionRefusedError(f"act: {code} is no action; 1 opens, 2 closes, 3 stops")
+    return ROS_ACTIONS[code]
+
+
+def pose_message(stat: Stat, frame: str = "") -> Message:
+    """A geometry_msgs/PoseStamped of a `stat`; its stamp stays zero."""
+    x, y, z, *rotation = stat.pose
+    q = from_rotation_vector(Vector3(*rotation))
+    message = default_message("geometry_msgs/msg/PoseStamped")
+    message["header"]["frame_id"] = frame
+    message["pose"]["position"] = {"x": x, "y": y, "z": z}
+    message["pose"]["orientation"] = {"x": q.x, "y": q.y, "z": q.z, "w": q.w}
+    return message
+
+
+# -- the tables -------------------------------------------------------------------------------
+
+
+def _poses(verb: str, depth: int = 8) -> TopicCommand:
+    return TopicCommand(f"~/command/{verb}", "geometry_msgs/msg/Pose", verb, pose_of, depth)
+
+
+TOPICS = (
+    _poses("pose", 1),
+    TopicCommand("~/command/twist", "geometry_msgs/msg/Twist", "twist", twist_of, 1),
+    TopicCommand("~/command/wrench", "geometry_msgs/msg/Wrench", "wrench", wrench_of, 1),
+    _poses("movj"),
+    _poses("relj"),
+    _poses("movl"),
+    TopicCommand("~/command/movv", "geometry_msgs/msg/Twist", "movv", twist_of),
+    TopicCommand("~/command/forc", "geometry_msgs/msg/Wrench", "forc", wrench_of),
+    _poses("tool"),
+    TopicCommand(
+        "~/command/gripper", "std_msgs/msg/Int32", "act", lambda message: action_of(message["data"])
+    ),
+    # Every command that matters for safety is a topic, too: services do not cross middlewares.
+    TopicCommand(
+        "~/command/stop", "std_msgs/msg/Empty", "stop", lambda _message: None, always=True
+    ),
+)
+"""Table 1 of the paper, and a stop."""
+
+
+def joint_command(names: Sequence[str]) -> TopicCommand:
+    """The stream of joint speeds of the arm with these joints, for JointStateTopicSystem."""
+    return TopicCommand(
+        "~/command/joints", "sensor_msgs/msg/JointState", "joints", joint_speeds(names), 1
+    )
+
+
+def _pose_service(verb: str) -> ServiceCommand:
+    return ServiceCommand(
+        f"~/{verb}", "cardan_msgs/srv/MovePose", verb, lambda request: pose_of(request["x"])
+    )
+
+
+def _inverse(positions: tuple[float, ...]) -> Message:
+    response = default_message("rl_cartesian_control_msgs/srv/Inv_Response")
+    response["q"]["data"] = list(positions)
+    response["success"] = True
+    return response
+
+
+def _wait(arrived: bool) -> Message:
+    return {"success": arrived, "message": "" if arrived else "it did not arrive"}
+
+
+def _stat(stat: Stat) -> Message:
+    return {"pose": pose_message(stat), "state": int(stat.state), "success": True, "message": ""}
+
+
+SERVICES = (
+    ServiceCommand(
+        "~/inv", "rl_cartesian_control_msgs/srv/Inv", "inv",
+        lambda request: pose_of(request["x"]), _inverse,
+    ),
+    ServiceCommand("~/gcmp", "std_srvs/srv/Trigger", "gcmp"),
+    ServiceCommand("~/stop", "std_srvs/srv/Trigger", "stop"),
+    ServiceCommand("~/acknowledge", "std_srvs/srv/Trigger", "acknowledge"),
+    ServiceCommand("~/release", "std_srvs/srv/Trigger", "release"),
+    *map(_pose_service, ("movj", "relj", "movl", "tool")),
+    ServiceCommand(
+        "~/movv", "cardan_msgs/srv/MoveTwist", "movv", lambda request: twist_of(request["xdot"])
+    ),
+    ServiceCommand(
+        "~/forc", "cardan_msgs/srv/ExertWrench", "forc", lambda request: wrench_of(request["fd"])
+    ),
+    ServiceCommand(
+        "~/act", "cardan_msgs/srv/Act", "act", lambda request: action_of(request["action"])
+    ),
+    ServiceCommand(
+        "~/wait", "cardan_msgs/srv/Wait", "wait", lambda request: request["timeout"], _wait
+    ),
+    ServiceCommand("~/stat", "cardan_msgs/srv/Stat", "stat", answer=_stat),
+)  # fmt: skip
+"""The services of the paper, and the same verbs with an answer. A motion's answer is that it has
+begun, or why not; `wait` answers whether it arrived."""
+
+
+def _pose_action(verb: str) -> ActionCommand:
+    return ActionCommand(
+        f"~/action/{verb}", "cardan_msgs/action/MovePose", verb, lambda goal: pose_of(goal["x"])
+    )
+
+
+ACTIONS = (
+    *map(_pose_action, ("movj", "relj", "movl")),
+    ActionCommand(
+        "~/action/movv", "cardan_msgs/action/MoveTwist", "movv",
+        lambda goal: twist_of(goal["xdot"]),
+    ),
+    ActionCommand(
+        "~/action/forc", "cardan_msgs/action/ExertWrench", "forc",
+        lambda goal: wrench_of(goal["fd"]),
+    ),
+    ActionCommand("~/action/gcmp", "cardan_msgs/action/CompensateGravity", "gcmp"),
+)  # fmt: skip
+"""The motions once more, as actions: they tell where the arm is, and when and why they ended."""

@@ -1,0 +1,100 @@
+"""Options of a session on the bus: the table ``[network]``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cardan.bounds import ANGULAR_SPEED_RAD_S, LINEAR_SPEED_M_S, Range
+from cardan.bus.options import BusOptions
+from cardan.errors import OptionError
+from cardan.gateway.arm.authority import HAND
+from cardan.gateway.bus.other_names import NamesOf, ServoScales
+from cardan.protocols.ros2.names import RosNameError, checked_name
+
+DEFAULT_NAME = "cartesian_control_server_ros2"
+"""Of the arm's node: that of the paper's server."""
+
+RATE_HZ = Range(0.1, 1000.0, "Hz", "slower is no state; no robot has faster cycles")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkOptions(BusOptions):
+    """``[network]`` of a session: what it publishes of its arm, and what it takes."""
+
+    name: str = DEFAULT_NAME
+    """Name of the node, and first part of the arm's own topics and services."""
+    namespace: str = ""
+    """Before all names of this arm; empty: none. Needed where several arms are on one bus."""
+    rate_hz: Annotated[float, RATE_HZ] = 50.0
+    """How often the state is published."""
+    commands: bool = True
+    """False: the arm is shown on the network, and takes no commands from it."""
+    device: bool = False
+    """True: the session's operator device is published as `spacenav/*`, `joy` and, where it has
+    inertial sensors, `imu/data_raw`; `joy/set_feedback` makes it rumble; one with force feedback is
+    a haptic device, too."""
+    haptic: str = "hapticDevice_nws_ros2"
+    """Name of the haptic device's node, and first part of its topics and services."""
+    endless_without_watch: bool = False
+    """True: motions without end (movv, gcmp, forc) are taken of anybody, though nobody notices when
+    who asked is gone; only a stop then ends them."""
+    source: str = "ros2"
+    """Name of all commands of the network in the arm's authority."""
+    trajectory_controller: str = "joint_trajectory_controller"
+    """Name of the controller whose action follow_joint_trajectory the arm offers to MoveIt."""
+    other_names: tuple[NamesOf, ...] = ("servo",)
+    """Names of other programs that the arm answers to: MoveIt Servo's, CRTK's, those of FZI's
+    Cartesian controllers, cmd_vel, those of YARP's joint server."""
+    servo: str = "servo_node"
+    """Name of the node that MoveIt Servo's names are below."""
+    servo_units: Literal["unitless", "speed"] = "unitless"
+    """Of MoveIt Servo's commands: shares, -1 to 1, of the three speeds below; or m/s and rad/s."""
+    servo_linear_m_s: Annotated[float, LINEAR_SPEED_M_S] = 0.4
+    servo_angular_rad_s: Annotated[float, ANGULAR_SPEED_RAD_S] = 0.8
+    servo_joint_rad_s: Annotated[float, ANGULAR_SPEED_RAD_S] = 0.5
+    transforms: Literal["all", "tool", "none"] = "all"
+    """What is published on /tf and /tf_static: base to flange and flange to TCP; the latter alone,
+    beside a robot_state_publisher; or nothing."""
+    base_frame: str = "base_link"
+    flange_frame: str = "tool0"
+    tcp_frame: str = "tcp"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        controller = self.trajectory_controller
+        for key, name in (
+            ("name", f"/{self.name}" if self.name else "//"),
+            ("namespace", f"/{self.namespace}"),
+            ("trajectory_controller", f"/{controller}" if controller else "//"),
+            ("servo", f"/{self.servo}" if self.servo else "//"),
+            ("haptic", f"/{self.haptic}" if self.haptic else "//"),
+        ):
+            if name != "/":
+                try:
+                    if "/" in name[1:]:
+                        raise RosNameError(name)
+                    checked_name(name)
+                except RosNameError:
+                    raise OptionError(
+                        key, name[1:], "words of letters, digits and single _, without slashes"
+                    ) from None
+        if self.haptic == self.name:
+            raise OptionError("haptic", self.haptic, "another name than `name`, the arm's")
+        for each in ("base_frame", "tcp_frame"):
+            if not getattr(self, each):
+                raise OptionError(each, "", "the name of a frame")
+        if self.base_frame == self.tcp_frame:
+            raise OptionError("tcp_frame", self.tcp_frame, "another name than base_frame")
+        if self.source == HAND:
+            raise OptionError("source", self.source, f"another name: {HAND!r} is the device")
+
+    @property
+    def servo_scales(self) -> ServoScales:
+        """What commands of MoveIt Servo mean."""
+        return ServoScales(
+            self.servo_units == "unitless",
+            self.servo_linear_m_s,
+            self.servo_angular_rad_s,
+            self.servo_joint_rad_s,
+        )

@@ -1,0 +1,229 @@
+"""What a session publishes for recorders: its configuration, the loop's inputs and outputs, and the
+raw bytes that are exchanged with the device and the robot.
+
+Beside the configuration nothing is made while nobody subscribes.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import math
+import platform
+import re
+import time
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from cardan import __version__
+from cardan.bus.node import BusNode, Publisher
+from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.cycle_record import Request, encode_cycle
+from cardan.gateway.arm.loop import Cycle
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.zenoh import LATCHED_QOS
+
+STRING_TYPE = "std_msgs/msg/String"
+CONFIGURATION_TOPIC, ENGINE_TOPIC = "~/configuration", "~/engine"
+RAW_TYPE = "cardan_msgs/msg/RawPacket"
+
+LOOK_PERIOD_S = 0.25
+"""How often it is looked whether somebody subscribes."""
+
+KEPT_S = 5.0
+"""Time from the first cycle during which cycles are kept for a recorder that was there before the
+session: it takes Zenoh up to a second to tell of it, and a record that lacks the first cycles
+is not replayed exactly."""
+
+AT_ONCE = 8
+"""Most packets, and most kept cycles, that are published in one cycle of the loop."""
+
+KEPT_PACKETS = 1024
+"""Packets that wait for the loop; of more, the newest are dropped."""
+
+HIDDEN = "(not recorded)"
+"""In place of an option that is a secret."""
+
+_SECRET = re.compile(r"password|passphrase|token|secret|credential", re.IGNORECASE)
+
+_PACKAGES = ("daqp", "eclipse-zenoh", "numpy", "pin")
+"""Of which results may depend on the version."""
+
+
+class _Packet(NamedTuple):
+    stamp_ns: int
+    connection: str
+    sent: bool
+    data: bytes
+
+
+class _RawTap:
+    """Publishes the raw bytes of one driver."""
+
+    def __init__(self, node: BusNode, name: str, driver: Driver) -> None:
+        self.dropped = 0
+        self._driver = driver
+        self._publisher = node.publisher(f"~/raw/{name}", RAW_TYPE)
+        self._codec = codec_of(RAW_TYPE)
+        self._packets: deque[_Packet] = deque()
+
+    def look(self) -> None:
+        """Begin or end, as somebody subscribes."""
+        if self._publisher.heard:
+            self._driver.tap = self._take
+        else:
+            self.end()
+
+    def end(self) -> None:
+        """Take nothing any more."""
+        self._driver.tap = None
+        self._packets.clear()
+
+    def _take(self, data: bytes, sent: bool, connection: str) -> None:
+        if len(self._packets) < KEPT_PACKETS:
+            self._packets.append(_Packet(time.time_ns(), connection, sent, bytes(data)))
+        else:
+            self.dropped += 1
+
+    def publish(self, now_ns: int) -> None:
+        """Publish what has come, from the loop's thread."""
+        packets = self._packets
+        for _ in range(min(len(packets), AT_ONCE)):
+            packet = packets.popleft()
+            seconds, nanoseconds = divmod(packet.stamp_ns, 10**9)
+            message = {
+                "header": {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": ""},
+                "connection": packet.connection,
+                "direction": int(packet.sent),
+                "data": packet.data,
+            }
+            self._publisher.put(self._codec.encode(message), now_ns)
+
+
+class _EngineTap:
+    """Publishes what goes into each cycle of the loop, and what comes out of it."""
+
+    def __init__(self, node: BusNode, controller: ArmController) -> None:
+        self._controller = controller
+        self._publisher: Publisher = node.publisher(ENGINE_TOPIC, STRING_TYPE)
+        self._codec = codec_of(STRING_TYPE)
+        self._requests: deque[tuple[int, Request]] = deque()
+        self._kept: deque[str] = deque()
+        self._keeps_until_s = math.inf
+        self._heard = False
+        controller.witness = self._witness
+
+    @property
+    def on(self) -> bool:
+        return self._controller.witness is not None
+
+    def look(self, now_s: float) -> None:
+        """Begin or end, as somebody subscribes."""
+        self._heard = self._publisher.heard
+        if self._keeps_until_s == math.inf:
+            self._keeps_until_s = now_s + KEPT_S
+        if self._heard or now_s < self._keeps_until_s:
+            self._controller.witness = self._witness
+        else:
+            self.end()
+
+    def end(self) -> None:
+        """Take nothing any more."""
+        self._controller.witness = None
+        self._requests.clear()
+        self._kept.clear()
+
+    def _witness(self, ticks: int, name: str, argument: str) -> None:
+        self._requests.append((ticks, Request(name, argument)))
+
+    def publish(self, cycle: Cycle, now_ns: int) -> None:
+        """Publish a cycle, from the loop's thread; or keep it until somebody subscribes."""
+        number, requests = self._controller.ticks, self._requests
+        before = []
+        # What came since this tick belongs to the next one.
+        while requests and requests[0][0] < number:
+            before.append(requests.popleft()[1])
+        self._kept.append(encode_cycle(number, before, cycle))
+        if self._heard:
+            for _ in range(min(len(self._kept), AT_ONCE)):
+                text = self._kept.popleft()
+                self._publisher.put(self._codec.encode({"data": text}), now_ns)
+
+
+class SessionTaps:
+    """A session's topics for recorders. For the loop's thread."""
+
+    def __init__(
+        self,
+        node: BusNode,
+        tables: Mapping[str, Any],
+        controller: ArmController,
+        robot: RobotDriver,
+        device: OperatorDevice | None,
+    ) -> None:
+        """`node` is open. `tables`: the session's configuration."""
+        self._configuration = node.publisher(CONFIGURATION_TOPIC, STRING_TYPE, LATCHED_QOS)
+        self.configure(configuration_message(tables))
+        self._engine = _EngineTap(node, controller)
+        self._raw = [_RawTap(node, "robot", robot)]
+        if device is not None:
+            self._raw.append(_RawTap(node, "device", device))
+        self._look_s = -math.inf
+
+    @property
+    def dropped(self) -> int:
+        """Raw packets for which there was no room."""
+        return sum(each.dropped for each in self._raw)
+
+    def configure(self, message: bytes) -> None:
+        """Publish the configuration, of :func:`configuration_message`; from a later one on a record
+        is not replayed."""
+        self._configuration.put(message, time.time_ns())
+
+    def cycle(self, cycle: Cycle, now_s: float) -> None:
+        """Publish what belongs to a cycle, after its answer has left."""
+        if now_s >= self._look_s:
+            self._look_s = now_s + LOOK_PERIOD_S
+            self._engine.look(now_s)
+            for raw in self._raw:
+                raw.look()
+        now_ns = time.time_ns()
+        if self._engine.on:
+            self._engine.publish(cycle, now_ns)
+        for raw in self._raw:
+            raw.publish(now_ns)
+
+    def close(self) -> None:
+        """Take nothing any more: the bus is left."""
+        self._engine.end()
+        for raw in self._raw:
+            raw.end()
+
+
+def configuration_message(tables: Mapping[str, Any]) -> bytes:
+    """The message that tells of a session's configuration. Reads files: not for the loop."""
+    text = json.dumps(_described(tables))
+    return bytes(codec_of(STRING_TYPE).encode({"data": text}))
+
+
+def _described(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration, and what results may depend on beside it."""
+    versions = {"cardan": __version__, "python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return {"versions": versions, "machine": platform.machine(), "tables": _public(tables)}
+
+
+def _public(value: Any) -> Any:
+    """`value` without secrets."""
+    if isinstance(value, Mapping):
+        return {
+            key: HIDDEN if each and _SECRET.search(str(key)) else _public(each)
+            for key, each in value.items()
+        }
+    return list(map(_public, value)) if isinstance(value, (list, tuple)) else value

@@ -1,0 +1,182 @@
+"""The action FollowJointTrajectory, which MoveIt executes its plans by.
+
+Source: control_msgs/action/FollowJointTrajectory; its error codes as joint_trajectory_controller
+of ros2_controllers gives them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from cardan.errors import CardanError, MotionRefusedError
+from cardan.gateway.bus.commands import ActionCommand, Instant
+from cardan.gateway.motion.joint_trajectory import (
+    GOAL_TOLERANCE,
+    MAX_POINTS,
+    PATH_TOLERANCE,
+    JointTrajectory,
+)
+from cardan.protocols.ros2.cdr import Message
+from cardan.protocols.ros2.messages import default_message
+
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
+
+SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS, OLD_HEADER_TIMESTAMP = 0, -1, -2, -3
+PATH_TOLERANCE_VIOLATED, GOAL_TOLERANCE_VIOLATED = -4, -5
+
+BEGINS_S = 1.0
+"""How far the time at which a trajectory is to begin may be from now, s; 0 in it is now. The arm
+begins at once: clocks of computers and the way here take that long."""
+
+
+class TrajectoryError(MotionRefusedError):
+    """A goal that is no trajectory of this arm."""
+
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(f"trajectory: {message}")
+        self.code = code
+
+
+def follow_joint_trajectory(controller: str, joints: Sequence[str]) -> ActionCommand:
+    """The action of a controller of this name, for an arm with these joints."""
+    names = tuple(joints)
+
+    def feedback(now: Instant) -> Message:
+        return _feedback(names, now)
+
+    return ActionCommand(
+        f"{controller}/follow_joint_trajectory",
+        FOLLOW,
+        "trajectory",
+        lambda goal: trajectory_of(goal, names, time.time_ns()),
+        result_of,
+        feedback,
+    )
+
+
+def trajectory_of(goal: Message, joints: Sequence[str], now_ns: int) -> JointTrajectory:
+    """The trajectory of a goal, in the arm's order of joints. Raises TrajectoryError or
+    MotionRefusedError; `now_ns`: since the epoch."""
+    given = goal["trajectory"]
+    names, points = given["joint_names"], given["points"]
+    if sorted(names) != sorted(joints):
+        raise TrajectoryError(
+            INVALID_JOINTS, f"it is for {', '.join(names)[:200]}; the arm has {', '.join(joints)}"
+        )
+    if goal["multi_dof_trajectory"]["points"] or goal["multi_dof_trajectory"]["joint_names"]:
+        raise TrajectoryError(
+            INVALID_GOAL, "joints with several degrees of freedom: there are none"
+        )
+    if not 1 <= len(points) <= MAX_POINTS:
+        raise TrajectoryError(INVALID_GOAL, f"it has {len(points)} points, not 1 to {MAX_POINTS}")
+    order = [names.index(name) for name in joints]
+    times = [_seconds(point["time_from_start"]) for point in points]
+    _check_begin(given["header"]["stamp"], times[-1], now_ns)
+    if any(point["effort"] for point in points):
+        raise TrajectoryError(INVALID_GOAL, "it has efforts; positions are followed")
+    positions = _rows(points, "positions", order)
+    if positions is None:
+        raise TrajectoryError(INVALID_GOAL, "it has no positions")
+    return JointTrajectory(
+        times,
+        positions,
+        _rows(points, "velocities", order),
+        _rows(points, "accelerations", order),
+        _tolerances(goal, "path_tolerance", joints),
+        _tolerances(goal, "goal_tolerance", joints),
+        max(0.0, _seconds(goal["goal_time_tolerance"])),
+    )
+
+
+def _check_begin(stamp: Message, duration_s: float, now_ns: int) -> None:
+    begin_ns = stamp["sec"] * 10**9 + stamp["nanosec"]
+    if not begin_ns:
+        return
+    late_s = (now_ns - begin_ns) * 1e-9
+    if late_s > BEGINS_S:
+        raise TrajectoryError(
+            OLD_HEADER_TIMESTAMP, f"it was to begin {late_s:.1f} s ago, and takes {duration_s:g} s"
+        )
+    if late_s < -BEGINS_S:
+        raise TrajectoryError(
+            INVALID_GOAL, f"it is to begin in {-late_s:.1f} s; send it then, or with a stamp of 0"
+        )
+
+
+def _rows(points: Sequence[Message], name: str, order: Sequence[int]) -> list[list[float]] | None:
+    """What all points have of `name`, in the arm's order; None where none has it."""
+    counts = {len(point[name]) for point in points}
+    if counts == {0}:
+        return None
+    if counts != {len(order)}:
+        raise TrajectoryError(INVALID_GOAL, f"not all points have {len(order)} {name}")
+    return [[point[name][index] for index in order] for point in points]
+
+
+def _tolerances(goal: Message, name: str, joints: Sequence[str]) -> list[float] | None:
+    """By joint; 0: none. Below 0 and 0 both mean that there is none, as this arm has no defaults
+    for them."""
+    if goal[f"component_{name}"]:
+        raise TrajectoryError(INVALID_GOAL, f"component_{name}: there are no such joints")
+    if not goal[name]:
+        return None
+    found = [0.0] * len(joints)
+    for each in goal[name]:
+        if each["name"] not in joints:
+            raise TrajectoryError(INVALID_JOINTS, f"{name}: no joint {each['name']!r:.60}")
+        if any(each[part] > 0.0 for part in ("velocity", "acceleration", "effort")):
+            raise TrajectoryError(INVALID_GOAL, f"{name}: only positions are watched")
+        position = each["position"]
+        if not position < float("inf"):
+            raise TrajectoryError(INVALID_GOAL, f"{name}: {position} is no tolerance")
+        found[joints.index(each["name"])] = max(0.0, position)
+    return found
+
+
+def _seconds(duration: Message) -> float:
+    return float(duration["sec"] + 1e-9 * duration["nanosec"])
+
+
+def result_of(reason: str, error: CardanError | None) -> Message:
+    """The result for the reason why a trajectory was not done; "": it was."""
+    code = SUCCESSFUL
+    if reason:
+        code = INVALID_GOAL
+        for begin, kind in (
+            (PATH_TOLERANCE, PATH_TOLERANCE_VIOLATED),
+            (GOAL_TOLERANCE, GOAL_TOLERANCE_VIOLATED),
+        ):
+            if reason.startswith(begin):
+                code = kind
+    if isinstance(error, TrajectoryError):
+        code = error.code
+    return {"error_code": code, "error_string": reason}
+
+
+def _feedback(joints: Sequence[str], now: Instant) -> Message:
+    message = default_message(f"{FOLLOW}_Feedback")
+    message["header"] = {
+        "stamp": {"sec": now.stamp_ns // 10**9, "nanosec": now.stamp_ns % 10**9},
+        "frame_id": now.frame,
+    }
+    message["joint_names"] = list(joints)
+    actual = now.robot
+    moving = actual.velocities if len(actual.velocities) == len(joints) else ()
+    message["actual"] = _point(actual.joints, moving)
+    if now.desired is not None and len(actual.joints) == len(joints):
+        positions, velocities = now.desired
+        message["desired"] = _point(positions, velocities)
+        apart = [a - b for a, b in zip(positions, actual.joints, strict=True)]
+        slower = [a - b for a, b in zip(velocities, moving, strict=True)] if moving else []
+        message["error"] = _point(apart, slower)
+    return message
+
+
+def _point(positions: Sequence[float], velocities: Sequence[float]) -> dict[str, Any]:
+    point = default_message("trajectory_msgs/msg/JointTrajectoryPoint")
+    return point | {
+        "positions": [float(each) for each in positions],
+        "velocities": [float(each) for each in velocities],
+    }

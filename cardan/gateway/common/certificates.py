@@ -1,0 +1,104 @@
+"""Reads of a certificate for how long it is valid, and for which names (X.509, RFC 5280).
+
+Python's own module shows these of a peer's certificate only, after a handshake.
+"""
+
+from __future__ import annotations
+
+import datetime
+import ipaddress
+import ssl
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+_SEQUENCE: Final = 0x30
+_OBJECT: Final = 0x06
+_UTC_TIME: Final = 0x17
+_VERSION: Final = 0xA0
+_EXTENSIONS: Final = 0xA3
+_DNS_NAME: Final = 0x82
+_ADDRESS: Final = 0x87
+_SUBJECT_ALTERNATIVE_NAMES: Final = bytes((0x55, 0x1D, 0x11))
+"""The object 2.5.29.17."""
+
+
+class Certificate(NamedTuple):
+    """What a certificate says."""
+
+    begins: datetime.datetime
+    ends: datetime.datetime
+    names: tuple[str, ...]
+    """Host names and addresses that it is for; browsers take no other notice of its subject."""
+
+
+def read_certificate(pem: str) -> Certificate:
+    """The first certificate of a PEM file. Raises ValueError for what is none."""
+    head, foot = "-----BEGIN CERTIFICATE-----", "-----END CERTIFICATE-----"
+    begin, end = pem.find(head), pem.find(foot)
+    if begin < 0 or end < begin:
+        raise ValueError("there is no certificate in it")
+    return decode_certificate(ssl.PEM_cert_to_DER_cert(pem[begin : end + len(foot)]))
+
+
+def decode_certificate(der: bytes) -> Certificate:
+    """A certificate in DER. Raises ValueError for what is none."""
+    try:
+        return _certificate(der)
+    except (IndexError, StopIteration, UnicodeDecodeError, OverflowError) as error:
+        raise ValueError(f"it is no certificate: {error}") from None
+
+
+def _certificate(der: bytes) -> Certificate:
+    whole = next(_items(_inside(der, _SEQUENCE)))
+    if whole[0] != _SEQUENCE:
+        raise ValueError("it is no certificate")
+    parts = list(_items(whole[1]))
+    if parts and parts[0][0] == _VERSION:
+        del parts[0]
+    # Serial number, algorithm, issuer, validity, subject, key.
+    begins, ends = (_time(*each) for each in list(_items(parts[3][1]))[:2])
+    names: tuple[str, ...] = ()
+    for tag, value in parts[6:]:
+        if tag == _EXTENSIONS:
+            names = tuple(_names(value))
+    return Certificate(begins, ends, names)
+
+
+def _items(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Tag and content of each value in `data`."""
+    at = 0
+    while at < len(data):
+        tag, length, at = data[at], data[at + 1], at + 2
+        if length & 0x80:
+            size = length & 0x7F
+            length = int.from_bytes(data[at : at + size], "big")
+            at += size
+        if at + length > len(data):
+            raise ValueError("it is cut off")
+        yield tag, data[at : at + length]
+        at += length
+
+
+def _inside(data: bytes, tag: int) -> bytes:
+    found, value = next(_items(data))
+    if found != tag:
+        raise ValueError("it is no certificate")
+    return value
+
+
+def _time(tag: int, value: bytes) -> datetime.datetime:
+    text = value.decode("ascii")
+    form = "%y%m%d%H%M%SZ" if tag == _UTC_TIME else "%Y%m%d%H%M%SZ"
+    return datetime.datetime.strptime(text, form).replace(tzinfo=datetime.timezone.utc)
+
+
+def _names(value: bytes) -> Iterator[str]:
+    for _, extension in _items(_inside(value, _SEQUENCE)):
+        parts = list(_items(extension))
+        if parts[0] != (_OBJECT, _SUBJECT_ALTERNATIVE_NAMES):
+            continue
+        for tag, name in _items(_inside(parts[-1][1], _SEQUENCE)):
+            if tag == _DNS_NAME:
+                yield name.decode("ascii")
+            elif tag == _ADDRESS:
+                yield str(ipaddress.ip_address(name))

@@ -1,0 +1,198 @@
+"""Programs that ask the daemon: rows, orders, and the verbs of an arm that it runs."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from typing import Any, Final
+
+from cardan.errors import AddressError, CardanError, DriverError, MotionLoopError
+from cardan.gateway.arm.authority import VERBS
+from cardan.gateway.arm.packet_arm import PacketArm
+from cardan.gateway.arm.requests import Request, decode_answer, encode_error
+from cardan.gateway.daemon.control import (
+    Ask,
+    ControlError,
+    LineReader,
+    Told,
+    decode_told,
+    encode_ask,
+)
+from cardan.sockets import UntrustedServerError, absence, connected, runtime_path
+
+ANSWER_S: Final = 10.0
+"""Longest wait for an answer."""
+
+RELOAD_S: Final = 120.0
+"""Longest wait for that of a reload, which loads every arm's model."""
+
+SYSTEM_SOCKET: Final = "/run/cardan/cardan.sock"
+"""Where the daemon has it that `cardan service install --system` starts."""
+
+SOCKET_VARIABLE: Final = "CARDAN_SOCKET"
+"""The environment variable that names the daemon's socket; the daemon's faces have it."""
+
+ANSWER_BYTES: Final = 1 << 24
+"""Longest answer: all lines that the daemon keeps."""
+
+
+class ControlClient:
+    """A connection to the daemon. For one thread."""
+
+    def __init__(self, path: str = "", timeout_s: float | None = ANSWER_S) -> None:
+        """`path`: of its socket; empty: that of the environment's CARDAN_SOCKET, where this user's
+        daemon has it, or else the computer's. Raises AddressError."""
+        path = path or os.environ.get(SOCKET_VARIABLE, "")
+        self.path = path or runtime_path("cardan.sock")
+        if not path and not os.path.exists(self.path) and os.path.exists(SYSTEM_SOCKET):
+            self.path = SYSTEM_SOCKET
+        if why := absence(self.path):
+            raise AddressError(f"no daemon runs here ({why}): start one with `cardan serve`")
+        try:
+            self._sock = connected(self.path, socket.SOCK_STREAM, timeout_s)
+        except OSError as error:
+            advice = ""
+            if isinstance(error, PermissionError) and not isinstance(error, UntrustedServerError):
+                advice = ": it is another user's, who may let you in by daemon.group"
+            raise AddressError(
+                f"the daemon at {self.path} does not answer: {error.strerror or error}{advice}"
+            ) from None
+        self._ids = itertools.count(1)
+        self._reader = LineReader(ANSWER_BYTES)
+        self._lines: list[bytes] = []
+
+    def close(self) -> None:
+        """Leave. Never raises; twice is fine."""
+        self._sock.close()
+
+    def __enter__(self) -> ControlClient:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self.close()
+
+    def ask(self, do: str, name: str = "", value: Any = None) -> Any:
+        """The result of a request. Raises ControlError where it is refused, and AddressError where
+        the daemon is gone."""
+        number = next(self._ids)
+        self.send(Ask(number, do, name, value))
+        for told in self._answers(number):
+            if told.kind == "result":
+                return told.value
+        raise AddressError("the daemon has ended")
+
+    def events(self, do: str, name: str = "", value: Any = None) -> Iterator[Any]:
+        """What comes of a request that goes on, until the daemon ends. Raises as `ask` does."""
+        number = next(self._ids)
+        self.send(Ask(number, do, name, value))
+        for told in self._answers(number):
+            yield told.value
+
+    def send(self, ask: Ask) -> None:
+        """Send a request. Raises AddressError."""
+        try:
+            self._sock.sendall(encode_ask(ask))
+        except OSError as error:
+            raise AddressError(f"the daemon takes no requests: {error.strerror}") from None
+
+    def receive(self) -> Told | None:
+        """The next answer; None: the daemon is gone. Raises AddressError where none comes."""
+        while not self._lines:
+            try:
+                data = self._sock.recv(65536)
+            except TimeoutError:
+                raise AddressError(
+                    f"the daemon at {self.path} has not answered for {self._sock.gettimeout():g} s"
+                ) from None
+            except OSError:
+                data = b""
+            if not data:
+                return None
+            self._lines = self._reader.take(data)
+        return decode_told(self._lines.pop(0))
+
+    def _answers(self, number: int) -> Iterator[Told]:
+        while (told := self.receive()) is not None:
+            if told.id not in (number, None):
+                continue
+            if told.kind == "error":
+                raise ControlError(told.value, told.id)
+            yield told
+
+
+class DaemonArm(PacketArm):
+    """An arm that the daemon runs, and its verbs.
+
+    ::
+
+        with DaemonArm("gofa") as arm:
+            arm.movj([0.4, 0.1, 0.4, 3.14, 0.0, 0.0])
+            arm.wait()
+
+    When this program ends, a motion without an end that it asked for ends, too, and streams do.
+    """
+
+    def __init__(self, name: str, *, path: str = "", source: str = VERBS) -> None:
+        """`name`: of the session; `path`: of the daemon's socket. Raises ConfigurationError."""
+        super().__init__(source)
+        self.name, self._path = name, path
+        self._client: ControlClient | None = None
+        self._reader: threading.Thread | None = None
+        self._sending = threading.Lock()
+
+    def open(self) -> None:
+        """Connect to the daemon. Raises AddressError, or DriverError where its session cannot be
+        asked."""
+        if self._client is not None:
+            return
+        with ControlClient(self._path) as asked:
+            row = asked.ask("units", self.name)[0]
+        if row["kind"] != "session" or row["state"] != "running":
+            reason = f": {row['reason']}" if row["reason"] else ""
+            raise DriverError(f"the {row['kind']} {self.name} is {row['state']}{reason}")
+        self._client = client = ControlClient(self._path, timeout_s=None)
+        self._begin()
+        self._reader = threading.Thread(
+            target=self._read, args=(client,), name="cardan-daemon", daemon=True
+        )
+        self._reader.start()
+
+    def close(self) -> None:
+        """Leave the arm to the daemon. Never raises; twice is fine."""
+        client, self._client = self._client, None
+        if client is None or self._reader is None:
+            return
+        with contextlib.suppress(OSError):
+            client._sock.shutdown(socket.SHUT_RDWR)
+        self._reader.join()
+        client.close()
+        self._close()
+
+    def _send(self, _request: Request, packet: bytes) -> None:
+        client = self._client
+        if client is None:
+            raise OSError(0, "it is closed")
+        request = json.loads(packet)
+        with self._sending:
+            client.send(Ask(request["id"], "ask", self.name, request))
+
+    def _read(self, client: ControlClient) -> None:
+        why = "the daemon has ended"
+        try:
+            while (told := client.receive()) is not None:
+                if told.kind == "error":
+                    packet = encode_error(told.id, MotionLoopError(told.value))
+                else:
+                    packet = json.dumps(told.value, separators=(",", ":")).encode()
+                answer = decode_answer(packet)
+                if answer is not None:
+                    self._take_answer(answer)
+        except CardanError as error:
+            why = str(error)
+        finally:
+            self._end(why)

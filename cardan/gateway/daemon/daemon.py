@@ -1,0 +1,809 @@
+"""The daemon: starts what its files say, keeps it running, and answers who asks at its socket.
+
+One thread decides all; the threads that follow a process tell it by a queue what has become of it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import logging
+import math
+import os
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+from cardan import __version__
+from cardan.errors import CardanError, ConfigurationError
+from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.requests import (
+    ENDLESS,
+    LATE_S,
+    NEW_MOTION,
+    SEQUENCED,
+    PacketError,
+    decode_request,
+)
+from cardan.gateway.daemon.changes import (
+    UNTIL_START,
+    Change,
+    in_words,
+    of_layouts,
+    of_resting,
+    of_session,
+)
+from cardan.gateway.daemon.control import Ask, ControlError, Told
+from cardan.gateway.daemon.events import Event, EventLog, default_event_log
+from cardan.gateway.daemon.keeping import Ended, Unit, UnitState
+from cardan.gateway.daemon.kept import Kept, KeptFace, KeptSession, Line
+from cardan.gateway.daemon.layout import FaceEntry, Layout, sharers
+from cardan.gateway.daemon.lending import Order, Seen, SharedDevice
+from cardan.gateway.daemon.notify import Notifier
+from cardan.gateway.daemon.processes import (
+    ENDS_WITHIN_S,
+    RunningSession,
+)
+from cardan.gateway.daemon.server import Connection, ControlServer
+from cardan.gateway.faces.tokens import Role
+from cardan.gateway.session.changes import Moment
+from cardan.gateway.session.config import SessionConfig
+from cardan.gateway.session.lending import GIVE, TAKE
+from cardan.gateway.session.reloading import Found, ReloadOrder
+from cardan.logs import fields
+from cardan.shortage import shortage
+from cardan.sockets import make_runtime_folder, runtime_path
+from cardan.types import NEVER_S
+
+POLL_S: Final = 0.1
+"""How often it looks at its processes."""
+
+LINES_KEPT: Final = 2000
+CHARACTERS_KEPT: Final = 2_000_000
+"""Lines of all processes' output that are kept for who asks later, and how long they may be all
+together: one answer has them all."""
+
+LINES_WAITING: Final = 5000
+"""Lines that wait until the daemon has a turn; more are dropped, and counted."""
+
+CALLS_A_TURN: Final = 500
+"""Most of what processes tell that is heard before others have their turn."""
+
+GOING_ON: Final = 16
+"""Requests of one connection that go on: `watch`, `log -f` and `events -f`."""
+
+EVENTS_KEPT: Final = 1000
+"""Events that are kept for who asks later; the event log has more."""
+
+WATCH_PERIODS_S: Final = (0.1, 60.0)
+
+LOOKS_WITHIN_S: Final = 5.0
+"""Longest time in which a session that runs looks at another configuration: it may be planning."""
+
+_UNDER_WAY = ("waiting", "running")
+"""Outcomes of motions that have not ended."""
+
+_BAD = frozenset({UnitState.WAITING.value, UnitState.FAILED.value, "trip", "reload refused"})
+"""Events that somebody may have to do something about."""
+
+_log = logging.getLogger(__name__)
+
+
+class _Route(NamedTuple):
+    """Who asked a session something."""
+
+    connection: Connection
+    ask: int
+    request: Any
+    endless: bool
+    note: Mapping[str, Any] = MappingProxyType({})
+    """What was told of the motion at its beginning."""
+
+
+ReloadOutcome = Sequence[Change] | CardanError
+"""Of a reload: its changes, or why nothing was changed."""
+
+
+@dataclass
+class Reload:
+    """A reload that is under way."""
+
+    number: int
+    check_only: bool
+    over: Callable[[ReloadOutcome], None]
+    layout: Layout | None = None
+    """None: the files are being read."""
+    until_s: float = math.inf
+    """When sessions that have not answered are waited for no longer."""
+    changes: list[Change] = field(default_factory=list)
+    asked: dict[str, RunningSession] = field(default_factory=dict)
+    found: dict[str, Found] = field(default_factory=dict)
+    begins_anew: set[str] = field(default_factory=set)
+    """Sessions that take it by a start."""
+
+
+class Daemon:
+    """Runs all that a layout says until it is told to end."""
+
+    def __init__(self, layout: Layout, read: Callable[[], Layout]) -> None:
+        """`read` reads the layout anew, in a thread of its own, in which it must not hold up the
+        daemon's others: sessions whose beats do not come stop their arms. Raises
+        ConfigurationError."""
+        self.layout = layout
+        self._read = read
+        self._kept: dict[str, Kept] = {}
+        self._events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._lines: deque[Line] = deque()
+        self._characters = 0
+        """Of all these lines."""
+        self._lines_dropped = 0
+        self._server: ControlServer | None = None
+        self._ending = False
+        self._polled_s = math.inf
+        """When it last looked at what is asked."""
+        self._reload_asked = False
+        self._reload: Reload | None = None
+        """The one that is under way: sessions are looking whether they can take it."""
+        self._watchers: dict[tuple[int, int], _Watcher] = {}
+        self._followers: dict[tuple[int, int], tuple[Connection, Ask]] = {}
+        self._notifier = Notifier()
+        self._recent: deque[Event] = deque(maxlen=EVENTS_KEPT)
+        self._event_log: EventLog | None = None
+        self._ids = itertools.count(1)
+        self._routes: dict[tuple[str, int], _Route] = {}
+        """Who waits for the answer to a request, by session and the daemon's own number."""
+        self._motions: dict[tuple[str, int], _Route] = {}
+        """Who is told of a motion, by session and the motion's id."""
+        self._shared: dict[str, SharedDevice] = {}
+        """The devices that several sessions share, by name."""
+        self._share(layout)
+        for name, session in layout.sessions.items():
+            self._keep(KeptSession(name, session, layout.daemon.start_limit), session.start)
+        for name, face in layout.faces.items():
+            self._keep(KeptFace(name, face, layout.daemon.start_limit), face.start)
+
+    def _keep(self, kept: Kept, start: bool) -> None:
+        self._kept[kept.name] = kept
+        if isinstance(kept, KeptSession):
+            name = kept.name
+            kept.answered = lambda packet: self._answered(name, packet)
+            kept.gone = lambda reason: self._session_gone(name, reason)
+            kept.found = lambda process, found: self._session_found(name, process, found)
+            kept.has_device = lambda: self._holder(name) in ("", name)
+            kept.lent = lambda: self._lent(name)
+        if start:
+            kept.unit.start(time.monotonic())
+
+    def _share(self, layout: Layout) -> None:
+        """Who shares devices by now; who has one keeps it."""
+        before, self._shared = self._shared, {}
+        for device, names in sharers(layout.sessions).items():
+            shared = self._shared[device] = SharedDevice(device, names)
+            if device in before and before[device].holder in names:
+                shared.holder = before[device].holder
+
+    def _holder(self, name: str) -> str:
+        """Session that has the device of this one; empty: it is not shared."""
+        found = (each.holder for each in self._shared.values() if name in each.sessions)
+        return next(found, "")
+
+    def _lent(self, name: str) -> str:
+        """Where the device of a session is that has not opened it."""
+        holder = self._holder(name)
+        return f"its device serves {holder}" if holder != name else "its device is being opened"
+
+    # -- from other threads, and signal handlers -------------------------------------------------
+
+    def end(self) -> None:
+        """Ask it to end: sessions brake, hold and leave. Safe in a signal handler."""
+        self._ending = True
+        if self._server is not None:
+            self._server.wake()
+
+    def ask_reload(self) -> None:
+        """Ask it to read its files anew. Safe in a signal handler."""
+        self._reload_asked = True
+        if self._server is not None:
+            self._server.wake()
+
+    def _told(self, call: Callable[[], None]) -> None:
+        self._events.put(call)
+        if self._server is not None:
+            self._server.wake()
+
+    def _say(self, line: Line) -> None:
+        if self._events.qsize() >= LINES_WAITING:
+            self._lines_dropped += 1
+            return
+        self._told(lambda: self._keep_line(line))
+
+    # -- the loop --------------------------------------------------------------------------------
+
+    def run(self, ready: Callable[[str], None], seconds: float | None = None) -> None:
+        """Serve until `end`, or until `seconds` are over. `ready` gets the path of its socket.
+
+        Raises AddressError where another daemon has the socket.
+        """
+        options = self.layout.daemon
+        if not options.socket:
+            make_runtime_folder()
+        path = options.socket or runtime_path("cardan.sock")
+        self._server = server = ControlServer(
+            path, options.group, self._handle, Role[options.group_role.upper()]
+        )
+        until_s = None if seconds is None else time.monotonic() + seconds
+        try:
+            if options.event_log != "none":
+                file = Path(options.event_log) if options.event_log else default_event_log()
+                self._event_log = EventLog(file)
+            ready(server.path)
+            self._notifier.ready()
+            while not self._ending and (until_s is None or time.monotonic() < until_s):
+                self._turn(server)
+            self._leave(server)
+        finally:
+            for kept in self._kept.values():
+                if kept.process is not None:
+                    kept.process.stop()
+            for kept in self._kept.values():
+                if (process := kept.process) is not None:
+                    process.join(ENDS_WITHIN_S)
+            server.close()
+            if self._event_log is not None:
+                self._event_log.close()
+
+    def _turn(self, server: ControlServer) -> None:
+        now_s = time.monotonic()
+        if self._reload_asked and self._reload is None:
+            self._reload_asked = False
+            self._notifier.reloading()
+            self.reload(lambda _outcome: self._notifier.ready())
+        if self._reload is not None:
+            self._look_after_reload(self._reload, now_s)
+        if self._notifier.watched:
+            self._notifier.status(self._summary())
+            if self._all_answer(now_s):
+                self._notifier.alive(now_s)
+        self._look_after(now_s)
+        self._find_events()
+        self._pass_devices()
+        self._tell_watchers(now_s)
+        server.poll(POLL_S if self._events.empty() else 0.0)
+        self._polled_s = time.monotonic()
+        with contextlib.suppress(queue.Empty):
+            for _ in range(CALLS_A_TURN):
+                call = self._events.get_nowait()
+                try:
+                    call()
+                except Exception:  # Of one process; the others go on.
+                    _log.exception("what a process has told met with a fault of the daemon")
+
+    def _summary(self) -> str:
+        states = [kept.unit.state.value for kept in self._kept.values()]
+        return ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+
+    def _all_answer(self, now_s: float) -> bool:
+        """Whether every session that has begun has told of itself lately."""
+        running = (kept.process for kept in self._kept.values())
+        return all(
+            now_s <= process.due_s for process in running if isinstance(process, RunningSession)
+        )
+
+    def _find_events(self) -> None:
+        time_s = time.time()
+        for kept in self._kept.values():
+            unit = kept.unit
+            if unit.state is not kept.shown_state:
+                kept.shown_state = unit.state
+                self._happened(Event(time_s, kept.name, unit.state.value, kept.kind, unit.reason))
+            if isinstance(kept, KeptSession):
+                if kept.process is None:
+                    kept.watch.forget()
+                    continue
+                for event in kept.watch.take(kept.snapshot, time_s):
+                    self._happened(event)
+
+    def _happened(self, event: Event) -> None:
+        self._recent.append(event)
+        _log.log(
+            logging.WARNING if event.event in _BAD else logging.INFO,
+            "%s: %s %s%s",
+            *(event.name, event.event, event.what, f": {event.why}" if event.why else ""),
+            extra=fields(name=event.name, event=event.event, what=event.what, why=event.why),
+        )
+        if self._event_log is not None:
+            self._event_log.write(event)
+        for connection, ask in self._followers.values():
+            if ask.do == "events" and ask.name in ("", event.name):
+                connection.tell(Told(ask.id, "event", event._asdict()))
+
+    def _look_after(self, now_s: float) -> None:
+        for kept in list(self._kept.values()):
+            unit = kept.unit
+            if isinstance(kept, KeptSession) and kept.restart_waits and not kept.engaged:
+                kept.restart_waits = False
+                if unit.state is UnitState.RUNNING:
+                    unit.restart(now_s, "its configuration has changed")
+            if unit.is_ending and kept.process is not None:
+                kept.process.stop()
+            elif unit.due(now_s):
+                self._begin(kept, now_s)
+
+    def _begin(self, kept: Kept, now_s: float) -> None:
+        kept.unit.begun(now_s)
+        if isinstance(kept, KeptFace) and self._server is not None:
+            kept.socket = os.path.abspath(self._server.path)
+        try:
+            kept.begin(self._told, self._say)
+        except OSError as error:
+            words = shortage(error) or f"cannot be started: {error}"
+            kept.unit.ended(Ended.DIED, words, now_s)
+
+    def _pass_devices(self) -> None:
+        for shared in self._shared.values():
+            for name, order in shared.poll(self._seen):
+                kept = self._kept[name]
+                if isinstance(kept.process, RunningSession):
+                    with contextlib.suppress(OSError):
+                        kept.process.send(TAKE if order is Order.TAKE else GIVE)
+
+    def _seen(self, name: str) -> Seen:
+        kept = self._kept[name]
+        assert isinstance(kept, KeptSession)
+        s, state = kept.snapshot, kept.unit.state
+        return Seen(
+            state in (UnitState.RUNNING, UnitState.WAITING),
+            kept.process is not None,
+            s.device_held,
+            s.phase,
+            s.device_passes,
+        )
+
+    def _leave(self, server: ControlServer) -> None:
+        """End all processes in good order; who asks is answered meanwhile."""
+        self._notifier.stopping()
+        now_s = time.monotonic()
+        give_up_s = now_s + ENDS_WITHIN_S
+        for kept in self._kept.values():
+            kept.unit.stop(now_s, "the daemon ends")
+        while any(kept.process for kept in self._kept.values()) and time.monotonic() < give_up_s:
+            self._turn(server)
+
+    # -- requests --------------------------------------------------------------------------------
+
+    def _handle(self, ask: Ask, connection: Connection) -> None:
+        try:
+            found = getattr(self, f"_do_{ask.do}")(ask, connection)
+        except CardanError as error:
+            connection.tell(Told(ask.id, "error", str(error)))
+            return
+        except Exception:
+            # One request must not end all sessions.
+            _log.exception("a request, %s, met with a fault of the daemon", ask.do)
+            connection.tell(Told(ask.id, "error", f"{ask.do}: a fault: see the daemon's log"))
+            return
+        if found is not None:
+            connection.tell(Told(ask.id, "result", found))
+
+    def _named(self, ask: Ask) -> list[Kept]:
+        if not ask.name:
+            raise ControlError(f"{ask.do}: of which? {self._names()}", ask.id)
+        if ask.name not in self._kept:
+            raise ControlError(f"there is no {ask.name!r:.70}; {self._names()}", ask.id)
+        return [self._kept[ask.name]]
+
+    def _names(self) -> str:
+        return f"there are: {', '.join(self._kept)}"
+
+    def _session(self, ask: Ask) -> KeptSession:
+        kept = self._named(ask)[0]
+        if not isinstance(kept, KeptSession):
+            raise ControlError(f"{ask.name} is a face, which has no arm", ask.id)
+        return kept
+
+    def _rows(self, name: str = "") -> list[dict[str, Any]]:
+        now_s = time.monotonic()
+        return [kept.shown(now_s) for kept in self._kept.values() if name in ("", kept.name)]
+
+    def _do_version(self, _ask: Ask, _connection: Connection) -> Any:
+        return __version__
+
+    def _do_units(self, ask: Ask, _connection: Connection) -> Any:
+        if ask.name:
+            self._named(ask)
+        return self._rows(ask.name)
+
+    def _do_snapshot(self, ask: Ask, _connection: Connection) -> Any:
+        return json.loads(self._session(ask).snapshot.to_bytes())
+
+    def _do_figures(self, _ask: Ask, _connection: Connection) -> Any:
+        now_s = time.monotonic()
+        units = [kept.figures(now_s) for kept in self._kept.values()]
+        return {"version": __version__, "units": units}
+
+    def _do_start(self, ask: Ask, _connection: Connection) -> Any:
+        return self._order(ask, Unit.start)
+
+    def _do_stop(self, ask: Ask, _connection: Connection) -> Any:
+        return self._order(ask, Unit.stop)
+
+    def _do_restart(self, ask: Ask, _connection: Connection) -> Any:
+        return self._order(ask, Unit.restart)
+
+    def _order(self, ask: Ask, order: Callable[[Unit, float], None]) -> Any:
+        for kept in self._named(ask):
+            order(kept.unit, time.monotonic())
+        self._look_after(time.monotonic())
+        return self._rows(ask.name)
+
+    def _do_devices(self, _ask: Ask, _connection: Connection) -> Any:
+        return [
+            {"name": each.name, "sessions": list(each.sessions), "holder": each.holder}
+            for each in self._shared.values()
+        ]
+
+    def _do_switch(self, ask: Ask, _connection: Connection) -> Any:
+        shared = self._shared.get(ask.name)
+        if shared is None:
+            known = ", ".join(self._shared) or "none"
+            raise ControlError(
+                f"{ask.name!r:.70} is no device that several sessions share; those are: {known}",
+                ask.id,
+            )
+        to = ask.value or shared.after(
+            shared.next or shared.holder, lambda name: self._seen(name).wanted
+        )
+        if not to:
+            raise ControlError(f"no other session that shares {ask.name} runs", ask.id)
+        if to not in shared.sessions:
+            raise ControlError(
+                f"{ask.name} goes to {', '.join(shared.sessions)}, not to {to!r:.70}", ask.id
+            )
+        if not self._seen(to).wanted:
+            state = self._kept[to].unit.state.value
+            raise ControlError(f"{to} is {state}: `cardan start {to}` first", ask.id)
+        shared.pass_to(to)
+        return {"name": shared.name, "from": shared.holder, "to": to}
+
+    def _do_reload(self, ask: Ask, connection: Connection) -> Any:
+        if ask.value not in (None, True, False):
+            raise ControlError(
+                "reload: its value says whether it only checks: true or false", ask.id
+            )
+
+        def over(outcome: ReloadOutcome) -> None:
+            if isinstance(outcome, CardanError):
+                connection.tell(Told(ask.id, "error", str(outcome)))
+            else:
+                connection.tell(Told(ask.id, "result", [each._asdict() for each in outcome]))
+
+        self.reload(over, check_only=ask.value is True)
+        return None
+
+    def _do_watch(self, ask: Ask, connection: Connection) -> Any:
+        period_s = 1.0 if ask.value is None else ask.value
+        low, high = WATCH_PERIODS_S
+        if isinstance(period_s, bool) or not isinstance(period_s, (int, float)):
+            raise ControlError(f"watch: {period_s!r:.40} is no period in seconds", ask.id)
+        if not low <= period_s <= high:
+            raise ControlError(
+                f"watch: {period_s!r:.40} s is not allowed; from {low:g} to {high:g}", ask.id
+            )
+        if ask.name:
+            self._named(ask)
+        self._goes_on(ask, connection)
+        self._watchers[id(connection), ask.id] = _Watcher(connection, ask, float(period_s))
+
+    def _goes_on(self, ask: Ask, connection: Connection) -> None:
+        """Raises ControlError where too many requests of this connection do already."""
+        ids = [number for of, number in (*self._watchers, *self._followers) if of == id(connection)]
+        if len(ids) >= GOING_ON or ask.id in ids:
+            why = f"one of id {ask.id} goes" if ask.id in ids else f"{GOING_ON} go"
+            raise ControlError(f"{ask.do}: {why} on for this connection already", ask.id)
+        if not ids:
+            connection.gone.append(lambda: self._forget(id(connection)))
+
+    def _forget(self, connection: int) -> None:
+        for table in (self._watchers, self._followers):
+            for key in [each for each in table if each[0] == connection]:
+                del table[key]
+
+    def _tell_watchers(self, now_s: float) -> None:
+        for watcher in self._watchers.values():
+            if now_s >= watcher.due_s:
+                watcher.due_s = now_s + watcher.period_s
+                rows = self._rows(watcher.ask.name)
+                watcher.connection.tell(Told(watcher.ask.id, "event", rows))
+
+    def _do_log(self, ask: Ask, connection: Connection) -> Any:
+        if ask.name:
+            self._named(ask)
+        kept = [list(line) for line in self._lines if ask.name in ("", line.name)]
+        return self._followed(ask, connection, kept)
+
+    def _do_events(self, ask: Ask, connection: Connection) -> Any:
+        if ask.name and ask.name != "daemon":
+            self._named(ask)
+        kept = [each._asdict() for each in self._recent if ask.name in ("", each.name)]
+        return self._followed(ask, connection, kept)
+
+    def _followed(self, ask: Ask, connection: Connection, kept: Sequence[Any]) -> Any:
+        """What is kept, as the answer; or one by one, and then what comes."""
+        if ask.value not in (None, True, False):
+            why = "its value says whether it goes on: true or false"
+            raise ControlError(f"{ask.do}: {why}", ask.id)
+        if not ask.value:
+            return kept
+        self._goes_on(ask, connection)
+        connection.tell(*(Told(ask.id, "event", each) for each in kept))
+        self._followers[id(connection), ask.id] = connection, ask
+        return None
+
+    def _keep_line(self, line: Line) -> None:
+        if dropped := self._lines_dropped:
+            self._lines_dropped = 0
+            _log.warning("%d lines of processes were left out: they came too fast", dropped)
+        self._lines.append(line)
+        self._characters += len(line.text)
+        while len(self._lines) > LINES_KEPT or self._characters > CHARACTERS_KEPT:
+            self._characters -= len(self._lines.popleft().text)
+        level = getattr(logging, line.level.upper())
+        _log.log(level, "%s| %s", line.name, line.text, extra=fields(name=line.name, event="said"))
+        for connection, ask in self._followers.values():
+            if ask.do == "log" and ask.name in ("", line.name):
+                connection.tell(Told(ask.id, "event", list(line)))
+
+    # -- verbs -----------------------------------------------------------------------------------
+
+    def _do_ask(self, ask: Ask, connection: Connection) -> Any:
+        kept = self._session(ask)
+        request, process = ask.value, kept.process
+        if not isinstance(request, dict):
+            raise ControlError("ask: its value is a request of a verb, an object", ask.id)
+        if not isinstance(process, RunningSession):
+            why = f": {kept.unit.reason}" if kept.unit.reason else ""
+            raise ControlError(f"{kept.name} is {kept.unit.state.value}{why}", ask.id)
+        if not process.snapshot.phase:
+            raise ControlError(f"{kept.name} is starting", ask.id)
+        late_s = time.monotonic() - self._polled_s
+        if late_s > LATE_S and request.get("verb") in NEW_MOTION | SEQUENCED:
+            raise ControlError(
+                f"the daemon stood still for {late_s:.1f} s when this came; ask again", ask.id
+            )
+        number = next(self._ids)
+        try:
+            packet = json.dumps(request | {"id": number}, separators=(",", ":")).encode()
+            endless = decode_request(packet).verb in ENDLESS
+        except RecursionError:
+            raise ControlError("ask: its value is too deep", ask.id) from None
+        except PacketError as error:
+            if error.request is None:  # The session could not say whose it is.
+                raise ControlError(f"ask: {error}", ask.id) from None
+            endless = False
+        self._routes[kept.name, number] = _Route(connection, ask.id, request.get("id"), endless)
+        try:
+            process.send(packet)
+        except OSError as error:
+            del self._routes[kept.name, number]
+            blocked = isinstance(error, BlockingIOError)
+            words = "it reads none; it stands still" if blocked else error.strerror
+            raise ControlError(f"{kept.name} takes no requests: {words}", ask.id) from None
+
+    def _answered(self, name: str, packet: bytes) -> None:
+        """A session has answered, or tells of a motion."""
+        table = json.loads(packet)
+        if "motion" in table:
+            note = table["motion"]
+            route = self._motions.get((name, note["id"]))
+            if route is not None:
+                if note["outcome"] not in _UNDER_WAY:
+                    del self._motions[name, note["id"]]
+                route.connection.tell(Told(route.ask, "event", table))
+            return
+        route = self._routes.pop((name, table["reply"] or 0), None)
+        if route is None:
+            return
+        result = table.get("result")
+        if isinstance(result, dict) and result.get("outcome") in _UNDER_WAY and "ends" in result:
+            self._motions[name, result["id"]] = route._replace(note=result)
+            if route.connection.open:
+                route.connection.gone.append(lambda: self._asker_gone(name, result["id"]))
+            else:
+                self._asker_gone(name, result["id"])
+        route.connection.tell(Told(route.ask, "result", table | {"reply": route.request}))
+
+    def _session_gone(self, name: str, reason: str) -> None:
+        """Its process has ended: nobody else answers what was asked of it. The next one's motions
+        have the same ids."""
+        why = f"{name} has ended{reason and f': {reason}'}"
+        for key in [each for each in self._routes if each[0] == name]:
+            route = self._routes.pop(key)
+            route.connection.tell(Told(route.ask, "error", why))
+        for key in [each for each in self._motions if each[0] == name]:
+            route = self._motions.pop(key)
+            note = {**route.note, "outcome": Outcome.ABORTED.value, "reason": why}
+            route.connection.tell(Told(route.ask, "event", {"motion": note}))
+
+    def _asker_gone(self, name: str, motion: int) -> None:
+        """Who asked for a motion is gone: one without end must not go on."""
+        route = self._motions.pop((name, motion), None)
+        kept = self._kept.get(name)
+        if route is None or not route.endless or kept is None:
+            return
+        process = kept.process
+        if isinstance(process, RunningSession):
+            request = {"id": next(self._ids), "source": "daemon", "verb": "stop"}
+            with contextlib.suppress(OSError):
+                process.send(json.dumps(request).encode())
+
+    # -- reload ----------------------------------------------------------------------------------
+
+    def reload(self, over: Callable[[ReloadOutcome], None], check_only: bool = False) -> None:
+        """Read the files anew, check all of them, and apply what has changed, or nothing; or only
+        check it. `over` gets the changes once the sessions that run have looked at them, or why
+        nothing was changed. Raises ControlError where one is under way.
+        """
+        if self._reload is not None:
+            raise ControlError("a reload is under way; ask again when it is over")
+        reload = self._reload = Reload(next(self._ids), check_only, over)
+
+        def read() -> None:
+            layout: Layout | CardanError
+            try:
+                layout = self._read()
+            except CardanError as error:
+                layout = error
+            except Exception as error:  # Who asked waits for an answer.
+                layout = ConfigurationError("", shortage(error) or repr(error))
+            self._told(lambda: self._take_layout(reload, layout))
+
+        threading.Thread(target=read, name="cardan-reading", daemon=True).start()
+
+    def _take_layout(self, reload: Reload, layout: Layout | CardanError) -> None:
+        """The files have been read and checked: the sessions look whether they can take them."""
+        try:
+            if isinstance(layout, CardanError):
+                raise layout
+            self._check_kinds(layout)
+        except CardanError as error:
+            self._refuse(reload, error)
+            return
+        now_s = time.monotonic()
+        reload.layout, reload.until_s = layout, now_s + LOOKS_WITHIN_S
+        reload.changes += of_layouts(self.layout, layout)
+        for name, entry in layout.sessions.items():
+            kept = self._kept.get(name)
+            if isinstance(kept, KeptSession) and name in self.layout.sessions:
+                self._ask_session(reload, kept, entry.config)
+        self._look_after_reload(reload, now_s)
+
+    def _refuse(self, reload: Reload, error: CardanError) -> None:
+        self._reload = None
+        if not reload.check_only:
+            what = "nothing was changed"
+            self._happened(Event(time.time(), "daemon", "reload refused", what, str(error)))
+        reload.over(error)
+
+    def _check_kinds(self, layout: Layout) -> None:
+        """Raise ConfigurationError for what no reload can do."""
+        if layout.daemon != self.layout.daemon:
+            raise ConfigurationError(
+                "daemon", "its own options are read at its start: restart the daemon for them"
+            )
+        for entries, kind in ((layout.sessions, KeptSession), (layout.faces, KeptFace)):
+            for name in entries:
+                kept = self._kept.get(name)
+                if kept is not None and kept.process is not None and not isinstance(kept, kind):
+                    raise ConfigurationError(
+                        name, "was a session and is a face now, or the other way round: rename it"
+                    )
+
+    def _ask_session(self, reload: Reload, kept: KeptSession, config: SessionConfig) -> None:
+        """Have a session look at its configuration, where it runs."""
+        before, process, s = kept.entry.config, kept.process, kept.snapshot
+        if config == before and not s.changes_wait:
+            return
+        if isinstance(process, RunningSession) and s.phase:
+            with contextlib.suppress(OSError):  # It ends just now.
+                process.reload(reload.number, ReloadOrder.PREPARE, config)
+                reload.asked[kept.name] = process
+                return
+        # What begins just now has no arm yet, and begins once more.
+        reload.begins_anew.add(kept.name)
+        waits = UNTIL_START if process is None else ""
+        reload.changes += of_resting(kept.name, before, config, waits)
+
+    def _session_found(self, name: str, process: RunningSession, found: Found) -> None:
+        """A session has looked at the configuration that it is to have."""
+        reload = self._reload
+        if reload is None or found.number != reload.number:
+            return
+        if reload.asked.get(name) is process:
+            reload.found[name] = found
+            self._look_after_reload(reload, time.monotonic())
+
+    def _look_after_reload(self, reload: Reload, now_s: float) -> None:
+        """Apply it as soon as all sessions that it asked have agreed; or nothing."""
+        if (layout := reload.layout) is None:
+            return
+        why = ""
+        for name, process in list(reload.asked.items()):
+            if name in reload.found:
+                error = reload.found[name].error
+                why = why or (f"{name}: {error}" if error else "")
+            elif self._kept[name].process is not process:
+                del reload.asked[name]  # It has ended, and begins with the new one.
+                reload.begins_anew.add(name)
+            elif now_s < reload.until_s:
+                return
+            else:
+                why = why or f"{name}: it did not answer within {LOOKS_WITHIN_S:g} s"
+        self._reload = None
+        for name, found in reload.found.items():
+            reload.changes += of_session(name, found)
+        order = ReloadOrder.DROP if why or reload.check_only else ReloadOrder.APPLY
+        for process in reload.asked.values():
+            with contextlib.suppress(OSError):
+                process.reload(reload.number, order)
+        if why:
+            self._refuse(reload, ConfigurationError("", why))
+            return
+        if not reload.check_only:
+            self._happened(Event(time.time(), "daemon", "reload", in_words(reload.changes)))
+            self._apply(reload, layout, now_s)
+        reload.over(reload.changes)
+
+    def _apply(self, reload: Reload, layout: Layout, now_s: float) -> None:
+        for name in [*self.layout.sessions, *self.layout.faces]:
+            if name not in layout.sessions and name not in layout.faces:
+                self._kept[name].unit.stop(now_s, "it is not in the files any more")
+        for name, session in layout.sessions.items():
+            kept = self._kept.get(name)
+            if not isinstance(kept, KeptSession):
+                self._keep(
+                    KeptSession(name, session, self.layout.daemon.start_limit), session.start
+                )
+                continue
+            changed = session.config != kept.entry.config
+            kept.entry = session
+            if changed and kept.unit.state is UnitState.FAILED:
+                kept.unit.start(now_s)  # What it failed of may be mended.
+            if name not in self.layout.sessions and session.start:
+                kept.unit.start(now_s)  # It was in the files before.
+            if name in reload.asked:
+                found = reload.found[name].changes
+                kept.restart_waits = any(each[3] is Moment.RESTART for each in found)
+            elif name in reload.begins_anew:
+                kept.restart_waits = kept.process is not None
+        for name, face in layout.faces.items():
+            self._take_face(name, face, now_s)
+        self.layout = layout
+        self._share(layout)
+
+    def _take_face(self, name: str, entry: FaceEntry, now_s: float) -> None:
+        kept = self._kept.get(name)
+        if not isinstance(kept, KeptFace):
+            self._keep(KeptFace(name, entry, self.layout.daemon.start_limit), entry.start)
+        elif name not in self.layout.faces:
+            kept.entry = entry
+            if entry.start:
+                kept.unit.start(now_s)
+        elif kept.entry != entry:
+            kept.entry = entry
+            if kept.unit.state is UnitState.RUNNING:
+                kept.unit.restart(now_s, "its options have changed")
+
+
+class _Watcher:
+    """A client that is told all rows again and again."""
+
+    def __init__(self, connection: Connection, ask: Ask, period_s: float) -> None:
+        self.connection, self.ask, self.period_s = connection, ask, period_s
+        self.due_s = NEVER_S

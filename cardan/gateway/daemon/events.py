@@ -1,0 +1,239 @@
+"""What happened: who took the authority over an arm, what was armed and stopped, and why.
+
+Events are found by comparing what is known of a session now with what was known before. They are
+kept in a file, a JSON object a line, which is turned over before it grows large.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from cardan.errors import ConfigurationError
+from cardan.files import state_folder
+from cardan.gateway.session.snapshot import Snapshot
+
+FILE_BYTES: Final = 10_000_000
+"""Largest event log before it is turned over: about 60,000 events."""
+
+FILES_KEPT: Final = 5
+"""Older ones that are kept, as NAME.1 to NAME.5."""
+
+_log = logging.getLogger(__name__)
+
+_FIGURES = re.compile(r"[0-9][0-9.,]*")
+
+
+class Event(NamedTuple):
+    """Something that happened."""
+
+    time_s: float
+    """Since the epoch."""
+    name: str
+    """Session, face, or ``daemon``."""
+    event: str
+    """``authority``, ``arm``, ``robot``, ``device``, ``trip``, ``message``, or what became of a
+    process: ``started``, ``ended``, ``failed``, ``reload``; ``lost``: how many could not be
+    written."""
+    what: str
+    why: str = ""
+
+    def line(self) -> str:
+        """As JSON."""
+        return json.dumps(self._asdict(), separators=(",", ":"))
+
+
+STOP_REASONS: Final = ("robot", "device", "trip", "none")
+"""What may be wrong when an arm brakes: the robot's link, the device's, something else that
+disengaged who moved it, or nothing: it was meant to."""
+
+
+def _stop_reason(before: Snapshot, now: Snapshot) -> str:
+    robot, device, trip, none = STOP_REASONS
+    if now.robot_link != "live":
+        return robot
+    if now.device_held and now.device_link not in ("", "live"):
+        return device
+    return trip if now.trips > before.trips else none
+
+
+class SessionWatch:
+    """Finds the events of a session in its snapshots."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._before: Snapshot | None = None
+        self._said = ""
+        self.stops = dict.fromkeys(STOP_REASONS, 0)
+        """How often the arm began to brake, by what was wrong."""
+        self.refusals = 0
+        """How often a source was refused the authority."""
+
+    def forget(self) -> None:
+        """Its process has ended: the next snapshot is another one's."""
+        self._before, self._said = None, ""
+
+    def take(self, now: Snapshot, time_s: float) -> Iterator[Event]:
+        """What has happened since the snapshot before."""
+        before, self._before = self._before, now
+        if before is None:
+            before = Snapshot()
+        why = now.message or now.hold_reason
+        if now.authority != before.authority:
+            yield self._event(time_s, "authority", now.authority or "nobody", why)
+        if now.authority_refused != before.authority_refused and now.authority_refused:
+            self.refusals += 1
+            yield self._event(time_s, "authority refused", now.authority_refused)
+        if now.robot_link != before.robot_link:
+            yield self._event(time_s, "robot", now.robot_link, now.hold_reason)
+        if now.device_link != before.device_link:
+            yield self._event(time_s, "device", now.device_link, now.device_reason)
+        if now.trips > before.trips:
+            yield self._event(time_s, "trip", f"{now.trips - before.trips}", why)
+        if now.phase != before.phase:
+            if now.phase == "braking":
+                self.stops[_stop_reason(before, now)] += 1
+            yield self._event(time_s, "arm", now.phase, why)
+        if now.changes_wait != before.changes_wait:
+            came = [key for key in now.changes_wait if key not in before.changes_wait]
+            went = [key for key in before.changes_wait if key not in now.changes_wait]
+            if came:
+                yield self._event(time_s, "configuration", ", ".join(came), "waits")
+            if went:
+                yield self._event(time_s, "configuration", ", ".join(went), "waits no more")
+        words = _FIGURES.sub("", now.message)  # Figures in a message change all the time.
+        if words != self._said:
+            self._said = words
+            if words:
+                yield self._event(time_s, "message", now.message)
+
+    def _event(self, time_s: float, event: str, what: str, why: str = "") -> Event:
+        return Event(round(time_s, 3), self._name, event, what, why)
+
+
+class EventLog:
+    """Writes events to a file, each at once: a crash of the daemon loses none."""
+
+    def __init__(self, path: Path, file_bytes: int = FILE_BYTES) -> None:
+        """Raises ConfigurationError where the file cannot be written."""
+        self.path = path
+        self._most = file_bytes
+        self.lost = 0
+        """Events that could not be written: the disk is full, or the folder is gone."""
+        self._unsaid = 0
+        """Those of them that the file does not tell of yet."""
+        self._why = ""
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._file = self._opened(path)
+            # A daemon that ended on a full disk may have left half a line.
+            self._torn = _is_torn(path)
+        except OSError as error:
+            raise ConfigurationError(
+                "daemon.event_log",
+                f"cannot write {path}: {error.strerror}; name a file in a folder that can be "
+                'written, or "none"',
+            ) from None
+
+    @staticmethod
+    def _opened(path: Path) -> int:
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+        return os.open(path, flags, 0o600)
+
+    def write(self, event: Event) -> None:
+        """Write an event. Never raises: where it cannot be written that is logged, and the file
+        says how many are missing as soon as it can be written again."""
+        data = event.line().encode() + b"\n"
+        if self._unsaid:
+            missing = Event(event.time_s, "daemon", "lost", f"{self._unsaid} events", self._why)
+            data = missing.line().encode() + b"\n" + data
+        if self._torn:
+            data = b"\n" + data
+        try:
+            written = self._append(data)
+        except OSError as error:
+            self._lose(error.strerror or str(error))
+            return
+        self._torn = 0 < written < len(data) or (self._torn and not written)
+        if written < len(data):
+            self._lose("the disk is full")
+        else:
+            self._unsaid = 0
+
+    def _append(self, data: bytes) -> int:
+        found = os.fstat(self._file)
+        if not found.st_nlink:  # Somebody has removed it.
+            fresh = self._opened(self.path)
+            os.close(self._file)
+            self._file = fresh
+        elif found.st_size + len(data) > self._most:
+            with contextlib.suppress(OSError):  # It grows on where it cannot be turned over.
+                self._turn_over()
+        return os.write(self._file, data)
+
+    def _lose(self, why: str) -> None:
+        if not self._unsaid:
+            _log.error("%s cannot be written: %s; events are lost", self.path, why)
+        self.lost += 1
+        self._unsaid += 1
+        self._why = why
+
+    def _turn_over(self) -> None:
+        # The new one is there before anything is given up.
+        new = self.path.with_name(f"{self.path.name}.new")
+        fresh = self._opened(new)
+        try:
+            for number in range(FILES_KEPT - 1, -1, -1):
+                with contextlib.suppress(FileNotFoundError):
+                    os.replace(self._numbered(number), self._numbered(number + 1))
+            os.replace(new, self.path)
+        except OSError:
+            os.close(fresh)
+            raise
+        os.close(self._file)
+        self._file = fresh
+
+    def _numbered(self, number: int) -> Path:
+        return _numbered(self.path, number)
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._file)
+
+
+def _numbered(path: Path, number: int) -> Path:
+    """The log, and its older files."""
+    return path if number == 0 else path.with_name(f"{path.name}.{number}")
+
+
+def _is_torn(path: Path) -> bool:
+    """Whether the file ends within a line."""
+    with path.open("rb") as file:
+        end = file.seek(0, os.SEEK_END)
+        file.seek(max(0, end - 1))
+        return file.read(1) not in (b"", b"\n")
+
+
+def read_events(path: Path) -> Iterator[dict[str, Any]]:
+    """The events of a log and its older files, the oldest first; broken lines are left out."""
+    for number in range(FILES_KEPT, -1, -1):
+        try:
+            text = _numbered(path, number).read_text("utf-8", "replace")
+        except OSError:
+            continue
+        for line in text.splitlines():
+            with contextlib.suppress(ValueError, RecursionError):
+                event = json.loads(line)
+                if isinstance(event, dict):
+                    yield event
+
+
+def default_event_log() -> Path:
+    """Where the events go unless the files say otherwise."""
+    return state_folder() / "events.jsonl"

@@ -1,0 +1,277 @@
+"""The figures of all sessions and faces as metrics of Prometheus.
+
+Of the rows that the daemon tells; nothing here opens anything. Names: base units, ``_total`` for
+what only grows, and labels of few values. Needs prometheus_client.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    InfoMetricFamily,
+    Metric,
+)
+
+from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.status import LIMITS, Phase
+from cardan.gateway.daemon.keeping import UnitState
+from cardan.gateway.faces.telling import ROUND_TRIP
+from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+
+LIVE: Final = "live"
+"""The state of a link over which reports come."""
+
+SOURCES: Final = (HAND, VERBS, "stream")
+"""Who may have the authority; a stream's owner has any name, which is no label."""
+
+_SNAPSHOT_FIELDS: Final = frozenset(each.name for each in dataclasses.fields(Snapshot))
+
+Row = Mapping[str, Any]
+
+
+GAUGES: Final = (
+    ("cardan_tracking_error_meters", "error_m",
+     "Distance between reference and robot; only while it moves."),
+    ("cardan_tracking_error_rms_meters", "error_rms_m",
+     "Distance between reference and robot while moving, RMS since the session's start."),
+    ("cardan_tracking_error_max_meters", "error_max_m", "The largest such distance."),
+    ("cardan_leash_used_ratio", "leash_used", "Lag of the robot behind the reference; 1: all."),
+    ("cardan_path_speed_ratio", "path_speed", "Share of the asked speed that the arm can do."),
+    ("cardan_clearance_meters", "clearance_m", "Distance of the nearest pair of bodies."),
+    ("cardan_device_battery_ratio", "battery", "Charge of the operator device."),
+    ("cardan_force_newtons", "force_n", "Force rendered to the hand."),
+    ("cardan_contact_force_newtons", "contact_force_n", "Contact force at the tool."),
+)  # fmt: skip
+"""Gauges of a session: name, field of its snapshot, help."""
+
+COUNTERS: Final = (
+    ("cardan_session_cycles", "cycles", "Control instants of the robot that were answered."),
+    ("cardan_cycle_overruns", "missed_cycles",
+     "Control instants that never arrived, or that had passed before they were answered."),
+    ("cardan_trips", "trips", "How often a watchdog or a fault disengaged who moved the arm."),
+    ("cardan_moving_seconds", "moving_s", "Time in which the arm was moved."),
+    ("cardan_reference_path_meters", "path_m", "How far the reference has travelled."),
+    ("cardan_force_losses", "force_losses", "Disengagements because the force was lost."),
+    ("cardan_device_passes", "device_passes",
+     "How often the operator asked to pass the device on."),
+)  # fmt: skip
+"""Counters of a session; they begin anew with it."""
+
+FACE_COUNTERS: Final = (
+    ("cardan_face_denied_connections", "denied", "Connections that were not let in."),
+    ("cardan_face_refusals", "refused", "What clients asked for in vain."),
+    ("cardan_face_dropped_messages", "superseded", "Publications that newer ones replaced."),
+    ("cardan_face_unreadable_messages", "unreadable", "Messages that are none of their type."),
+    ("cardan_face_slow_clients", "too slow", "Clients that were closed for not reading."),
+    ("cardan_face_cut_off_clients", "cut off",
+     "Clients that were closed because the face had stood still."),
+    ("cardan_recording_bytes", "bytes", "Size of what this recorder has written."),
+    ("cardan_recording_messages", "messages", "Messages that it has written."),
+    ("cardan_recording_dropped_messages", "dropped", "Messages that came faster than it writes."),
+    ("cardan_recording_lost_messages", "lost", "Messages that did not arrive at it."),
+)  # fmt: skip
+"""Counters of a face: name, what it calls it itself, help."""
+
+
+def metrics_of(answer: Mapping[str, Any]) -> Iterator[Metric]:
+    """Of what the daemon answers to ``figures``."""
+    rows: list[Row] = answer["units"]
+    yield InfoMetricFamily(
+        "cardan_build", "The daemon's version.", {"version": str(answer["version"])}
+    )
+    yield from _of_units(rows)
+    yield from _of_sessions([row for row in rows if row["kind"] == "session"])
+    yield from _of_faces([row for row in rows if row["kind"] == "face"])
+
+
+def _of_units(rows: Sequence[Row]) -> Iterator[Metric]:
+    restarts = CounterMetricFamily(
+        "cardan_restarts",
+        "Starts after an end of its own, of a session's or a face's process.",
+        labels=("kind", "name"),
+    )
+    share = GaugeMetricFamily(
+        "cardan_processor_ratio",
+        "Share of one processor that a process takes.",
+        labels=("kind", "name"),
+    )
+    for row in rows:
+        labels = row["kind"], row["name"]
+        restarts.add_metric(labels, row["restarts"])
+        if row["cpu"] is not None:
+            share.add_metric(labels, row["cpu"])
+    yield restarts
+    yield share
+    for kind in ("session", "face"):
+        states = GaugeMetricFamily(
+            f"cardan_{kind}_state",
+            f"1 of the state that the {kind} is in, 0 of all others.",
+            labels=(kind, "state"),
+        )
+        for row in rows:
+            if row["kind"] == kind:
+                names = (state.value for state in UnitState)
+                _one_of(states, row["name"], names, row["state"])
+        yield states
+
+
+def _one_of(family: Metric, name: str, all_of: Iterable[str], now: str) -> None:
+    for each in all_of:
+        family.add_metric((name, each), float(each == now))  # type: ignore[attr-defined]
+
+
+def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
+    running = [(row, _snapshot(row["snapshot"])) for row in rows if row.get("snapshot") is not None]
+    phases = GaugeMetricFamily(
+        "cardan_arm_phase",
+        "1 of the phase that the arm is in, 0 of all others.",
+        labels=("session", "phase"),
+    )
+    authority = GaugeMetricFamily(
+        "cardan_authority",
+        "1 of who has the authority over the arm, 0 of all others.",
+        labels=("session", "source"),
+    )
+    robots = GaugeMetricFamily(
+        "cardan_robot_connected", "1 while the robot's link is live.", labels=("session",)
+    )
+    devices = GaugeMetricFamily(
+        "cardan_device_connected", "1 while the device's link is live.", labels=("session",)
+    )
+    inputs = CounterMetricFamily(
+        "cardan_operator_inputs",
+        "Cycles in which the operator device was live.",
+        labels=("session", "device"),
+    )
+    limits = GaugeMetricFamily(
+        "cardan_limit_active",
+        "1 while it limits the arm's motion.",
+        labels=("session", "limit"),
+    )
+    errors = CounterMetricFamily(
+        "cardan_protocol_errors",
+        "Messages of the robot or the device that could not be used.",
+        labels=("session", "peer", "kind"),
+    )
+    figures = GaugeMetricFamily(
+        "cardan_driver_figure",
+        "Figures of the robot's driver; the units are in their names.",
+        labels=("session", "figure"),
+    )
+    for row, s in running:
+        name = row["name"]
+        _one_of(phases, name, (each.value for each in Phase), s.phase)
+        source = "" if not s.authority else s.authority if s.authority in SOURCES else SOURCES[-1]
+        _one_of(authority, name, SOURCES, source)
+        robots.add_metric((name,), float(s.robot_link == LIVE))
+        for limit in LIMITS:
+            limits.add_metric((name, limit), float(limit in s.limits))
+        for peer, counts in (("robot", s.robot_errors), ("device", s.device_errors)):
+            for kind, count in counts.items():
+                errors.add_metric((name, peer, kind), count)
+        if row["device"]:
+            devices.add_metric((name,), float(s.device_link == LIVE))
+            inputs.add_metric((name, row["device"]), s.inputs)
+        for figure, value in s.metrics.items():
+            if value is not None:
+                figures.add_metric((name, figure), value)
+    yield from (phases, authority, robots, devices, inputs, limits, errors, figures)
+    for name, field, words in GAUGES:
+        yield _filled(GaugeMetricFamily(name, words, labels=("session",)), field, running)
+    for name, field, words in COUNTERS:
+        yield _filled(CounterMetricFamily(name, words, labels=("session",)), field, running)
+    yield from _histograms(running)
+    yield from _of_watches(rows, running)
+
+
+def _filled(family: Metric, field: str, running: Sequence[tuple[Row, Snapshot]]) -> Metric:
+    for row, s in running:
+        value = getattr(s, field)
+        if value is not None:
+            family.add_metric((row["name"],), value)  # type: ignore[attr-defined]
+    return family
+
+
+def _histograms(running: Sequence[tuple[Row, Snapshot]]) -> Iterator[Metric]:
+    cycle = HistogramMetricFamily(
+        "cardan_cycle_seconds",
+        "From the robot's control instant to the answer.",
+        labels=("session",),
+    )
+    age = HistogramMetricFamily(
+        "cardan_operator_input_age_seconds",
+        "Age of the operator device's newest report in a cycle.",
+        labels=("session",),
+    )
+    for row, s in running:
+        name = (row["name"],)
+        cycle.add_metric(name, _buckets(s.tick_within, s.cycles), s.tick_sum_s)
+        age.add_metric(name, _buckets(s.input_age_within, s.inputs), s.input_age_sum_s)
+    yield cycle
+    yield age
+
+
+def _buckets(within: Sequence[int], count: int) -> list[tuple[str, float]]:
+    """As Prometheus has them: none before the session's first figures."""
+    found = [(str(bound_s), float(each)) for bound_s, each in zip(BOUNDS_S, within, strict=False)]
+    return [*found, ("+Inf", float(count))]
+
+
+def _of_watches(rows: Sequence[Row], running: Sequence[tuple[Row, Snapshot]]) -> Iterator[Metric]:
+    """What the daemon itself has counted since its start; of refusals, the sessions the most."""
+    stops = CounterMetricFamily(
+        "cardan_stops",
+        "How often the arm began to brake, by what was wrong then; none: it was meant to.",
+        labels=("session", "reason"),
+    )
+    refusals = CounterMetricFamily(
+        "cardan_refusals", "What was refused, by what.", labels=("session", "reason")
+    )
+    for row in rows:
+        for reason, count in row["stops"].items():
+            stops.add_metric((row["name"], reason), count)
+        refusals.add_metric((row["name"], "authority"), row["refusals"])
+    for row, s in running:
+        for reason, count in s.refusals.items():
+            refusals.add_metric((row["name"], reason), count)
+    yield stops
+    yield refusals
+
+
+def _of_faces(rows: Sequence[Row]) -> Iterator[Metric]:
+    clients = GaugeMetricFamily("cardan_face_clients", "Clients connected.", labels=("face",))
+    for row in rows:
+        if "clients" in row["figures"]:
+            clients.add_metric((row["name"],), row["figures"]["clients"])
+    yield clients
+    trips = GaugeMetricFamily(
+        "cardan_ws_round_trip_seconds",
+        "In which the slowest client answered its newest ping.",
+        labels=("face",),
+    )
+    for row in rows:
+        if time_us := row["figures"].get(ROUND_TRIP):
+            trips.add_metric((row["name"],), 1e-6 * time_us)
+    yield trips
+    for name, figure, words in FACE_COUNTERS:
+        family = CounterMetricFamily(name, words, labels=("face",))
+        for row in rows:
+            if figure in row["figures"]:
+                family.add_metric((row["name"],), row["figures"][figure])
+        yield family
+
+
+def _snapshot(table: Mapping[str, Any]) -> Snapshot:
+    """Of another version of Cardan, what both know."""
+    known = {
+        name: value
+        for name, value in table.items()
+        if name in _SNAPSHOT_FIELDS and value is not None
+    }
+    return Snapshot(**known)

@@ -1,0 +1,571 @@
+"""A demo of the daemon: a lab of four arms and three devices, and what happens in one.
+
+The simulated devices and robots, and `cardan serve` with the lab's file, are processes as any other
+program would start them. What its people do is done here, from outside: a device is unplugged and
+plugged in again, a session killed, a key of the file changed, a device passed on. What is seen of
+it is shown, as ``cardan top`` does, and judged.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+import os
+import secrets
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from rich.console import Console
+from rich.text import Text
+
+from cardan.errors import CardanError, ConfigurationError, MotionLoopError, MotionRefusedError
+from cardan.gateway.arm.motion import Motion, Outcome
+from cardan.gateway.daemon import view
+from cardan.gateway.daemon.changes import Change
+from cardan.gateway.daemon.client import RELOAD_S, ControlClient, DaemonArm
+from cardan.gateway.daemon.kept import ENGAGED
+from cardan.gateway.daemon.layout import Layout, read_layout, sharers
+from cardan.gateway.daemon.processes import ENDS_WITHIN_S
+from cardan.gateway.session.examples import Demo
+from cardan.gateway.session.launched import READY_WITHIN_S, Launched
+from cardan.gateway.session.panel import LivePanel
+from cardan.gateway.session.session import EXIT_OK
+from cardan.gateway.session.unattended import check_unattended, check_words
+from cardan.printable import printable
+from cardan.signals import on_ending
+from cardan.tables import as_toml
+
+EXIT_INCOMPLETE: Final = 4
+
+POLL_S: Final = 0.1
+"""How often the lab is looked at: as often as the daemon looks."""
+
+READY_S: Final = 60.0
+"""Longest time until all arms are there: the daemon and each session import their arms' models, on
+two cores with other work to do."""
+
+STEP_S: Final = 30.0
+"""Longest time for one thing to happen: 5 s, on a computer with nothing else to do."""
+
+STEPS: Final = 12
+"""How many there are."""
+
+UNPLUGGED_S: Final = 1.5
+"""How long a device stays away, so that a person sees it."""
+
+MOVED_M: Final = 0.01
+"""What the TCP of each arm moves at least: a stroke is 4 cm."""
+
+STOOD_M: Final = 0.001
+"""What the TCP of an arm at rest moves at most: noise of its encoders."""
+
+SETTLES_S: Final = 1.0
+"""Time until a disarmed arm is where it was told to stop, to some 0.1 mm: the position law of EGM
+comes nearer by two thirds in 0.3 s, from 2 mm."""
+
+WELL_FOLLOWED_M: Final = 0.02
+"""Largest distance of an arm from its reference, as in the other demos."""
+
+LIFT_M: Final = 0.05
+"""How far the verb moves its arm."""
+
+SLOWER: Final = 0.8
+"""What the changed configuration makes of a speed."""
+
+
+class Roles(NamedTuple):
+    """Which session is to show what."""
+
+    unplugged: str
+    """Its device is unplugged, and plugged in again."""
+    device: str
+    """That device."""
+    killed: str
+    """It has another device for itself, and its process is killed."""
+    shared: str
+    """A device that two sessions share."""
+    first: str
+    """The one that begins with it, and whose configuration is changed."""
+    second: str
+    """The one that gets it; until then verbs move its arm."""
+
+
+class _EndedEarlyError(Exception):
+    """Ctrl-C."""
+
+
+class _NotSeenError(Exception):
+    """Something did not happen in time."""
+
+
+def run_lab(demo: Demo, seconds: float) -> int:
+    """Run the demo for `seconds` from when all arms are there, or, on a busy computer, until all
+    has happened; the exit code of the command."""
+    told: list[int] = []
+    problems: list[str] = []
+    shown = LabView()
+    shown.say(demo.description)
+    lab: _Lab | None = None
+    try:
+        with on_ending(told.append), _Hardware(demo, seconds) as hardware, shown:
+            with hardware.daemon() as daemon:
+                lab = _Lab(hardware, daemon.endpoint, seconds, shown, told)
+                try:
+                    lab.perform()
+                except _NotSeenError as error:
+                    problems.append(str(error))
+                except CardanError:
+                    if not told:
+                        raise
+                    raise _EndedEarlyError from None
+                finally:
+                    lab.leave()
+            if daemon.code != EXIT_OK:
+                problems.append(f"the daemon ended with status {daemon.code}: {daemon.complaints}")
+    except _EndedEarlyError:
+        shown.say("ended early: not judged")
+        return EXIT_OK
+    problems += [*lab.problems, *lab.left_behind(hardware.folder)]
+    shown.say("")
+    for line in lab.summary():
+        shown.say(line)
+    for line in problems:
+        print(f"cardan demo: {line}", file=sys.stderr)
+    if not problems:
+        shown.say(demo.success_message)
+    return EXIT_INCOMPLETE if problems else EXIT_OK
+
+
+class LabView:
+    """Shows the lab as ``cardan top`` does: live on a terminal, elsewhere a line for what has
+    changed."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self.console = console or Console()
+        self._panel = LivePanel(self.console)
+        self._began_s = time.monotonic()
+        self._widths = [0] * len(view.COLUMNS)
+        self._before: dict[str, tuple[object, ...]] = {}
+
+    def __enter__(self) -> LabView:
+        self._began_s = time.monotonic()
+        self._panel.__enter__()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._panel.__exit__(*exception)
+
+    def say(self, words: str) -> None:
+        """Say what happens now."""
+        self.console.print(words, markup=False, highlight=False, soft_wrap=True)
+
+    def show(self, rows: Sequence[view.Row]) -> None:
+        """Show these."""
+        if self._panel.drawn:
+            self._panel.update(view.frame(rows, view.width_of(self.console)))
+            return
+        self._widths = [max(pair) for pair in zip(self._widths, view.widths_of(rows), strict=True)]
+        for row in view.sorted_rows(rows):
+            now = _seen_of(row)
+            if now != self._before.get(row["name"]):
+                self._before[row["name"]] = now
+                line = Text(f"{time.monotonic() - self._began_s:5.1f} s  ")
+                line.append_text(view.line(row, self._widths))
+                if words := view.why(row):
+                    line.append(f"  | {words}")
+                self.console.print(line, soft_wrap=True)
+
+
+def _seen_of(row: view.Row) -> tuple[object, ...]:
+    """What is worth a line when it changes: an arm that is moved stands still now and then."""
+    engaged = row["phase"] in ENGAGED
+    links = row["device_link"], row["robot_link"]
+    return row["state"], engaged or row["phase"], row["authority"], links, row["changes_wait"]
+
+
+class _Hardware:
+    """What the lab is made of: its file, and what stands in for its hardware."""
+
+    def __init__(self, demo: Demo, seconds: float) -> None:
+        self.folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(4)}")
+        self._tables, launches = demo.prepare(self.folder)
+        if "daemon" in self._tables:
+            raise ConfigurationError(f"{demo.file}: daemon", "the demo has a daemon of its own")
+        self._tables["daemon"] = {
+            "socket": str(self.folder / "cardan.sock"),
+            "event_log": str(self.folder / "events.jsonl"),
+        }
+        self._commands = [check_words(demo, "launch", words) for words in launches]
+        # Should this process be stopped for ever, they still end by themselves.
+        longest_s = READY_WITHIN_S + READY_S + max(seconds, STEPS * STEP_S) + ENDS_WITHIN_S
+        self._until = ("--seconds", str(longest_s))
+        self._demo = demo
+        self._running: dict[int, Launched] = {}
+        self.roles = Roles("", "", "", "", "", "")
+        self.sessions: tuple[str, ...] = ()
+
+    def __enter__(self) -> _Hardware:
+        self.folder.mkdir(0o700)
+        try:
+            layout = read_layout([self._write()])
+            _check_simulated(self._demo, self._tables, layout)
+            self.sessions = tuple(layout.sessions)
+            self.roles = _roles_of(self._demo, layout)
+            for index in range(len(self._commands)):
+                self._launch(index)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        for each in self._running.values():
+            each.end()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def daemon(self) -> Iterator[Launched]:
+        """``cardan serve`` with the lab's file."""
+        words = ("serve", "lab.toml", *self._until)
+        daemon = Launched(
+            *words, folder=self.folder, ready_within_s=READY_S, end_within_s=ENDS_WITHIN_S
+        )
+        try:
+            yield daemon
+        finally:
+            daemon.end()
+
+    def unplug(self, device: str) -> None:
+        """Unplug a device."""
+        self._running.pop(self._of(device)).end()
+
+    def plug(self, device: str) -> None:
+        """Plug it in again."""
+        self._launch(self._of(device))
+
+    def change(self, session: str) -> None:
+        """Make the hand of a session slower, in the lab's file."""
+        (table,) = (each for each in self._tables["sessions"] if each["name"] == session)
+        speed_m_s = table["mapping"]["linear_speed_m_s"]
+        table["mapping"]["linear_speed_m_s"] = round(speed_m_s * SLOWER, 6)
+        self._write()
+
+    def _write(self) -> Path:
+        file = self.folder / "lab.toml"
+        # In place of the old one at once: whoever reads it finds one of them, whole.
+        fresh = file.with_suffix(".new")
+        fresh.write_text(as_toml(self._tables), encoding="utf-8")
+        return fresh.replace(file)
+
+    def _of(self, device: str) -> int:
+        """The command that stands in for a device: the one that has its path."""
+        path = self._tables["devices"][device]["path"]
+        return next(
+            index
+            for index, words in enumerate(self._commands)
+            if any(word.endswith(f"={path}") for word in words)
+        )
+
+    def _launch(self, index: int) -> None:
+        words = (*self._commands[index], *self._until)
+        self._running[index] = Launched(*words, folder=self.folder)
+
+
+def _check_simulated(demo: Demo, tables: Mapping[str, Any], layout: Layout) -> None:
+    """Raise ConfigurationError unless all that the lab reaches is simulated."""
+    if layout.faces:
+        raise ConfigurationError(f"{demo.file}: faces", "a demo has none: others could reach it")
+    for table in tables["sessions"]:
+        names = {
+            key: f"{key}s.{table[key]}"
+            for key in ("device", "robot")
+            if isinstance(table.get(key), str)
+        }
+        check_unattended(demo, layout.sessions[table["name"]].config, names)
+
+
+def _roles_of(demo: Demo, layout: Layout) -> Roles:
+    alone = [
+        (name, entry.device)
+        for name, entry in layout.sessions.items()
+        if entry.device and not any(name in names for names in sharers(layout.sessions).values())
+    ]
+    shared = [(device, *names) for device, names in sharers(layout.sessions).items()]
+    if len(alone) < 2 or not shared:
+        raise ConfigurationError(
+            f"{demo.file}: sessions",
+            "this demo needs two sessions with a device for itself, and two that share one",
+        )
+    return Roles(*alone[0], alone[1][0], *shared[0][:3])
+
+
+class _Arm:
+    """What is seen of an arm."""
+
+    def __init__(self) -> None:
+        self.row: view.Row = {}
+        self.first: list[float] = []
+        """Position at first, m."""
+        self.moved_m = 0.0
+        """How far it has been from there, at most."""
+        self.moved_by: set[str] = set()
+        self.error_max_m = 0.0
+        self.phases: list[str] = []
+        """Of the process that runs now."""
+        self.trips = 0
+
+    @property
+    def position(self) -> list[float]:
+        """Of the TCP, m; empty: not known."""
+        snapshot = self.row["snapshot"]
+        pose: list[float] = [] if snapshot is None else snapshot["pose"]
+        return pose[:3]
+
+    def take(self, row: view.Row) -> None:
+        if row["pid"] != self.row.get("pid"):
+            self.phases.clear()
+        self.row = row
+        snapshot = row["snapshot"]
+        if snapshot is None or not snapshot["phase"]:
+            return
+        if self.phases[-1:] != [snapshot["phase"]]:
+            self.phases.append(snapshot["phase"])
+        self.error_max_m = max(self.error_max_m, snapshot["error_max_m"])
+        self.trips = max(self.trips, snapshot["trips"])
+        if row["robot_link"] == "live" and len(self.position) == 3:
+            self.first = self.first or self.position
+            self.moved_m = max(self.moved_m, math.dist(self.first, self.position))
+        if snapshot["phase"] == "moving":
+            self.moved_by.add(snapshot["authority"])
+
+
+class _Lab:
+    """The lab while it runs: what its people do, and what is seen."""
+
+    def __init__(
+        self, hardware: _Hardware, socket: str, seconds: float, shown: LabView, told: list[int]
+    ) -> None:
+        self.problems: list[str] = []
+        self._hardware, self._socket, self._seconds = hardware, socket, seconds
+        self._shown, self._told = shown, told
+        self._client = ControlClient(socket)
+        self._arms = {name: _Arm() for name in hardware.sessions}
+        self._pids: set[int] = set()
+        self._parked: dict[str, list[float]] = {}
+        """Arms that must stand, by session, and where they do."""
+        self._done: list[str] = []
+
+    def leave(self) -> None:
+        """Leave the daemon alone."""
+        self._client.close()
+
+    # -- what happens ----------------------------------------------------------------------------
+
+    def perform(self) -> None:
+        """All of it, in its time."""
+        roles, arms = self._hardware.roles, self._arms
+        self._until(
+            f"all {len(arms)} robots are there",
+            lambda: all(each.row.get("robot_link") == "live" for each in arms.values()),
+            READY_S,
+        )
+        began_s = time.monotonic()
+        self._say(f"all {len(arms)} arms are there; hands move three of them, a verb the fourth")
+        self._move_by_verb(roles.second)
+        self._until(
+            "each arm has moved", lambda: all(each.moved_m >= MOVED_M for each in arms.values())
+        )
+        self._done.append("each arm moved")
+        self._unplug(roles.unplugged, roles.device)
+        unplugged_s = time.monotonic()
+        pid = self._kill(roles.killed)
+        self._reload(roles.first)
+        self._until("the device stays away", lambda: time.monotonic() >= unplugged_s + UNPLUGGED_S)
+        self._plug(roles.unplugged, roles.device)
+        self._pass_on(roles.shared, roles.first, roles.second)
+        self._came_back(roles.killed, pid)
+        self._until(
+            f"{roles.first} runs with its changed configuration",
+            lambda: (
+                not arms[roles.first].row["changes_wait"]
+                and arms[roles.first].row["phase"] == "disarmed"
+            ),
+        )
+        self._done.append(f"{roles.first} runs with what was changed")
+        self._say(f"done after {time.monotonic() - began_s:.0f} s; the hands go on")
+        while time.monotonic() < began_s + self._seconds:
+            self._poll()
+
+    def _move_by_verb(self, name: str) -> None:
+        with DaemonArm(name, path=self._socket) as arm:
+            pose = list(arm.stat().pose)
+            pose[2] += LIFT_M
+            motions: list[Motion] = []
+
+            def moved() -> bool:
+                if motions and not motions[-1].over:
+                    return False
+                if not motions or motions[-1].outcome is not Outcome.DONE:
+                    # A busy computer brakes arms now and then: asked again, it goes on.
+                    with contextlib.suppress(MotionRefusedError):
+                        motions.append(arm.movl(pose))
+                    return False
+                return True
+
+            self._until(f"the verb has moved {name}", moved)
+            with contextlib.suppress(MotionLoopError):  # It is told, if late.
+                arm.release()
+
+    def _unplug(self, name: str, device: str) -> None:
+        arm = self._arms[name]
+        self._say(f"{device}, the device of {name}, is unplugged")
+        self._hardware.unplug(device)
+        self._until(f"{name} stops", lambda: arm.row["phase"] == "disarmed" and not _live(arm))
+        stopped_s = time.monotonic()
+        self._until("its servos settle", lambda: time.monotonic() >= stopped_s + SETTLES_S)
+        self._parked[name] = arm.position
+        self._done.append(f"{name} stopped when its device was unplugged")
+
+    def _plug(self, name: str, device: str) -> None:
+        arm = self._arms[name]
+        self._say(f"{device} is plugged in again: the dead-man has to be pressed anew")
+        self._hardware.plug(device)
+        plugged_s = time.monotonic()
+        self._until(f"{device} is found again", lambda: _live(arm))
+        found_s = time.monotonic() - plugged_s
+        self._parked.pop(name, None)
+        if _armed_by_plugging(self._client.ask("events", name)):
+            self.problems.append(f"plugging {device} in armed {name}")
+        self._until(f"{name} moves again", lambda: arm.row["phase"] == "moving")
+        self._done.append(
+            f"{device} was found {found_s:.1f} s after it was plugged in; "
+            f"{name} stood until the dead-man was pressed"
+        )
+
+    def _kill(self, name: str) -> int:
+        pid: int = self._arms[name].row["pid"]
+        self._say(f"the process of {name} is killed (SIGKILL, {pid})")
+        os.kill(pid, signal.SIGKILL)
+        return pid
+
+    def _came_back(self, name: str, pid: int) -> None:
+        arm = self._arms[name]
+        self._until(f"{name} comes back", lambda: arm.row["pid"] not in (pid, None))
+        self._until(f"{name} moves again", lambda: arm.row["phase"] == "moving")
+        # It was there, and disarmed, before it was armed.
+        before = arm.phases[: next(i for i, each in enumerate(arm.phases) if each in ENGAGED)]
+        if "disarmed" not in before:
+            self.problems.append(f"{name} came back armed: {', '.join(arm.phases)}")
+        self._done.append(f"{name} was killed, came back disarmed, and was armed by its hand")
+
+    def _reload(self, name: str) -> None:
+        self._say(f"a key of {name} is changed, then `cardan reload`:")
+        self._hardware.change(name)
+        with ControlClient(self._socket, RELOAD_S) as client, ThreadPoolExecutor(1) as beside:
+            told = beside.submit(client.ask, "reload", value=False)
+            self._until("the reload is over", told.done, RELOAD_S)
+            changes = [Change.of(each) for each in told.result()]
+        for change in changes:
+            self._say(f"  {printable(change.in_words)}")
+        if [change.name for change in changes] != [name]:
+            self.problems.append(f"one key of {name} was changed, and reload told {changes}")
+        self._done += [f"reload: {printable(change.in_words)}" for change in changes]
+
+    def _pass_on(self, device: str, first: str, second: str) -> None:
+        one, other = self._arms[first], self._arms[second]
+        self._say(f"`cardan switch {device} {second}`: it goes from {first} to {second}")
+        self._client.ask("switch", device, second)
+        self._until(
+            f"{second} has {device}",
+            lambda: other.row["device_held"] and not one.row["device_held"] and _live(other),
+        )
+        self._until(f"the hand moves {second}", lambda: "hand" in other.moved_by)
+        self._done.append(f"{device} went from {first} to {second}")
+
+    # -- what is seen ----------------------------------------------------------------------------
+
+    def _say(self, words: str) -> None:
+        self._shown.say(words)
+
+    def _until(self, what: str, found: Callable[[], bool], within_s: float = STEP_S) -> None:
+        give_up_s = time.monotonic() + within_s
+        self._poll()
+        while not found():
+            if time.monotonic() >= give_up_s:
+                raise _NotSeenError(f"this did not happen within {within_s:.0f} s: {what}")
+            self._poll()
+
+    def _poll(self) -> None:
+        time.sleep(POLL_S)
+        if self._told:
+            raise _EndedEarlyError
+        rows = self._client.ask("figures")["units"]
+        for row in rows:
+            if row["pid"] is not None:
+                self._pids.add(row["pid"])
+            if row["name"] in self._arms:
+                self._arms[row["name"]].take(row)
+        for name, where in self._parked.items():
+            arm = self._arms[name]
+            # On a busy computer the row that has the device again may have it armed already.
+            if _live(arm):
+                continue
+            if arm.row["phase"] in ENGAGED or math.dist(where, arm.position) > STOOD_M:
+                self.problems.append(f"{name} moved, though its device was away")
+                del self._parked[name]
+                break
+        self._shown.show(rows)
+
+    def left_behind(self, folder: Path) -> list[str]:
+        """What should not be there any more, once all has ended; and what each arm did wrong."""
+        found = [
+            f"{name} was {1e3 * arm.error_max_m:.0f} mm away from its reference"
+            for name, arm in self._arms.items()
+            if arm.error_max_m > WELL_FOLLOWED_M
+        ]
+        if left := sorted(pid for pid in self._pids if _runs(pid)):
+            found.append(f"processes were left behind: {left}")
+        if folder.exists():
+            found.append(f"{folder} was left behind")
+        return found
+
+    def summary(self) -> list[str]:
+        """What happened, in lines."""
+        lines = ["what happened:", *(f"  {each}" for each in self._done)]
+        for name, arm in self._arms.items():
+            by = " and ".join(sorted(arm.moved_by - {""})) or "nobody"
+            lines.append(
+                f"  {name}: {1e3 * arm.moved_m:.0f} mm by {by}, "
+                f"at most {1e3 * arm.error_max_m:.1f} mm from its reference"
+            )
+        return lines
+
+
+def _armed_by_plugging(events: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether the arm was armed after its device had gone and before it was there again."""
+    order = [(each["event"], each["what"]) for each in events]
+    gone = max((i for i, each in enumerate(order) if each == ("device", "lost")), default=0)
+    until_back = itertools.takewhile(lambda each: each != ("device", "live"), order[gone:])
+    return any(each in (("arm", "holding"), ("arm", "moving")) for each in until_back)
+
+
+def _live(arm: _Arm) -> bool:
+    return bool(arm.row["device_link"] == "live")
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # Somebody else's, with the same number.
+        return False
+    return True

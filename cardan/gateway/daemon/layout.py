@@ -1,0 +1,327 @@
+"""What the daemon's files say: which sessions and faces there are, and how the daemon itself runs.
+
+A file with a table ``[robot]`` is one session, as ``cardan run`` takes it, and has the file's name.
+Other files may have, together or each for itself::
+
+    [daemon]                 # the daemon's own options
+    [devices.left]           # operator devices by name
+    driver = "spacemouse"
+    serial = "A1"
+    [robots.gofa]            # robots by name
+    driver = "abb_egm"
+    [[sessions]]             # sessions; device and robot are names, or tables
+    name = "gofa"
+    device = "left"
+    robot = "gofa"
+    [faces.rosbridge]        # faces by name, with their options
+    port = 9090
+"""
+
+from __future__ import annotations
+
+import pickle
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from cardan import bounds
+from cardan.errors import CardanError, ConfigurationError, below
+from cardan.gateway.faces import registry as face_registry
+from cardan.gateway.session.assembly import check_parts
+from cardan.gateway.session.config import SessionConfig
+from cardan.options import Options, require, suggestion
+from cardan.tables import OTHER_KEYS, read_table, read_toml
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
+
+_NAMES = "letters (a to z), digits, and _ . - within, 63 at most"
+
+_TOP = frozenset({"daemon", "devices", "robots", "sessions", "faces"})
+"""Keys of a file of the daemon; every other belongs to a session."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaemonOptions(Options):
+    """``[daemon]``: the daemon itself."""
+
+    socket: str = ""
+    """Where it is controlled; empty: cardan.sock in the user's runtime folder."""
+    group: str = ""
+    """Group whose members may ask it, too; empty: its own user alone."""
+    group_role: Literal["viewer", "operator", "admin"] = "operator"
+    """What they may do."""
+    event_log: str = ""
+    """File of what happened, a JSON object a line; empty: events.jsonl in the folder for the user's
+    (a service's) state; "none": none."""
+    start_limit: Annotated[int, bounds.STARTS] = 8
+    """Starts in a row, none of which lasted for a minute, after which a process that fails by
+    itself is given up until somebody starts it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaceTable(Options):
+    """One of ``[faces.NAME]``; all other keys are the face's options."""
+
+    face: str = ""
+    """Which face it is; empty: the one of this name."""
+    start: bool = True
+    """Whether it starts with the daemon."""
+    options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionTable(Options):
+    """One of ``[[sessions]]``; all other keys are those of a session's file."""
+
+    name: str
+    file: str = ""
+    """A session's file, relative to this one; the keys given here replace its own."""
+    start: bool = True
+    """Whether it starts with the daemon."""
+    session: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaemonFile(Options):
+    """A file of the daemon."""
+
+    daemon: DaemonOptions | None = None
+    devices: Mapping[str, Any] = field(default_factory=dict)
+    robots: Mapping[str, Any] = field(default_factory=dict)
+    sessions: tuple[SessionTable, ...] = ()
+    faces: Mapping[str, Any] = field(default_factory=dict)
+
+
+class SessionEntry(NamedTuple):
+    """A session of the daemon."""
+
+    config: SessionConfig
+    start: bool
+    file: Path
+    device: str = ""
+    """Name of its device, which sessions share that name the same."""
+
+
+class FaceEntry(NamedTuple):
+    """A face of the daemon."""
+
+    face: str
+    words: tuple[str, ...]
+    """Options of ``cardan face``."""
+    start: bool
+    file: Path
+
+
+class Layout(NamedTuple):
+    """All that the daemon runs."""
+
+    daemon: DaemonOptions
+    sessions: Mapping[str, SessionEntry]
+    faces: Mapping[str, FaceEntry]
+
+
+def read_layout(paths: Iterable[Path]) -> Layout:
+    """Read files, and the .toml files of folders, and check all of them.
+
+    Raises ConfigurationError, which names file and key; nothing is opened.
+    """
+    return _Reading(_files(paths)).layout()
+
+
+def read_layout_beside(paths: Iterable[Path]) -> Layout:
+    """:func:`read_layout` in a process of its own, which loads the arms' models: nothing else that
+    this process does waits for them. Raises ConfigurationError."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cardan.shortage", "cardan.gateway.daemon.layout", *map(str, paths)],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        start_new_session=True,
+        check=False,
+    )
+    if done.returncode:
+        last = done.stderr.decode(errors="backslashreplace").strip().rpartition("\n")[2]
+        raise ConfigurationError("", f"the files could not be read: {last or done.returncode}")
+    made: Layout | CardanError = pickle.loads(done.stdout)
+    if isinstance(made, CardanError):
+        raise made
+    return made
+
+
+def sharers(sessions: Mapping[str, SessionEntry]) -> dict[str, list[str]]:
+    """The devices that several sessions name, and these sessions in the files' order."""
+    found: dict[str, list[str]] = {}
+    for name, entry in sessions.items():
+        if entry.device:
+            found.setdefault(entry.device, []).append(name)
+    return {device: names for device, names in found.items() if len(names) > 1}
+
+
+def _check_shared(device: str, config: SessionConfig) -> None:
+    """Raise ConfigurationError where a session cannot take its device later."""
+    if config.gives_force or config.spnav is not None:
+        key = "spnav" if config.spnav is not None else "force"
+        raise ConfigurationError(
+            key, f"the device {device!r} serves several sessions, which this does not go with"
+        )
+
+
+def _files(paths: Iterable[Path]) -> list[Path]:
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        inside = sorted(each for each in path.glob("*.toml") if not each.name.startswith("."))
+        if not inside:
+            raise ConfigurationError("", f"the folder {path} has no .toml file")
+        found += inside
+    if not found:
+        raise ConfigurationError("", "no file was given: `cardan serve FILE` or a folder of files")
+    return list(dict.fromkeys(found))
+
+
+class _Named(NamedTuple):
+    table: Any
+    file: Path
+
+
+class _Reading:
+    """The tables of all files, by their names."""
+
+    def __init__(self, files: Iterable[Path]) -> None:
+        self._daemon: tuple[DaemonOptions, Path] | None = None
+        self._devices: dict[str, _Named] = {}
+        self._robots: dict[str, _Named] = {}
+        self._faces: dict[str, _Named] = {}
+        self._sessions: dict[str, tuple[SessionTable, Path]] = {}
+        for file in files:
+            with below(str(file)):
+                self._read(file)
+
+    def _read(self, file: Path) -> None:
+        tables = read_toml(file)
+        if "robot" in tables:
+            if mixed := sorted(_TOP & tables.keys()):
+                raise ConfigurationError(
+                    mixed[0],
+                    "is the daemon's, and [robot] makes this file one session: put it into a file "
+                    "of its own",
+                )
+            if NAME.fullmatch(file.stem) is None:
+                raise ConfigurationError(
+                    "",
+                    f"{file.stem!r}, the file's name, is the session's, and must be {_NAMES}: "
+                    "rename the file",
+                )
+            self._add_session(SessionTable(name=file.stem, session=tables), file)
+            return
+        read = read_table(DaemonFile, tables)
+        if read.daemon is not None:
+            if self._daemon is not None:
+                raise ConfigurationError("daemon", f"is in {self._daemon[1]} already")
+            self._daemon = read.daemon, file
+        for kind, found, into in (
+            ("devices", read.devices, self._devices),
+            ("robots", read.robots, self._robots),
+            ("faces", read.faces, self._faces),
+        ):
+            for name, table in found.items():
+                _check_name(f"{kind}.{name}", name)
+                if name in into:
+                    raise ConfigurationError(
+                        f"{kind}.{name}", f"this name is in {into[name].file} already"
+                    )
+                into[name] = _Named(table, file)
+        for session in read.sessions:
+            self._add_session(session, file)
+
+    def _add_session(self, session: SessionTable, file: Path) -> None:
+        _check_name("sessions.name", session.name)
+        if session.name in self._sessions:
+            other = self._sessions[session.name][1]
+            raise ConfigurationError(
+                "sessions.name", f"{session.name!r} is the name of a session in {other} already"
+            )
+        self._sessions[session.name] = session, file
+
+    def layout(self) -> Layout:
+        """All of it, checked."""
+        options = DaemonOptions() if self._daemon is None else self._daemon[0]
+        sessions = {name: self._session(*each) for name, each in self._sessions.items()}
+        faces = {name: self._face(name, each) for name, each in self._faces.items()}
+        if both := sorted(sessions.keys() & faces.keys()):
+            raise ConfigurationError(
+                f"faces.{both[0]}", "a session has this name: commands would not tell them apart"
+            )
+        if not sessions and not faces:
+            raise ConfigurationError("sessions", "there is neither a session nor a face to run")
+        for device, names in sharers(sessions).items():
+            for name in names:
+                with below(f"{sessions[name].file}: {name}"):
+                    _check_shared(device, sessions[name].config)
+        return Layout(options, sessions, faces)
+
+    def _session(self, table: SessionTable, file: Path) -> SessionEntry:
+        with below(f"{file}: {table.name}"):
+            tables = dict(table.session)
+            if table.file:
+                tables = read_toml(file.parent / table.file) | tables
+            device = tables.get("device")
+            device = device if isinstance(device, str) else ""
+            for key, known in (("device", self._devices), ("robot", self._robots)):
+                if isinstance(name := tables.get(key), str):
+                    tables[key] = _named(key, name, known)
+            config = read_table(SessionConfig, tables)
+            check_parts(config)
+        return SessionEntry(config, table.start, file, device)
+
+    def _face(self, name: str, named: _Named) -> FaceEntry:
+        with below(f"{named.file}: faces.{name}"):
+            table = read_table(FaceTable, named.table)
+            face = table.face or name
+            face_registry.load(face)
+            words = tuple(_words(table.options))
+        return FaceEntry(face, words, table.start, named.file)
+
+
+def _check_name(key: str, name: str) -> None:
+    require(NAME.fullmatch(name), key, name, _NAMES)
+
+
+def _named(key: str, name: str, known: Mapping[str, _Named]) -> Any:
+    if name not in known:
+        allowed = ", ".join(known) or "none is named"
+        raise ConfigurationError(
+            key, f"there is no [{key}s.{name}]; allowed: {allowed}{suggestion(name, known)}"
+        )
+    return known[name].table
+
+
+def _words(options: Mapping[str, Any]) -> Iterable[str]:
+    """Options of a command, of the keys of a table: port = 9090 is --port 9090."""
+    for key, value in options.items():
+        flag = f"--{key.replace('_', '-')}"
+        if isinstance(value, bool):
+            if value:
+                yield flag
+            continue
+        for each in value if isinstance(value, list) else [value]:
+            if isinstance(each, (Mapping, list)):
+                raise ConfigurationError(key, "is a table; a face's options are texts and numbers")
+            yield flag
+            yield str(each)
+
+
+def main() -> None:
+    """Read the files that are named, and write the layout, or the error, for
+    :func:`read_layout_beside`."""
+    made: Layout | CardanError
+    try:
+        made = read_layout(map(Path, sys.argv[1:]))
+    except CardanError as error:
+        made = error
+    sys.stdout.buffer.write(pickle.dumps(made))

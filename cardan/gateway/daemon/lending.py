@@ -1,0 +1,88 @@
+"""Which session has a device that several share, without I/O.
+
+The device passes through rest: the session that has it closes it, its arm brakes, and only when
+that rests does the next session open it.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+AT_REST = frozenset({"disarmed", "no robot"})
+"""Phases of an arm whose operator device may go to another arm."""
+
+
+class Order(enum.Enum):
+    """What a session is to be told."""
+
+    TAKE = "take"
+    GIVE = "give"
+
+
+class Seen(NamedTuple):
+    """What is known of a session now."""
+
+    wanted: bool
+    """Whether it runs, or is to run again by itself."""
+    running: bool
+    held: bool
+    """Whether it has the device open."""
+    phase: str
+    passes: int
+    """How often its operator asked to pass the device on since it began."""
+
+
+class SharedDevice:
+    """A device that several sessions share: who has it, and who gets it next."""
+
+    def __init__(self, name: str, sessions: Sequence[str]) -> None:
+        """`sessions` in the order in which the device goes round; the first begins with it."""
+        self.name = name
+        self.sessions = tuple(sessions)
+        self.holder = self.sessions[0]
+        """Session that has it, or is getting it."""
+        self._next = ""
+        """Session that gets it once the holder's arm rests."""
+        self._passes: dict[str, int] = {}
+
+    @property
+    def next(self) -> str:
+        """Session that waits for it; empty: none."""
+        return self._next
+
+    def pass_to(self, session: str) -> None:
+        """Let `session`, one of its own, have it."""
+        self._next = "" if session == self.holder else session
+
+    def after(self, session: str, may: Callable[[str], bool]) -> str:
+        """The session after this one for which `may` is true; empty: there is none."""
+        start = self.sessions.index(session)
+        round_ = (*self.sessions[start + 1 :], *self.sessions[:start])
+        return next((each for each in round_ if may(each)), "")
+
+    def poll(self, seen: Callable[[str], Seen]) -> list[tuple[str, Order]]:
+        """Several times a second: who is to be told what."""
+        found: list[tuple[str, Order]] = []
+        now = {session: seen(session) for session in self.sessions}
+        holder = now[self.holder]
+        if holder.passes > self._passes.get(self.holder, 0) and not self._next:
+            self._next = self.after(self.holder, lambda each: now[each].wanted)
+        for session, each in now.items():
+            self._passes[session] = each.passes
+        if not holder.wanted and not self._next:
+            self._next = self.after(self.holder, lambda each: now[each].wanted)
+        if self._next:
+            if holder.held and holder.running:
+                found.append((self.holder, Order.GIVE))
+            elif not holder.running or holder.phase in AT_REST:
+                self.holder, self._next = self._next, ""
+        if not self._next:
+            for session, each in now.items():
+                if each.running and each.held is not (session == self.holder):
+                    order = Order.TAKE if session == self.holder else Order.GIVE
+                    others = any(o.held and o.running for s, o in now.items() if s != session)
+                    if order is Order.GIVE or not others:
+                        found.append((session, order))
+        return found

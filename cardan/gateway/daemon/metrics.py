@@ -1,0 +1,145 @@
+"""The face for Prometheus: /metrics with the figures of all that the daemon runs.
+
+At each scrape it asks the daemon; sessions count for themselves, and never wait for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import Annotated, Any, Final
+
+from websockets.datastructures import Headers
+
+from cardan.bounds import ANY_PORT
+from cardan.errors import CardanError
+from cardan.extras import missing_extra
+from cardan.gateway.daemon.client import ControlClient
+from cardan.gateway.faces.base import Face, Ready
+from cardan.gateway.faces.web import Answer, Front, FrontOptions, serve_until
+from cardan.options import Options
+
+PORT: Final = 9464
+"""Where Prometheus looks for the figures of programs that have no port of their own."""
+
+PATH: Final = "/metrics"
+
+ANSWER_S: Final = 5.0
+"""Longest wait for the daemon: a scrape of Prometheus ends after 10 s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MetricsOptions(FrontOptions):
+    """How a scraper reaches the figures."""
+
+    port: Annotated[int, ANY_PORT] = PORT
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaemonAddress(Options):
+    """The daemon whose figures are shown."""
+
+    socket: str = ""
+    """The daemon's socket; empty: of the one that runs this face, else of this user's."""
+
+
+class MetricsServer:
+    """The server, in an asyncio loop: ``async with MetricsServer(options, figures): ...``"""
+
+    def __init__(self, options: MetricsOptions, figures: Callable[[], Any]) -> None:
+        """`figures` asks the daemon, in a thread of its own. Raises ConfigurationError and
+        ExtraMissingError."""
+        try:
+            from prometheus_client.exposition import choose_encoder
+
+            from cardan.gateway.daemon.figures import metrics_of
+        except ImportError as error:
+            raise missing_extra(
+                "the metrics face", "prometheus_client", "metrics", error
+            ) from error
+        self._encoder, self._metrics_of = choose_encoder, metrics_of
+        self._figures = figures
+        self.counts: Counter[str] = Counter()
+        """"denied": connections that were not let in."""
+        self._front = Front(options, self.counts, page=self._page)
+        self._asking = asyncio.Lock()
+
+    @property
+    def port(self) -> int:
+        """The port it listens at."""
+        return self._front.port
+
+    @property
+    def clients(self) -> int:
+        """None stays connected."""
+        return self._front.clients
+
+    async def __aenter__(self) -> MetricsServer:
+        """Listen. Raises AddressError and ConfigurationError."""
+        await self._front.open()
+        return self
+
+    async def __aexit__(self, *_exception: object) -> None:
+        """Let all go."""
+        await self._front.close()
+
+    async def _page(self, path: str, headers: Headers) -> Answer | None:
+        if path != PATH:
+            return None
+        try:
+            async with self._asking:
+                found = await asyncio.to_thread(self._figures)
+        except CardanError as error:
+            return Answer(
+                "text/plain; charset=utf-8", f"{error}\n".encode(), HTTPStatus.SERVICE_UNAVAILABLE
+            )
+        encode, content_type = self._encoder(", ".join(headers.get_all("Accept")))
+        return Answer(content_type, encode(_Collected(self._metrics_of(found))))
+
+
+class _Collected:
+    """What an encoder takes for a registry."""
+
+    def __init__(self, metrics: Iterable[Any]) -> None:
+        self._metrics = list(metrics)
+
+    def collect(self) -> Iterable[Any]:
+        """The metrics."""
+        return self._metrics
+
+
+def asked(socket: str) -> Any:
+    """The daemon's answer to ``figures``. Raises AddressError and ControlError."""
+    with ControlClient(socket, timeout_s=ANSWER_S) as client:
+        return client.ask("figures")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MetricsFaceOptions(Options):
+    """The daemon behind the server, and the server."""
+
+    daemon: DaemonAddress = field(default_factory=DaemonAddress)
+    server: MetricsOptions = field(default_factory=MetricsOptions)
+
+
+class Metrics(Face[MetricsFaceOptions]):
+    """Show Prometheus the figures of all sessions and faces of a daemon, at /metrics."""
+
+    Options = MetricsFaceOptions
+    page = "daemon.md"
+
+    @classmethod
+    def serve(cls, options: MetricsFaceOptions, ready: Ready, stop: threading.Event) -> None:
+        """Serve until `stop` is set. Raises AddressError, ConfigurationError or
+        ExtraMissingError."""
+        server_options = options.server
+
+        serve_until(
+            MetricsServer(server_options, lambda: asked(options.daemon.socket)),
+            lambda port: ready(f"{server_options.endpoint(port, 'http')}{PATH}"),
+            stop,
+        )

@@ -1,0 +1,66 @@
+"""Tells systemd how the daemon does: sd_notify(3), without a library."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import time
+from collections.abc import Mapping
+from typing import Final
+
+WATCHDOG_SHARE: Final = 0.4
+"""The watchdog is fed this often within its time: sd_watchdog_enabled(3) asks for half of it."""
+
+
+class Notifier:
+    """Speaks to the service manager that has started this process; without one it does nothing."""
+
+    def __init__(self, environment: Mapping[str, str] = os.environ, pid: int | None = None) -> None:
+        """`environment` has NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID, where they are."""
+        self._path = environment.get("NOTIFY_SOCKET", "")
+        watched = environment.get("WATCHDOG_PID", "") in ("", str(pid or os.getpid()))
+        usec = environment.get("WATCHDOG_USEC", "")
+        self._period_s = WATCHDOG_SHARE * int(usec) * 1e-6 if watched and usec.isdecimal() else 0.0
+        self._due_s = 0.0
+        self._status = ""
+
+    @property
+    def watched(self) -> bool:
+        """Whether the service manager wants to be told again and again."""
+        return bool(self._path) and self._period_s > 0.0
+
+    def ready(self) -> None:
+        """It serves; also after a reload."""
+        self._send("READY=1")
+
+    def reloading(self) -> None:
+        """It reads its files anew; `ready` ends it."""
+        self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
+
+    def stopping(self) -> None:
+        """It ends."""
+        self._send("STOPPING=1")
+
+    def status(self, words: str) -> None:
+        """What `systemctl status` shows."""
+        if words != self._status:
+            self._status = words
+            self._send("STATUS=" + " ".join(words.split()))
+
+    def alive(self, now_s: float) -> None:
+        """Feed the watchdog, if it is time to."""
+        if self.watched and now_s >= self._due_s:
+            self._due_s = now_s + self._period_s
+            self._send("WATCHDOG=1")
+
+    def _send(self, text: str) -> None:
+        if not self._path:
+            return
+        path = f"\0{self._path[1:]}" if self._path.startswith("@") else self._path
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sock,
+        ):
+            sock.setblocking(False)
+            sock.sendto(text.encode(), path)

@@ -1,0 +1,274 @@
+"""The daemon's processes: a session, or a face, from its start to its end.
+
+What they say and how they end is told by calls in threads of their own; nothing here decides.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from cardan.gateway.arm.requests import is_answer
+from cardan.gateway.daemon.client import SOCKET_VARIABLE
+from cardan.gateway.daemon.keeping import Ended
+from cardan.gateway.faces.telling import TELLS_VARIABLE, told
+from cardan.gateway.session.config import SessionConfig
+from cardan.gateway.session.reloading import ANSWER, Found, ReloadOrder, packets
+from cardan.gateway.session.session import (
+    EXIT_CANNOT_OPEN,
+    EXIT_CONFIGURATION,
+    EXIT_OK,
+)
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import KILL_AFTER_S, SessionProcess
+from cardan.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, level_of
+from cardan.shortage import shortage
+
+FACE_LEAVES_WITHIN_S: Final = 8.0
+"""How long after it was asked to end a face is killed: it closes its clients' connections first."""
+
+LINE_BYTES: Final = 4096
+"""Longest line of output that is kept together."""
+
+LINES_AT_ONCE: Final = 1000
+LINES_A_SECOND: Final = 200
+"""Most lines of a process that are taken, at once and as they go on; of more, their number. One
+that babbles would keep the daemon from all others."""
+
+STARTS_WITHIN_S: Final = 60.0
+"""Longest time until a session's first snapshot: all sessions of a lab import their arms' models at
+once, and a small computer, which would be no quicker if the daemon were started anew, takes some
+10 s for each."""
+
+SILENT_S: Final = 8.0
+"""Longest time between snapshots of a session: one whose loop hangs, and that its supervisor cannot
+help, ends the daemon by its watchdog."""
+
+_log = logging.getLogger(__name__)
+
+Say = Callable[[str], None]
+"""A line that a process has written; those of its log begin with their priority."""
+
+Over = Callable[[Ended, str], None]
+"""`over(how, reason)`: a process has ended."""
+
+
+class Process(ABC):
+    """A process that runs. `say` and `over` of its maker are called in threads of its own."""
+
+    @property
+    @abstractmethod
+    def pid(self) -> int:
+        """Process id."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Ask it to end in good order. Does not wait; twice is fine."""
+
+    @abstractmethod
+    def join(self, timeout_s: float) -> None:
+        """Wait until it has ended and all was told."""
+
+
+class RunningSession(Process):
+    """A session that runs, watched in a thread of its own."""
+
+    def __init__(
+        self,
+        config: SessionConfig,
+        say: Say,
+        over: Over,
+        answered: Callable[[bytes], None],
+        found: Callable[[Found], None],
+        has_device: bool = True,
+    ) -> None:
+        """Start it. `answered` gets its replies and the states of motions, `found` what it says of
+        a configuration that it is to take; `has_device`: whether it begins with its operator
+        device. Raises OSError."""
+        self.snapshot = Snapshot(device_held=has_device)
+        """The newest one."""
+        self.due_s = time.monotonic() + STARTS_WITHIN_S
+        """Local monotonic time of the next one, at the latest."""
+        self._over, self._answered, self._found = over, answered, found
+        self._lines = Lines(say)
+        self._process = SessionProcess(
+            config, say=self._lines.take, has_device=has_device, log_format=LogFormat.PRIORITY
+        )
+        self._thread = threading.Thread(target=self._follow, name="cardan-follow", daemon=True)
+        self._thread.start()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def send(self, packet: bytes) -> None:
+        """Send a request. Raises OSError where it takes none."""
+        self._process.send(packet)
+
+    def reload(self, number: int, order: ReloadOrder, config: SessionConfig | None = None) -> None:
+        """Have it prepare a configuration, take it, or drop it. Raises OSError where it takes no
+        requests."""
+        for packet in packets(number, order, config):
+            self._process.send(packet)
+
+    def stop(self) -> None:
+        self._process.stop()
+
+    def join(self, timeout_s: float) -> None:
+        self._thread.join(timeout_s)
+
+    def _follow(self) -> None:
+        how, reason = Ended.DIED, "its supervision failed"
+        try:
+            outcome = self._process.follow(self._take)
+            how = _HOW.get(outcome.exit_code, Ended.DIED)
+            reason = outcome.last.error or outcome.last.ending or outcome.last.message
+        except Exception as error:
+            reason = shortage(error) or repr(error)
+        finally:
+            self._lines.end()
+            self._over(how, reason)
+
+    def _take(self, packet: bytes) -> Snapshot | None:
+        if is_answer(packet):
+            self._answered(packet)
+            return None
+        if packet.startswith(ANSWER):
+            self._found(Found.of(packet))
+            return None
+        self.snapshot = Snapshot.from_bytes(packet)
+        self.due_s = time.monotonic() + SILENT_S
+        return self.snapshot
+
+
+_HOW = {
+    EXIT_OK: Ended.AS_ASKED,
+    EXIT_CONFIGURATION: Ended.MISCONFIGURED,
+    EXIT_CANNOT_OPEN: Ended.UNABLE,
+}
+
+
+class RunningFace(Process):
+    """A face that runs: ``cardan face`` with the words given, which ends with this process."""
+
+    def __init__(self, words: Sequence[str], say: Say, over: Over, socket: str) -> None:
+        """Start it; `socket`: of the daemon. Raises OSError."""
+        self.endpoint = ""
+        """Where it serves, once it does."""
+        self.figures: dict[str, int] = {}
+        """What it tells of itself."""
+        self._said, self._over = say, over
+        self._stopping = False
+        self._last = ""
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "cardan.gateway.session.leashed", "", "face", *words],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={
+                **os.environ,
+                TELLS_VARIABLE: "1",
+                SOCKET_VARIABLE: socket,
+                FORMAT_VARIABLE: LogFormat.PRIORITY.value,
+                LEVEL_VARIABLE: logging.getLevelName(_log.getEffectiveLevel()).lower(),
+            },
+        )
+        self._thread = threading.Thread(target=self._follow, name="cardan-face", daemon=True)
+        self._thread.start()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def stop(self) -> None:
+        if not self._stopping:
+            self._stopping = True
+            with contextlib.suppress(OSError):
+                self._process.terminate()
+            killer = threading.Timer(FACE_LEAVES_WITHIN_S, self._kill)
+            killer.daemon = True
+            killer.start()
+
+    def _kill(self) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+
+    def join(self, timeout_s: float) -> None:
+        self._thread.join(timeout_s)
+
+    def _follow(self) -> None:
+        process = self._process
+        assert process.stdout is not None
+        assert process.stdin is not None
+        lines = Lines(self._take)
+        while data := process.stdout.read1(LINE_BYTES):  # type: ignore[attr-defined]
+            lines.take(data)
+        lines.end()
+        code = process.wait()
+        process.stdout.close()
+        process.stdin.close()
+        how = Ended.AS_ASKED if code == 0 else _HOW.get(code, Ended.DIED)
+        self._over(how, "" if code == 0 else self._last or f"it ended with status {code}")
+
+    def _take(self, line: str) -> None:
+        if (figures := told(line)) is not None:
+            self.figures = figures
+            return
+        if line.startswith("READY "):
+            self.endpoint = line.removeprefix("READY ")
+        self._last = level_of(line)[1]
+        self._said(line)
+
+
+class Lines:
+    """Puts what a process writes together to lines, and takes only so many."""
+
+    def __init__(self, say: Say, clock: Callable[[], float] = time.monotonic) -> None:
+        self._say, self._left, self._clock = say, b"", clock
+        self._room, self._seen_s = float(LINES_AT_ONCE), clock()
+        self._dropped = 0
+
+    def take(self, data: bytes) -> None:
+        """What was written."""
+        *lines, left = (self._left + data).split(b"\n")
+        while len(left) > LINE_BYTES:
+            lines.append(left[:LINE_BYTES])
+            left = left[LINE_BYTES:]
+        self._left = left
+        now_s = self._clock()
+        self._room += LINES_A_SECOND * (now_s - self._seen_s)
+        self._room, self._seen_s = min(self._room, LINES_AT_ONCE), now_s
+        for line in lines:
+            if line.strip():
+                self._take(line.decode(errors="backslashreplace").rstrip())
+
+    def end(self) -> None:
+        """Nothing more comes: take what has no end of a line."""
+        self.take(b"\n")
+        self._tell_dropped()
+
+    def _take(self, line: str) -> None:
+        if self._room < 1.0:
+            self._dropped += 1
+            return
+        self._room -= 1.0
+        self._tell_dropped()
+        self._say(line)
+
+    def _tell_dropped(self) -> None:
+        if self._dropped:
+            self._say(f"<4>{self._dropped} lines were left out: they came too fast")
+            self._dropped = 0
+
+
+ENDS_WITHIN_S: Final = max(KILL_AFTER_S, FACE_LEAVES_WITHIN_S) + 2.0
+"""Longest time for any of them to end once it was asked to."""

@@ -1,0 +1,289 @@
+"""The daemon's local socket: who may connect, and bounded output for each who does."""
+
+from __future__ import annotations
+
+import contextlib
+import grp
+import logging
+import os
+import selectors
+import socket
+import stat
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final
+
+from cardan.errors import AddressError, ConfigurationError
+from cardan.gateway.daemon.control import (
+    Ask,
+    ControlError,
+    LineReader,
+    Told,
+    decode_ask,
+    encode_told,
+    refusal,
+)
+from cardan.gateway.faces.tokens import Role
+from cardan.shortage import shortage
+from cardan.sockets import OWNER_ONLY, Advice, UnixSocket, user_of
+from cardan.types import NEVER_S
+
+GROUP_TOO: Final = 0o660
+
+MAX_CONNECTIONS: Final = 64
+"""Programs that are connected at once; one more is told so and let go."""
+
+MAX_UNREAD_BYTES: Final = 1 << 20
+"""What waits for a client that does not read; one with more is let go."""
+
+TURN_S: Final = 0.01
+"""Longest time for the requests of one client before others have their turn."""
+
+BACKLOG: Final = MAX_CONNECTIONS
+"""Programs that wait until they are connected; others would be refused at once."""
+
+SHORTAGE_PAUSE_S: Final = 0.5
+"""Pause of taking new programs in where no file can be opened for one."""
+
+_log = logging.getLogger(__name__)
+
+_ADVICE = Advice(
+    no_socket="set daemon.socket",
+    served="is a daemon running already? `cardan ps` shows it; another one needs another "
+    "daemon.socket",
+    refused="set daemon.socket to a short path in a folder that can be written",
+)
+
+
+_log = logging.getLogger(__name__)
+
+
+class Connection:
+    """A client of the daemon."""
+
+    def __init__(self, sock: socket.socket, role: Role = Role.ADMIN) -> None:
+        self.sock, self.role = sock, role
+        self.reader = LineReader()
+        self.gone: list[Callable[[], None]] = []
+        """Called when it is gone."""
+        self.asked: deque[bytes] = deque()
+        """Lines that wait for their turn; nothing is read meanwhile."""
+        self._unsent = bytearray()
+        self.open = True
+
+    def tell(self, *told: Told) -> None:
+        """Say something to it. Never waits; one that does not read is let go. An answer may be
+        longer than what may wait for it."""
+        if not self.open:
+            return
+        if len(self._unsent) > MAX_UNREAD_BYTES:
+            self.flush()
+            if len(self._unsent) > MAX_UNREAD_BYTES:
+                self.open = False
+                return
+        for each in told:
+            self._unsent += encode_told(each)
+        self.flush()
+
+    @property
+    def waits(self) -> bool:
+        """Whether something waits to be sent."""
+        return bool(self._unsent)
+
+    def flush(self) -> None:
+        """Send what its socket takes."""
+        try:
+            while self._unsent:
+                del self._unsent[: self.sock.send(self._unsent)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.open = False
+
+
+class ControlServer:
+    """Serves the control protocol. For one thread."""
+
+    def __init__(
+        self,
+        path: str,
+        group: str,
+        handle: Callable[[Ask, Connection], Any | None],
+        group_role: Role = Role.OPERATOR,
+    ) -> None:
+        """`handle` carries out a request and tells its connection; `group_role`: of those who come
+        in by the group. Raises AddressError where the path cannot be had, and ConfigurationError
+        for a group that there is not."""
+        number = _group_number(group)
+        mode = OWNER_ONLY if number is None else GROUP_TOO
+        self._socket = UnixSocket(path, socket.SOCK_STREAM, OWNER_ONLY, _ADVICE)
+        try:
+            if number is not None:
+                os.chown(path, -1, number)
+                os.chmod(path, mode)
+                _warn_of_folder(path, group, number)
+            self._socket.sock.listen(BACKLOG)
+        except OSError as error:
+            self._socket.close()
+            raise AddressError(
+                f"cannot give {path!r} to the group {group!r}: {error.strerror}; are you a member?"
+            ) from None
+        self.path = self._socket.path
+        self._handle, self._group_role = handle, group_role
+        self._connections: dict[int, Connection] = {}
+        self._listening = True
+        self._listen_s = NEVER_S
+        """When it looks again who wants to connect, after a shortage."""
+        self._wake_read, self._wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._socket.sock, selectors.EVENT_READ)
+        self._selector.register(self._wake_read, selectors.EVENT_READ)
+
+    def wake(self) -> None:
+        """End `poll` early. From any thread, or a signal handler."""
+        with contextlib.suppress(OSError):
+            os.write(self._wake_write, b"x")
+
+    def poll(self, timeout_s: float) -> None:
+        """Carry out what is asked, for `timeout_s` at most."""
+        if not self._listening and time.monotonic() >= self._listen_s:
+            self._listening = True
+            self._selector.register(self._socket.sock, selectors.EVENT_READ)
+        asked = any(each.asked for each in self._connections.values())
+        for key, events in self._selector.select(0.0 if asked else timeout_s):
+            if key.fileobj is self._socket.sock:
+                self._accept()
+            elif key.fd == self._wake_read:
+                with contextlib.suppress(BlockingIOError):
+                    os.read(self._wake_read, 4096)
+            elif (connection := self._connections.get(key.fd)) is not None:
+                if events & selectors.EVENT_WRITE:
+                    connection.flush()
+                if events & selectors.EVENT_READ and not connection.asked:
+                    self._read(connection)
+        for connection in list(self._connections.values()):
+            self._answer_some(connection)
+            self._look_at(connection)
+
+    def _accept(self) -> None:
+        """Take all that wait, as far as there may be at once."""
+        for _ in range(BACKLOG):
+            try:
+                sock, _ = self._socket.sock.accept()
+            except OSError as error:
+                if words := shortage(error):
+                    # Who waits stays there, and would be told of again at once, for ever.
+                    _log.warning("programs that ask wait: %s", words)
+                    self._selector.unregister(self._socket.sock)
+                    self._listening = False
+                    self._listen_s = time.monotonic() + SHORTAGE_PAUSE_S
+                return
+            self._welcome(sock)
+
+    def _welcome(self, sock: socket.socket) -> None:
+        sock.setblocking(False)
+        connection = Connection(sock, self._role_of(sock))
+        if len(self._connections) >= MAX_CONNECTIONS:
+            words = f"{MAX_CONNECTIONS} programs are connected to the daemon already"
+            connection.tell(Told(None, "error", words))
+            sock.close()
+            return
+        self._connections[sock.fileno()] = connection
+        self._selector.register(sock, selectors.EVENT_READ)
+
+    def _role_of(self, sock: socket.socket) -> Role:
+        """By the kernel's word; without it nobody but a group's members is told apart."""
+        owners = (0, os.geteuid())
+        return Role.ADMIN if user_of(sock) in owners else self._group_role
+
+    def _read(self, connection: Connection) -> None:
+        try:
+            data = connection.sock.recv(65536)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            connection.open = False
+            return
+        try:
+            connection.asked.extend(connection.reader.take(data))
+        except ControlError as error:
+            connection.tell(Told(error.request, "error", str(error)))
+            connection.open = False
+
+    def _answer_some(self, connection: Connection) -> None:
+        """So that who asks much at once keeps nobody waiting."""
+        end_s = time.monotonic() + TURN_S
+        while connection.open and connection.asked:
+            self._answer(connection.asked.popleft(), connection)
+            if time.monotonic() >= end_s:
+                break
+
+    def _answer(self, line: bytes, connection: Connection) -> None:
+        try:
+            ask = decode_ask(line)
+        except ControlError as error:
+            connection.tell(Told(error.request, "error", str(error)))
+            return
+        if why := refusal(ask, connection.role):
+            connection.tell(Told(ask.id, "error", why))
+            return
+        self._handle(ask, connection)
+
+    def _look_at(self, connection: Connection) -> None:
+        if not connection.open:
+            del self._connections[connection.sock.fileno()]
+            with contextlib.suppress(KeyError):  # It was not looked at while its turn was due.
+                self._selector.unregister(connection.sock)
+            connection.sock.close()
+            for call in connection.gone:
+                call()
+            return
+        reading = 0 if connection.asked else selectors.EVENT_READ
+        events = reading | (selectors.EVENT_WRITE if connection.waits else 0)
+        key = self._selector.get_map().get(connection.sock)
+        if not events:
+            if key is not None:
+                self._selector.unregister(connection.sock)
+        elif key is None:
+            self._selector.register(connection.sock, events)
+        elif key.events != events:
+            self._selector.modify(connection.sock, events)
+
+    def close(self) -> None:
+        """Let all go and remove the socket. Never raises; twice is fine."""
+        for connection in self._connections.values():
+            connection.sock.close()
+        self._connections.clear()
+        self._selector.close()
+        self._socket.close()
+        for each in (self._wake_read, self._wake_write):
+            with contextlib.suppress(OSError):
+                os.close(each)
+        self._wake_read = self._wake_write = -1
+
+
+def _group_number(group: str) -> int | None:
+    if not group:
+        return None
+    try:
+        return grp.getgrnam(group).gr_gid
+    except KeyError:
+        raise ConfigurationError(
+            "daemon.group", f"there is no group {group!r} on this computer"
+        ) from None
+
+
+def _warn_of_folder(path: str, group: str, number: int) -> None:
+    """A user's runtime folder, where the socket is by default, is closed to others."""
+    folder = os.path.dirname(os.path.abspath(path))
+    found = os.stat(folder)
+    enters = stat.S_IXGRP if found.st_gid == number else stat.S_IXOTH
+    if not found.st_mode & enters:
+        _log.warning(
+            "members of the group %s cannot enter %s, where the socket is: set daemon.socket to a "
+            "path in a folder that they can",
+            *(group, folder),
+        )

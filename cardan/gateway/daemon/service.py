@@ -1,0 +1,206 @@
+"""The daemon as a service of systemd: the unit, and where it goes."""
+
+from __future__ import annotations
+
+import grp
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from cardan.errors import ConfigurationError, DriverError
+from cardan.gateway.session.session import EXIT_CONFIGURATION
+
+NAME: Final = "cardan.service"
+
+WATCHDOG_S: Final = 10
+"""Longest time without a word of a daemon whose sessions all answer, before it is started anew."""
+
+STOP_S: Final = 20
+"""Longest time for all arms to brake and all sessions to leave."""
+
+ABORT_S: Final = 2
+"""Longest time for a daemon that has not fed its watchdog to end by SIGABRT: one that is stopped
+(SIGSTOP) does not."""
+
+GROUPS: Final = ("input", "dialout", "plugdev")
+"""Groups that udev's rules give operator devices to, as far as this computer has them."""
+
+OWN_FOLDERS: Final = (Path("/tmp"), Path("/var/tmp"))
+"""Folders that a service of the computer has for itself."""
+
+_UNIT = """[Unit]
+Description=Cardan: teleoperation of robot arms
+{after}
+[Service]
+Type=notify
+ExecStart={command}
+ExecReload=/bin/kill -HUP $MAINPID
+{account}Restart=always
+RestartSec=1
+# A configuration that is wrong stays so.
+RestartPreventExitStatus={misconfigured}
+WatchdogSec={watchdog_s}
+TimeoutAbortSec={abort_s}
+# However the daemon ends, its sessions are asked to end, too, and have this time to brake.
+TimeoutStopSec={stop_s}
+KillMode=control-group
+# The loops ask for real-time scheduling, and for memory that stays where it is.
+LimitRTPRIO=90
+LimitMEMLOCK=infinity
+# It opens devices and networks, and needs nothing else of the system.
+NoNewPrivileges=yes
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallErrorNumber=EPERM
+RestrictNamespaces=yes
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK AF_BLUETOOTH AF_CAN
+{hardening}
+[Install]
+WantedBy={target}
+"""
+
+_SYSTEM_HARDENING = """RuntimeDirectory=cardan
+RuntimeDirectoryMode=0755
+Environment=XDG_RUNTIME_DIR=/run/cardan
+ProtectSystem=strict
+ProtectHome=read-only
+ProtectKernelModules=yes
+ProtectKernelLogs=yes
+ProtectKernelTunables=yes
+ProtectControlGroups=yes
+ProtectHostname=yes
+ProtectProc=invisible
+PrivateTmp=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+StateDirectory=cardan
+LogsDirectory=cardan
+# Devices stay as they are: udev's rules say who may open them (`cardan udev`). What names classes
+# of devices (DevicePolicy=, PrivateDevices=, ProtectClock=) would keep those away whose driver the
+# kernel loads when one is plugged in.
+{groups}"""
+
+
+class Service(NamedTuple):
+    """A unit, and where it is."""
+
+    path: Path
+    text: str
+    user: bool
+    """Whether it is the user's own service manager that runs it."""
+
+    @property
+    def systemctl(self) -> list[str]:
+        """The command that speaks to its service manager."""
+        return ["systemctl", *(["--user"] if self.user else [])]
+
+
+def make_service(files: Sequence[Path], *, system: bool, account: str) -> Service:
+    """The service that serves `files`: of the system, as the user `account`, or of this user.
+
+    Raises ConfigurationError for files that are not there.
+    """
+    for file in files:
+        if not file.exists():
+            raise ConfigurationError("FILE", f"there is no {file}")
+    if system:
+        for path in (*(file.resolve() for file in files), Path(sys.executable)):
+            _check_found(path)
+    if not files:
+        raise ConfigurationError("FILE", "which files is the daemon to serve?")
+    words = [sys.executable, "-m", "cardan", "serve", *(str(file.resolve()) for file in files)]
+    text = _UNIT.format(
+        command=" ".join(_quoted(word) for word in words),
+        after="After=network-online.target\nWants=network-online.target\n" if system else "",
+        account=f"User={account}\n" if system else "",
+        watchdog_s=WATCHDOG_S,
+        stop_s=STOP_S,
+        abort_s=ABORT_S,
+        misconfigured=EXIT_CONFIGURATION,
+        hardening=_SYSTEM_HARDENING.format(groups=_groups()) if system else "",
+        target="multi-user.target" if system else "default.target",
+    )
+    return Service(_folder(system) / NAME, text, user=not system)
+
+
+def _check_found(path: Path) -> None:
+    for folder in OWN_FOLDERS:
+        if path.is_relative_to(folder):
+            raise ConfigurationError(
+                "FILE",
+                f"a service of the computer has a {folder} of its own and would not find {path}: "
+                "put it elsewhere, /etc/cardan for one",
+            )
+
+
+def _groups() -> str:
+    """The setting that joins the groups of operator devices: systemd starts nothing with one that
+    is not there."""
+    known = {group.gr_name for group in grp.getgrall()}
+    names = [name for name in GROUPS if name in known]
+    return f"SupplementaryGroups={' '.join(names)}\n" if names else ""
+
+
+def _quoted(word: str) -> str:
+    """A word of a command line as systemd.service(5) has it."""
+    word = word.replace("%", "%%").replace("$", "$$")
+    return word if word == shlex.quote(word) else '"' + word.replace('"', '\\"') + '"'
+
+
+def _folder(system: bool) -> Path:
+    if system:
+        return Path("/etc/systemd/system")
+    home = os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config")
+    return Path(home) / "systemd" / "user"
+
+
+def installed(system: bool) -> Service:
+    """The service that is installed, or would be."""
+    return Service(_folder(system) / NAME, "", user=not system)
+
+
+def install(service: Service) -> list[str]:
+    """Write the unit and have it started, now and with the computer; what was done, in lines.
+
+    Raises DriverError where that is refused.
+    """
+    try:
+        service.path.parent.mkdir(parents=True, exist_ok=True)
+        service.path.write_text(service.text)
+    except OSError as error:
+        advice = "" if service.user else ": run it with sudo, or leave --system out"
+        raise DriverError(f"cannot write {service.path}: {error.strerror}{advice}") from None
+    done = [f"wrote {service.path}"]
+    for words in (["daemon-reload"], ["enable", "--now", NAME]):
+        _run([*service.systemctl, *words])
+        done.append(" ".join([*service.systemctl, *words]))
+    return done
+
+
+def remove(service: Service) -> list[str]:
+    """End the service and remove its unit; what was done, in lines. Raises DriverError."""
+    if not service.path.exists():
+        raise DriverError(f"there is no {service.path}: nothing was installed")
+    _run([*service.systemctl, "disable", "--now", NAME])
+    try:
+        service.path.unlink()
+    except OSError as error:
+        raise DriverError(f"cannot remove {service.path}: {error.strerror}") from None
+    _run([*service.systemctl, "daemon-reload"])
+    return [f"removed {service.path}"]
+
+
+def _run(words: list[str]) -> None:
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        raise DriverError(
+            f"there is no {words[0]}: this computer has no systemd; run `cardan serve` by what it "
+            "starts its services with"
+        ) from None
+    if done.returncode:
+        raise DriverError(f"`{' '.join(words)}`: {done.stderr.strip() or done.returncode}")

@@ -1,0 +1,183 @@
+"""Sessions and faces of the daemon as a person sees them: the table of ``cardan ps`` and
+``cardan top``.
+
+Each has a line, and below it another one where there is something to say: why its arm does not
+move, why it does not run, where it serves.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from rich.cells import cell_len, set_cell_size
+from rich.console import Console
+from rich.text import Text
+
+from cardan.printable import printable
+
+COLUMNS: Final = ("name", "state", "for", "arm", "moved by", "device", "robot", "cpu")
+RIGHT: Final = frozenset({"for", "cpu"})
+"""Columns of figures."""
+
+MAY_SHRINK: Final = ("robot", "device", "name", "moved by", "for")
+"""Columns that are cut where the terminal is too narrow, the longest first."""
+
+SHORTEST_CELLS: Final = 6
+"""No column is cut to less."""
+
+STYLES: Final = {
+    "running": "green", "waiting": "yellow", "ending": "yellow", "failed": "bold red",
+    "stopped": "dim",
+    "moving": "bold green", "holding": "green", "braking": "yellow", "recovering": "yellow",
+    "no robot": "red",
+}  # fmt: skip
+
+_GAP = "  "
+_BELOW = "  ↳ "
+_AMISS = ("(lost)", "(stale)", "(fault)")
+
+Row = Mapping[str, Any]
+
+
+def sorted_rows(rows: Iterable[Row]) -> list[Row]:
+    """Sessions, then faces, each by name; of `ur5-10` and `ur5-9` the latter comes first."""
+
+    def key(row: Row) -> tuple[bool, list[tuple[int, int, str]]]:
+        parts = re.findall(r"\d+|\D+", row["name"])
+        name = [(0, int(each), "") if each.isdecimal() else (1, 0, each) for each in parts]
+        return row["kind"] == "face", name
+
+    return sorted(rows, key=key)
+
+
+def table(rows: Iterable[Row], width: int | None = None) -> Text:
+    """All of them, as many cells wide as `width` at most; None: as wide as they are."""
+    ordered = sorted_rows(rows)
+    cells = [_cells(row) for row in ordered]
+    widths = _widths([COLUMNS, *cells], width)
+    lines = [_cut(_line(COLUMNS, widths, heading=True), width)]
+    for row, each in zip(ordered, cells, strict=True):
+        lines.append(_cut(_line(each, widths), width))
+        if words := why(row):
+            lines += _below(words, row, width)
+    return Text("\n").join(lines)
+
+
+def line(row: Row, widths: Sequence[int]) -> Text:
+    """One of them alone, with columns of these widths."""
+    return _line(_cells(row), widths)
+
+
+def widths_of(rows: Iterable[Row]) -> list[int]:
+    """The widths that `rows` need, whatever becomes of them."""
+    return _widths([COLUMNS, *(_cells(row) for row in rows), _WIDEST], None)
+
+
+def why(row: Row) -> str:
+    """Why it does not run or its arm does not move, what waits, and where it serves."""
+    words = [row["reason"] or row.get("why", "")]
+    if row.get("changes_wait"):
+        waits = ", ".join(row["changes_wait"])
+        words.append(f"changes wait until it is disarmed: {waits}")
+    if row["state"] == "running" and row.get("endpoint"):
+        words.append(f"at {row['endpoint']}")
+    return printable("; ".join(filter(None, words)))
+
+
+def frame(rows: Sequence[Row], width: int | None) -> Text:
+    """One picture of ``cardan top``."""
+    counts = [
+        f"{len(found)} {kind}{'s' * (len(found) != 1)}"
+        for kind in ("session", "face")
+        if (found := [row for row in rows if row["kind"] == kind])
+    ]
+    idle = [
+        f"{row['name']} {row['state']}" for row in sorted_rows(rows) if row["state"] != "running"
+    ]
+    head = f"cardan  {time.strftime('%H:%M:%S')}  {', '.join(counts) or 'nothing runs'}"
+    return Text("\n").join(
+        [_cut(Text("; ".join([head, *idle])), width), Text(), table(rows, width)]
+    )
+
+
+def width_of(console: Console) -> int | None:
+    """The width of a terminal; None: a program or a file reads it, and takes lines of any."""
+    return console.width if console.is_terminal else None
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    face = row["kind"] == "face"
+    told = (
+        row["name"],
+        row["state"],
+        _span(row["since_s"]),
+        "" if face else row["phase"] or ("starting" if row["state"] == "running" else ""),
+        "" if face else row["authority"],
+        f"face {row['face']}" if face else _linked(row["device"], row["device_link"]),
+        "" if face else _linked(row["robot"], row["robot_link"]),
+        "" if row["cpu"] is None else f"{100.0 * row['cpu']:.1f}%",
+    )
+    return tuple(map(printable, told))
+
+
+_WIDEST = ("", "stopped", "100 min", "recovering", "moved by", "", "", "100.0%")
+"""What may stand in a line."""
+
+
+def _widths(lines: Iterable[Sequence[str]], width: int | None) -> list[int]:
+    widths = [max(map(cell_len, column)) for column in zip(*lines, strict=True)]
+    room = None if width is None else width - len(_GAP) * (len(COLUMNS) - 1)
+    while room is not None and sum(widths) > room:
+        widest = max(map(COLUMNS.index, MAY_SHRINK), key=lambda index: widths[index])
+        if widths[widest] <= SHORTEST_CELLS:
+            break
+        widths[widest] -= 1
+    return widths
+
+
+def _line(cells: Sequence[str], widths: Sequence[int], *, heading: bool = False) -> Text:
+    found = []
+    for name, cell, width in zip(COLUMNS, cells, widths, strict=True):
+        if cell_len(cell) > width:
+            cell = set_cell_size(cell, width - 1) + "…"
+        space = " " * (width - cell_len(cell))
+        style = "bold" if heading else STYLES.get(cell, "")
+        if name not in ("state", "arm") and not heading:
+            style = "red" if cell.endswith(_AMISS) else ""
+        found.append(Text(space + cell if name in RIGHT else cell + space, style))
+    line = Text(_GAP).join(found)
+    line.rstrip()
+    return line
+
+
+def _below(words: str, row: Row, width: int | None) -> list[Text]:
+    style = "yellow" if row["state"] in ("running", "stopped") else STYLES.get(row["state"], "")
+    if row["kind"] == "face" and row["state"] == "running":
+        style = "dim"
+    room = len(words) if width is None else max(width - len(_BELOW), SHORTEST_CELLS)
+    # What is to be done stands last: nothing is cut.
+    pieces = textwrap.wrap(words, max(room, 1))
+    return [
+        _cut(Text((" " * len(_BELOW) if index else _BELOW) + piece, style), width)
+        for index, piece in enumerate(pieces)
+    ]
+
+
+def _cut(line: Text, width: int | None) -> Text:
+    if width is not None:
+        line.truncate(width, overflow="ellipsis")
+    return line
+
+
+def _linked(driver: str, link: str) -> str:
+    return f"{driver} ({link})" if link and link != "live" else driver
+
+
+def _span(seconds: float) -> str:
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"

@@ -1,0 +1,222 @@
+"""How a check is declared, what it looks at, and what it finds."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any, ClassVar, Final, NamedTuple
+
+from cardan.bus.options import BusOptions
+from cardan.drivers.base import Driver, FoundDevice
+from cardan.errors import CardanError
+from cardan.gateway.daemon.layout import DaemonOptions, FaceEntry, Layout, SessionEntry
+from cardan.gateway.faces import registry as face_registry
+from cardan.gateway.session.assembly import make_driver
+
+COMMAND_S: Final = 3.0
+"""Longest wait for another program's answer, as that of `nft list ruleset`."""
+
+
+class Level(str, Enum):
+    """How bad a finding is."""
+
+    GOOD = "good"
+    CAUTION = "caution"
+    """It works, and not as well, or not always; or what is looked for is not there yet."""
+    FAILURE = "failure"
+    """What the files ask for cannot work."""
+
+
+class Finding(NamedTuple):
+    """What a check has found."""
+
+    level: Level
+    code: str
+    """The kind of finding, which its page explains: "real-time"."""
+    what: str
+    """What was found, in one line."""
+    why: str = ""
+    """Why it matters."""
+    mend: str = ""
+    """The command that mends it; where none can, what to do."""
+
+
+def good(code: str, what: str) -> Finding:
+    """A finding of something that is as it should be."""
+    return Finding(Level.GOOD, code, what)
+
+
+def caution(code: str, what: str, why: str, mend: str) -> Finding:
+    """A finding that should be mended, and that nothing fails by."""
+    return Finding(Level.CAUTION, code, what, why, mend)
+
+
+def failure(code: str, what: str, why: str, mend: str) -> Finding:
+    """A finding by which something cannot work."""
+    return Finding(Level.FAILURE, code, what, why, mend)
+
+
+def run(words: Sequence[str]) -> str | None:
+    """What another program prints; None where it is missing, fails, or takes longer than COMMAND_S
+    seconds."""
+    try:
+        done = subprocess.run(
+            words, capture_output=True, text=True, timeout=COMMAND_S, check=False, errors="replace"
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return None if done.returncode else done.stdout
+
+
+class Used(NamedTuple):
+    """A driver that a session of the files uses, not opened."""
+
+    session: str
+    key: str
+    """ "device" or "robot"."""
+    name: str
+    """Of the driver."""
+    driver: Driver
+
+
+NOTHING: Final = Layout(DaemonOptions(), {}, {})
+"""What no files say."""
+
+
+def _no_devices() -> Sequence[FoundDevice]:
+    return ()
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is examined: the computer, and the files that were given."""
+
+    files: tuple[Path, ...] = ()
+    layout: Layout = NOTHING
+    """What could be read of the files."""
+    unreadable: str = ""
+    """Why the files cannot be used; empty: they can."""
+    devices: Callable[[], Sequence[FoundDevice]] = _no_devices
+    """:func:`cardan.devices`."""
+    root: Path = Path("/")
+    """Where /proc, /sys, /dev and /etc are."""
+    environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
+    run: Callable[[Sequence[str]], str | None] = run
+    """Runs another program, which only tells."""
+    socket: str = ""
+    """Of the daemon; empty: of this user's."""
+
+    @property
+    def sessions(self) -> Mapping[str, SessionEntry]:
+        """The sessions of the files by name."""
+        return self.layout.sessions
+
+    @property
+    def faces(self) -> Mapping[str, FaceEntry]:
+        """The faces of the files by name."""
+        return self.layout.faces
+
+    def used(self) -> Iterator[Used]:
+        """The drivers of all sessions. One that cannot be made is none: checking the files tells
+        of it."""
+        for session, entry in self.sessions.items():
+            for key in ("device", "robot"):
+                if (table := getattr(entry.config, key)) is None:
+                    continue
+                try:
+                    made = make_driver(table, key)
+                except CardanError:
+                    continue
+                yield Used(session, key, table.driver, made)
+
+    def buses(self) -> dict[BusOptions, str]:
+        """How the files' sessions, drivers and faces join the bus, and who is the first to do it
+        so."""
+        found: dict[BusOptions, str] = {}
+        for name, entry in self.sessions.items():
+            if entry.config.network is not None:
+                found.setdefault(entry.config.network, f"session {name}")
+        for each in self.used():
+            if isinstance(options := each.driver.options, BusOptions):
+                found.setdefault(options, f"{each.key} of {each.session}")
+        for name, face in self.faces.items():
+            if (bus := _bus_of(face)) is not None:
+                found.setdefault(bus, f"face {name}")
+        return found
+
+    def read(self, path: str) -> str:
+        """The text of a file of the system, of `root`; empty where it cannot be read."""
+        return self.read_path(self.root / path)
+
+    def read_path(self, path: Path) -> str:
+        """The same of a whole path."""
+        try:
+            return path.read_text(errors="replace").strip()
+        except OSError:
+            return ""
+
+
+class Check(ABC):
+    """One thing that is looked at. It is never instantiated; the class's docstring says what it
+    looks at.
+
+    Other packages add theirs by the entry-point group ``cardan.checks``, as drivers are.
+    """
+
+    group: ClassVar[str] = ""
+    """The heading that its findings stand under."""
+    tells: ClassVar[tuple[str, ...]] = ()
+    """The codes of all its findings."""
+
+    @classmethod
+    @abstractmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        """What there is to say. It changes nothing, sends nothing to a robot, and ends within
+        seconds."""
+
+
+def face_option(entry: FaceEntry, name: str, default: Any = "") -> str:
+    """The value of a face's option "token-file" as its words give it, or `default`."""
+    words = entry.words
+    found = [words[at + 1] for at in range(len(words) - 1) if words[at] == f"--{name}"]
+    return found[-1] if found else str(default)
+
+
+def face_defaults(entry: FaceEntry) -> dict[str, Any]:
+    """The options of a face and their defaults; none where it cannot be loaded."""
+    try:
+        options = face_registry.load(entry.face).Options()
+    except CardanError:
+        return {}
+    return _fields(options)
+
+
+def _fields(options: Any) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for each in dataclasses.fields(options):
+        value = getattr(options, each.name)
+        found.update(_fields(value) if dataclasses.is_dataclass(value) else {each.name: value})
+    return found
+
+
+def _bus_of(entry: FaceEntry) -> BusOptions | None:
+    """How a face joins the bus; None for one that does not, or whose options are wrong, which it
+    says itself when it starts."""
+    defaults = face_defaults(entry)
+    if not {"domain", "router"} <= defaults.keys():
+        return None
+    words = {
+        name: face_option(entry, name.replace("_", "-"), defaults[name])
+        for name in ("router", "mode", "zenoh_config")
+    }
+    try:
+        domain = int(face_option(entry, "domain", defaults["domain"]))
+        return BusOptions(domain=domain, **words)  # type: ignore[arg-type]
+    except ValueError:
+        return None

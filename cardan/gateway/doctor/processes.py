@@ -1,0 +1,92 @@
+"""Which process has what open, by /proc."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+_PARENT = re.compile(r"^PPid:\s*(\d+)$", re.MULTILINE)
+_MOST_ANCESTORS = 8
+_WORDS_SHOWN = 80
+
+
+class Holder(NamedTuple):
+    """A process that has something open."""
+
+    pid: int
+    command: str
+    """Its command line, shortened."""
+    is_ours: bool
+    """Whether it belongs to a command of Cardan."""
+
+    def __str__(self) -> str:
+        return f"{self.command} (pid {self.pid})"
+
+
+def holders(targets: Iterable[str], root: Path = Path("/")) -> dict[str, Holder]:
+    """Who has each of these files or sockets ("/dev/hidraw0", "socket:[4711]") open, where that
+    may be seen: a user sees their own processes, the superuser all."""
+    wanted = set(targets)
+    found: dict[str, Holder] = {}
+    for process in processes(root):
+        if not wanted - found.keys():
+            break
+        if process.name == str(os.getpid()):
+            continue
+        try:
+            opened = list((process / "fd").iterdir())
+        except OSError:
+            continue
+        for each in opened:
+            with contextlib.suppress(OSError):
+                target = os.readlink(each)
+                if target in wanted:
+                    found.setdefault(target, _holder(process))
+    return found
+
+
+def processes(root: Path) -> Iterator[Path]:
+    """The folders of all processes."""
+    with contextlib.suppress(OSError):
+        yield from (each for each in (root / "proc").iterdir() if each.name.isdecimal())
+
+
+def named(name: str, root: Path = Path("/")) -> list[int]:
+    """The processes of the program `name`."""
+    return sorted(int(each.name) for each in processes(root) if _text(each / "comm") == name)
+
+
+def _holder(process: Path) -> Holder:
+    words = _words(process)
+    command = " ".join(words) or _text(process / "comm") or "a program"
+    if len(command) > _WORDS_SHOWN:
+        command = command[: _WORDS_SHOWN - 3] + "..."
+    return Holder(int(process.name), command, _is_ours(process))
+
+
+def _is_ours(process: Path) -> bool:
+    """Whether a process, or one that has started it, is the command of Cardan."""
+    for _ in range(_MOST_ANCESTORS):
+        words = _words(process)
+        if any(os.path.basename(word) == "cardan" for word in words[:3]):
+            return True
+        parent = _PARENT.search(_text(process / "status"))
+        if parent is None or parent[1] in ("0", "1"):
+            return False
+        process = process.parent / parent[1]
+    return False
+
+
+def _words(process: Path) -> list[str]:
+    return [word for word in _text(process / "cmdline").split("\0") if word]
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace").strip()
+    except OSError:
+        return ""

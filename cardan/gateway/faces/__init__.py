@@ -1,0 +1,1 @@
+"""Processes on the bus that show it in other protocols, or keep it together."""

@@ -1,0 +1,55 @@
+"""How a face is declared: what ``cardan face`` makes its command of."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import ClassVar, Generic, TypeVar
+
+from cardan.gateway.common.serving import interruptible
+
+OptionsT = TypeVar("OptionsT")
+
+Ready = Callable[[str], None]
+"""`ready(endpoint)`: it serves, and others connect there."""
+
+
+class Face(ABC, Generic[OptionsT]):
+    """A process on the bus. It is never instantiated; the class's docstring says what it does, and
+    is the command's summary.
+
+    All fields of `Options`, and of dataclasses in it, are options of the command, each with the
+    text below it as its help::
+
+        @dataclass(frozen=True, kw_only=True)
+        class EchoOptions:
+            bus: BusOptions = field(default_factory=BusOptions)
+            server: EchoServerOptions = field(default_factory=EchoServerOptions)
+    """
+
+    Options: ClassVar[type]
+    """A frozen dataclass. All fields have defaults, and no two of them the same name."""
+    page: ClassVar[str] = ""
+    """Its documentation: a page of Cardan's docs/, or a URL."""
+    epilog: ClassVar[str] = "Prints READY and its endpoint once it serves."
+    """Below the options in the help."""
+
+    @classmethod
+    @abstractmethod
+    def serve(cls, options: OptionsT, ready: Ready, stop: threading.Event) -> None:
+        """Serve until `stop` is set; call `ready` once. Raises a CardanError where it cannot."""
+
+    @classmethod
+    def run(cls, options: OptionsT, seconds: float | None) -> None:
+        """Serve until `seconds` are over (None: any time) or a signal asks for the end."""
+        with interruptible() as stop:
+            timer = None if seconds is None else threading.Timer(seconds, stop.set)
+            if timer is not None:
+                timer.daemon = True
+                timer.start()
+            try:
+                cls.serve(options, lambda endpoint: print(f"READY {endpoint}", flush=True), stop)
+            finally:
+                if timer is not None:
+                    timer.cancel()

@@ -1,0 +1,334 @@
+"""Joins the bus with a DDS domain: topics of the bus out, commands in, services of the bus.
+
+What the bus has decides: a topic that somebody on the bus publishes goes out; one that somebody on
+the bus subscribes to comes in; a service that somebody on the bus offers is offered on DDS. Both
+sides are deaf to what the bridge itself publishes there, so that nothing goes round.
+
+Nothing is queued here: a message is passed on in the thread that brought it, into DDS's and
+Zenoh's own bounded queues, in order for each publisher. A topic is subscribed to on the bus only
+while somebody on DDS subscribes to it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+
+from cardan.bus.dds.network import DdsNetwork
+from cardan.bus.network import Answered, Failure, Handle, NetworkError, Publisher, Topic
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.errors import DriverError
+from cardan.gateway.faces.allowed import Allowed
+from cardan.gateway.faces.standstill import StandStill
+from cardan.protocols.ros2.dds import Endpoint
+from cardan.types import NEVER_S
+
+NODE = "cardan_dds_face"
+"""Name of the bridge's node on both sides."""
+
+MOST_CLIENTS = 64
+"""Participants whose commands are passed on: each is a node on the bus."""
+
+MOST_BYTES = 10_000_000
+"""Largest message that is passed on to the bus, as of rosbridge."""
+
+MOST_CALLS = 64
+"""Calls of one participant that wait for their replies; of more there is no reply."""
+
+STALE_S = 0.3
+"""How long after it stood still what comes counts as sent before: as long as DDS takes to hand on
+what the system had kept."""
+
+_log = logging.getLogger(__name__)
+
+
+class _Out:
+    """A topic of the bus on DDS."""
+
+    def __init__(self, topic: Topic, publisher: Publisher) -> None:
+        self.type, self.latched = topic.type, topic.latched
+        self.publisher = publisher
+        self.heard: Handle | None = None
+        """The subscription on the bus, while somebody on DDS wants it."""
+
+    def quiet(self) -> None:
+        """Nobody on DDS wants it."""
+        heard, self.heard = self.heard, None
+        if heard is not None:
+            heard.close()
+
+    def close(self) -> None:
+        self.quiet()
+        self.publisher.close()
+
+
+class _Client:
+    """A participant on DDS as a node on the bus: what it asked for without end ends with it."""
+
+    def __init__(self, network: BusNetwork) -> None:
+        self.network = network
+        self.publishers: dict[bytes, Publisher] = {}
+        """By the GUIDs of its writers."""
+        self.calls = 0
+
+
+class Bridge:
+    """Between an open bus and an open DDS domain, both deaf. `follow` is for one thread."""
+
+    def __init__(self, bus: BusNetwork, dds: DdsNetwork, allowed: Allowed) -> None:
+        self.counts: Counter[str] = Counter()
+        """"out", "in": messages passed on; "calls"; "refused": messages and calls that were not;
+        "stale": those that waited while this process stood still."""
+        self._bus, self._dds, self._allowed = bus, dds, allowed
+        self._lock = threading.Lock()
+        self._outs: dict[str, _Out] = {}
+        self._ins: dict[str, tuple[str, Handle]] = {}
+        """Types and subscriptions on DDS."""
+        self._services: dict[str, tuple[str, Handle]] = {}
+        self._clients: dict[bytes, _Client] = {}
+        self._numbers = itertools.count(1)
+        self._said: set[str] = set()
+        self._seen = (-1, -1)
+        self._standstill = StandStill(self._stood_still)
+        self._stale_until_s = NEVER_S
+        dds.watch_departures(self._depart)
+
+    def follow(self) -> None:
+        """Bridge what the graphs have now; to be called more often than a bridge that goes on may
+        stand still. Raises DriverError where another bridge does so."""
+        self._standstill.look()
+        seen = self._bus.changes, self._dds.changes
+        if seen == self._seen:
+            return
+        self._seen = seen
+        self._check_alone()
+        topics, services = self._bus.others()
+        self._follow_outs({name: each for name, each in topics.items() if each.publishers})
+        self._follow_ins({name: each for name, each in topics.items() if each.subscribers})
+        wanted = {name: each.type for name, each in services.items() if self._allowed.service(name)}
+        self._follow_each(self._services, wanted, self._serve)
+        there = self._dds.participants()
+        for participant in tuple(self._clients):
+            if participant not in there:
+                self._depart(participant)
+
+    def close(self) -> None:
+        """Leave both sides as they are without it. Twice is fine."""
+        for out in self._outs.values():
+            out.close()
+        for given in (self._ins, self._services):
+            for _, handle in given.values():
+                handle.close()
+            given.clear()
+        self._outs.clear()
+        with self._lock:
+            clients, self._clients = self._clients, {}
+        for client in clients.values():
+            client.network.close()
+
+    def _check_alone(self) -> None:
+        """Two bridges between the same networks would pass on what the other one brought."""
+        on_dds, on_bus = self._dds.having(f"/{NODE}"), self._bus.having(f"/{NODE}")
+        if on_bus and any(guid < self._dds.guid for guid in on_dds):
+            raise DriverError(
+                "another `cardan face dds` joins the same bus and DDS domain: messages would go "
+                "round between the two; end one of them"
+            )
+
+    # -- out ---------------------------------------------------------------------------------------
+
+    def _follow_outs(self, topics: dict[str, Topic]) -> None:
+        for name, out in tuple(self._outs.items()):
+            topic = topics.get(name)
+            if topic is None or (topic.type, topic.latched) != (out.type, out.latched):
+                del self._outs[name]
+                out.close()
+        for name, topic in topics.items():
+            if not self._allowed.topic(name) or not topic.type:
+                continue
+            try:
+                out = self._outs.get(name) or self._begin_out(name, topic)
+                _, readers = self._dds.others(name)
+                if not readers:
+                    out.quiet()
+                elif out.heard is None:
+                    out.heard = self._bus.subscribe(name, topic.type, self._passing(out.publisher))
+            except NetworkError as error:
+                self._say(f"{name} is not passed on to DDS: {error}")
+
+    def _begin_out(self, name: str, topic: Topic) -> _Out:
+        out = _Out(topic, self._dds.advertise(name, topic.type, topic.latched))
+        self._outs[name] = out
+        return out
+
+    def _passing(self, publisher: Publisher) -> Callable[[bytes, int], None]:
+        def passed(cdr: bytes, _stamp_ns: int) -> None:
+            self.counts["out"] += 1
+            publisher.publish(cdr)
+
+        return passed
+
+    # -- in ----------------------------------------------------------------------------------------
+
+    def _stood_still(self, seconds: float) -> None:
+        self._stale_until_s = time.monotonic() + STALE_S
+        _log.warning(
+            "this bridge stood still for %.1f s: what came from DDS meanwhile is not acted on",
+            seconds,
+        )
+
+    def _stale(self, name: str) -> bool:
+        """Whether what comes now may have waited while this process stood still, and who sent it
+        may be gone; a stop is never too late. From any thread."""
+        if name.endswith("/stop"):
+            return False
+        return time.monotonic() < self._stale_until_s or self._standstill.standing
+
+    def _follow_ins(self, topics: dict[str, Topic]) -> None:
+        wanted = {name: each.type for name, each in topics.items() if self._allowed.topic(name)}
+        self._follow_each(self._ins, wanted, self._subscribe)
+        there: set[bytes] = set()
+        for name, (type_name, _) in self._ins.items():
+            writers, _ = self._dds.others(name)
+            for writer in writers:
+                there.add(writer.guid)
+                ros = writer.ros
+                if ros is not None and ros.type_name != type_name:
+                    other = ros.type_name or writer.type_name
+                    self._say(
+                        f"{name} takes {type_name}: what is published there as {other} is not "
+                        "passed on"
+                    )
+                else:
+                    self._publisher(writer, name, type_name)
+        with self._lock:
+            gone = [
+                client.publishers.pop(guid)
+                for client in self._clients.values()
+                for guid in tuple(client.publishers)
+                if guid not in there
+            ]
+        for publisher in gone:
+            publisher.close()
+
+    def _subscribe(self, name: str, type_name: str) -> Handle:
+        # An old command must not be given again when the bridge begins anew.
+        history = self._bus.wants_history(name)
+
+        def passed(cdr: bytes, _stamp_ns: int, writer: Endpoint | None) -> None:
+            publisher = None
+            if not history and self._stale(name):
+                self.counts["stale"] += 1
+                return
+            if len(cdr) > MOST_BYTES:
+                self._say(f"{name}: a message of more than {MOST_BYTES} bytes is not passed on")
+            elif writer is not None:
+                publisher = self._publisher(writer, name, type_name)
+            if publisher is None:
+                self.counts["refused"] += 1
+                return
+            self.counts["in"] += 1
+            publisher.publish(cdr)
+
+        return self._dds.subscribe_from(name, type_name, passed, history)
+
+    def _publisher(self, writer: Endpoint, name: str, type_name: str) -> Publisher | None:
+        """What a writer on DDS is on the bus; None where it cannot be. From any thread."""
+        with self._lock:
+            client = self._client(writer.participant)
+            if client is None:
+                return None
+            publisher = client.publishers.get(writer.guid)
+            if publisher is None:
+                try:
+                    publisher = client.network.advertise(name, type_name, writer.transient_local)
+                except NetworkError as error:
+                    self._say(f"{name} is not passed on to the bus: {error}")
+                    return None
+                client.publishers[writer.guid] = publisher
+            return publisher
+
+    # -- participants ------------------------------------------------------------------------------
+
+    def _client(self, participant: bytes) -> _Client | None:
+        """A participant's node; None where there are too many. With the lock."""
+        client = self._clients.get(participant)
+        if client is None:
+            if len(self._clients) >= MOST_CLIENTS:
+                self._say(f"more than {MOST_CLIENTS} participants on DDS: of others nothing comes")
+                return None
+            try:
+                network = self._bus.part(f"dds_client_{next(self._numbers)}")
+            except DriverError as error:  # The bus is closed.
+                self._say(str(error))
+                return None
+            client = self._clients[participant] = _Client(network)
+        return client
+
+    def _depart(self, participant: bytes) -> None:
+        """A participant is gone. From any thread."""
+        with self._lock:
+            client = self._clients.pop(participant, None)
+        if client is not None:
+            client.network.close()
+
+    # -- services ----------------------------------------------------------------------------------
+
+    def _serve(self, service: str, type_name: str) -> Handle:
+        def asked(request: bytes, answered: Answered, caller: Endpoint | None) -> None:
+            client = None
+            if self._stale(service):
+                self.counts["stale"] += 1
+                answered(Failure("the bridge stood still meanwhile; ask again"))
+                return
+            if caller is not None:
+                with self._lock:
+                    client = self._client(caller.participant)
+            if client is None or client.calls >= MOST_CALLS:
+                self.counts["refused"] += 1
+                answered(Failure("too many clients, or too many calls at once"))
+                return
+            counted = client
+            counted.calls += 1
+            self.counts["calls"] += 1
+
+            def over(reply: bytes | Failure) -> None:
+                counted.calls -= 1
+                answered(reply)
+
+            try:
+                client.network.call(service, type_name, request, over, None)
+            except NetworkError as error:
+                over(Failure(str(error)))
+
+        return self._dds.serve_to(service, type_name, asked)
+
+    # -- both --------------------------------------------------------------------------------------
+
+    def _follow_each(
+        self,
+        given: dict[str, tuple[str, Handle]],
+        wanted: dict[str, str],
+        begin: Callable[[str, str], Handle],
+    ) -> None:
+        """Have what is wanted, names with types, and nothing else."""
+        for name, (type_name, handle) in tuple(given.items()):
+            if wanted.get(name) != type_name:
+                del given[name]
+                handle.close()
+        for name, type_name in wanted.items():
+            if name not in given and type_name:
+                try:
+                    given[name] = type_name, begin(name, type_name)
+                except NetworkError as error:
+                    self._say(f"{name} is not there on DDS: {error}")
+
+    def _say(self, words: str) -> None:
+        """Log once."""
+        if words not in self._said:
+            self._said.add(words)
+            _log.warning("%s", words)

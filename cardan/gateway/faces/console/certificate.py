@@ -1,0 +1,215 @@
+"""A certificate of this installation for its own names and addresses, where none was given.
+
+Sensors, gamepads and headsets are for pages of https only, and a key that everybody has protects
+nobody: each installation makes its own at the first start, keeps it, and makes another one in time
+and where the computer has a new address.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import hashlib
+import ipaddress
+import os
+import secrets
+import ssl
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from cardan.errors import ConfigurationError
+from cardan.files import read_text, state_folder
+from cardan.gateway.common.certificates import Certificate, read_certificate
+
+VALID_DAYS: Final = 397
+"""Browsers take none that is valid for longer than 398 days."""
+
+RENEW_DAYS: Final = 30
+"""One that ends sooner is made anew at the start."""
+
+MOST_NAMES: Final = 32
+"""In a certificate: a computer that is carried from network to network keeps its old addresses, so
+that each change does not make browsers ask again."""
+
+OPENSSL_S: Final = 30.0
+"""Longest time for the openssl program; it takes some 10 ms."""
+
+_WHAT_TO_DO: Final = (
+    "install the program openssl (Debian: apt install openssl) or the package cryptography (pip "
+    "install cryptography); or give a certificate and its key by the options of these names; or "
+    "serve this computer alone (host 127.0.0.1), which needs none"
+)
+
+Maker = Callable[[Sequence[str], datetime.datetime], "tuple[bytes, bytes]"]
+"""`make(names, now)`: certificate and key as PEM. Raises OSError or ImportError where it cannot."""
+
+
+class Own(NamedTuple):
+    """A certificate that was made here."""
+
+    certificate: Path
+    key: Path
+    fingerprint: str
+    """SHA-256 of the certificate as browsers show it."""
+    why_new: str
+    """Why it was made now; empty: it is that of the last start."""
+
+
+def own_certificate(
+    names: Sequence[str],
+    now: datetime.datetime,
+    folder: Path | None = None,
+    makers: Sequence[Maker] = (),
+) -> Own:
+    """The certificate for `names` (host names and addresses), made where there is none that does.
+
+    Raises ConfigurationError.
+    """
+    folder = folder or state_folder()
+    certificate, key = folder / "console-certificate.pem", folder / "console-key.pem"
+    found = _kept(certificate, key)
+    why = _why_another(found, names, now)
+    if why:
+        old = () if found is None else found.names
+        wanted = list(dict.fromkeys((*names, *old)))[:MOST_NAMES]
+        made, made_key = _make(wanted, now, makers or MAKERS)
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            _write(key, made_key)
+            _write(certificate, made)
+        except OSError as error:
+            raise ConfigurationError(
+                "certificate",
+                f"none was given, and none can be kept in {folder}: {error.strerror or error}",
+            ) from None
+    text = read_text(certificate)
+    digest = hashlib.sha256(ssl.PEM_cert_to_DER_cert(_first(text))).hexdigest().upper()
+    fingerprint = ":".join(digest[at : at + 2] for at in range(0, len(digest), 2))
+    return Own(certificate, key, fingerprint, why)
+
+
+def _first(pem: str) -> str:
+    foot = "-----END CERTIFICATE-----"
+    return pem[pem.index("-----BEGIN CERTIFICATE-----") : pem.index(foot) + len(foot)]
+
+
+def _kept(certificate: Path, key: Path) -> Certificate | None:
+    """The one of the last start; None: there is none that can be used."""
+    try:
+        if os.stat(key).st_mode & 0o077:
+            return None  # Others may have read it.
+        found = read_certificate(read_text(certificate))
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
+    except (OSError, ValueError):
+        return None
+    return found
+
+
+def _why_another(found: Certificate | None, names: Sequence[str], now: datetime.datetime) -> str:
+    if found is None:
+        return "there was none that can be used"
+    if found.ends - now < datetime.timedelta(days=RENEW_DAYS):
+        return f"the old one ends on {found.ends:%Y-%m-%d}"
+    if found.begins > now:
+        return f"the old one begins only on {found.begins:%Y-%m-%d}"
+    missing = [each for each in names if each not in found.names]
+    return f"the old one is not for {', '.join(missing)}" if missing else ""
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Whole from the first moment on, and its owner's alone."""
+    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    try:
+        with os.fdopen(file, "wb") as stream:
+            stream.write(data)
+        os.replace(new, path)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(new)
+
+
+def _make(
+    names: Sequence[str], now: datetime.datetime, makers: Sequence[Maker]
+) -> tuple[bytes, bytes]:
+    reasons: list[str] = []
+    for maker in makers:
+        try:
+            return maker(names, now)
+        except (OSError, ImportError, ValueError) as error:
+            reasons.append(str(error))
+    raise ConfigurationError(
+        "certificate", f"none was given, and none can be made ({'; '.join(reasons)}): {_WHAT_TO_DO}"
+    )
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def by_cryptography(names: Sequence[str], now: datetime.datetime) -> tuple[bytes, bytes]:
+    """By the package cryptography. Raises ImportError."""
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"Cardan on {names[0]}"[:64])])
+    wanted = [
+        x509.IPAddress(ipaddress.ip_address(each)) if _is_address(each) else x509.DNSName(each)
+        for each in names
+    ]
+    made = (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(subject)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(hours=1))
+        .not_valid_after(now + datetime.timedelta(days=VALID_DAYS))
+        .add_extension(x509.SubjectAlternativeName(wanted), critical=False)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    pem = serialization.Encoding.PEM
+    plain = serialization.NoEncryption()
+    return (
+        made.public_bytes(pem),
+        key.private_bytes(pem, serialization.PrivateFormat.PKCS8, plain),
+    )
+
+
+def by_openssl(names: Sequence[str], _now: datetime.datetime) -> tuple[bytes, bytes]:
+    """By the openssl program. Raises OSError."""
+    wanted = ",".join(f"{'IP' if _is_address(each) else 'DNS'}:{each}" for each in names)
+    common = "".join(each for each in names[0] if each.isalnum() or each in ".-")[:50]
+    # Both come out of its standard output: nothing is written that others might read.
+    command = [
+        "openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256",
+        "-nodes", "-sha256", "-days", str(VALID_DAYS), "-subj", f"/CN=Cardan on {common}",
+        "-addext", f"subjectAltName={wanted}", "-addext", "basicConstraints=critical,CA:FALSE",
+        "-addext", "extendedKeyUsage=serverAuth", "-keyout", "-", "-out", "-",
+    ]  # fmt: skip
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=OPENSSL_S, check=False)
+    except subprocess.TimeoutExpired:
+        raise OSError("openssl does not come to an end") from None
+    except FileNotFoundError:
+        raise OSError("there is no program openssl") from None
+    text = done.stdout
+    parts = text.split(b"-----BEGIN CERTIFICATE-----")
+    if done.returncode != 0 or len(parts) != 2 or b"PRIVATE KEY" not in parts[0]:
+        said = done.stderr.decode(errors="replace").strip().splitlines()
+        raise OSError(f"openssl: {said[-1] if said else f'status {done.returncode}'}")
+    return b"-----BEGIN CERTIFICATE-----" + parts[1], parts[0]
+
+
+MAKERS: Final = (by_cryptography, by_openssl)

@@ -1,0 +1,71 @@
+"""What time it is on a page, by the clock here, and so how old what it sends is.
+
+A page's clock has nothing in common with ours. Who asks it the time knows that it said it between
+question and answer: the quickest round trip of late tells best. Times are monotonic, s.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+KEPT = 60
+"""Round trips that are remembered: of half a minute, in which clocks drift by less than 2 ms."""
+
+LONGEST_S = 1.0
+"""Slower round trips tell nothing that is of use."""
+
+SLACK_S = 0.01
+"""Two round trips that disagree by more than they may and this: a clock was set, or stood still
+while its computer slept."""
+
+
+class _Round(NamedTuple):
+    took_s: float
+    offset_s: float
+    """Of our clock against the page's, as if both ways took the same time."""
+
+
+class PageClock:
+    """One page's clock."""
+
+    def __init__(self) -> None:
+        self._rounds: deque[_Round] = deque(maxlen=KEPT)
+        self._best: _Round | None = None
+        self.resets = 0
+        """How often its clock was found to be another."""
+
+    @property
+    def known(self) -> bool:
+        """Whether a round trip has told."""
+        return self._best is not None
+
+    @property
+    def round_s(self) -> float | None:
+        """The quickest round trip of late; None before the first."""
+        return None if self._best is None else self._best.took_s
+
+    @property
+    def median_s(self) -> float | None:
+        """Of the round trips of late."""
+        took = sorted(each.took_s for each in self._rounds)
+        return took[len(took) // 2] if took else None
+
+    def heard(self, asked_s: float, page_s: float, now_s: float) -> None:
+        """The page, asked at `asked_s`, said `page_s`; its answer came at `now_s`."""
+        took_s = now_s - asked_s
+        if not 0.0 <= took_s <= LONGEST_S:
+            return
+        found = _Round(took_s, 0.5 * (asked_s + now_s) - page_s)
+        best = self._best
+        if best is not None:
+            most_s = 0.5 * (best.took_s + took_s) + SLACK_S
+            if abs(found.offset_s - best.offset_s) > most_s:
+                self._rounds.clear()
+                self.resets += 1
+        self._rounds.append(found)
+        self._best = min(self._rounds)
+
+    def here_s(self, page_s: float) -> float | None:
+        """A page's time by our clock; None while that is not known."""
+        return None if self._best is None else page_s + self._best.offset_s

@@ -1,0 +1,103 @@
+"""Whether a hand on a page may move something now.
+
+Only frames that say so keep a hold: it ends with the first one that does not, and when none comes.
+After anything but letting go the hand has to let go before it counts again. Times are monotonic, s.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import Counter
+from typing import Final
+
+from cardan.protocols.handheld import OperatorFrame
+
+FRESH_S: Final = 0.15
+"""A frame counts for so long after the page made it: nine of sixty a second."""
+
+AHEAD_S: Final = 0.1
+"""A frame that is from the future by more is of a clock that is not known."""
+
+_HALF: Final = 2**31
+_WHOLE: Final = 2**32
+
+
+class Grip(enum.Enum):
+    """What a hand does."""
+
+    FREE = "free"
+    HELD = "held"
+    LOST = "lost"
+    """It has to let go first."""
+
+
+class Verdict(enum.Enum):
+    """What becomes of a frame."""
+
+    DROPPED = "dropped"
+    REST = "rest"
+    """It counts, and nothing is held."""
+    BEGINS = "begins"
+    """The hold begins with it."""
+    GOES_ON = "goes on"
+
+
+class Hold:
+    """The hold of one hand."""
+
+    def __init__(self) -> None:
+        self.grip = Grip.LOST
+        self.why = "let go of the control once"
+        """Why it is LOST, or what became of the newest hold."""
+        self.counts: Counter[str] = Counter()
+        """"late": frames after a newer one; "old": those that took too long; "unknown": those of a
+        page whose clock is not known yet; "lost": holds that ended otherwise than by letting
+        go."""
+        self._sequence: int | None = None
+        self._until_s = float("-inf")
+
+    @property
+    def until_s(self) -> float | None:
+        """When the hold ends unless a frame comes; None: nothing is held."""
+        return self._until_s if self.grip is Grip.HELD else None
+
+    def take(self, frame: OperatorFrame, made_s: float | None, now_s: float) -> Verdict:
+        """A frame came that the page made at `made_s`; None: nobody knows when."""
+        if (
+            self._sequence is not None
+            and not 0 < (frame.sequence - self._sequence) % _WHOLE < _HALF
+        ):
+            self.counts["late"] += 1
+            return Verdict.DROPPED
+        self._sequence = frame.sequence
+        self.look(now_s)
+        if not frame.hold:
+            # To let go counts, however late it comes.
+            self.grip, self.why = Grip.FREE, ""
+            return Verdict.REST
+        if made_s is None or made_s - now_s > AHEAD_S:
+            self.counts["unknown"] += 1
+            return Verdict.DROPPED
+        if now_s - made_s > FRESH_S:
+            self.counts["old"] += 1
+            return Verdict.DROPPED
+        if not frame.visible or not frame.tracking:
+            self.lose("the page is hidden" if not frame.visible else "the tracking was lost")
+            return Verdict.REST
+        if self.grip is Grip.LOST:
+            return Verdict.REST
+        began = self.grip is Grip.FREE
+        self.grip, self._until_s = Grip.HELD, made_s + FRESH_S
+        return Verdict.BEGINS if began else Verdict.GOES_ON
+
+    def look(self, now_s: float) -> bool:
+        """Notice silence; whether it ended a hold."""
+        if self.grip is not Grip.HELD or now_s < self._until_s:
+            return False
+        self.lose(f"no frame for {1e3 * FRESH_S:.0f} ms")
+        return True
+
+    def lose(self, why: str) -> None:
+        """What is held counts no more, and the hand has to let go."""
+        self.counts["lost"] += self.grip is Grip.HELD
+        self.grip, self.why = Grip.LOST, why

@@ -1,0 +1,63 @@
+"""The bus on DDS: programs of ROS 2 that do not speak Zenoh watch and command the arms."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+
+from cardan.bus.dds.network import DdsNetwork
+from cardan.bus.dds.options import DdsOptions
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.gateway.faces.allowed import Allowed
+from cardan.gateway.faces.base import Face, Ready
+from cardan.gateway.faces.bridge import NODE, Bridge
+from cardan.options import Options
+
+LOOK_S = 0.05
+"""How often it looks who has come and gone, and whether it is to end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DdsBridgeOptions(Options):
+    """What is joined."""
+
+    topics: tuple[str, ...] = ("*",)
+    """Patterns of the topics that are on DDS."""
+    services: tuple[str, ...] = ("*",)
+    """Patterns of the services, those of actions and parameters among them, that are on DDS."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DdsFaceOptions(Options):
+    """The bus, the DDS domain, and what is joined."""
+
+    bus: BusOptions = field(default_factory=BusOptions)
+    dds: DdsOptions = field(default_factory=DdsOptions)
+    bridge: DdsBridgeOptions = field(default_factory=DdsBridgeOptions)
+
+
+class Dds(Face[DdsFaceOptions]):
+    """Have the bus on DDS, for ROS 2 nodes with rmw_cyclonedds or rmw_fastrtps: the topics and
+    services that are on the bus, under their names."""
+
+    Options = DdsFaceOptions
+    page = "ros2.md"
+    epilog = "Prints READY and its DDS domain once it serves."
+
+    @classmethod
+    def serve(cls, options: DdsFaceOptions, ready: Ready, stop: threading.Event) -> None:
+        """Serve until `stop` is set. Raises ConfigurationError, ExtraMissingError, DriverError."""
+        allowed = Allowed(options.bridge.topics, options.bridge.services, ())
+        number = options.dds.number
+        with (
+            BusNetwork(options.bus, NODE, deaf=True) as bus,
+            DdsNetwork(options.dds, NODE, deaf=True) as dds,
+        ):
+            bridge = Bridge(bus, dds, allowed)
+            try:
+                ready(f"dds/{number}")
+                while not stop.wait(LOOK_S):
+                    bridge.follow()
+            finally:
+                bridge.close()

@@ -1,0 +1,75 @@
+"""Topics of the network on their way to the clients of a face: each is subscribed to once for
+all."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from cardan.bus.network import Handle, Network
+
+KeyT = TypeVar("KeyT")
+ReceiverT = TypeVar("ReceiverT")
+
+
+class Feed(ABC, Generic[KeyT, ReceiverT]):
+    """A topic that clients subscribed to, once on the network for all of them."""
+
+    def __init__(self, network: Network, topic: str, type_name: str | None) -> None:
+        """Raises NetworkError."""
+        self.topic, self.type = topic, type_name
+        self.receivers: dict[KeyT, ReceiverT] = {}
+        self._network = network
+        self._handle: Handle | None = None
+
+    def open(self) -> None:
+        """Subscribe. Raises NetworkError."""
+        self._handle = self._network.subscribe(self.topic, self.type, self._hear)
+
+    def close(self) -> None:
+        """Leave the network."""
+        if self._handle is not None:
+            self._handle.close()
+
+    @abstractmethod
+    def _hear(self, cdr: bytes, stamp_ns: int) -> None:
+        """A message has come; in any thread."""
+
+
+FeedT = TypeVar("FeedT", bound=Feed[Any, Any])
+
+
+class SharedFeeds(Generic[FeedT]):
+    """All topics that clients subscribed to."""
+
+    def __init__(self, make: Callable[[str, str | None], FeedT]) -> None:
+        """`make(topic, type)`: a feed that is not open."""
+        self._make = make
+        self._shared: dict[tuple[str, str | None], FeedT] = {}
+
+    def join(
+        self, topic: str, type_name: str | None, latched: bool, key: object, receiver: object
+    ) -> FeedT:
+        """Have a topic's messages sent to a client. Raises NetworkError.
+
+        One that is `latched` is subscribed to anew, as the network begins with its last messages.
+        """
+        feed = None if latched else self._shared.get((topic, type_name))
+        if feed is not None:
+            feed.receivers[key] = receiver
+            return feed
+        feed = self._make(topic, type_name)
+        feed.receivers[key] = receiver
+        feed.open()
+        if not latched:
+            self._shared[topic, type_name] = feed
+        return feed
+
+    def leave(self, feed: FeedT, key: object) -> None:
+        """The client does not want it any more; twice is fine."""
+        feed.receivers.pop(key, None)
+        if not feed.receivers:
+            feed.close()
+            if self._shared.get((feed.topic, feed.type)) is feed:
+                del self._shared[feed.topic, feed.type]

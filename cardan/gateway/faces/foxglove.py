@@ -1,0 +1,218 @@
+"""The Foxglove server: live view and commands for Foxglove and Lichtblick, by foxglove-sdk.
+
+`serve` runs it; docs/protocols/foxglove.md says what is spoken, and what bounds a client.
+
+The SDK asks nobody who comes in. So clients come in by a front of ours, and behind it each has a
+server of the SDK of its own, at an address of this machine that only this process knows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import logging
+import threading
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+
+from cardan.bounds import ANY_PORT
+from cardan.bus.network import Handle, Network, NetworkError
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.gateway.faces.assets import Packages
+from cardan.gateway.faces.base import Face, Ready
+from cardan.gateway.faces.calls import Caller, Mailbox
+from cardan.gateway.faces.foxglove_client import Client, Shown, sdk, shared_feeds
+from cardan.gateway.faces.graph import VisibleGraph
+from cardan.gateway.faces.parameters import EVENT, EVENTS
+from cardan.gateway.faces.reading import network_for
+from cardan.gateway.faces.tokens import Role
+from cardan.gateway.faces.web import Front, WebOptions, serve_until
+from cardan.options import Options
+from cardan.protocols.foxglove import SUBPROTOCOLS
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+
+PORT = 8765
+"""Where Foxglove looks for a server."""
+
+LOOK_S = 0.25
+"""How often it looks what there is on the network."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoxgloveOptions(WebOptions):
+    """How clients reach the server, and what they may do."""
+
+    port: Annotated[int, ANY_PORT] = PORT
+    packages: tuple[str, ...] = ()
+    """Folders of URDF packages whose meshes clients get: of "package://NAME/PATH" in a robot's
+    description."""
+
+
+class FoxgloveServer:
+    """The server, in an asyncio loop: ``async with FoxgloveServer(network, options): ...``"""
+
+    def __init__(self, network: Network, options: FoxgloveOptions | None = None) -> None:
+        """Raises ConfigurationError and ExtraMissingError."""
+        sdk()
+        # It logs what clients send wrong, without end; they are told, and that is enough.
+        logging.getLogger("foxglove").setLevel(logging.CRITICAL)
+        self.options = options or FoxgloveOptions()
+        self.counts: Counter[str] = Counter()
+        """"denied": connections that were not let in; "refused": what clients asked for in vain;
+        "superseded": publications that newer ones took the place of; "too slow": clients that were
+        closed for not reading; "cut off": those whose frames waited while this process stood
+        still."""
+        self._network = network
+        self._allowed = self.options.allowed
+        self._packages = Packages(self.options.packages)
+        self._graph = VisibleGraph(network, self._allowed)
+        self._front = Front(
+            self.options,
+            self.counts,
+            self._run,
+            SUBPROTOCOLS,
+            max_frame_bytes=self.options.max_frame_bytes,
+            compress=self.options.compress,
+        )
+        self._clients: set[Client] = set()
+        self._numbers = itertools.count(1)
+        self._mailbox: Mailbox | None = None
+        self._looking: asyncio.Task[None] | None = None
+        self._events: Handle | None = None
+
+    @property
+    def port(self) -> int:
+        """The port it listens at."""
+        return self._front.port
+
+    @property
+    def clients(self) -> int:
+        """How many are connected."""
+        return len(self._clients)
+
+    async def __aenter__(self) -> FoxgloveServer:
+        """Listen. Raises AddressError and ConfigurationError."""
+        loop = asyncio.get_running_loop()
+        mailbox = self._mailbox = Mailbox(loop)
+        self._feeds = shared_feeds(self._network)
+        self._looking = loop.create_task(self._look())
+        with contextlib.suppress(NetworkError):
+            self._events = self._network.subscribe(
+                EVENTS, EVENT, lambda cdr, _stamp_ns: mailbox.put(lambda: self._tell_event(cdr))
+            )
+        await self._front.open()
+        return self
+
+    async def __aexit__(self, *_exception: object) -> None:
+        """Let all clients go, and what they had."""
+        await self._front.close()
+        if self._looking is not None:
+            self._looking.cancel()
+        if self._events is not None:
+            self._events.close()
+        if self._mailbox is not None:
+            self._mailbox.close()
+
+    async def _run(self, connection: ServerConnection, peer: str, role: Role) -> None:
+        assert self._mailbox is not None
+        # A node of its own: a motion without end that it asked for ends with it.
+        part = self._network.part(f"foxglove_client_{next(self._numbers)}")
+        network = network_for(role, part)
+        try:
+            client = Client(
+                connection,
+                peer,
+                network,
+                Caller(network, self._mailbox),
+                self._mailbox,
+                self._feeds,
+                self._allowed,
+                self._packages,
+                self.counts,
+                self._shown(),
+                max_bytes=self.options.max_frame_bytes,
+                service_timeout_s=self.options.service_timeout_s,
+            )
+            self._clients.add(client)
+            try:
+                async with client:
+                    await client.relay()
+            finally:
+                self._clients.discard(client)
+        except ConnectionClosed:
+            pass
+        finally:
+            network.close()
+
+    def _shown(self) -> Shown:
+        return Shown(self._graph.topics(), self._graph.callable_services())
+
+    async def _look(self) -> None:
+        """Show clients what comes to the network and what leaves it."""
+        before: Shown | None = None
+        while True:
+            await asyncio.sleep(LOOK_S)
+            if not self._clients:
+                continue
+            try:
+                now = self._shown()
+                if now != before:
+                    for client in tuple(self._clients):
+                        client.show(now)
+                before = now
+            except Exception:
+                _log.exception("what is on the network cannot be shown")
+
+    def _tell_event(self, cdr: bytes) -> None:
+        """Tell clients of parameters that have changed."""
+        event = codec_of(EVENT).decode(cdr)
+        if isinstance(event, Malformed):
+            return
+        changed: list[Any] = [*event["new_parameters"], *event["changed_parameters"]]
+        for client in tuple(self._clients):
+            client.tell_parameters(event["node"], changed)
+
+
+def serve(
+    network: Network,
+    options: FoxgloveOptions | None = None,
+    ready: Callable[[int], None] = lambda port: None,
+    stop: threading.Event | None = None,
+) -> None:
+    """Serve until `stop` is set; `ready` is called with the port.
+
+    Raises AddressError, ConfigurationError and ExtraMissingError.
+    """
+    serve_until(FoxgloveServer(network, options), ready, stop)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoxgloveFaceOptions(Options):
+    """The bus behind the server, and the server."""
+
+    bus: BusOptions = field(default_factory=BusOptions)
+    server: FoxgloveOptions = field(default_factory=FoxgloveOptions)
+
+
+class Foxglove(Face[FoxgloveFaceOptions]):
+    """Serve the bus to Foxglove and Lichtblick: topics, services and parameters, live."""
+
+    Options = FoxgloveFaceOptions
+    page = "protocols/foxglove.md"
+
+    @classmethod
+    def serve(cls, options: FoxgloveFaceOptions, ready: Ready, stop: threading.Event) -> None:
+        """Serve until `stop` is set. Raises AddressError, ConfigurationError, ExtraMissingError or
+        DriverError."""
+        server = options.server
+        with BusNetwork(options.bus, "foxglove") as network:
+            serve(network, server, lambda port: ready(server.endpoint(port)), stop)

@@ -1,0 +1,133 @@
+"""What waits for one client of a face, and when it goes out: the newest wins, control goes first.
+
+Nothing here sends: `Outbox.take` hands out what is due. Time is monotonic, in seconds.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+MAX_CONTROL_FRAMES = 10_000
+"""Most frames that are no publications and wait for a client to read."""
+
+LATCHED_DEPTH = 100
+"""Messages of a latched topic that wait for a client: each of its publishers has its own last one,
+and all of them count."""
+
+Frame = str | bytes
+"""What goes over a WebSocket in one piece: text or binary."""
+
+
+class Pace(Protocol):
+    """How a topic's messages reach a client."""
+
+    @property
+    def throttle_s(self) -> float:
+        """Shortest time between two messages; 0: any."""
+
+    @property
+    def queue_length(self) -> int:
+        """How many wait while the client is not ready; 0: the newest alone."""
+
+
+PaceT = TypeVar("PaceT", bound=Pace)
+SampleT = TypeVar("SampleT")
+
+
+class Stream(Generic[PaceT, SampleT]):
+    """A topic on its way to a client."""
+
+    def __init__(self, topic: str, delivery: PaceT) -> None:
+        self.topic = topic
+        """As the client calls it."""
+        self.delivery = delivery
+        self.next_s = float("-inf")
+        """When the next message may go out."""
+        self.waiting: deque[SampleT] = deque()
+
+
+@dataclass(slots=True)
+class Due(Generic[PaceT, SampleT]):
+    """A publication that is to be sent now."""
+
+    stream: Stream[PaceT, SampleT]
+    sample: SampleT
+
+
+class Outbox(Generic[PaceT, SampleT]):
+    """What waits for one client. Publications are bounded by the newest winning; what is no
+    publication is never dropped: where it is too much, `overflowed` says so."""
+
+    def __init__(self, max_control_bytes: int) -> None:
+        self.overflowed = False
+        """There was too much that must not be dropped: the client does not read."""
+        self.superseded = 0
+        """Publications that newer ones took the place of."""
+        self._max_control_bytes = max_control_bytes
+        self._control: deque[Frame] = deque()
+        self._control_bytes = 0
+        self._ready: deque[Stream[PaceT, SampleT]] = deque()
+        """Streams with something that waits, in the order of their turns."""
+
+    @property
+    def has_control(self) -> bool:
+        """Whether frames that are no publications wait."""
+        return bool(self._control)
+
+    def add_control(self, frame: Frame) -> None:
+        """A frame that is no publication."""
+        self._control.append(frame)
+        self._control_bytes += len(frame)
+        if self._control_bytes > self._max_control_bytes or len(self._control) > MAX_CONTROL_FRAMES:
+            self.overflowed = True
+
+    def offer(
+        self, stream: Stream[PaceT, SampleT], sample: SampleT, now_s: float, free: bool
+    ) -> bool:
+        """A publication: true where it is to be sent at once. `free`: the way to the client is."""
+        throttle_s, queue_length = stream.delivery.throttle_s, stream.delivery.queue_length
+        due = now_s >= stream.next_s
+        if due and free and not stream.waiting and not self._control:
+            stream.next_s = now_s + throttle_s
+            return True
+        if not due and not queue_length and not stream.waiting:
+            return False  # It asked for one message per interval.
+        if not stream.waiting:
+            self._ready.append(stream)
+        elif len(stream.waiting) >= max(1, queue_length):
+            stream.waiting.popleft()
+            self.superseded += 1
+        stream.waiting.append(sample)
+        return False
+
+    def take(self, now_s: float) -> Frame | Due[PaceT, SampleT] | None:
+        """What is to be sent next: a frame of control, or a publication; None: nothing is due."""
+        if self._control:
+            frame = self._control.popleft()
+            self._control_bytes -= len(frame)
+            return frame
+        for _ in range(len(self._ready)):
+            stream = self._ready.popleft()
+            if stream.next_s > now_s:
+                self._ready.append(stream)
+                continue
+            sample = stream.waiting.popleft()
+            if stream.waiting:
+                self._ready.append(stream)
+            stream.next_s = now_s + stream.delivery.throttle_s
+            return Due(stream, sample)
+        return None
+
+    def due_s(self) -> float | None:
+        """When `take` has something; None: not before something new comes."""
+        if self._control:
+            return float("-inf")
+        return min((stream.next_s for stream in self._ready), default=None)
+
+    def forget(self, stream: Stream[PaceT, SampleT]) -> None:
+        """The client does not want the stream any more."""
+        if stream.waiting:
+            stream.waiting.clear()
+            self._ready.remove(stream)

@@ -1,0 +1,49 @@
+"""What a face tells the daemon that runs it: its figures, as a line of its output.
+
+A face that runs in a terminal tells nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+
+TELLS_VARIABLE = "CARDAN_FACE_TELLS"
+"""The environment variable by which the daemon says that it reads them."""
+
+PERIOD_S = 1.0
+"""How often figures that have changed are told."""
+
+ROUND_TRIP = "round_trip_us"
+"""The figure that says in which time the slowest client answered its newest ping."""
+
+MOST_FIGURES = 64
+"""Of a face; others are left out."""
+
+_WORD = "FIGURES "
+
+
+def is_wanted() -> bool:
+    """Whether somebody reads them."""
+    return bool(os.environ.get(TELLS_VARIABLE))
+
+
+def tell(figures: Mapping[str, int]) -> None:
+    """Tell figures by name: "clients" is how many are connected, "round_trip_us" how long the
+    slowest of them takes; all others only grow."""
+    print(_WORD + json.dumps(figures), flush=True)
+
+
+def told(line: str) -> dict[str, int] | None:
+    """The figures of a line; None: it is another one."""
+    if not line.startswith(_WORD):
+        return None
+    try:
+        table = json.loads(line.removeprefix(_WORD))
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(table, dict):
+        return None
+    whole = ((name, value) for name, value in table.items() if type(value) is int)
+    return dict(list(whole)[:MOST_FIGURES])

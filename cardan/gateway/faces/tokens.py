@@ -1,0 +1,173 @@
+"""Tokens of those who come in to a face, each with the role of who has it."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import logging
+import os
+import stat
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from cardan.errors import ConfigurationError, OptionError
+from cardan.files import read_text, state_folder
+
+MIN_TOKEN_CHARACTERS = 16
+"""Shorter tokens could be guessed over a network."""
+
+TOKEN_BYTES = 16
+"""Of a token that is made here: 128 bits, which nobody guesses."""
+
+FILE_BYTES = 4096
+"""Longest file of tokens."""
+
+_log = logging.getLogger(__name__)
+
+
+class Role(enum.IntEnum):
+    """What somebody may do; each role may do what those before it may."""
+
+    VIEWER = 1
+    """Read: topics, parameters, figures."""
+    OPERATOR = 2
+    """Command: publish, call and offer services, set parameters."""
+    ADMIN = 3
+    """Everything, what concerns the server itself among it."""
+
+    @property
+    def word(self) -> str:
+        """As files and messages have it."""
+        return self.name.lower()
+
+
+WITHOUT_TOKEN = Role.OPERATOR
+"""Who comes in where no token is needed, and who has a token to which no role is written."""
+
+
+class Tokens:
+    """The tokens that one server knows; of their secrets nothing is ever logged."""
+
+    def __init__(self, roles: Mapping[str, Role]) -> None:
+        """Empty: nobody needs one."""
+        self._roles = {token.encode(): role for token, role in roles.items()}
+
+    def __bool__(self) -> bool:
+        return bool(self._roles)
+
+    def for_starter(self) -> str:
+        """The token for who has started the server, an operator's where there is one; empty: none
+        is needed. To be told to that person alone."""
+        found = {role: token.decode() for token, role in reversed(self._roles.items())}
+        order = (Role.OPERATOR, Role.ADMIN, Role.VIEWER)
+        return next((found[role] for role in order if role in found), "")
+
+    def role(self, given: Iterable[str]) -> Role | None:
+        """The role of the first that is known; None: none of them is. It takes as long for a token
+        that is nearly right as for any other."""
+        from hmac import compare_digest
+
+        found: Role | None = None
+        for each in given:
+            data = each.encode("utf-8", "surrogateescape")
+            for token, role in self._roles.items():
+                if compare_digest(data, token) and found is None:
+                    found = role
+        return found
+
+
+def parse_tokens(text: str, key: str) -> dict[str, Role]:
+    """Tokens of a text: one a line, after its role; without a role it is an operator's. Lines that
+    begin with ``#`` are comments. Raises OptionError of `key`, which shows none of them."""
+    roles = {role.word: role for role in Role}
+    found: dict[str, Role] = {}
+    for line in text.splitlines():
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        role = roles.get(words[0]) if len(words) == 2 else WITHOUT_TOKEN
+        if role is None or len(words) > 2:
+            raise OptionError(
+                key, "...", f"without spaces, one a line, after its role: {', '.join(roles)}"
+            )
+        check_token(words[-1], key)
+        if words[-1] in found:
+            raise OptionError(key, "...", "another one for each role: a token is there twice")
+        found[words[-1]] = role
+    if not found:
+        check_token("", key)
+    return found
+
+
+def check_token(token: str, key: str) -> None:
+    """Raise OptionError of `key` unless it can be a token."""
+    if len(token) < MIN_TOKEN_CHARACTERS:
+        raise OptionError(key, "...", f"at least {MIN_TOKEN_CHARACTERS} characters")
+    if any(each.isspace() or not each.isprintable() for each in token):
+        raise OptionError(key, "...", "without spaces and line ends, as it is part of an address")
+
+
+def read_tokens(path: str | Path) -> dict[str, Role]:
+    """The tokens of a file, which only its owner may read. Raises ConfigurationError."""
+    try:
+        text = read_text(path, FILE_BYTES)
+        mode = stat.S_IMODE(os.stat(path).st_mode)
+    except OSError as error:
+        raise ConfigurationError(
+            "token_file", f"{path} cannot be read: {error.strerror or error}"
+        ) from None
+    except ValueError as error:
+        raise ConfigurationError("token_file", f"{path} has no token: {error}") from None
+    if mode & 0o077:
+        raise ConfigurationError(
+            "token_file",
+            f"{path} can be read or changed by other users (mode {mode:04o}); make it yours alone "
+            f"(chmod 600 {path}), and its tokens new ones",
+        )
+    return parse_tokens(text, "token_file")
+
+
+def own_token_file() -> Path:
+    """Where the tokens are that are made where none were given."""
+    return state_folder() / "face-tokens"
+
+
+def made_tokens() -> dict[str, Role]:
+    """The tokens of `own_token_file`, which is made at the first time, one for each role.
+
+    Raises ConfigurationError.
+    """
+    path = own_token_file()
+    if not path.exists():
+        _make(path)
+        _log.warning("tokens were made for viewers, operators and admins: they are in %s", path)
+    return read_tokens(path)
+
+
+def _make(path: Path) -> None:
+    import secrets
+
+    lines = [
+        "# Tokens of Cardan's faces, one a line, after its role. A viewer reads, an operator",
+        "# commands, an admin may do everything. A line that is taken out lets nobody in any more",
+        "# after the face's next start.",
+        *(f"{role.word} {secrets.token_hex(TOKEN_BYTES)}" for role in Role),
+        "",
+    ]
+    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+        try:
+            with os.fdopen(file, "w", encoding="utf-8") as text:
+                text.write("\n".join(lines))
+            # Whole from the first moment on; two faces that start together have the same one.
+            with contextlib.suppress(FileExistsError):
+                os.link(new, path)
+        finally:
+            os.unlink(new)
+    except OSError as error:
+        raise ConfigurationError(
+            "token_file",
+            f"no token was given, and none can be made in {path}: {error.strerror or error}",
+        ) from None

@@ -1,0 +1,274 @@
+"""A demo of the console: a person at the page, played by a program with a real browser, holds a jog
+button, previews a goal and goes there. Where there is no browser the page waits for a person."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from cardan.bus.options import BusOptions
+from cardan.errors import CardanError, ConfigurationError, DriverError
+from cardan.gateway.session.browser import Tab, chromium, find_chromium
+from cardan.gateway.session.config import SessionConfig
+from cardan.gateway.session.launched import Launched
+from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
+from cardan.gateway.session.supervisor import Outcome
+from cardan.gateway.session.with_console import with_console
+
+WIDE, NARROW = (1120, 720), (360, 740)
+"""CSS pixels of the screens: a notebook's, and a small phone's."""
+
+JOGGED_MM = 40.0
+"""How far a jog button is held at least."""
+
+RAISED_MM = 60.0
+"""From where the arm is then to the goal: upwards, where nothing is in the way."""
+
+MISSED_MM = 2.0
+"""How far from its goal an arm may come to rest: the page lets go once it is within 0.5 mm."""
+
+REST_S = 3.0
+"""Longest time from the end of a hold until the arm rests."""
+
+LOOK_S = 0.05
+"""How often the page is looked at while something is held."""
+
+SETTLED_S = 0.5
+"""An arm whose position is the same after so long is at rest."""
+
+STILL_S = 2.0
+"""Before a picture is taken: without a graphics card the page draws the arm finely once it has
+been at rest for a while."""
+
+MOVES = "document.querySelector('.why').dataset.level === 'ok'"
+"""While something is held: the page says that the arm moves, without a limit in its way."""
+
+_Say = Callable[[str], None]
+
+
+class OverError(Exception):
+    """The session's time is over, or it has ended."""
+
+
+def run_with_console(
+    config: SessionConfig,
+    run: Callable[[], Outcome],
+    say: _Say,
+    show_address: _Say,
+    pictures: Path | None,
+) -> tuple[Outcome, list[str]]:
+    """Run the session by `run` with the console beside it, and the program at its page; `say` is
+    told what happens. `show_address` shows a page's address to somebody with a camera. Gives the
+    session's outcome, and what was not as it should be. Pictures of the page go to the folder
+    `pictures` (None: a new one, which is named).
+
+    Raises CardanError where something of it cannot be started.
+    """
+    network = config.network
+    if network is None:
+        raise ConfigurationError("network", "is missing: the console needs it")
+    browser = find_chromium()
+    if browser is None:
+        with _console_for_others(network, say) as face:
+            for line in face.before:
+                say(line)
+            say(f"there is no Chromium here that could show it. Open the page: {face.endpoint}")
+            show_address(face.endpoint)
+            return run(), []
+    folder = pictures or Path(tempfile.mkdtemp(prefix="cardan-console-"))
+    folder.mkdir(parents=True, exist_ok=True)
+    with with_console(network, "127.0.0.1", 0) as face:
+        say(f"console READY at {face.endpoint}")
+        over = threading.Event()
+        person = Person(face.endpoint, folder, say, over)
+        thread = threading.Thread(target=person.work, args=(browser,), daemon=True)
+        thread.start()
+        try:
+            outcome = run()
+        finally:
+            over.set()
+            thread.join()
+    say(f"pictures of the page: {folder}")
+    if outcome.exit_code != EXIT_OK or outcome.last.ending == STOPPED_ON_REQUEST:
+        return outcome, []
+    return outcome, person.problems()
+
+
+@contextlib.contextmanager
+def _console_for_others(network: BusOptions, say: _Say) -> Iterator[Launched]:
+    """The page for a phone or another computer; where no certificate can be made, for this computer
+    alone."""
+    with contextlib.ExitStack() as opened:
+        try:
+            face = opened.enter_context(with_console(network, "0.0.0.0", 0))
+        except DriverError:
+            say("the page is for this computer alone")
+            face = opened.enter_context(with_console(network, "127.0.0.1", 0))
+        yield face
+
+
+class Person:
+    """Somebody at the page, until `over` is set."""
+
+    def __init__(self, address: str, folder: Path, say: _Say, over: threading.Event) -> None:
+        self.done: list[str] = []
+        """What went as it should."""
+        self._address, self._folder, self._say, self._over = address, folder, say, over
+        self._failed = ""
+        self._shown = ""
+        """The page's own line about why nothing moves, when the time was over."""
+
+    def problems(self) -> list[str]:
+        """What was not as it should be."""
+        missing = [each for each in ("jogged", "at rest", "at the goal") if each not in self.done]
+        if self._failed:
+            return [f"at the page: {self._failed}"]
+        return [f"at the page the arm was never {each}; it says: {self._shown}" for each in missing]
+
+    def work(self, browser: str) -> None:
+        """Open the page, and do all that is to be done at it."""
+        try:
+            with (
+                tempfile.TemporaryDirectory(
+                    prefix="cardan-chromium-", ignore_cleanup_errors=True
+                ) as profile,
+                chromium(browser, Path(profile)) as running,
+                running.open(self._address, *WIDE) as tab,
+            ):
+                try:
+                    self._use(tab)
+                except OverError:
+                    self._shown = str(tab.value("document.querySelector('.why').textContent"))
+        except (CardanError, RuntimeError, OSError) as error:
+            if not self._over.is_set():
+                self._failed = str(error)
+
+    def _use(self, tab: Tab) -> None:
+        self._wait(tab, "document.querySelectorAll('.joint-jog').length > 0")
+        self._wait(tab, "document.querySelector('.readout').textContent.startsWith('X ')")
+        self._say("the page shows the arm")
+        self._jog(tab)
+        self._go(tab)
+        self._look_around(tab)
+
+    def _jog(self, tab: Tab) -> None:
+        """Hold X+ until the arm has gone its way; a computer with other work to do ends a hold
+        rightly now and then, and it is begun anew."""
+        tab.click("#tab-move")
+        tab.value("document.activeElement.blur()")
+        began = self._position(tab)
+        self._hold(
+            tab,
+            'button[aria-label="X+"]',
+            lambda: math.dist(began, self._position(tab)) >= JOGGED_MM,
+            "move",
+        )
+        far = math.dist(began, self._position(tab))
+        self.done.append("jogged")
+        self._say(f"X+ was held: the TCP went {far:.1f} mm")
+        self._rest(tab)
+
+    def _go(self, tab: Tab) -> None:
+        """Preview a goal, and hold what goes there until the arm has arrived."""
+        tab.click("#tab-goal")
+        x, y, z = self._position(tab)
+        goal = (x, y, z + RAISED_MM)
+        if tab.value("document.body.dataset.state") != "watching":
+            tab.click(".enable")
+        tab.value(
+            "(slider => { slider.value = " + json.dumps(goal[2]) + ";"
+            "slider.dispatchEvent(new Event('input', {bubbles: true})); })"
+            "(document.querySelector('#panel-goal input[type=range][aria-label=\"Z\"]'))"
+        )
+        self._wait(tab, "document.querySelector('.verdict').dataset.kind === 'ok'")
+        verdict = tab.value("document.querySelector('.verdict').textContent")
+        self._say(f"a goal {RAISED_MM:.0f} mm above: {verdict}")
+        self._photograph(tab, "goal")
+        self._enable(tab)
+        self._wait(tab, "!document.querySelector('.send').disabled")
+        self._hold(tab, ".send", lambda: math.dist(goal, self._position(tab)) <= MISSED_MM)
+        self._rest(tab)
+        missed = math.dist(goal, self._position(tab))
+        if missed <= MISSED_MM:
+            self.done.append("at the goal")
+            self._say(f"it was held until the arm was there, within {missed:.1f} mm")
+
+    def _look_around(self, tab: Tab) -> None:
+        """Pictures of the other parts, and of the page on a phone."""
+        tab.click(".enable")
+        for word in ("plots", "hand", "setup"):
+            tab.click(f"#tab-{word}")
+            self._photograph(tab, word)
+        tab.click("#tab-move")
+        tab.resize(*NARROW)
+        self._photograph(tab, "phone")
+
+    def _hold(self, tab: Tab, selector: str, enough: Callable[[], bool], picture: str = "") -> None:
+        """Press a control until it is enough; the picture, if one is named, is of the motion."""
+        while not enough():
+            self._check_time()
+            self._enable(tab)
+            at = tab.centre(selector)
+            tab.mouse("mousePressed", at)
+            try:
+                while tab.value("document.body.dataset.state") == "held" and not enough():
+                    self._check_time()
+                    if (
+                        picture
+                        and tab.value("document.querySelector('.why').dataset.level") == "ok"
+                    ):
+                        tab.photograph(self._folder / f"console-{picture}.png")
+                        picture = ""
+                    time.sleep(LOOK_S)
+            finally:
+                tab.mouse("mouseReleased", at)
+
+    def _enable(self, tab: Tab) -> None:
+        """The deliberate act."""
+        self._wait(tab, "!document.querySelector('.enable').disabled")
+        if tab.value("document.body.dataset.state") == "watching":
+            tab.click(".enable")
+        self._wait(tab, "document.body.dataset.state !== 'watching'")
+
+    def _rest(self, tab: Tab) -> None:
+        """See that the arm is at rest soon, and stays where it is."""
+        end_s = time.monotonic() + REST_S
+        before = self._position(tab)
+        while time.monotonic() < end_s:
+            self._check_time()
+            time.sleep(SETTLED_S)
+            now = self._position(tab)
+            if now == before:
+                self.done.append("at rest")
+                return
+            before = now
+        raise DriverError(f"the arm moved on for {REST_S:g} s after it was let go of")
+
+    def _position(self, tab: Tab) -> tuple[float, float, float]:
+        """Where the TCP is, by what the page shows (mm)."""
+        words = str(tab.value("document.querySelector('.readout').textContent")).split()
+        try:
+            x, y, z = (float(words[words.index(axis) + 1]) for axis in ("X", "Y", "Z"))
+        except (ValueError, IndexError):
+            raise DriverError(f"the page shows no position: {' '.join(words)!r}") from None
+        return x, y, z
+
+    def _photograph(self, tab: Tab, name: str) -> None:
+        self._check_time()
+        time.sleep(STILL_S)
+        tab.photograph(self._folder / f"console-{name}.png")
+
+    def _wait(self, tab: Tab, expression: str) -> None:
+        while not tab.value(expression):
+            self._check_time()
+            time.sleep(LOOK_S)
+
+    def _check_time(self) -> None:
+        if self._over.is_set():
+            raise OverError

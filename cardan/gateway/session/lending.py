@@ -1,0 +1,82 @@
+"""The operator device of a session that serves other sessions, too: who has it, opens it.
+
+While another session has the device it is closed here: its link is CLOSED, so the arm brakes, holds
+and is disarmed, and moving it again takes the deliberate act.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Final
+
+from cardan.drivers.base import OperatorDevice
+from cardan.errors import CardanError
+
+TAKE: Final = b"take the device"
+GIVE: Final = b"give the device"
+"""Packets of the supervisor."""
+
+AGAIN_S: Final = 0.5
+"""Pause before a device that could not be opened is tried again: the session that had it may still
+be closing it."""
+
+
+class DeviceLease:
+    """Opens and closes a device beside the session's loop, as it takes its time."""
+
+    def __init__(self, device: OperatorDevice) -> None:
+        """`device` is closed."""
+        self._device = device
+        self._wanted = False
+        self.held = False
+        """Whether it is open."""
+        self.problem = ""
+        """Why it could not be opened."""
+        self._changed = threading.Condition()
+        self._thread: threading.Thread | None = None
+        self._over = False
+
+    def begin(self) -> None:
+        """Open it, before the loop begins. Raises what its open() raises."""
+        self._device.open()
+        self._wanted = self.held = True
+
+    def want(self, held: bool) -> None:
+        """Have the device opened or closed. Does not block."""
+        with self._changed:
+            self._wanted = held
+            if self._thread is None:
+                self._thread = threading.Thread(
+                    target=self._work, name="cardan-device-lease", daemon=True
+                )
+                self._thread.start()
+            self._changed.notify()
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                while not self._over and self._wanted is self.held:
+                    self._changed.wait()
+                if self._over:
+                    return
+                wanted = self._wanted
+            if not wanted:
+                self._device.close()
+                self.held, self.problem = False, ""
+                continue
+            try:
+                self._device.open()
+                self.held, self.problem = True, ""
+            except CardanError as error:
+                self.problem = str(error)
+                with self._changed:
+                    self._changed.wait_for(lambda: self._over or not self._wanted, AGAIN_S)
+
+    def close(self) -> None:
+        """End its thread, and close the device. Never raises; twice is fine."""
+        with self._changed:
+            self._over = True
+            self._changed.notify()
+        if self._thread is not None:
+            self._thread.join()
+        self._device.close()

@@ -1,0 +1,293 @@
+"""A session on the network: shows its arm to the bus, and takes commands from there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from cardan.bus.node import BusNode
+from cardan.drivers.base import OperatorDevice, RobotDriver
+from cardan.drivers.haptic import HapticDevice
+from cardan.drivers.ihaptic import IHapticDevice
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.loop import Cycle
+from cardan.gateway.arm.status import ArmStatus, Phase
+from cardan.gateway.bus.arm_server import ArmServer
+from cardan.gateway.bus.arm_topics import (
+    ERROR,
+    LOG_INFO,
+    LOG_WARN,
+    OK,
+    WARN,
+    ArmNames,
+    ArmTopics,
+    Part,
+)
+from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS, Instant, joint_command
+from cardan.gateway.bus.device_topics import DeviceTopics
+from cardan.gateway.bus.haptic_server import HapticServer
+from cardan.gateway.bus.options import NetworkOptions
+from cardan.gateway.bus.other_names import NamesTopics, Shown, other_names, same_topics
+from cardan.gateway.bus.taps import SessionTaps
+from cardan.gateway.bus.trajectories import follow_joint_trajectory
+from cardan.gateway.force.network import NetworkSource
+from cardan.gateway.force.sources import ForceSource
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.types import DeviceLink, DeviceState, Pose, RobotLink, RobotState, Vector3
+
+if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
+    from cardan.gateway.arm.verbs import ArmVerbs
+
+
+NO_FEEDBACK = (
+    "this session takes no feedback from the network: its forces are those of its own [force] and "
+    '[[fixtures]]; set source = "network" in [force]'
+)
+
+
+class SessionFeedback:
+    """Feedback from the network as one source of the session's forces."""
+
+    why_no_torques = (
+        "a session renders forces, joint torques only where the device is served alone, by "
+        "`cardan haptic`"
+    )
+
+    def __init__(self, haptic: IHapticDevice, source: NetworkSource | None) -> None:
+        """`source`: None where the session has another, or none."""
+        self._haptic = haptic
+        self._feedback = None if source is None else source.feedback
+
+    def give(self, publisher: int, sequence: int, asked: Vector3, now_s: float) -> str:
+        """Take a force along the axes of the transformation. Returns why not."""
+        if self._feedback is None:
+            return NO_FEEDBACK
+        return self._feedback.give(publisher, sequence, self._haptic.to_hand(asked), now_s)
+
+    def stop(self) -> str:
+        """No force until the next feedback. Returns why not."""
+        if self._feedback is None:
+            return NO_FEEDBACK
+        self._feedback.stop()
+        return ""
+
+
+class SessionNetwork:
+    """The network's side of a session. All methods are for the loop's thread."""
+
+    def __init__(
+        self,
+        options: NetworkOptions,
+        names: ArmNames,
+        robot_description: str,
+        tool: Pose,
+        offer: Callable[[Any, Any, float], None],
+        full: Callable[[], bool],
+        tables: Mapping[str, Any],
+        surroundings: str = "",
+    ) -> None:
+        """`offer` takes what arrives unless it is `full`, as :class:`RequestWorker` does; `tables`:
+        the session's configuration; `surroundings`: what is around the arm, as JSON."""
+        self._surroundings = surroundings
+        self._full = full
+        self.options = options
+        self._tables = tables
+        self._names, self._description, self._tool, self._offer = (
+            names,
+            robot_description,
+            tool,
+            offer,
+        )
+        namespace = f"/{options.namespace}"
+        self._node = BusNode(options, options.name, namespace)
+        self._topics: ArmTopics | None = None
+        self._server: ArmServer | None = None
+        self._taps: SessionTaps | None = None
+        self._device: DeviceTopics | None = None
+        self._haptic: HapticServer | None = None
+        self._names_topics: NamesTopics | None = None
+        self._logged = ""
+        self._verbs: ArmVerbs | None = None
+
+    def open(
+        self,
+        controller: ArmController,
+        robot: RobotDriver,
+        device: OperatorDevice | None,
+        force: ForceSource | None = None,
+    ) -> None:
+        """Join the bus; `force`: the source of the session's measured force. Raises DriverError,
+        ConfigurationError, or ExtraMissingError."""
+        self._node.open()
+        if self.options.device and device is not None:
+            self._device = DeviceTopics(
+                self._node,
+                device.capabilities.buttons,
+                inertia=device.capabilities.gives_inertia,
+            )
+            if isinstance(device, HapticDevice):
+                self._haptic = self._haptic_server(device, force)
+        options = self.options
+        others = other_names(options.other_names, self._names, options.servo, options.servo_scales)
+        self._names_topics = NamesTopics(self._node, others)
+        self._topics = ArmTopics(
+            self._node,
+            self._names,
+            period_s=1.0 / options.rate_hz,
+            robot_description=self._description,
+            surroundings=self._surroundings,
+            tool=self._tool,
+            transforms=options.transforms,
+            same=same_topics(others),
+        )
+        self._taps = SessionTaps(self._node, self._tables, controller, robot, device)
+        if options.commands:
+            follow = follow_joint_trajectory(options.trajectory_controller, self._names.joints)
+            self._server = ArmServer(
+                self._node,
+                self._offer,
+                source=options.source,
+                endless_without_watch=options.endless_without_watch,
+                topics=(
+                    *TOPICS,
+                    joint_command(self._names.joints),
+                    *(each for names in others for each in names.topics),
+                ),
+                services=(*SERVICES, *(each for names in others for each in names.services)),
+                actions=(*ACTIONS, follow),
+                full=self._full,
+            )
+
+    def close(self) -> None:
+        """Leave the bus. Never raises; twice is fine."""
+        if self._taps is not None:
+            self._taps.close()
+        self._server = self._topics = self._taps = None
+        self._device = self._names_topics = self._haptic = None
+        self._node.close()
+
+    def _haptic_server(self, device: HapticDevice, force: ForceSource | None) -> HapticServer:
+        options = self.options
+        node = BusNode(options, options.haptic, f"/{options.namespace}", beside=self._node)
+        node.open()
+        haptic = IHapticDevice(device, "cartesian")
+        source = force if isinstance(force, NetworkSource) else None
+        feedback = SessionFeedback(haptic, source) if options.commands else None
+        return HapticServer(node, device, haptic, feedback, period_s=0.0)
+
+    def tune(self, rate_hz: float, configuration: bytes, surroundings: str) -> None:
+        """Publish the state this often from now on, the session's configuration, made by
+        :func:`~cardan.gateway.bus.taps.configuration_message`, and what is around the arm."""
+        if self._topics is not None:
+            self._topics.period_s = 1.0 / rate_hz
+            if surroundings != self._surroundings:
+                self._topics.put_surroundings(surroundings)
+        self._surroundings = surroundings
+        if self._taps is not None:
+            self._taps.configure(configuration)
+
+    def poll(self, now_s: float) -> None:
+        """Pass on the commands that have arrived."""
+        if self._server is not None:
+            self._server.poll(now_s)
+        if self._haptic is not None:
+            self._haptic.poll(now_s)
+
+    def tap(self, cycle: Cycle, now_s: float) -> None:
+        """Publish what recorders want of a cycle."""
+        if self._taps is not None:
+            self._taps.cycle(cycle, now_s)
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """Problems, and what else deserves attention."""
+        dropped = 0 if self._taps is None else self._taps.dropped
+        return (f"{dropped} raw packets were not published: too many at once",) if dropped else ()
+
+    def show_device(self, device: DeviceState, now_s: float) -> None:
+        """Publish the operator device, if it is time to."""
+        if self._device is not None:
+            self._device.offer(device, now_s, time.time_ns())
+
+    def rumble(self, now_s: float) -> float:
+        """How strongly the network asks the device to rumble, 0..1."""
+        return 0.0 if self._device is None else self._device.rumble(now_s)
+
+    def due(self, now_s: float) -> bool:
+        """Whether it is time to publish the state."""
+        return self._topics is not None and self._topics.due(now_s)
+
+    def publish(
+        self,
+        state: RobotState,
+        pose: Pose | None,
+        status: ArmStatus,
+        verbs: ArmVerbs | None,
+        now_s: float,
+        now_ns: int,
+    ) -> None:
+        """Publish the state of one instant; `pose`: the measured TCP."""
+        if self._topics is None or self._names_topics is None:
+            return
+        flags: dict[str, Any] = {"ready": state.ready, "moving": status.phase is Phase.MOVING}
+        if verbs is not None:
+            flags |= {"state": int(verbs.state), "stream": int(verbs.streams.kind)}
+        self._topics.publish(state, pose, status, flags, now_s, now_ns)
+        self._verbs = verbs
+        self._names_topics.publish(Shown.of(state, status, verbs, now_s, now_ns), now_ns)
+        if self._haptic is not None:
+            self._haptic.publish(now_s, now_ns)
+        if self._server is not None and self._server.running:
+            stamp_ns = now_ns - int((now_s - state.stamp_s) * 1e9)
+            desired = None if verbs is None else verbs.desired()
+            now = Instant(stamp_ns, self._names.base, pose, state, desired)
+            self._server.report(now, now_ns)
+
+    def tell(self, snapshot: Snapshot, now_s: float, now_ns: int) -> None:
+        """Publish a snapshot, what it says of each part, and what is new in words."""
+        if self._topics is None:
+            return
+        self._topics.put_snapshot(snapshot.to_bytes().decode(), now_ns)
+        parts = _parts(snapshot)
+        if self._server is not None:
+            parts.append(self._server.part())
+        if self._haptic is not None:
+            parts.append(self._haptic.part())
+        self._topics.put_diagnostics(parts, now_s, now_ns)
+        if self._server is not None and self._verbs is not None:
+            self._server.parameters.observe(self._verbs.get_parameters(), now_ns)
+        said = snapshot.message or snapshot.phase
+        if said != self._logged:
+            self._logged = said
+            self._topics.log(LOG_WARN if snapshot.message else LOG_INFO, said, now_ns)
+
+
+def _parts(snapshot: Snapshot) -> list[Part]:
+    """What each part of a session reports of itself."""
+    s = snapshot
+    lost = s.robot_link != RobotLink.LIVE.value
+    robot = Part(
+        "robot",
+        ERROR if lost else WARN if s.hold_reason else OK,
+        s.hold_reason or f"link {s.robot_link}",
+        values=s.metrics,
+    )
+    session = Part(
+        "session",
+        WARN if s.message or s.diagnosis else OK,
+        s.message or (s.diagnosis[0] if s.diagnosis else s.phase),
+        values={
+            "phase": s.phase,
+            "authority": s.authority,
+            "trips": s.trips,
+            "cycles": s.cycles,
+            "tick_p50_s": s.tick_p50_s,
+            "tick_p99_s": s.tick_p99_s,
+            **{f"diagnosis {number}": line for number, line in enumerate(s.diagnosis, 1)},
+        },
+    )
+    parts = [session, robot]
+    if s.device_link:
+        live = s.device_link == DeviceLink.LIVE.value
+        parts.append(Part("device", OK if live else WARN, s.device_reason or s.device_link))
+    return parts

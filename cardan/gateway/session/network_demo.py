@@ -1,0 +1,173 @@
+"""A demo on the network: a program at rosbridge moves the arm of a session, and the session is
+recorded. The record is put through the control core, and onto the network once more."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from cardan.errors import CardanError, ConfigurationError
+from cardan.gateway.session.config import SessionConfig
+from cardan.gateway.session.launched import Launched, launched
+from cardan.gateway.session.recorded import recorded
+from cardan.gateway.session.rosbridge_program import RosbridgeProgram, Vector
+from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
+from cardan.gateway.session.supervisor import Outcome
+from cardan.printable import printable
+
+BEFORE_AND_AFTER_S = 3.0
+"""Of the session's time, what the program leaves for the arm to be seen, and to be stopped."""
+
+MOVED_M = 0.02
+"""What the TCP moves at least in the shortest demo."""
+
+REPLAY_RATE = 4.0
+"""How much faster than the session its record is shown on the network."""
+
+REPLAY_WITHIN_S = 120.0
+"""Longest time for a replay through the control core, which is faster than the session was."""
+
+SEEN_SHARE = 0.9
+"""Share of the poses that the program has to see again: a busy face leaves some out."""
+
+_Say = Callable[[str], None]
+
+
+def run_on_the_network(
+    config: SessionConfig,
+    seconds: float,
+    run: Callable[[], Outcome],
+    say: _Say,
+    well_followed_m: float,
+) -> tuple[Outcome, list[str]]:
+    """Run the session by `run`, for `seconds`, with all that belongs to it; `say` is told what
+    happens. Gives its outcome, and what was not as it should be; the TCP is to be within
+    `well_followed_m` of its command.
+
+    Raises CardanError where something of it cannot be started.
+    """
+    network = config.network
+    if network is None:
+        raise ConfigurationError("network", "is missing: a demo with a program needs it")
+    node = "/".join(("", *filter(None, (network.namespace, network.name))))
+    router = ("--router", network.router)
+    with tempfile.TemporaryDirectory(prefix="cardan-demo-") as folder:
+        path = Path(folder, "session.mcap")
+        with (
+            launched("face", "router", "--endpoint", network.router),
+            launched("face", "rosbridge", "--port", "0", *router) as url,
+        ):
+            say(f"rosbridge face READY at {url}")
+            with recorded(network, path, *router) as recorder:
+                say("recorder READY")
+                program = RosbridgeProgram(url, node, say)
+                outcome, problems = _with_program(program, seconds - BEFORE_AND_AFTER_S, run)
+            if outcome.exit_code != EXIT_OK or outcome.last.ending == STOPPED_ON_REQUEST:
+                return outcome, []
+            problems += _judge_program(program, well_followed_m)
+            problems += _judge_record(recorder, path, outcome, say)
+            if not problems:
+                problems += _shown_again(url, node, path, router, program.poses, say)
+    return outcome, problems
+
+
+def _with_program(
+    program: RosbridgeProgram, seconds: float, run: Callable[[], Outcome]
+) -> tuple[Outcome, list[str]]:
+    """Run the session, and the program beside it."""
+    problems: list[str] = []
+    over = threading.Event()
+
+    def work() -> None:
+        try:
+            with program:
+                program.drive(seconds, over)
+        except CardanError as error:
+            if not over.is_set():
+                problems.append(str(error))
+
+    thread = threading.Thread(target=work, name="demo-program", daemon=True)
+    thread.start()
+    try:
+        outcome = run()
+    finally:
+        over.set()
+        thread.join()
+    return outcome, problems
+
+
+def _judge_program(program: RosbridgeProgram, well_followed_m: float) -> list[str]:
+    problems = []
+    if not program.refusals():
+        problems.append("a twist without a preset was not refused: ~/result told nothing")
+    if not any(each["success"] and each["command"] == "twist" for each in program.results):
+        problems.append("~/result did not tell that the twists were taken")
+    if len(program.refusals()) > 1:
+        problems.append(f"a twist was refused on the way: {program.refusals()[-1]}")
+    if program.moved_m < MOVED_M:
+        problems.append(f"the TCP moved by {1e3 * program.moved_m:.1f} mm only")
+    if not 0.0 < program.behind_m <= well_followed_m:
+        problems.append(f"the TCP was {1e3 * program.behind_m:.1f} mm from where it was commanded")
+    return problems
+
+
+def _judge_record(recorder: Launched, path: Path, outcome: Outcome, say: _Say) -> list[str]:
+    """Whether the record is complete, and the control core gives the same commands again."""
+    problems = []
+    for line in recorder.lines:
+        say(f"record: {line}")
+    if recorder.code != EXIT_OK:
+        problems.append(f"the record is not complete: {recorder.complaints or recorder.lines}")
+    code, lines = _cardan("replay", "--engine", str(path))
+    for line in lines:
+        say(f"replay through the control core: {line}")
+    same = re.search(r": (\d+) cycles, each command bit for bit", lines[0]) if lines else None
+    if code != EXIT_OK or len(lines) != 1 or same is None:
+        problems.append("the record was not replayed bit for bit to its end")
+    elif int(same[1]) < outcome.last.cycles:
+        problems.append(f"the record has not all of the session's {outcome.last.cycles} cycles")
+    return problems
+
+
+def _shown_again(
+    url: str,
+    node: str,
+    path: Path,
+    router: Sequence[str],
+    before: dict[int, Vector],
+    say: _Say,
+) -> list[str]:
+    """Publish the record, and compare the path that a program sees with the one `before`."""
+    with RosbridgeProgram(url, node) as program:
+        words = ("replay", str(path), "--rate", str(REPLAY_RATE), "--topics", f"{node}/state/pose")
+        code, lines = _cardan(*words, *router)
+    for line in lines:
+        say(f"replay on the network: {line}")
+    if code != EXIT_OK:
+        return ["the record could not be published"]
+    again = program.poses
+    both = before.keys() & again.keys()
+    if len(both) < SEEN_SHARE * len(before):
+        return [f"of {len(before)} poses of the session {len(both)} were seen again"]
+    apart_m = max(math.dist(before[each], again[each]) for each in both)
+    say(f"{len(both)} poses seen again; path difference {1e3 * apart_m:.3f} mm")
+    return [f"the path was another one, by up to {1e3 * apart_m:.3f} mm"] if apart_m else []
+
+
+def _cardan(*words: str) -> tuple[int, list[str]]:
+    """Exit code, and what it printed, of a command that ends by itself."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cardan", *words],
+        capture_output=True,
+        text=True,
+        timeout=REPLAY_WITHIN_S,
+        check=False,
+    )
+    sys.stderr.write(printable(done.stderr, "\n"))
+    return done.returncode, printable(done.stdout, "\n").splitlines()

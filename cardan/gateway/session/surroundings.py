@@ -1,0 +1,79 @@
+"""What is around an arm, for who shows it: obstacles, workspace, and the shapes of its own bodies.
+
+One JSON object, published once and again where it changes. Lengths in m, angles in rad, base axes,
+orientations as x y z w.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from cardan.gateway.servo.options import ServoOptions
+from cardan.gateway.session.config import ObstacleTable, SessionConfig
+from cardan.robots import Box, Capsule, Shape, load_arm
+from cardan.spatial import norm, scale
+from cardan.types import Vector3
+
+
+def surroundings(config: SessionConfig, rigid: bool) -> str:
+    """What is around the arm of a session, as JSON; `rigid`: whether its links are.
+
+    ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``obstacles``: each
+    with its ``name`` and a ``box``, a ``capsule`` or a ``plane``. ``shapes``: those of the arm,
+    likewise, in the frame that is fixed to the link after ``joint``; "" is the base.
+    ``obstacle_m`` and ``own_body_m``: the distances that are kept to obstacles and between the
+    arm's own bodies; null where collisions are not avoided. ``home``: joints to begin from, null
+    where none are known.
+    """
+    table = config.arm
+    avoids = table is not None and table.collisions and rigid
+    shapes: list[dict[str, Any]] = []
+    home = None
+    if table is not None and rigid:
+        model = load_arm(table.model)
+        joints = ("", *model.joint_names)
+        shapes = [
+            {"name": each.name, "joint": joints[each.body], **_solid(each.shape)}
+            for each in model.shapes
+        ]
+        home = list(model.home)
+    return json.dumps(
+        {
+            "workspace_m": [each and list(each) for each in config.limits.workspace_m],
+            "obstacles": [{"name": each.name, **_obstacle(each)} for each in config.obstacles],
+            "shapes": shapes,
+            "obstacle_m": table.safety_distance_m if table is not None and avoids else None,
+            "own_body_m": ServoOptions.self_distance_m if avoids else None,
+            "home": home,
+        }
+    )
+
+
+def _obstacle(table: ObstacleTable) -> dict[str, Any]:
+    if (solid := table.shape()) is not None:
+        return _solid(solid)
+    assert table.plane is not None
+    normal = Vector3(*table.plane[0])
+    unit = scale(normal, 1.0 / norm(normal))
+    return {"plane": {"normal": list(unit), "offset_m": table.plane[1]}}
+
+
+def _solid(shape: Shape) -> dict[str, Any]:
+    if isinstance(shape, Capsule):
+        return {
+            "capsule": {
+                "start": list(shape.start),
+                "end": list(shape.end),
+                "radius_m": shape.radius_m,
+            }
+        }
+    assert isinstance(shape, Box)
+    w, x, y, z = shape.pose.orientation
+    return {
+        "box": {
+            "position": list(shape.pose.position),
+            "orientation": [x, y, z, w],
+            "size_m": list(shape.size_m),
+        }
+    }

@@ -1,0 +1,39 @@
+"""What limits an arm, in one word each, as its metrics have it."""
+
+import math
+
+import pytest
+
+from cardan.gateway.arm.authority import AuthorityState
+from cardan.gateway.arm.status import LIMITS, ArmStatus, Phase
+from cardan.gateway.servo.status import ServoStatus
+from cardan.types import NEVER_S, ZERO_TWIST
+
+FREE = ServoStatus(1.0, 0.2, 0.0, (), math.inf, ("a", "b"), 0, 0.0, 0.0, 0.0, 0.0, 0)
+SLOW = {"path_speed": 0.5}
+
+
+def limits(leash_used=0.0, at_workspace_limit=False, **servo):
+    return ArmStatus(
+        Phase.MOVING, "", ZERO_TWIST, ZERO_TWIST, None, leash_used, at_workspace_limit, False, 0,
+        AuthorityState("", NEVER_S, ""), (), FREE._replace(**servo),
+    ).limits()  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [
+        ({}, []),
+        ({"limiting_joints": ("elbow",), "smallest_singular_value": 0.001}, []),
+        ({"limiting_joints": ("elbow",), **SLOW}, ["joint"]),
+        ({"smallest_singular_value": 0.001, **SLOW}, ["singularity"]),
+        ({"active_pairs": 2, **SLOW}, ["collision"]),
+        ({"distance_m": -0.01}, ["collision"]),
+        ({"unreachable_rad_s": 0.1}, ["unreachable"]),
+        ({"at_workspace_limit": True, "leash_used": 1.0}, ["workspace", "leash"]),
+        ({"leash_used": 0.5}, []),
+    ],
+)
+def test_what_limits_the_arm(given, found):
+    assert limits(**given) == found
+    assert {*found} <= {*LIMITS}

@@ -1,0 +1,76 @@
+"""Asks an arm on the bus for a motion, says so, and is there until it is killed.
+
+asker.py ENDPOINT topic|service|remote [peer|client]
+asker.py dds/DOMAIN topic|service
+"""
+
+import sys
+import time
+
+from cardan.bus.node import BusNode
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.gateway.bus.options import DEFAULT_NAME
+from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import default_message
+from tests.waiting import until
+
+ARM = f"/{DEFAULT_NAME}"
+TWIST = "geometry_msgs/msg/Twist"
+SERVICE = "cardan_msgs/srv/MoveTwist"
+
+
+def slow_twist():
+    message = default_message(TWIST)
+    message["linear"]["z"] = -0.02
+    return message
+
+
+def wait_for_the_arm(options):
+    with BusNetwork(options, "finder") as network:
+        assert network.wait_for_service(f"{ARM}/movv", 10.0)
+
+
+def ask_on_dds(domain, way):
+    from cardan.bus.dds.network import DdsNetwork
+    from cardan.bus.dds.options import DdsOptions
+
+    with DdsNetwork(DdsOptions(dds_domain=int(domain)), "asker") as network:
+        assert network.wait_for_service(f"{ARM}/movv", 20.0)
+        if way == "topic":
+            publisher = network.advertise(f"{ARM}/command/movv", TWIST, latched=False)
+            until(lambda: publisher.heard, "somebody subscribes")
+            publisher.publish(codec_of(TWIST).encode(slow_twist()))
+        else:
+            request = codec_of(f"{SERVICE}_Request").encode({"xdot": slow_twist()})
+            network.call(f"{ARM}/movv", SERVICE, request, lambda _reply: None, 20.0)
+        print("asked", flush=True)
+        sys.stdin.read()
+
+
+def main(endpoint, way, mode="peer"):
+    if endpoint.startswith("dds/"):
+        ask_on_dds(endpoint.removeprefix("dds/"), way)
+        return
+    options = BusOptions(router=endpoint, mode=mode)
+    if way == "remote":
+        arm = RemoteCartesianDevice(options=options)
+        arm.open()
+        arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
+        print("asked", flush=True)
+        sys.stdin.read()
+    wait_for_the_arm(options)
+    with BusNode(options, "asker") as node:
+        if way == "topic":
+            publisher = node.publisher(f"{ARM}/command/movv", TWIST)
+            publisher.put(codec_of(TWIST).encode(slow_twist()), time.time_ns())
+        else:
+            client = node.client(f"{ARM}/movv", SERVICE)
+            client.call(codec_of(f"{SERVICE}_Request").encode({"xdot": slow_twist()}))
+        print("asked", flush=True)
+        sys.stdin.read()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

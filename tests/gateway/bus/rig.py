@@ -1,0 +1,291 @@
+"""An arm's server on a bus without Zenoh, with its worker in the test's own thread."""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+
+from cardan.errors import CardanError
+from cardan.gateway.arm.motion import Motion, Outcome
+from cardan.gateway.arm.requests import MotionNote, PacketError
+from cardan.gateway.bus.arm_server import ArmServer
+from cardan.gateway.bus.arm_topics import ArmNames
+from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS
+from cardan.gateway.bus.other_names import ServoScales, other_names
+from cardan.gateway.bus.trajectories import follow_joint_trajectory
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import completed
+from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Attachment, data_key
+from tests.gateway.arm.arms import World
+
+NODE = "/arm"
+SERVO_SCALES = ServoScales()
+RESULT = "cardan_msgs/msg/CommandResult"
+GID = bytes(range(16))
+
+
+class FakePublisher:
+    """Keeps what is published, decoded."""
+
+    def __init__(self, type_name, qos):
+        self.type_name, self.qos, self.messages = type_name, qos, []
+
+    def put(self, data, _now_ns):
+        message = codec_of(self.type_name).decode(bytes(data))
+        assert isinstance(message, dict), message
+        self.messages.append(message)
+
+
+class Received:
+    zid = ""
+
+    def __init__(self, data, key, attachment):
+        self.data, self.key, self.attachment = data, key, attachment
+
+
+class Asked:
+    """A request to a service, and its answer."""
+
+    attachment = None
+
+    def __init__(self, type_name, data):
+        self.type_name, self.data = type_name, data
+        self.answers = []
+        self.error = ""
+
+    def reply(self, data, _now_ns):
+        message = codec_of(f"{self.type_name}_Response").decode(data)
+        assert isinstance(message, dict), message
+        self.answers.append(message)
+
+    def refuse(self, reason):
+        self.error = reason
+
+    @property
+    def answer(self):
+        """The one answer."""
+        assert len(self.answers) == 1, (self.answers, self.error)
+        return self.answers[0]
+
+
+class Ring:
+    def __init__(self, depth):
+        self.waiting = deque(maxlen=depth)
+
+    def poll(self):
+        return self.waiting.popleft() if self.waiting else None
+
+
+class FakeNode:
+    """What an arm's server needs of a node."""
+
+    full_name = NODE
+    zid = "ours"
+
+    def __init__(self):
+        self.publishers, self.rings, self.types = {}, {}, {}
+
+    def key_of(self, name, type_name):
+        return data_key(0, name, type_name)
+
+    def publisher(self, name, type_name, qos=DEFAULT_QOS):
+        publisher = self.publishers[self._full(name)] = FakePublisher(type_name, qos)
+        return publisher
+
+    def subscription(self, name, type_name, depth, qos=DEFAULT_QOS):
+        return self._ring(name, type_name, depth)
+
+    def watch_tokens(self):
+        return Ring(8)
+
+    def service(self, name, type_name, qos=DEFAULT_QOS):
+        return self._ring(name, type_name, 32)
+
+    def _ring(self, name, type_name, depth):
+        self.types[self._full(name)] = type_name
+        ring = self.rings[self._full(name)] = Ring(depth)
+        return ring
+
+    @staticmethod
+    def _full(name):
+        return name.replace("~", NODE) if name[0] in "~/" else f"/{name}"
+
+
+class Bench:
+    """A simulated arm in virtual time, behind a server on a fake node."""
+
+    def __init__(self, names=(), scales=SERVO_SCALES, **more):
+        """`names`: the sets of other programs' names that the arm answers to."""
+        self.world = World(**more)
+        self.node = FakeNode()
+        self.requests = []
+        """All that has reached the arm."""
+        self.malformed = 0
+        self.motions = {}
+        self._ids = itertools.count(1)
+        self._sequences = itertools.count(1)
+        joints = self.world.model.joint_names
+        follow = follow_joint_trajectory("controller", joints)
+        self.names = ArmNames(joints)
+        self.others = other_names(names, self.names, "servo_node", scales)
+        # Who asks is watched in test_askers.py and test_liveness.py.
+        self.server = ArmServer(
+            self.node,
+            self.offer,
+            topics=(*TOPICS, *(each for other in self.others for each in other.topics)),
+            services=(*SERVICES, *(each for other in self.others for each in other.services)),
+            actions=(*ACTIONS, follow),
+            endless_without_watch=True,
+        )
+        self.now_s = 0.0
+
+    # -- the worker's part -----------------------------------------------------------------------
+
+    def offer(self, client, packet, _now_s):
+        """Carry out what a client asks, at once."""
+        try:
+            request = client.decode(packet)
+        except PacketError as error:
+            self.malformed += 1
+            cause = error.__cause__
+            client.refused(error.request, cause if isinstance(cause, CardanError) else error)
+            return
+        if request is None:
+            return
+        self.requests.append(request)
+        try:
+            result = self._perform(request)
+        except CardanError as error:
+            self._tell_ended()
+            client.refused(request.id, error)
+            return
+        self._tell_ended()
+        if isinstance(result, Motion):
+            number = next(self._ids)
+            note = self._note(number, result)
+            client.done(request, note)
+            if not result.over:
+                self.motions[number] = result, client
+        else:
+            client.done(request, result)
+
+    def _wait(self, timeout_s):
+        verbs = self.world.verbs
+        motion, end_s = verbs.waited_for, verbs.stamp_s + min(timeout_s, 60.0)
+        if motion is None or not motion.ends:
+            return True
+        while not motion.over and verbs.stamp_s < end_s:
+            self.world.tick()
+        if not motion.over:
+            verbs.stop()
+        return motion.outcome is Outcome.DONE
+
+    def _perform(self, request):
+        verbs, source = self.world.verbs, request.source
+        verb, value = request.verb, request.value
+        if verb in ("pose", "jog", "twist", "wrench", "joints"):
+            return verbs.stream(
+                verb,
+                value,
+                owner=source,
+                sequence=request.sequence,
+                stamp_s=request.stamp_s,
+                begins=request.begins,
+            )
+        if verb in ("stat", "get_parameters", "stop", "acknowledge"):
+            return getattr(verbs, verb)()
+        if verb == "release":
+            return verbs.release(source)
+        if verb == "wait":
+            return self._wait(value or 60.0)
+        arguments = () if value is None else (value,)
+        if verb == "inv":
+            return verbs.inv(*arguments)
+        result = getattr(verbs, verb)(*arguments, source=source)
+        if isinstance(result, Motion):
+            while result.outcome is Outcome.WAITING:
+                self.world.tick()
+                verbs.start_pending()
+            if result.error is not None:
+                raise result.error
+        return result
+
+    @staticmethod
+    def _note(number, motion):
+        return MotionNote(
+            number, motion.verb, motion.source, motion.ends, motion.outcome, motion.reason,
+            motion.note, motion.duration_s,
+        )  # fmt: skip
+
+    def _tell_ended(self):
+        for number, (motion, client) in tuple(self.motions.items()):
+            if motion.over:
+                del self.motions[number]
+                client.ended(self._note(number, motion))
+
+    # -- the other side --------------------------------------------------------------------------
+
+    def poll(self, after_s=1.0):
+        """One cycle of the loop's part, `after_s` after the one before."""
+        self.now_s += after_s
+        self.server.poll(self.now_s)
+
+    def publish(
+        self, topic, given=None, *, data=None, type_name="", sequence=None, gid=GID, source_ns=1
+    ):
+        """Publish on a topic of the arm, or with // on any: a message, or any bytes."""
+        topic = topic[1:] if topic.startswith("//") else f"{NODE}{topic}"
+        type_name = type_name or self.node.types[topic]
+        if data is None:
+            data = codec_of(type_name).encode(completed(type_name, given or {}))
+        sequence = next(self._sequences) if sequence is None else sequence
+        attachment = Attachment(sequence, source_ns, gid)
+        self.node.rings[topic].waiting.append(
+            Received(data, data_key(0, topic, type_name), attachment)
+        )
+        return sequence
+
+    def call(self, service, given=None, *, data=None):
+        """Call a service and poll once; the request, with its answer."""
+        service = service if service.startswith("//") else f"/{NODE}{service}"
+        service = service[1:]
+        type_name = self.node.types[service]
+        if data is None:
+            name = f"{type_name}_Request"
+            data = codec_of(name).encode(completed(name, given or {}))
+        asked = Asked(type_name, data)
+        self.node.rings[service].waiting.append(asked)
+        self.poll()
+        return asked
+
+    def heard(self, topic):
+        """All that was published on a topic of the arm."""
+        name = topic if topic[0] == "/" and topic in self.node.publishers else f"{NODE}{topic}"
+        return self.node.publishers[name].messages
+
+    def results(self):
+        """(command, number, outcome, reason) of all results."""
+        return [
+            (each["command"], each["sequence"], each["outcome"], each["reason"])
+            for each in self.heard("/result")
+        ]
+
+    def finish(self):
+        """Let the arm come to its end, and tell of it."""
+        while self.motions:
+            self.world.tick()
+            self._tell_ended()
+        self.world.rest()
+
+
+def ros_pose(six):
+    """A geometry_msgs/Pose of six numbers."""
+    from cardan.spatial import from_rotation_vector
+    from cardan.types import Vector3
+
+    x, y, z, *rotation = map(float, six)
+    q = from_rotation_vector(Vector3(*rotation))
+    return {
+        "position": {"x": x, "y": y, "z": z},
+        "orientation": {"x": q.x, "y": q.y, "z": q.z, "w": q.w},
+    }

@@ -1,0 +1,255 @@
+"""Motions as actions: goals, feedback, results, cancelling, preemption."""
+
+import pytest
+
+from cardan.gateway.bus.actions import MAX_WAITING
+from cardan.gateway.bus.commands import Instant
+from cardan.protocols.ros2.actions import KEPT, GoalStatus
+from tests.gateway.bus.rig import Bench, ros_pose
+
+MOTIONS = ("movj", "relj", "movl", "movv", "forc", "gcmp")
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+def goal_id(number):
+    return number.to_bytes(2, "little") * 8
+
+
+def send(bench, action, given=None, number=1):
+    request = {"goal_id": {"uuid": goal_id(number)}, "goal": given or {}}
+    return bench.call(f"/action/{action}/_action/send_goal", request).answer["accepted"]
+
+
+def ask(bench, action, number=1):
+    """The request for a result; it has its answer once there is one."""
+    request = {"goal_id": {"uuid": goal_id(number)}}
+    return bench.call(f"/action/{action}/_action/get_result", request)
+
+
+def result(bench, action, number=1):
+    answer = ask(bench, action, number).answer
+    return GoalStatus(answer["status"]), answer["result"]
+
+
+def cancel(bench, action, number=None):
+    info = {"goal_id": {"uuid": bytes(16) if number is None else goal_id(number)}}
+    answer = bench.call(f"/action/{action}/_action/cancel_goal", {"goal_info": info}).answer
+    return answer["return_code"], len(answer["goals_canceling"])
+
+
+def states(bench, action):
+    array = bench.heard(f"/action/{action}/_action/status")[-1]
+    return [GoalStatus(each["status"]) for each in array["status_list"]]
+
+
+def below(bench, by=0.05):
+    return {"x": ros_pose(bench.world.moved(0.0, 0.0, -by))}
+
+
+def test_every_motion_is_an_action_beside_its_topic_and_service(bench):
+    for verb in MOTIONS:
+        for part in ("send_goal", "cancel_goal", "get_result"):
+            assert f"/arm/action/{verb}/_action/{part}" in bench.node.types
+        assert bench.heard(f"/action/{verb}/_action/status")[-1] == {"status_list": []}
+
+
+@pytest.mark.parametrize("verb", ["movj", "movl"])
+def test_a_goal_is_reached(bench, verb):
+    before = bench.world.six()
+    assert send(bench, verb, below(bench))
+    assert states(bench, verb) == [GoalStatus.EXECUTING]
+    waiting = ask(bench, verb)
+    assert waiting.answers == []
+    bench.finish()
+    assert states(bench, verb) == [GoalStatus.SUCCEEDED]
+    assert waiting.answer == {"status": 4, "result": {"success": True, "message": ""}}
+    assert result(bench, verb) == (GoalStatus.SUCCEEDED, {"success": True, "message": ""})
+    assert bench.world.six()[2] == pytest.approx(before[2] - 0.05, abs=1e-3)
+
+
+def test_a_goal_where_the_arm_is_already_is_reached_at_once(bench):
+    assert send(bench, "movl", {"x": ros_pose(bench.world.six())})
+    assert result(bench, "movl")[0] is GoalStatus.SUCCEEDED
+
+
+@pytest.mark.parametrize(
+    ("verb", "given", "words"),
+    [
+        ("movl", {"x": {"position": {"x": 9}}}, "out of reach"),
+        ("movj", {"x": {"position": {"x": None}}}, "not numbers"),
+        ("relj", {"x": {"orientation": {"w": 3}}}, "has length 3"),
+        ("movv", {}, "moves nothing"),
+        ("forc", {"fd": {"force": {"z": None}}}, "forc"),
+    ],
+)
+def test_what_the_arm_refuses_ends_the_goal_with_the_reason(bench, verb, given, words):
+    assert send(bench, verb, given)
+    status, told = result(bench, verb)
+    assert status is GoalStatus.ABORTED
+    assert not told["success"]
+    assert words in told["message"]
+    assert bench.world.verbs.at_rest
+
+
+def test_feedback_is_published_while_the_goal_moves_the_arm(bench):
+    pose = bench.world.verbs.body.pose
+    now = Instant(3_000_000_001, "base_link", pose, bench.world.state())
+    assert not bench.server.running
+    bench.server.report(now, 0)
+    send(bench, "movl", below(bench))
+    assert bench.server.running
+    bench.server.report(now, 0)
+    (feedback,) = bench.heard("/action/movl/_action/feedback")
+    assert feedback["goal_id"]["uuid"] == goal_id(1)
+    stamped = feedback["feedback"]["pose"]
+    assert stamped["header"] == {"stamp": {"sec": 3, "nanosec": 1}, "frame_id": "base_link"}
+    assert stamped["pose"]["position"]["x"] == pose.position.x
+    assert bench.heard("/action/movj/_action/feedback") == []
+    bench.finish()
+    assert not bench.server.running
+
+
+@pytest.mark.parametrize("number", [1, None])
+def test_cancelling_brakes_the_arm(bench, number):
+    before = bench.world.six()
+    send(bench, "movl", below(bench, 0.2))
+    bench.world.tick(200)
+    waiting = ask(bench, "movl")
+    assert cancel(bench, "movl", number) == (0, 1)
+    bench.finish()
+    assert waiting.answer["status"] == GoalStatus.CANCELED
+    assert waiting.answer["result"] == {"success": False, "message": "stopped"}
+    assert states(bench, "movl") == [GoalStatus.CANCELED]
+    assert before[2] - 0.15 < bench.world.six()[2] < before[2] - 0.005
+
+
+def test_motions_without_end_are_ended_by_cancelling(bench):
+    assert send(bench, "movv", {"xdot": {"linear": {"z": -0.02}}})
+    bench.world.tick(100)
+    assert cancel(bench, "movv") == (0, 1)
+    bench.finish()
+    assert result(bench, "movv")[0] is GoalStatus.CANCELED
+
+
+def test_cancelling_another_goal_moves_nothing_and_brakes_nothing(bench):
+    send(bench, "movl", below(bench), number=1)
+    bench.finish()
+    send(bench, "movl", below(bench), number=2)
+    bench.world.tick(10)
+    assert cancel(bench, "movl", 1) == (3, 0)  # It has ended.
+    assert cancel(bench, "movl", 9) == (1 + 1, 0)  # There is none.
+    assert cancel(bench, "movj") == (0, 0)  # Another action.
+    bench.finish()
+    assert result(bench, "movl", 2)[0] is GoalStatus.SUCCEEDED
+
+
+def test_a_later_goal_takes_the_arm_through_rest(bench):
+    send(bench, "movl", below(bench, 0.2), number=1)
+    bench.world.tick(200)
+    assert send(bench, "movj", below(bench, -0.02), number=2)
+    status, told = result(bench, "movl", 1)
+    assert status is GoalStatus.ABORTED
+    assert told["message"] == "movj took over"
+    bench.finish()
+    assert result(bench, "movj", 2)[0] is GoalStatus.SUCCEEDED
+
+
+def test_a_goal_that_is_refused_leaves_the_one_before_alone(bench):
+    send(bench, "movl", below(bench), number=1)
+    bench.world.tick(10)
+    assert send(bench, "movl", {"x": {"position": {"x": 9}}}, number=2)
+    assert states(bench, "movl") == [GoalStatus.EXECUTING, GoalStatus.ABORTED]
+    bench.finish()
+    assert result(bench, "movl", 1)[0] is GoalStatus.SUCCEEDED
+
+
+def test_a_goal_that_is_cancelled_before_it_begins_does_not_go_on(bench):
+    # As while another motion comes to rest: the goal is accepted, and the arm not yet its own.
+    begin, offered = [], bench.offer
+
+    def late(client, packet, now_s):
+        if type(client).__name__ == "_GoalClient":
+            request = client.decode(packet)
+            begin.append((client, request))
+        else:
+            offered(client, packet, now_s)
+
+    bench.server._offer = late
+    before = bench.world.six()
+    send(bench, "movl", below(bench, 0.2))
+    assert states(bench, "movl") == [GoalStatus.ACCEPTED]
+    assert cancel(bench, "movl", 1) == (0, 1)
+    assert states(bench, "movl") == [GoalStatus.CANCELING]
+    ((client, request),) = begin
+    motion = bench._perform(request)
+    bench.motions[1] = motion, client
+    client.done(request, bench._note(1, motion))
+    bench.finish()
+    assert result(bench, "movl")[0] is GoalStatus.CANCELED
+    assert bench.world.six()[2] == pytest.approx(before[2], abs=1e-4)
+
+
+def test_an_id_is_taken_once(bench):
+    assert send(bench, "movl", below(bench))
+    assert not send(bench, "movl", below(bench))
+    assert len(bench.requests) == 1
+    assert "goal id is known already" in bench.results()[-1][3]
+
+
+def test_a_goal_that_nobody_sent_has_no_result(bench):
+    status, told = result(bench, "movl", 77)
+    assert status is GoalStatus.UNKNOWN
+    assert told == {"success": False, "message": ""}
+
+
+def test_results_are_kept_for_a_bounded_number_of_goals(bench):
+    for number in range(1, KEPT + 11):
+        send(bench, "movl", {"x": {"position": {"x": 9}}}, number=number)
+    assert len(states(bench, "movl")) == KEPT
+    assert result(bench, "movl", 1)[0] is GoalStatus.UNKNOWN
+    assert result(bench, "movl", KEPT + 10)[0] is GoalStatus.ABORTED
+
+
+def test_who_waits_for_a_result_is_bounded(bench):
+    send(bench, "movl", below(bench))
+    waiting = [ask(bench, "movl") for _ in range(MAX_WAITING + 1)]
+    assert "wait for this result already" in waiting[-1].error
+    bench.finish()
+    assert [each.answer["status"] for each in waiting[:-1]] == [4] * MAX_WAITING
+
+
+@pytest.mark.parametrize("part", ["send_goal", "cancel_goal", "get_result"])
+@pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + bytes(9), bytes(500) + b"\1"])
+def test_what_is_no_request_is_an_error_reply(bench, part, data):
+    asked = bench.call(f"/action/movl/_action/{part}", data=data)
+    assert asked.answers == []
+    assert asked.error
+    assert bench.server.refused == bench.malformed == 1
+    assert bench.requests == []
+    assert states(bench, "movl") == []
+
+
+def test_the_torque_actions_carry_wrenches_and_weight():
+    bench = Bench(arm="gofa_crb15000_5")
+    assert send(bench, "gcmp")
+    assert states(bench, "gcmp") == [GoalStatus.EXECUTING]
+    bench.world.tick(10)
+    cancel(bench, "gcmp")
+    bench.finish()
+    assert result(bench, "gcmp")[0] is GoalStatus.CANCELED
+
+
+def test_a_second_force_takes_over_the_goal_of_the_first():
+    bench = Bench(arm="gofa_crb15000_5")
+    given = {"fd": {"force": {"z": -5.0}}}
+    assert send(bench, "forc", given, number=1)
+    bench.world.tick(5)
+    assert send(bench, "forc", given, number=2)
+    assert states(bench, "forc") == [GoalStatus.ABORTED, GoalStatus.EXECUTING]
+    cancel(bench, "forc", 2)
+    bench.finish()
+    assert states(bench, "forc") == [GoalStatus.ABORTED, GoalStatus.CANCELED]

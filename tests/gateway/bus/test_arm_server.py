@@ -1,0 +1,305 @@
+"""Commands from topics and services: carried out, or refused with a reason at their sender."""
+
+import math
+
+import pytest
+
+from cardan.gateway.arm.codes import State
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import completed
+from tests.gateway.bus.rig import NODE, Asked, Bench, ros_pose
+
+POSE = "geometry_msgs/msg/Pose"
+TWIST = "geometry_msgs/msg/Twist"
+TABLE_1 = {
+    "pose": POSE,
+    "twist": TWIST,
+    "wrench": "geometry_msgs/msg/Wrench",
+    "movj": POSE,
+    "relj": POSE,
+    "movl": POSE,
+    "movv": TWIST,
+    "forc": "geometry_msgs/msg/Wrench",
+    "tool": POSE,
+    "gripper": "std_msgs/msg/Int32",
+}
+SERVICES = {
+    "inv": "rl_cartesian_control_msgs/srv/Inv",
+    "gcmp": "std_srvs/srv/Trigger",
+    "stop": "std_srvs/srv/Trigger",
+}
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+def still(bench):
+    """Nothing moves, and nothing has."""
+    return bench.world.verbs.at_rest and bench.world.verbs.state is State.NOT_CONTROLLING
+
+
+def test_the_papers_topics_and_services_are_there(bench):
+    for name, type_name in TABLE_1.items():
+        assert bench.node.types[f"{NODE}/command/{name}"] == type_name
+    for name, type_name in SERVICES.items():
+        assert bench.node.types[f"{NODE}/{name}"] == type_name
+
+
+@pytest.mark.parametrize("verb", ["movj", "movl"])
+def test_a_pose_moves_the_arm_there_and_is_told_of(bench, verb):
+    target = bench.world.moved(0.0, 0.0, -0.05)
+    number = bench.publish(f"/command/{verb}", ros_pose(target))
+    bench.poll()
+    assert bench.results() == [(verb, number, "accepted", "")]
+    bench.finish()
+    assert bench.results()[1:] == [(verb, number, "done", "")]
+    assert math.dist(bench.world.six()[:3], target[:3]) < 1e-3
+
+
+def test_a_step_and_a_speed(bench):
+    before = bench.world.six()
+    bench.publish("/command/relj", {"position": {"z": -0.05}})
+    bench.poll()
+    bench.finish()
+    assert bench.world.six()[2] == pytest.approx(before[2] - 0.05, abs=1e-3)
+    bench.publish("/command/movv", {"linear": {"z": 0.02}})
+    bench.poll()
+    bench.world.tick(250)
+    number = bench.publish("/command/stop")
+    bench.poll()
+    bench.world.rest()
+    bench.poll()
+    assert ("stop", number, "done", "") in bench.results()
+    assert bench.world.six()[2] > before[2] - 0.05
+
+
+def test_a_motion_that_another_takes_over_is_told_of(bench):
+    first = bench.publish("/command/movl", ros_pose(bench.world.moved(0.0, 0.0, -0.2)))
+    bench.poll()
+    bench.world.tick(100)
+    bench.publish("/command/movj", ros_pose(bench.world.moved(0.0, 0.0, 0.02)))
+    bench.poll()
+    assert ("movl", first, "aborted", "movj took over") in bench.results()
+
+
+@pytest.mark.parametrize(
+    ("topic", "given", "words"),
+    [
+        ("movl", {"position": {"x": 9}}, "out of reach"),
+        ("movl", {"position": {"x": None}}, "not numbers"),
+        ("movj", {"orientation": {"w": 3}}, "has length 3, not 1"),
+        ("movv", {}, "moves nothing"),
+        ("movv", {"linear": {"x": None}}, "movv"),
+        ("gripper", {"data": 7}, "7 is no action"),
+        ("gripper", {"data": 1}, "no gripper"),
+        ("forc", {"force": {"z": None}}, "forc"),
+        ("tool", {"orientation": {"w": 0}}, "has length 0"),
+    ],
+)
+def test_bad_values_are_refused_with_the_reason(bench, topic, given, words):
+    number = bench.publish(f"/command/{topic}", given)
+    bench.poll()
+    ((_, told, outcome, reason),) = bench.results()
+    assert (told, outcome) == (number, "refused")
+    assert words in reason
+    assert still(bench)
+
+
+@pytest.mark.parametrize("topic", sorted(TABLE_1))
+@pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + bytes(3), b"nonsense"])
+def test_what_is_no_message_is_refused_and_counted(bench, topic, data):
+    bench.publish(f"/command/{topic}", data=data)
+    bench.poll()
+    assert bench.server.refused == 1
+    assert bench.requests == []
+    assert [each[2] for each in bench.results()] == ["refused"]
+    assert still(bench)
+
+
+def test_a_message_that_is_too_long_is_refused(bench):
+    data = codec_of(POSE).encode(completed(POSE, ros_pose(bench.world.six())))
+    bench.publish("/command/movl", data=data + b"\7" * 1_000_000)
+    bench.poll()
+    assert "1000000 bytes are too many" in bench.results()[0][3]
+    assert bench.server.refused == 1
+
+
+def test_another_type_or_hash_is_refused_with_what_it_takes(bench):
+    bench.publish("/command/movl", type_name=TWIST)
+    bench.poll()
+    reason = bench.results()[0][3]
+    assert "it takes geometry_msgs::msg::dds_::Pose_/RIHS01_d501954e" in reason
+    assert "not geometry_msgs::msg::dds_::Twist_" in reason
+    bench.publish("/command/movl", ros_pose(bench.world.moved(0, 0, -0.02)))
+    ring = bench.node.rings[f"{NODE}/command/movl"]
+    ring.waiting[0].key = ring.waiting[0].key[:-4] + "0000"
+    bench.poll()
+    assert bench.server.refused == 2
+    assert still(bench)
+
+
+def test_what_comes_twice_or_late_is_dropped_and_counted(bench):
+    pose = ros_pose(bench.world.moved(0.0, 0.0, -0.02))
+    for sequence in (5, 5, 4):
+        bench.publish("/command/movj", pose, sequence=sequence)
+    bench.poll()
+    assert len(bench.requests) == 1
+    assert bench.server.late == 2
+
+
+def test_a_publisher_that_begins_again_under_its_gid_is_heard(bench):
+    pose = ros_pose(bench.world.moved(0.0, 0.0, -0.02))
+    bench.publish("/command/movj", pose, sequence=500, source_ns=10)
+    bench.publish("/command/movj", pose, sequence=1, source_ns=20)
+    bench.publish("/command/movj", pose, sequence=1, source_ns=20)
+    bench.poll()
+    assert len(bench.requests) == 2
+    assert bench.server.late == 1
+
+
+def test_a_stop_is_carried_out_though_it_comes_late(bench):
+    bench.publish("/command/movv", {"linear": {"z": 0.02}})
+    bench.poll()
+    bench.world.tick(250)
+    bench.publish("/command/stop", sequence=500)
+    bench.poll()
+    bench.world.rest()
+    bench.publish("/command/movv", {"linear": {"z": 0.02}})
+    bench.poll()
+    bench.world.tick(250)
+    bench.publish("/command/stop", sequence=3)
+    bench.poll()
+    bench.world.rest()
+    assert still(bench)
+    assert [each.verb for each in bench.requests] == ["movv", "stop", "movv", "stop"]
+
+
+def test_publishers_are_told_apart(bench):
+    for gid in (b"a" * 16, b"b" * 16):
+        bench.publish("/command/stop", sequence=1, gid=gid)
+    bench.poll()
+    assert len(bench.requests) == 2
+
+
+def test_a_flood_keeps_the_newest_and_is_told_of(bench):
+    pose = ros_pose(bench.world.moved(0.0, 0.0, -0.02))
+    bench.publish("/command/movj", pose, sequence=1)
+    bench.poll()
+    for sequence in range(2, 1002):
+        bench.publish("/command/movj", pose, sequence=sequence)
+    before = len(bench.requests)
+    bench.poll()
+    assert len(bench.requests) - before == 8  # As many as are kept.
+    assert bench.server.lost == 992
+    reasons = [reason for _, _, _, reason in bench.results() if "displaced" in reason]
+    assert reasons == ["movj: numbers 2 to 993 were lost on their way, or displaced by newer ones"]
+
+
+def test_of_a_stream_only_the_newest_counts_and_only_changes_are_told(bench):
+    for sequence in range(1, 50):
+        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence)
+    bench.poll()
+    assert len(bench.requests) == 1
+    assert bench.results()[0][1:3] == (49, "refused")
+    assert "choose this streaming command first" in bench.results()[0][3]
+    for sequence in range(50, 60):
+        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence)
+        bench.poll(0.02)
+    assert len(bench.results()) == 1
+    bench.world.verbs.set_parameter("cpsc", "twst")
+    bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=60)
+    bench.poll(0.02)
+    assert bench.results()[1][1:] == (60, "accepted", "")
+
+
+def test_a_stream_that_begins_anew_is_answered_though_the_answer_is_the_same(bench):
+    for sequence, after_s in ((1, 0.02), (2, 0.02), (3, 1.0), (4, 0.02)):
+        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence)
+        bench.poll(after_s)
+    told = [(number, outcome) for _, number, outcome, _ in bench.results()]
+    assert told == [(1, "refused"), (3, "refused")]
+
+
+def test_a_publisher_that_dies_brakes_the_arm(bench):
+    bench.world.verbs.set_parameter("cpsc", "twst")
+    for _ in range(100):
+        bench.publish("/command/twist", {"linear": {"z": -0.05}})
+        bench.poll()
+        bench.world.tick()
+    assert bench.world.verbs.body.moving
+    ticks = 0
+    while bench.world.verbs.body.moving:
+        bench.world.tick()
+        ticks += 1
+        assert ticks < 100  # 0.1 s of silence, and the ramp.
+    assert "silent" in bench.world.verbs.status().message
+
+
+def test_a_stop_passes_while_the_worker_has_enough_to_do(bench):
+    bench.server._full = lambda: True
+    bench.publish("/command/movj", ros_pose(bench.world.moved(0.0, 0.0, -0.02)))
+    bench.publish("/command/stop")
+    bench.poll()
+    assert [request.verb for request in bench.requests] == ["stop"]
+    bench.server._full = lambda: False
+    bench.poll()
+    assert [request.verb for request in bench.requests] == ["stop", "movj"]
+
+
+# -- services -------------------------------------------------------------------------------------
+
+
+def test_the_inverse_answers_in_radians(bench):
+    answer = bench.call("/inv", {"x": ros_pose(bench.world.six())}).answer
+    assert answer["success"]
+    assert answer["q"]["data"] == pytest.approx(bench.world.q.tolist(), abs=1e-6)
+    assert not bench.call("/inv", {"x": {"position": {"x": 9}}}).answer["success"]
+
+
+@pytest.mark.parametrize(("verb", "given"), [
+    ("movj", {"x": {"position": {"x": 9}}}), ("movl", {"x": {"position": {"x": None}}}),
+    ("movv", {}), ("act", {"action": 9}), ("act", {"action": 1}), ("tool", {"x": {"orientation":
+    {"w": 0}}}),
+])  # fmt: skip
+def test_a_refusal_is_answered_with_the_reason(bench, verb, given):
+    answer = bench.call(f"/{verb}", given).answer
+    assert not answer["success"]
+    assert verb in answer["message"]
+    assert still(bench)
+
+
+def test_a_motion_is_answered_when_it_has_begun(bench):
+    answer = bench.call("/movl", {"x": ros_pose(bench.world.moved(0, 0, -0.05))}).answer
+    assert answer == {"success": True, "message": ""}
+    assert bench.world.verbs.state is State.MOVL
+    assert bench.call("/stop").answer["success"]
+    bench.world.rest()
+
+
+def test_stat_says_where_and_what(bench):
+    answer = bench.call("/stat").answer
+    assert answer["success"]
+    assert answer["state"] == int(State.NOT_CONTROLLING)
+    assert answer["pose"]["pose"]["position"] == ros_pose(bench.world.six())["position"]
+
+
+def test_many_requests_at_once_are_all_answered(bench):
+    ring = bench.node.rings[f"{NODE}/stat"]
+    data = codec_of("cardan_msgs/srv/Stat_Request").encode(
+        completed("cardan_msgs/srv/Stat_Request", {})
+    )
+    asked = [Asked("cardan_msgs/srv/Stat", data) for _ in range(30)]
+    ring.waiting.extend(asked)
+    for _ in range(5):
+        bench.poll()
+    assert all(each.answer["success"] for each in asked)
+
+
+@pytest.mark.parametrize("service", ["inv", "stop", "movj", "wait", "stat", "act", "gcmp"])
+def test_what_is_no_request_is_answered(bench, service):
+    answer = bench.call(f"/{service}", data=b"\1\2\3").answer
+    assert not answer["success"]
+    assert bench.server.refused == 1
+    assert bench.requests == []

@@ -1,0 +1,319 @@
+"""A haptic device under the names of YARP's wrapper, on a bus that is none, in virtual time."""
+
+import math
+
+import pytest
+
+from cardan.drivers.ihaptic import IHapticDevice
+from cardan.errors import DriverError
+from cardan.gateway.bus.haptic_server import ALL, LOOK_PERIOD_S, PAPER, PRESENT, HapticServer
+from cardan.haptics import FeedbackLimits
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.interfaces import known_types
+from cardan.protocols.ros2.messages import completed
+from cardan.types import IDENTITY, ZERO3, Pose, Quaternion, Vector3
+from tests.gateway.bus.fakes import FakeNode, FakeUser
+from tests.gateway.force.fakes import FakeHaptic
+
+VECTOR, JOINTS = "geometry_msgs/msg/Vector3", "sensor_msgs/msg/JointState"
+TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
+YARP = "yarp_control_msgs/srv/"
+QUARTER = Quaternion(math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+"""x to y."""
+
+
+class Taken:
+    """What feedback was given."""
+
+    why_no_torques = ""
+
+    def __init__(self):
+        self.given, self.stops, self.why_not = [], 0, ""
+
+    def give(self, publisher, sequence, asked, now_s):
+        if self.why_not:
+            return self.why_not
+        self.given.append((publisher, sequence, asked))
+        return ""
+
+    def stop(self):
+        self.stops += 1
+        return self.why_not
+
+
+class Rig:
+    def __init__(self, device=None, served=True, mode="cartesian"):
+        self.node, self.feedback = FakeNode(), Taken()
+        self.device = device or FakeHaptic()
+        self.haptic = IHapticDevice(self.device, mode)
+        feedback = self.feedback if served else None
+        self.server = HapticServer(self.node, self.device, self.haptic, feedback, period_s=0.02)
+        self.now_s = 1.0
+
+    def run(self, seconds=2 * LOOK_PERIOD_S):
+        for _ in range(round(seconds / 0.004) + 1):
+            self.now_s += 0.004
+            self.server.poll(self.now_s)
+            self.server.publish(self.now_s, round(self.now_s * 1e9))
+
+    def told(self, topic):
+        return self.node.publishers[f"~/{topic}"].messages
+
+    def publisher(self, type_name, topic="feedback", user="user"):
+        return FakeUser(self.node, "MP", f"~/{topic}", type_name, user=user)
+
+    def call(self, name, type_name, **given):
+        client = FakeUser(self.node, "SC", f"~/{name}", type_name)
+        asked = client.ask(completed(f"{type_name}_Request", given))
+        self.run()
+        return codec_of(f"{type_name}_Response").decode(asked.answer)
+
+
+class TorqueHaptic(FakeHaptic):
+    feedback_limits = FeedbackLimits(3.0, 0.35)
+
+
+def test_the_tables_have_the_names_of_the_wrapper_and_of_the_paper():
+    assert [each.name for each in PRESENT.services] == [
+        "stop_feedback", "get_max_feedback", "get_transform", "set_transform",
+    ]  # fmt: skip
+    assert [each.name for each in PAPER.services] == [
+        "stop_feedback", "set_force_mode", "state/force_mode", "state/max_force_feedback",
+        "state/transform", "set_transformation",
+    ]  # fmt: skip
+    assert {"state/force_feedback", "state/transform"} < set(PAPER.state)
+    for names in ALL:
+        assert {each.type_name for each in names.services} <= set(known_types())
+
+
+def test_the_state_is_published_in_the_frame_of_the_transformation():
+    rig = Rig()
+    rig.device.pose = Pose(Vector3(0.02, 0.01, 0.0), IDENTITY)
+    rig.device.told = rig.device.told._replace(force=Vector3(0.5, 0.0, 0.0))
+    rig.device.buttons = frozenset({"button_2"})
+    rig.haptic.set_transformation(Pose(Vector3(10.0, 20.0, 30.0), QUARTER))
+    rig.run(0.2)
+    pose = rig.told("state/pose")[-1]
+    assert pose["position"] == pytest.approx({"x": 9.99, "y": 20.02, "z": 30.0})
+    assert pose["orientation"] == pytest.approx({"x": 0, "y": 0, "z": QUARTER.z, "w": QUARTER.w})
+    assert rig.told("state/buttons")[-1]["data"] == [0, 1]
+    # The rotation alone acts on a force.
+    force = rig.told("state/force_feedback")[-1]["force"]
+    assert force == pytest.approx({"x": 0.0, "y": 0.5, "z": 0.0})
+    transform = rig.told("state/transform")[-1]
+    assert transform["translation"] == {"x": 10.0, "y": 20.0, "z": 30.0}
+    assert rig.told("state/force_mode")[-1]["data"] is True
+    assert len(rig.told("state/pose")) == pytest.approx(10, abs=1)
+    rig.device.buttons = frozenset()
+    rig.run(0.1)
+    assert rig.told("state/buttons")[-1]["data"] == [0, 0]
+
+
+def test_a_device_without_a_pose_publishes_none(monkeypatch):
+    rig = Rig()
+
+    def nowhere():
+        raise DriverError("it is in the inkwell")
+
+    monkeypatch.setattr(rig.device, "measured_pose", nowhere)
+    rig.run(0.1)
+    assert rig.told("state/pose") == []
+    assert rig.told("state/buttons")
+
+
+def test_feedback_is_taken_in_both_types():
+    rig = Rig()
+    rig.publisher(VECTOR).publish({"x": 0.1, "y": 0.2, "z": 0.3})
+    rig.run()
+    paper = rig.publisher(JOINTS, user="paper")
+    paper.publish(completed(JOINTS, {"effort": [0.4, 0.5, 0.6]}))
+    rig.run()
+    (first, _, one), (second, _, two) = rig.feedback.given
+    assert (one, two) == ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
+    assert first != second
+    accepted = [each for each in rig.told("result") if each["outcome"] == "accepted"]
+    assert [each["command"] for each in accepted] == ["feedback", "feedback"]
+    assert rig.server.refused == 0
+
+
+@pytest.mark.parametrize(
+    ("type_name", "message", "words"),
+    [
+        (JOINTS, {"effort": [0.1, 0.2]}, "three numbers of effort, not 2"),
+        (JOINTS, {"position": [0.1, 0.2, 0.3]}, "three numbers of effort, not 0"),
+        ("geometry_msgs/msg/Wrench", {}, f"takes {VECTOR} or {JOINTS}, not geometry_msgs"),
+    ],
+)
+def test_bad_feedback_is_refused_with_a_reason_once(type_name, message, words):
+    rig = Rig()
+    user = rig.publisher(type_name)
+    for _ in range(3):
+        user.publish(completed(type_name, message))
+    rig.run()
+    assert rig.feedback.given == []
+    assert rig.server.refused == 3
+    (result,) = rig.told("result")
+    assert words in result["reason"]
+    assert (result["outcome"], result["success"]) == ("refused", False)
+    assert "3 messages or requests refused" in rig.server.part().message
+
+
+def test_what_the_session_refuses_is_told_and_taking_again_too():
+    rig = Rig()
+    user = rig.publisher(VECTOR)
+    for why in ("not now", "not now", "", ""):
+        rig.feedback.why_not = why
+        user.publish({"x": 0.0, "y": 0.0, "z": 0.0})
+        rig.run()
+    assert [each["outcome"] for each in rig.told("result")] == ["refused", "accepted"]
+
+
+def test_bytes_that_are_no_message_are_refused():
+    rig = Rig()
+    user = rig.publisher(VECTOR)
+    user.publish({"x": 0.0, "y": 0.0, "z": 0.0})
+    queue = rig.node.queues["~/feedback"].waiting
+    queue[0] = queue[0]._replace(data=b"\0\1\0\0junk")
+    rig.run()
+    assert rig.feedback.given == []
+    assert rig.server.refused == 1
+
+
+def test_what_is_far_too_long_is_not_even_read():
+    rig = Rig()
+    rig.publisher(JOINTS).publish(completed(JOINTS, {"effort": [0.0] * 100_000}))
+    rig.run()
+    assert "bytes are no sensor_msgs/msg/JointState" in rig.told("result")[0]["reason"]
+    client = FakeUser(rig.node, "SC", "~/get_parameters", "rcl_interfaces/srv/GetParameters")
+    asked = client.ask({"names": ["mode_feedback"] * 1000})
+    rig.run()
+    assert "bytes are no rcl_interfaces/srv/GetParameters_Request" in asked.answer
+    assert (rig.feedback.given, rig.server.refused) == ([], 2)
+
+
+def test_a_publisher_that_is_no_ros_node_is_taken_too():
+    rig = Rig()
+    user = rig.publisher(VECTOR)
+    for _ in range(2):
+        user.publish({"x": 0.1, "y": 0.0, "z": 0.0}, attached=False)
+    rig.run()
+    assert [sequence for _, sequence, _ in rig.feedback.given] == [1, 2]
+
+
+@pytest.mark.parametrize("name", ["get_max_feedback", "state/max_force_feedback"])
+def test_the_largest_feedback_is_told(name):
+    rig = Rig(TorqueHaptic())
+    answer = rig.call(name, f"{YARP}GetMaxFeedback")
+    assert answer == {
+        "max_feedback": {"x": 3.0, "y": 3.0, "z": 3.0},
+        "response": "NOT_SPECIFIED",
+        "success": True,
+    }
+    rig.haptic.set_joint_torque_mode()
+    torque = rig.call(name, f"{YARP}GetMaxFeedback")["max_feedback"]
+    assert torque == {"x": 0.35, "y": 0.35, "z": 0.35}  # N·m
+
+
+@pytest.mark.parametrize(
+    ("setter", "getter"),
+    [("set_transform", "get_transform"), ("set_transformation", "state/transform")],
+)
+def test_the_transformation_is_set_and_got(setter, getter):
+    rig = Rig()
+    wanted = {
+        "translation": {"x": 1.0, "y": 2.0, "z": 3.0},
+        "rotation": {"x": 0.0, "y": 0.0, "z": QUARTER.z, "w": QUARTER.w},
+    }
+    answer = rig.call(setter, f"{YARP}SetTransformation", transform=wanted)
+    assert answer["success"]
+    told = rig.call(getter, f"{YARP}GetTransformation")
+    assert told["success"]
+    assert told["transform"]["translation"] == wanted["translation"]
+    assert told["transform"]["rotation"] == pytest.approx(wanted["rotation"])
+
+
+def test_a_transformation_that_is_none_is_refused_and_changes_nothing():
+    rig = Rig()
+    flat = {"rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}}
+    for given in (flat, {"translation": {"x": math.nan, "y": 0.0, "z": 0.0}}):
+        answer = rig.call("set_transform", f"{YARP}SetTransformation", transform=given)
+        assert not answer["success"]
+        assert "the transformation" in answer["response"]
+    assert rig.haptic.get_transformation() == Pose(ZERO3, IDENTITY)
+    assert rig.server.refused == 2
+
+
+def test_the_transformation_comes_as_a_topic_of_older_clients_too():
+    rig = Rig()
+    transform = "geometry_msgs/msg/Transform"
+    rig.publisher(transform, "set_transformation").publish(
+        completed(transform, {"translation": {"x": 1.0}})
+    )
+    rig.run()
+    assert rig.haptic.get_transformation().position == (1.0, 0.0, 0.0)
+
+
+def test_the_mode_is_set_by_service_and_by_parameter_and_ends_the_feedback():
+    rig = Rig(TorqueHaptic())
+    assert rig.call("state/force_mode", TRIGGER)["message"] == "cartesian"
+    assert rig.call("set_force_mode", SET_BOOL, data=False)["success"]
+    assert rig.feedback.stops == 1
+    assert rig.call("state/force_mode", TRIGGER)["message"] == "joint"
+    assert set_parameter(rig, "cartesian") == {"successful": True, "reason": ""}
+    assert rig.haptic.is_cartesian_force_mode_enabled()
+    got = rig.call("get_parameters", "rcl_interfaces/srv/GetParameters", names=["mode_feedback"])
+    assert got["values"][0]["string_value"] == "cartesian"
+    events = rig.node.publishers["/parameter_events"].messages
+    values = [
+        each["value"]["string_value"]
+        for event in events
+        for each in (*event["new_parameters"], *event["changed_parameters"])
+    ]
+    assert values == ["cartesian", "joint", "cartesian"]
+
+
+def set_parameter(rig, value, name="mode_feedback"):
+    parameters = [{"name": name, "value": {"type": 4, "string_value": value}}]
+    asked = "rcl_interfaces/srv/SetParameters"
+    return rig.call("set_parameters", asked, parameters=parameters)["results"][0]
+
+
+def test_modes_that_are_none_or_that_nobody_has_are_refused():
+    rig = Rig()
+    answer = rig.call("set_force_mode", SET_BOOL, data=False)
+    assert not answer["success"]
+    assert "FakeHaptic takes forces, no joint torques" in answer["message"]
+    assert "torque" in set_parameter(rig, "joint")["reason"]
+    assert "cartesian" in set_parameter(rig, "polar")["reason"]
+    assert "there is no parameter" in set_parameter(rig, "joint", "mode")["reason"]
+    rig.feedback.why_no_torques = "a session renders forces"
+    assert rig.call("set_force_mode", SET_BOOL, data=False)["message"] == "a session renders forces"
+    assert rig.haptic.is_cartesian_force_mode_enabled()
+
+
+def test_feedback_is_stopped():
+    rig = Rig()
+    assert rig.call("stop_feedback", TRIGGER)["success"]
+    assert rig.feedback.stops == 1
+    rig.feedback.why_not = "it is not the network's"
+    assert rig.call("stop_feedback", TRIGGER) == {
+        "success": False,
+        "message": "it is not the network's",
+    }
+
+
+def test_a_flood_of_requests_is_answered_one_at_a_time_and_none_is_starved():
+    rig = Rig()
+    flood = FakeUser(rig.node, "SC", "~/get_transform", f"{YARP}GetTransformation")
+    for _ in range(100):
+        flood.ask(completed(f"{YARP}GetTransformation_Request", {}))
+    assert rig.call("stop_feedback", TRIGGER)["success"]
+    assert len(rig.node.requests["~/get_transform"].waiting) > 90
+
+
+def test_a_device_that_is_only_shown_takes_nothing():
+    rig = Rig(served=False)
+    rig.run(0.1)
+    assert rig.told("state/pose")
+    assert rig.node.queues == rig.node.requests == {}
+    assert "~/result" not in rig.node.publishers

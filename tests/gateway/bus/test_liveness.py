@@ -1,0 +1,189 @@
+"""A session on the network, and processes that are killed while the arm moves for them."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from cardan.bus.node import BusNode
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.bus.options import DEFAULT_NAME
+from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.session import make_session
+from cardan.protocols.ros2.cdr import codec_of
+from tests.bus.dds.rig import OPTIONS
+from tests.gateway.bus.asker import SERVICE, slow_twist
+from tests.serving import free_endpoint, served as router
+
+pytestmark = pytest.mark.once
+
+ARM = f"/{DEFAULT_NAME}"
+RESULT = "cardan_msgs/msg/CommandResult"
+TWIST = "geometry_msgs/msg/Twist"
+TIMEOUT_S = 20.0
+GONE = "the node that asked is gone"
+
+
+class Served:
+    """A session in a thread, with what it tells on the bus."""
+
+    def __init__(self, endpoint, **network):
+        self.endpoint = endpoint
+        self.session = make_session(
+            parse_config(
+                {
+                    "robot": {"driver": "sim_arm", "robot": "ur5", "drive": "ideal"},
+                    "arm": {"model": "ur5"},
+                    "network": network or {"router": "", "listen": [endpoint]},
+                }
+            )
+        )
+        self.results, self.changed = [], threading.Condition()
+
+    def hear(self, data, _stamp_ns):
+        with self.changed:
+            self.results.append(codec_of(RESULT).decode(data))
+            self.changed.notify_all()
+
+    def told(self, outcome):
+        """The next result with that outcome."""
+
+        def found():
+            return next((each for each in self.results if each["outcome"] == outcome), None)
+
+        with self.changed:
+            assert self.changed.wait_for(found, TIMEOUT_S), self.results
+            return found()
+
+    @property
+    def phase(self):
+        return self.session.controller.status().phase
+
+    @property
+    def rests(self):
+        return self.phase in (Phase.HOLDING, Phase.DISARMED)
+
+    def until(self, condition):
+        end_s = time.monotonic() + TIMEOUT_S
+        while not condition():
+            assert time.monotonic() < end_s, self.phase
+            time.sleep(0.005)
+
+
+@contextmanager
+def served(endpoint="", **network):
+    here = Served(endpoint or free_endpoint(), **network)
+    thread = threading.Thread(target=here.session.run)
+    thread.start()
+    try:
+        with BusNetwork(BusOptions(router=here.endpoint), "observer") as observer:
+            assert observer.wait_for_service(f"{ARM}/movv", TIMEOUT_S)
+            heard = observer.subscribe(f"{ARM}/result", RESULT, here.hear)
+            yield here
+            heard.close()
+    finally:
+        here.session.stop("the test is over")
+        thread.join()
+
+
+@contextmanager
+def asking(here, way, mode="peer", endpoint=""):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.gateway.bus.asker", endpoint or here.endpoint, way, mode],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        try:
+            assert process.stdout.readline().startswith("asked")
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("way", ["topic", "service", "remote"])
+def test_the_arm_brakes_when_who_asked_for_movv_is_killed(way):
+    with served() as here, asking(here, way) as process:
+        here.until(lambda: here.phase is Phase.MOVING)
+        process.send_signal(signal.SIGKILL)
+        here.until(lambda: here.rests)
+        with RemoteCartesianDevice(options=BusOptions(router=here.endpoint)) as arm:
+            assert arm.status().message == GONE
+        if way == "topic":
+            assert here.told("aborted")["reason"] == GONE
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])
+def test_who_asks_through_a_router_is_missed_as_well(mode):
+    with (
+        router("face", "router", "--endpoint", free_endpoint()) as endpoint,
+        served(endpoint, router=endpoint) as here,
+        asking(here, "remote", mode) as process,
+    ):
+        here.until(lambda: here.phase is Phase.MOVING)
+        process.send_signal(signal.SIGKILL)
+        here.until(lambda: here.rests)
+
+
+def test_a_stopped_process_is_gone_after_its_lease():
+    with served() as here, asking(here, "topic") as process:
+        here.until(lambda: here.phase is Phase.MOVING)
+        process.send_signal(signal.SIGSTOP)
+        try:
+            here.until(lambda: here.rests)
+        finally:
+            process.send_signal(signal.SIGCONT)
+
+
+def test_a_stranger_without_a_token_is_refused():
+    import zenoh
+
+    with served() as here:
+        config = zenoh.Config()
+        config.insert_json5("connect/endpoints", f'["{here.endpoint}"]')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        with BusNode(BusOptions(router=here.endpoint), "keys") as node:
+            key = node.key_of(f"{ARM}/command/movv", TWIST)
+        with zenoh.open(config) as stranger:
+            stranger.put(key, codec_of(TWIST).encode(slow_twist()))
+            assert "endless_without_watch" in here.told("refused")["reason"]
+            assert here.rests
+
+
+def test_the_arm_brakes_when_the_client_of_a_face_is_gone_and_the_face_stays():
+    request = codec_of(f"{SERVICE}_Request").encode({"xdot": slow_twist()})
+    with served() as here, BusNetwork(BusOptions(router=here.endpoint), "face") as face:
+        assert face.wait_for_service(f"{ARM}/movv", TIMEOUT_S)
+        client = face.part("client")
+        client.call(f"{ARM}/movv", SERVICE, request, lambda _reply: None, TIMEOUT_S)
+        here.until(lambda: here.phase is Phase.MOVING)
+        client.close()
+        here.until(lambda: here.rests)
+        assert not face.lonely()
+
+
+@contextmanager
+def on_dds():
+    """A session, and the endpoint by which it is asked on DDS."""
+    pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
+    endpoint, domain = free_endpoint(), str(OPTIONS.dds_domain)
+    face = ("face", "dds", "--router", endpoint, "--dds-domain", domain)
+    with served(endpoint) as here, router(*face) as there:
+        yield here, there
+
+
+@pytest.mark.parametrize("way", ["topic", "service"])
+def test_the_arm_brakes_when_a_participant_on_dds_leaves(way):
+    with on_dds() as (here, there), asking(here, way, endpoint=there) as process:
+        here.until(lambda: here.phase is Phase.MOVING)
+        process.stdin.close()
+        here.until(lambda: here.rests)
+        assert process.wait(TIMEOUT_S) == 0

@@ -1,0 +1,275 @@
+"""Motions without end end with who asked for them, and a stream has one publisher."""
+
+import json
+
+import pytest
+
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.requests import PacketError, Request, encode_request
+from cardan.gateway.bus.arm_server import HELD_AT_MOST, STREAM_KEPT_S, TOKEN_WAIT_S, ArmServer
+from cardan.gateway.bus.arm_topics import OK, WARN
+from cardan.gateway.bus.commands import ASK_TYPE
+from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ros2.zenoh import CLIENT, PUBLISHER
+from tests.gateway.bus.fakes import OWN, FakeNode, FakeUser, Stamp
+
+TWIST = "geometry_msgs/msg/Twist"
+CYCLE_S = 0.004
+
+
+class Bench:
+    """A server, and the requests that it passes on: decoded at once, streams accepted."""
+
+    def __init__(self, **options):
+        self.node, self.requests, self.refusals, self.now_s = FakeNode(), [], [], 100.0
+        self.server = ArmServer(self.node, self.take, **options)
+
+    def take(self, client, packet, _now_s):
+        try:
+            request = client.decode(packet)
+        except PacketError as error:
+            self.refusals.append(error)
+            client.refused(error.request, error.__cause__ or error)
+            return
+        if request is not None:
+            self.requests.append(request)
+            client.done(request, None)
+
+    def cycle(self, seconds=CYCLE_S):
+        self.now_s += seconds
+        self.server.poll(self.now_s)
+
+    def user(self, name, type_name=TWIST, kind=PUBLISHER, **who):
+        return FakeUser(self.node, kind, name, type_name, **who)
+
+    @property
+    def told(self):
+        return [(m["outcome"], m["reason"]) for m in self.node.publishers["~/result"].messages]
+
+
+def movv(user, **how):
+    user.publish(default_message(TWIST), **how)
+
+
+def test_a_motion_without_end_lasts_as_long_as_its_publisher():
+    bench = Bench()
+    user = bench.user("~/command/movv")
+    movv(user)
+    bench.cycle()
+    (request,) = bench.requests
+    assert request.verb == "movv"
+    assert request.there()
+    user.leave()
+    bench.cycle()
+    assert not request.there()
+
+
+def test_the_token_of_a_new_publisher_counts_before_its_message():
+    bench = Bench()
+    bench.cycle()
+    movv(bench.user("~/command/movv"))  # Both arrive in one cycle.
+    bench.cycle()
+    assert bench.requests[0].there()
+
+
+def test_a_publisher_without_a_known_gid_is_watched_by_its_session():
+    bench = Bench()
+    user = bench.user("~/command/movv")
+    movv(user, attached=False, stamp=Stamp("b0"))
+    bench.cycle()
+    (request,) = bench.requests
+    assert request.there()
+    user.leave()
+    bench.cycle()
+    assert not request.there()
+
+
+@pytest.mark.parametrize("stamp", [None, Stamp(OWN), Stamp("c0")], ids=["none", "ours", "router's"])
+def test_a_motion_without_end_of_somebody_unknown_is_refused(stamp):
+    bench = Bench()
+    stranger = bench.user("~/command/movv", zid="d0")
+    movv(stranger, attached=False, stamp=stamp)
+    bench.cycle()
+    assert bench.told == []  # A token may still be on its way.
+    bench.cycle(TOKEN_WAIT_S)
+    assert bench.requests == []
+    ((outcome, reason),) = bench.told
+    assert outcome == "refused"
+    assert "movv: this motion has no end" in reason
+    assert "endless_without_watch" in reason
+    assert isinstance(bench.refusals[0].__cause__, MotionRefusedError)
+
+
+def test_a_flood_of_motions_of_somebody_unknown_is_not_kept():
+    bench = Bench()
+    stranger = bench.user("~/command/movv", zid="d0", appears=False)
+    for _ in range(1000):
+        movv(stranger)
+        bench.cycle()
+    assert len(bench.told) + HELD_AT_MOST >= 1000
+    cycles = round(TOKEN_WAIT_S / CYCLE_S) + 1
+    movv(stranger)
+    for _ in range(cycles):
+        bench.cycle()
+    assert len(bench.refusals) == 1001
+    assert bench.requests == []
+
+
+def test_a_flood_does_not_make_the_ones_before_it_wait():
+    bench = Bench()
+    stranger = bench.user("~/command/movv", zid="d0", appears=False)
+    for _ in range(round(TOKEN_WAIT_S / CYCLE_S) // 10 + 1):
+        movv(stranger)
+        for _ in range(10):
+            bench.cycle()
+    assert bench.refusals
+
+
+def test_endless_without_watch_takes_it_of_anybody():
+    bench = Bench(endless_without_watch=True)
+    movv(bench.user("~/command/movv"), attached=False)
+    bench.cycle()
+    assert bench.requests[0].there is None
+
+
+def test_a_motion_that_ends_by_itself_is_taken_of_anybody():
+    bench = Bench()
+    pose = bench.user("~/command/movl", "geometry_msgs/msg/Pose")
+    pose.publish(default_message("geometry_msgs/msg/Pose"), attached=False)
+    bench.cycle()
+    assert [each.verb for each in bench.requests] == ["movl"]
+    assert bench.requests[0].there is None
+
+
+def test_a_motion_asked_of_a_service_lasts_as_long_as_the_clients_node():
+    bench = Bench()
+    client = bench.user("~/gcmp", "std_srvs/srv/Trigger", CLIENT)
+    other = FakeUser(bench.node, PUBLISHER, "~/command/movl", "geometry_msgs/msg/Pose")
+    client.ask(default_message("std_srvs/srv/Trigger_Request"))
+    bench.cycle()
+    (request,) = bench.requests
+    client.leave()
+    bench.cycle()
+    assert request.there()  # The node has another endpoint.
+    other.leave()
+    bench.cycle()
+    assert not request.there()
+
+
+def test_a_packet_arm_is_watched_as_every_client_is():
+    bench = Bench()
+    client = bench.user("~/ask", ASK_TYPE, CLIENT)
+    packet = encode_request(Request(7, "remote", "movv", [0.0] * 6)).decode()
+    client.ask({"request": packet})
+    bench.cycle()
+    (request,) = bench.requests
+    assert request.there()
+    client.leave()
+    bench.cycle()
+    assert not request.there()
+
+
+def test_a_packet_arm_that_nobody_could_watch_is_told_so():
+    bench = Bench()
+    stranger = FakeUser(FakeNode(), CLIENT, "~/ask", ASK_TYPE)
+    stranger.node = bench.node
+    packet = encode_request(Request(7, "remote", "movv", [0.0] * 6)).decode()
+    request = stranger.ask({"request": packet})
+    bench.cycle()
+    bench.cycle(TOKEN_WAIT_S)
+    reply = json.loads(request.answer[8:].rstrip(b"\0"))
+    assert reply["reply"] == 7
+    assert reply["error"]["kind"] == "MotionRefusedError"
+
+
+# -- two publishers on one stream -------------------------------------------------------------
+
+
+def stream(user):
+    user.publish(default_message(TWIST))
+
+
+def two_streaming(bench):
+    first = bench.user("~/command/twist", user="first")
+    second = bench.user("~/command/twist", zid="c0", user="second")
+    stream(first)
+    bench.cycle()
+    stream(second)
+    bench.cycle()
+    return first, second
+
+
+def test_the_first_publisher_keeps_the_stream_while_it_is_fresh():
+    bench = Bench()
+    first, second = two_streaming(bench)
+    for _ in range(20):
+        stream(first)
+        bench.cycle(STREAM_KEPT_S / 2)
+        stream(second)
+        bench.cycle()
+    assert len(bench.requests) == 21
+    assert bench.server.contested == 21
+    assert bench.told == [
+        ("accepted", ""),
+        ("refused", "twist: /first streams on it; one at a time can"),
+    ]
+
+
+def test_the_second_publisher_has_the_stream_when_the_first_is_silent():
+    bench = Bench()
+    first, second = two_streaming(bench)
+    bench.cycle(STREAM_KEPT_S + CYCLE_S)
+    stream(second)
+    bench.cycle()
+    stream(first)
+    bench.cycle()
+    assert len(bench.requests) == 2
+    assert [outcome for outcome, _ in bench.told] == ["accepted", "refused", "accepted", "refused"]
+
+
+def test_the_diagnostics_warn_of_a_second_publisher_for_some_seconds():
+    bench = Bench()
+    assert bench.server.part().level == OK
+    two_streaming(bench)
+    part = bench.server.part()
+    assert part.level == WARN
+    assert "/first streams on it" in part.message
+    assert part.values["contested"] == 1
+    bench.cycle(10.0)
+    assert bench.server.part().level == OK
+    assert bench.server.part().message == "1 contested"
+
+
+def test_a_motion_without_end_waits_for_the_token_of_who_asked():
+    bench = Bench()
+    late = bench.user("~/command/movv", appears=False)
+    movv(late)
+    bench.cycle()
+    assert bench.requests == []
+    late.appear()
+    bench.cycle()
+    assert bench.requests[0].there()
+
+
+def test_what_comes_after_it_never_overtakes_a_motion_that_waits():
+    bench = Bench()
+    movv(bench.user("~/command/movv", appears=False))
+    bench.cycle()
+    bench.user("~/command/stop", "std_msgs/msg/Empty").publish(
+        default_message("std_msgs/msg/Empty")
+    )
+    bench.cycle()
+    assert [request.verb for request in bench.requests] == ["stop"]
+    assert bench.told[0][0] == "refused"
+    bench.cycle(TOKEN_WAIT_S)
+    assert [request.verb for request in bench.requests] == ["stop"]
+
+
+def test_publishers_without_a_gid_are_told_apart_by_their_sessions():
+    bench = Bench()
+    user = bench.user("~/command/twist")
+    for zid in ("b0", "c0"):
+        user.publish(default_message(TWIST), attached=False, stamp=Stamp(zid))
+        bench.cycle()
+    assert len(bench.requests) == 1
+    assert bench.server.contested == 1

@@ -1,0 +1,39 @@
+"""A session's process, as the daemon watches it; nothing is started."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from cardan.gateway.daemon import processes
+from cardan.gateway.daemon.processes import SILENT_S, STARTS_WITHIN_S, RunningSession
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import Outcome
+from tests.waiting import WITHIN_S
+
+
+class Starting:
+    """The process of a session that tells of itself once it is let."""
+
+    def __init__(self, *_configuration, **_options):
+        self.may_tell, self.may_end = threading.Event(), threading.Event()
+        self.told = threading.Event()
+
+    def follow(self, take):
+        assert self.may_tell.wait(WITHIN_S)
+        last = take(Snapshot(phase="disarmed").to_bytes())
+        self.told.set()
+        assert self.may_end.wait(WITHIN_S)
+        return Outcome(0, last)
+
+
+def test_a_session_has_longer_for_its_first_snapshot(monkeypatch):
+    monkeypatch.setattr(processes, "SessionProcess", Starting)
+    before_s = time.monotonic()
+    session = RunningSession(None, print, lambda *_: None, print, print)
+    assert before_s <= session.due_s - STARTS_WITHIN_S <= time.monotonic()
+    session._process.may_tell.set()
+    assert session._process.told.wait(WITHIN_S)
+    assert before_s <= session.due_s - SILENT_S <= time.monotonic()
+    session._process.may_end.set()
+    session.join(WITHIN_S)

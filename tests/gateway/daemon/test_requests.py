@@ -1,0 +1,102 @@
+"""What the daemon answers, without a process: nothing here is started."""
+
+import pytest
+
+from cardan.gateway.daemon.control import Ask, ControlError
+from cardan.gateway.daemon.daemon import (
+    CHARACTERS_KEPT,
+    GOING_ON,
+    LINES_KEPT,
+    LINES_WAITING,
+    Daemon,
+)
+from cardan.gateway.daemon.kept import Line
+from cardan.gateway.daemon.layout import read_layout
+
+LAB = """
+[devices.mouse]
+driver = "keyboard"
+[robots.ur5]
+driver = "sim_arm"
+robot = "ur5"
+"""
+SESSION = """
+[[sessions]]
+name = "{}"
+device = "mouse"
+robot = "ur5"
+start = {}
+[sessions.arm]
+model = "ur5"
+"""
+
+
+class Asker:
+    """A connection that keeps what it is told."""
+
+    def __init__(self):
+        self.told, self.gone = [], []
+
+    def tell(self, *told):
+        self.told += told
+
+
+def daemon_of(tmp_path, *parts):
+    file = tmp_path / "lab.toml"
+    file.write_text(LAB + "".join(parts))
+    layout = read_layout([file])
+    return Daemon(layout, lambda: layout)
+
+
+def test_a_device_goes_to_nobody_who_does_not_run(tmp_path):
+    sessions = SESSION.format("one", "true"), SESSION.format("two", "false")
+    daemon = daemon_of(tmp_path, *sessions)
+    with pytest.raises(ControlError, match="two is stopped: `cardan start two` first"):
+        daemon._do_switch(Ask(1, "switch", "mouse", "two"), Asker())
+    with pytest.raises(ControlError, match="no other session that shares mouse runs"):
+        daemon._do_switch(Ask(1, "switch", "mouse"), Asker())
+    with pytest.raises(ControlError, match="mouse goes to one, two, not to 'three'"):
+        daemon._do_switch(Ask(1, "switch", "mouse", "three"), Asker())
+    daemon._order(Ask(1, "start", "two"), lambda unit, now_s: unit.start(now_s + 1e6))
+    found = daemon._do_switch(Ask(1, "switch", "mouse", "two"), Asker())
+    assert found == {"name": "mouse", "from": "one", "to": "two"}
+
+
+def test_a_connection_has_only_so_many_requests_that_go_on(tmp_path):
+    daemon, asker = daemon_of(tmp_path, SESSION.format("one", "false")), Asker()
+    for number in range(GOING_ON):
+        do = ("watch", "log", "events")[number % 3]
+        value = None if do == "watch" else True
+        assert getattr(daemon, f"_do_{do}")(Ask(number, do, "", value), asker) is None
+    for do, number in (("watch", 99), ("log", 98), ("events", 97)):
+        with pytest.raises(ControlError, match="16 go on for this connection already"):
+            getattr(daemon, f"_do_{do}")(Ask(number, do, "", do != "watch" or None), asker)
+    other = Asker()
+    daemon._do_watch(Ask(0, "watch"), other)
+    with pytest.raises(ControlError, match="one of id 0 goes on"):
+        daemon._do_watch(Ask(0, "watch"), other)
+    for call in asker.gone:
+        call()
+    assert len(daemon._watchers) == 1
+    assert not daemon._followers
+
+
+def test_what_is_kept_of_lines_is_bounded(tmp_path):
+    daemon = daemon_of(tmp_path, SESSION.format("one", "false"))
+    for number in range(LINES_KEPT + 10):
+        daemon._keep_line(Line(0.0, "one", str(number), "info"))
+    assert len(daemon._do_log(Ask(1, "log"), Asker())) == LINES_KEPT
+    for _ in range(CHARACTERS_KEPT // 4000 + 10):
+        daemon._keep_line(Line(0.0, "one", "x" * 4000, "info"))
+    kept = daemon._do_log(Ask(1, "log"), Asker())
+    assert sum(len(text) for _, _, text, _ in kept) <= CHARACTERS_KEPT
+    assert kept[-1][2] == "x" * 4000
+
+
+def test_lines_that_come_too_fast_wait_in_no_endless_queue(tmp_path, caplog):
+    daemon = daemon_of(tmp_path, SESSION.format("one", "false"))
+    for number in range(LINES_WAITING + 7):
+        daemon._say(Line(0.0, "one", str(number), "info"))
+    assert daemon._events.qsize() == LINES_WAITING
+    daemon._keep_line(Line(0.0, "one", "next", "info"))
+    assert "7 lines of processes were left out" in caplog.text

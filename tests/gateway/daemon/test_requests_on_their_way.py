@@ -1,0 +1,159 @@
+"""Requests on their way through the daemon, and what becomes of them when somebody is gone; without
+processes."""
+
+import json
+import socket
+import time
+
+import pytest
+
+from cardan.gateway.arm.requests import LATE_S
+from cardan.gateway.daemon.control import Ask, LineReader, decode_told
+from cardan.gateway.daemon.daemon import Daemon
+from cardan.gateway.daemon.keeping import Ended
+from cardan.gateway.daemon.layout import read_layout
+from cardan.gateway.daemon.processes import RunningSession
+from cardan.gateway.daemon.server import Connection
+from cardan.gateway.session.snapshot import Snapshot
+
+SESSION = """
+[daemon]
+event_log = "none"
+[[sessions]]
+name = "one"
+robot = { driver = "sim_arm", robot = "ur5" }
+[sessions.arm]
+model = "ur5"
+"""
+
+
+class Session(RunningSession):
+    """A session's process, by hand."""
+
+    def __init__(self):
+        self.snapshot = Snapshot(phase="disarmed")
+        self.sent = []
+        self.reads = True
+
+    def send(self, packet):
+        if not self.reads:
+            raise BlockingIOError(11, "Resource temporarily unavailable")
+        self.sent.append(json.loads(packet))
+
+
+class Bench:
+    """A daemon with a session, and a program that is connected to it."""
+
+    def __init__(self, folder):
+        file = folder / "lab.toml"
+        file.write_text(SESSION)
+        self.daemon = Daemon(read_layout([file]), lambda: None)
+        self.kept = self.daemon._kept["one"]
+        self.session = self.kept.process = Session()
+        self.kept.unit.begun(0.0)
+        self.theirs, ours = socket.socketpair()
+        self.theirs.settimeout(5.0)
+        ours.setblocking(False)
+        self.connection = Connection(ours)
+        self._reader, self._lines = LineReader(), []
+
+    def ask(self, verb, number=7):
+        request = {"id": number, "source": "a", "verb": verb}
+        if verb in ("movl", "movv"):
+            request["value"] = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0]
+        self.daemon._handle(Ask(number, "ask", "one", request), self.connection)
+
+    def answers(self, **result):
+        """The session answers the newest request."""
+        table = {"reply": self.session.sent[-1]["id"], "result": result}
+        self.kept.answered(json.dumps(table).encode())
+
+    def begins(self, verb):
+        """The session begins the motion that was asked for last."""
+        note = {"id": 3, "verb": verb, "source": "a", "ends": verb != "movv", "reason": ""}
+        self.answers(**note, note="", duration_s=0.0, outcome="running")
+
+    def leaves(self):
+        """The program is gone, as the server finds it."""
+        self.connection.open = False
+        for call in self.connection.gone:
+            call()
+
+    def heard(self):
+        while not self._lines:
+            self._lines = self._reader.take(self.theirs.recv(65536))
+        return decode_told(self._lines.pop(0))
+
+    @property
+    def asked(self):
+        return [each["verb"] for each in self.session.sent]
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = Bench(tmp_path)
+    yield bench
+    bench.theirs.close()
+    bench.connection.sock.close()
+
+
+def test_a_request_and_its_answer_keep_their_numbers(bench):
+    bench.ask("stat")
+    bench.answers(pose=[0.0] * 6)
+    told = bench.heard()
+    assert (told.id, told.kind, told.value["reply"]) == (7, "result", 7)
+
+
+@pytest.mark.parametrize(("verb", "stops"), [("movv", True), ("movl", False)])
+def test_who_leaves_takes_a_motion_without_an_end_along(bench, verb, stops):
+    bench.ask(verb)
+    bench.begins(verb)
+    bench.leaves()
+    assert bench.asked == [verb, *(["stop"] if stops else [])]
+
+
+@pytest.mark.parametrize(("verb", "stops"), [("movv", True), ("movl", False)])
+def test_also_who_has_left_before_it_began(bench, verb, stops):
+    bench.ask(verb)
+    bench.leaves()
+    bench.begins(verb)
+    assert bench.asked == [verb, *(["stop"] if stops else [])]
+
+
+def test_what_a_session_owes_when_it_ends_is_told(bench):
+    bench.ask("movl", 7)
+    bench.begins("movl")
+    bench.heard()
+    bench.ask("stat", 8)
+    bench.kept.process = None
+    bench.kept.unit.ended(Ended.DIED, "it was killed", 1.0)
+    bench.kept.gone("it was killed")
+    refused, ended = bench.heard(), bench.heard()
+    assert (refused.id, refused.kind) == (8, "error")
+    assert "one has ended: it was killed" in refused.value
+    assert (ended.id, ended.kind) == (7, "event")
+    note = ended.value["motion"]
+    assert (note["id"], note["outcome"]) == (3, "aborted")
+    assert "it was killed" in note["reason"]
+    assert not bench.daemon._routes
+    assert not bench.daemon._motions
+
+
+def test_a_session_that_starts_or_does_not_read_takes_no_requests(bench):
+    bench.session.snapshot = Snapshot()
+    bench.ask("stat")
+    assert bench.heard().value == "one is starting"
+    bench.session.snapshot = Snapshot(phase="disarmed")
+    bench.session.reads = False
+    bench.ask("stat")
+    assert "it stands still" in bench.heard().value
+    assert bench.asked == []
+
+
+def test_a_daemon_that_stood_still_passes_no_motion_on(bench):
+    bench.daemon._polled_s = time.monotonic() - 2 * LATE_S
+    for verb in ("movl", "twist", "trajectory"):
+        bench.ask(verb)
+        assert "the daemon stood still for" in bench.heard().value
+    bench.ask("stop")
+    assert bench.asked == ["stop"]

@@ -1,0 +1,254 @@
+"""Two mice drive two arms under ``cardan serve``, as examples/two-arms has them; and two operators
+share one arm."""
+
+import contextlib
+import tempfile
+import time
+from collections import deque
+from pathlib import Path
+
+import pytest
+
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.daemon.client import DaemonArm
+from cardan.gateway.daemon.events import read_events
+from cardan.gateway.daemon.layout import read_layout
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from tests.gateway.daemon.test_serve import Lab
+from tests.programs import Program
+from tests.waiting import until
+
+# Whole programs, which begin one after the other; all bounds are generous.
+pytestmark = [pytest.mark.once, pytest.mark.timeout(240)]
+
+EXAMPLE = Path(__file__).parents[3] / "examples/two-arms"
+
+FOUND_WITHIN_S = 1.0
+"""Longest time from plugging in until the device is open."""
+
+UP = (0.0, 0.0, 0.3, 0.0, 0.0, 0.0)
+NEUTRAL = (0.0,) * 6
+MOVED_M = 0.002
+
+HAND_PERIOD_S = 0.008
+
+
+class AskedHand:
+    """A hand that does what the test asks for, one thing each period, in its device's thread."""
+
+    def __init__(self):
+        self.next_due_s = 0.0
+        self.asked = deque()
+
+    def advance(self, now_s, device):
+        self.next_due_s = now_s + HAND_PERIOD_S
+        if self.asked:
+            method, *arguments = self.asked.popleft()
+            getattr(device, method)(*arguments)
+
+
+class Mouse(SpaceMousePeer):
+    """A simulated SpaceMouse at `path`."""
+
+    def __init__(self, path):
+        super().__init__(
+            SpaceMousePeerOptions(
+                hid=str(path), model="spacemouse-compact", jitter_lsb=0, start_on_connect=False
+            )
+        )
+        self.hand = AskedHand()
+
+    def do(self, *words):
+        self.hand.asked.append(words)
+
+    def touch(self):
+        """Touch the cap for some reports and let go: it is seen at rest."""
+        until(lambda: self.opened, "the device's opening")
+        for axes in (*[UP] * 5, NEUTRAL):
+            self.do("set_axes", axes)
+
+    @property
+    def opened(self):
+        return bool(self.carrier.clients)
+
+
+class TwoArms(Lab):
+    """The daemon with some files, and the mice at their paths."""
+
+    def __init__(self, folder, stack):
+        super().__init__(folder)
+        self.stack = stack
+
+    def plug(self, *names):
+        return [self.stack.enter_context(Mouse(self.folder / f"{name}.sock")) for name in names]
+
+    def start(self, *files):
+        self.write()
+        self.program = Program("serve", self.file, *files, cwd=self.folder)
+        self.program.wait_for("READY ")
+        return self
+
+    def snapshot(self, name):
+        return self.ask("snapshot", name)
+
+    def until_snapshot(self, name, found, what):
+        def look():
+            snapshot = self.snapshot(name)
+            return snapshot if found(snapshot) else None
+
+        return until(look, f"{name}: {what}")
+
+    def until_moved(self, name):
+        """Wait until the arm has gone a way from now on."""
+        begin_m = self.snapshot(name)["path_m"]
+        return self.until_snapshot(
+            name, lambda s: s["phase"] == "moving" and s["path_m"] > begin_m + MOVED_M, "motion"
+        )
+
+    def arm(self, name, mouse):
+        """The deliberate act, from wherever the hand is."""
+        mouse.do("release", "left")
+        mouse.touch()
+        self.until_snapshot(name, lambda s: s["device_link"] == "live", "its mouse at rest")
+        self.until_snapshot(name, lambda s: s["robot_link"] == "live", "its robot")
+        mouse.do("press", "left")
+        self.until_snapshot(name, lambda s: s["authority"] == "hand", "the deliberate act")
+
+
+@pytest.fixture
+def lab():
+    # tmp_path may be longer than a socket's path can be.
+    with (
+        tempfile.TemporaryDirectory(prefix="cardan-test-") as folder,
+        contextlib.ExitStack() as stack,
+    ):
+        lab = TwoArms(Path(folder), stack)
+        yield lab
+        if lab.program is not None:
+            lab.program.__exit__()
+
+
+def test_two_mice_drive_two_arms_and_unplugging_one_stops_one(lab):
+    left, right = lab.plug("left", "right")
+    lab.start(EXAMPLE / "teo.toml", EXAMPLE / "simulated-mice.toml")
+    for name in ("left", "right"):
+        lab.until(name, robot_link="live", phase="disarmed")
+    lab.arm("left", left)
+    left.do("set_axes", UP)
+    lab.until_moved("left")
+    still = lab.snapshot("right")
+    assert (still["phase"], still["path_m"]) == ("disarmed", 0.0)
+
+    lab.arm("right", right)
+    right.do("set_axes", UP)
+    lab.until_moved("right")
+    lab.until_moved("left")
+    # Both are seen in the frame at the waist: one arm is to the left of it, the other to the right.
+    assert lab.snapshot("left")["pose"][1] > 0.3
+    assert lab.snapshot("right")["pose"][1] < -0.3
+
+    left.do("unplug")
+    stopped = lab.until_snapshot(
+        "left", lambda s: s["device_link"] == "lost" and s["phase"] == "disarmed", "its stop"
+    )
+    lab.until_moved("right")
+    assert lab.snapshot("left")["path_m"] == stopped["path_m"]
+    assert lab.snapshot("right")["trips"] == 0
+
+    # It comes back with the cap held and the button down, and then at rest: neither arms.
+    left.do("replug")
+    lab.until_snapshot("left", lambda s: s["device_link"] == "needs neutral", "its return")
+    lab.until_moved("right")
+    left.do("set_axes", NEUTRAL)
+    lab.until_snapshot("left", lambda s: s["device_link"] == "live", "its mouse at rest")
+    lab.until_moved("right")
+    back = lab.snapshot("left")
+    assert (back["phase"], back["authority"]) == ("disarmed", "")
+    assert back["path_m"] == stopped["path_m"]
+    lab.arm("left", left)
+    left.do("set_axes", UP)
+    lab.until_moved("left")
+    assert lab.snapshot("right")["trips"] == 0
+
+
+@pytest.mark.parametrize(("mice", "by"), [("mice", "serial"), ("simulated-mice", "path")])
+def test_the_examples_mice_are_two_of_a_kind(mice, by):
+    layout = read_layout([EXAMPLE / "teo.toml", EXAMPLE / f"{mice}.toml"])
+    left, right = (layout.sessions[name].config for name in ("left", "right"))
+    assert left.device.driver == right.device.driver == "spacemouse"
+    differ = {
+        key for key, value in left.device.options.items() if right.device.options[key] != value
+    }
+    assert differ == {by}
+    assert (left.arm.model, right.arm.model) == ("teo_left_arm", "teo_right_arm")
+
+
+SESSION = """
+[robot]
+driver = "abb_egm"
+listen_port = 0
+[device]
+driver = "spacemouse"
+transport = "socket"
+path = "mouse.sock"
+wait_for_device = true
+[mapping]
+deadman = "left"
+"""
+
+
+@pytest.mark.realtime
+def test_a_device_that_is_plugged_in_is_open_within_a_second(lab):
+    (mouse,) = lab.plug("mouse")
+    session = lab.folder / "one.toml"
+    session.write_text(SESSION)
+    lab.start(session)
+    until(lambda: mouse.opened, "the session")
+    for _ in range(3):
+        mouse.do("unplug")
+        until(lambda: not mouse.carrier.there, "the unplugging")
+        lab.until("one", device_link="lost")
+        mouse.do("replug")
+        until(lambda: mouse.carrier.there, "the plugging in")
+        begin_s = time.monotonic()
+        until(lambda: mouse.opened, "the device's opening")
+        assert time.monotonic() - begin_s < FOUND_WITHIN_S
+        mouse.do("press", "left")
+        mouse.do("set_axes", UP)
+        row = lab.until("one", device_link="needs neutral")
+        assert row["authority"] == ""
+        mouse.do("release", "left")
+        mouse.do("set_axes", NEUTRAL)
+
+
+def test_two_operators_share_one_arm(lab):
+    (mouse,) = lab.plug("left")
+    (lab.folder / "devices.toml").write_text(
+        (EXAMPLE / "simulated-mice.toml").read_text(encoding="utf-8")
+    )
+    text = (EXAMPLE / "teo.toml").read_text(encoding="utf-8")
+    first, left, _ = text.split("[[sessions]]\n")
+    (lab.folder / "arm.toml").write_text(first + "[[sessions]]\n" + left)
+    lab.start(lab.folder / "arm.toml", lab.folder / "devices.toml")
+    lab.until("left", robot_link="live")
+    with DaemonArm("left", path=lab.socket) as arm:
+        # The program moves the arm until the hand acts.
+        motion = arm.movv([0.0, 0.0, 0.005, 0.0, 0.0, 0.0])
+        lab.until("left", authority="verbs", phase="moving")
+        lab.arm("left", mouse)
+        until(lambda: motion.over, "the motion's end")
+        assert motion.outcome is not Outcome.DONE
+        # As long as the hand holds on, nobody else does.
+        with pytest.raises(MotionRefusedError, match="'hand' has authority"):
+            arm.movv([0.0, 0.0, 0.005, 0.0, 0.0, 0.0])
+        mouse.do("set_axes", UP)
+        lab.until_moved("left")
+        mouse.do("set_axes", NEUTRAL)
+        mouse.do("release", "left")
+        lab.until("left", authority="")
+        arm.movv([0.0, 0.0, -0.005, 0.0, 0.0, 0.0])
+        lab.until("left", authority="verbs", phase="moving")
+    events = read_events(lab.folder / "events")
+    owners = [each["what"] for each in events if each["event"] == "authority"]
+    assert owners[:4] == ["verbs", "hand", "nobody", "verbs"]

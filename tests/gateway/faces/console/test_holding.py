@@ -1,0 +1,164 @@
+"""When a hand on a page holds, and what its clock says, in virtual time."""
+
+import random
+
+import pytest
+
+from cardan.gateway.faces.console.clocks import KEPT, PageClock
+from cardan.gateway.faces.console.holding import FRESH_S, Grip, Hold, Verdict
+from cardan.protocols.handheld import JogTwist, OperatorFrame
+from cardan.types import Vector3
+
+BODY = JogTwist(Vector3(0.1, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))
+
+
+class Hand:
+    """A page's frames, whose clock is ours."""
+
+    def __init__(self):
+        self.hold, self.now_s, self.sequence = Hold(), 100.0, 0
+
+    def frame(self, hold=True, after_s=0.016, late_s=0.0, **more):
+        """A frame that was made `late_s` before it comes."""
+        self.now_s += after_s
+        self.sequence += 1
+        sequence = more.pop("sequence", self.sequence)
+        frame = OperatorFrame(BODY, hold, sequence=sequence, **more)
+        return self.hold.take(frame, self.now_s - late_s, self.now_s)
+
+    def held(self):
+        assert self.frame(False) is Verdict.REST
+        assert self.frame(True) is Verdict.BEGINS
+        return self
+
+
+def test_a_hold_begins_goes_on_and_ends():
+    hand = Hand()
+    assert hand.frame(False) is Verdict.REST
+    assert [hand.frame(True) for _ in range(3)] == [Verdict.BEGINS, *[Verdict.GOES_ON] * 2]
+    assert hand.frame(False) is Verdict.REST
+    assert hand.hold.grip is Grip.FREE
+    assert hand.frame(True) is Verdict.BEGINS
+
+
+def test_what_is_held_from_the_beginning_has_to_be_let_go_of():
+    hand = Hand()
+    assert hand.frame(True) is Verdict.REST
+    assert "let go" in hand.hold.why
+    assert hand.frame(False) is Verdict.REST
+    assert hand.frame(True) is Verdict.BEGINS
+
+
+@pytest.mark.parametrize("more", [{"visible": False}, {"tracking": False}])
+def test_a_hidden_page_or_lost_tracking_ends_it_until_the_hand_lets_go(more):
+    hand = Hand().held()
+    assert hand.frame(True, **more) is Verdict.REST
+    assert hand.frame(True) is Verdict.REST
+    assert hand.hold.grip is Grip.LOST
+    assert hand.frame(False) is Verdict.REST
+    assert hand.frame(True) is Verdict.BEGINS
+
+
+def test_silence_ends_it_and_frames_that_go_on_do_not_begin_it_again():
+    hand = Hand().held()
+    until_s = hand.hold.until_s
+    assert until_s == pytest.approx(hand.now_s + FRESH_S)
+    assert not hand.hold.look(until_s - 0.001)
+    assert hand.hold.look(until_s)
+    assert hand.hold.until_s is None
+    assert hand.frame(True, after_s=0.3) is Verdict.REST
+    assert "no frame" in hand.hold.why
+
+
+def test_silence_is_noticed_with_the_next_frame_too():
+    hand = Hand().held()
+    assert hand.frame(True, after_s=FRESH_S + 0.001) is Verdict.REST
+
+
+def test_old_frames_are_dropped_and_keep_nothing_alive():
+    hand = Hand().held()
+    for _ in range(20):
+        assert hand.frame(True, late_s=FRESH_S + 0.01) in (Verdict.DROPPED, Verdict.REST)
+    assert hand.hold.grip is Grip.LOST
+    assert hand.hold.counts["old"] == 20
+
+
+def test_a_late_frame_keeps_it_no_longer_than_it_is_fresh():
+    hand = Hand().held()
+    assert hand.frame(True, late_s=0.1) is Verdict.GOES_ON
+    assert hand.hold.until_s == pytest.approx(hand.now_s + FRESH_S - 0.1)
+
+
+def test_letting_go_counts_however_late_it_comes():
+    hand = Hand().held()
+    assert hand.frame(False, late_s=5.0) is Verdict.REST
+    assert hand.hold.grip is Grip.FREE
+
+
+def test_frames_that_come_twice_or_after_a_newer_one_are_dropped():
+    hand = Hand().held()
+    assert hand.frame(True, sequence=hand.sequence) is Verdict.DROPPED
+    assert hand.frame(False, sequence=hand.sequence - 2) is Verdict.DROPPED
+    assert hand.hold.grip is Grip.HELD
+    assert hand.hold.counts["late"] == 2
+
+
+def test_numbers_go_round():
+    hand = Hand()
+    hand.sequence = 2**32 - 3
+    hand.held()
+    assert hand.frame(True, sequence=0) is Verdict.GOES_ON
+    assert hand.frame(True, sequence=1) is Verdict.GOES_ON
+
+
+def test_frames_of_an_unknown_clock_hold_nothing():
+    hold = Hold()
+    assert hold.take(OperatorFrame(BODY, False, sequence=1), None, 1.0) is Verdict.REST
+    assert hold.take(OperatorFrame(BODY, True, sequence=2), None, 1.0) is Verdict.DROPPED
+    assert hold.take(OperatorFrame(BODY, True, sequence=3), 1.2, 1.0) is Verdict.DROPPED
+    assert hold.counts["unknown"] == 2
+
+
+# -- the page's clock -----------------------------------------------------------------------------
+
+
+def test_the_quickest_round_trip_tells_the_time():
+    clock, chosen = PageClock(), random.Random(1)
+    assert clock.here_s(0.0) is None
+    offset_s = 1234.5
+    for step in range(200):
+        asked_s = 10.0 + 0.5 * step
+        there_s, back_s = (0.002 + chosen.expovariate(50.0) for _ in range(2))
+        said_s = asked_s + there_s - offset_s
+        clock.heard(asked_s, said_s, asked_s + there_s + back_s)
+        assert abs(clock.here_s(50.0) - 50.0 - offset_s) <= 0.5 * clock.round_s
+    assert clock.round_s < 0.02
+    assert clock.resets == 0
+
+
+def test_a_page_that_blocks_for_once_changes_nothing():
+    clock = PageClock()
+    clock.heard(10.0, 0.001, 10.002)
+    clock.heard(10.5, 0.501, 11.1)
+    assert clock.here_s(1.0) == pytest.approx(11.0)
+    clock.heard(11.0, 1.0, 13.0)
+    assert clock.round_s == pytest.approx(0.002)
+    assert clock.median_s == pytest.approx(0.6)
+
+
+def test_a_clock_that_stood_still_is_another_one():
+    clock = PageClock()
+    for step in range(10):
+        clock.heard(10.0 + step, 0.001 + step, 10.002 + step)
+    # The computer of the page slept for an hour, and its clock with it.
+    clock.heard(3620.0, 10.001, 3620.002)
+    assert clock.resets == 1
+    assert clock.here_s(10.001) == pytest.approx(3620.001)
+
+
+def test_drift_is_followed():
+    clock = PageClock()
+    for step in range(20 * KEPT):
+        now_s = 10.0 + 0.5 * step
+        clock.heard(now_s, (now_s - 5.0) * (1.0 + 50e-6), now_s + 0.002)
+    assert clock.here_s((now_s - 5.0) * (1.0 + 50e-6)) == pytest.approx(now_s, abs=0.003)

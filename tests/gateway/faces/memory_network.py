@@ -1,0 +1,164 @@
+"""A network within one process, for tests: what rosbridge has behind it, without a bus."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cardan.bus.network import Failure, NetworkError, Service, Topic
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.interfaces import service_type
+from cardan.protocols.ros2.messages import completed
+
+TEST_NODE, FACE = "/arm", "/rosbridge"
+
+
+class _Handle:
+    def __init__(self, close: Callable[[], None]) -> None:
+        self._close = close
+        self.closed = False
+
+    def close(self) -> None:
+        if not self.closed:
+            self.closed = True
+            self._close()
+
+
+class _Publisher(_Handle):
+    def __init__(self, close: Callable[[], None], publish: Callable[[bytes], None]) -> None:
+        super().__init__(close)
+        self._publish = publish
+
+    def publish(self, cdr: bytes) -> None:
+        assert not self.closed
+        self._publish(cdr)
+
+
+class MemoryNetwork:
+    """Calls back at once, in whatever thread publishes; a test may be another than the face's."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self.known: dict[str, str] = {}
+        """Types of topics that the test's node has."""
+        self.latched: dict[str, bytes] = {}
+        self.subscriptions: list[tuple[str, str | None, Any]] = []
+        self.publishers: list[tuple[str, str, bool]] = []
+        self.servers: dict[str, tuple[str, str, Any]] = {}
+        self.published: list[tuple[str, dict]] = []
+        """What the face published, decoded."""
+        self.called: list[str] = []
+        self.refuses = ""
+
+    # -- Network ---------------------------------------------------------------------------------
+
+    def part(self, _name):
+        return self
+
+    def close(self):
+        pass
+
+    def topics(self):
+        with self.lock:
+            found = {
+                name: Topic(kind, (TEST_NODE,), (), name in self.latched)
+                for name, kind in self.known.items()
+            }
+            for topic, kind, _ in self.publishers:
+                found.setdefault(topic, Topic(kind, (FACE,)))
+            for topic, kind, _ in self.subscriptions:
+                if topic in found:
+                    found[topic] = found[topic]._replace(subscribers=(FACE,))
+                elif kind:
+                    found[topic] = Topic(kind, (), (FACE,))
+            return found
+
+    def services(self):
+        with self.lock:
+            return {name: Service(kind, (node,)) for name, (kind, node, _) in self.servers.items()}
+
+    def nodes(self):
+        return [TEST_NODE, FACE]
+
+    def subscribe(self, topic, type_name, heard):
+        if self.refuses:
+            raise NetworkError(self.refuses)
+        entry = (topic, type_name, heard)
+        with self.lock:
+            self.subscriptions.append(entry)
+        if topic in self.latched:
+            heard(self.latched[topic], time.time_ns())
+        return _Handle(lambda: self.subscriptions.remove(entry))
+
+    def advertise(self, topic, type_name, latched):
+        entry = (topic, type_name, latched)
+        with self.lock:
+            self.publishers.append(entry)
+
+        def publish(cdr: bytes) -> None:
+            self.published.append((topic, codec_of(type_name).decode(cdr)))
+            self.send(topic, cdr)
+
+        return _Publisher(lambda: self.publishers.remove(entry), publish)
+
+    def call(self, service, type_name, request, answered, timeout_s):
+        self.called.append(service)
+        kind, _node, asked = self.servers[service]
+        assert kind == type_name
+        asked(request, answered)
+
+    def serve(self, service, type_name, asked, node=FACE):
+        with self.lock:
+            self.servers[service] = (type_name, node, asked)
+        return _Handle(lambda: self.servers.pop(service))
+
+    # -- what a test does ------------------------------------------------------------------------
+
+    def publish(self, topic: str, type_name: str, stamp_ns: int = 1_500_000_000, **fields) -> None:
+        """Publish as another node."""
+        self.known[topic] = type_name
+        data = codec_of(type_name).encode(completed(type_name, fields))
+        self.send(topic, data, stamp_ns)
+
+    def latch(self, topic: str, type_name: str, **fields) -> None:
+        """Publish for later subscriptions, too."""
+        self.latched[topic] = codec_of(type_name).encode(completed(type_name, fields))
+        self.publish(topic, type_name, **fields)
+
+    def send(self, topic: str, cdr: bytes, stamp_ns: int = 1_500_000_000) -> None:
+        with self.lock:
+            heard = [each for name, _, each in self.subscriptions if name == topic]
+        for each in heard:
+            each(cdr, stamp_ns)
+
+    def offer(self, service: str, type_name: str, answer: Callable[[dict], Any]) -> None:
+        """Offer a service as another node; `answer` gives fields, a Failure, or None: no answer."""
+        kind = service_type(type_name)
+
+        def asked(request: bytes, answered: Any) -> None:
+            response = answer(codec_of(kind.request).decode(request))
+            if isinstance(response, Failure):
+                answered(response)
+            elif response is not None:
+                answered(codec_of(kind.response).encode(completed(kind.response, response)))
+
+        self.serve(service, type_name, asked, TEST_NODE)
+
+    def ask(self, service: str, **fields) -> Any:
+        """Call a service, waiting: the response, or a Failure."""
+        kind = service_type(self.servers[service][0])
+        there = threading.Event()
+        found = []
+
+        def answered(reply: Any) -> None:
+            found.append(reply)
+            there.set()
+
+        request = codec_of(kind.request).encode(completed(kind.request, fields))
+        self.call(service, kind.name, request, answered, None)
+        assert there.wait(10)
+        return (
+            found[0] if isinstance(found[0], Failure) else codec_of(kind.response).decode(found[0])
+        )

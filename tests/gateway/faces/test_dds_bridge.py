@@ -1,0 +1,259 @@
+"""The bridge between the bus and DDS: what goes out, what comes in, and nothing round."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+
+import pytest
+
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
+pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
+
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.errors import DriverError
+from cardan.gateway.faces import dds as face
+from cardan.gateway.faces.allowed import Allowed
+from cardan.gateway.faces.bridge import NODE, Bridge
+from cardan.gateway.faces.dds import DdsBridgeOptions, DdsFaceOptions
+from cardan.gateway.faces.standstill import StandStill
+from tests.bus.dds.rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
+from tests.serving import free_endpoint
+from tests.waiting import until
+
+pytestmark = pytest.mark.realtime
+
+REQUEST = encoded(f"{TRIGGER}_Request")
+REPLY = encoded(f"{TRIGGER}_Response", success=True, message="stopped")
+PATTERNS = DdsBridgeOptions(topics=("/arm/*", "/tf"), services=("/arm/*",))
+
+
+@contextmanager
+def serving(options):
+    """The face in a thread."""
+    stop, ready = threading.Event(), threading.Event()
+    failed = []
+
+    def run():
+        try:
+            face.Dds.serve(options, lambda _endpoint: ready.set(), stop)
+        except DriverError as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        assert ready.wait(TIMEOUT_S)
+        yield failed
+    finally:
+        stop.set()
+        thread.join(TIMEOUT_S)
+        assert not thread.is_alive()
+
+
+@pytest.fixture
+def sides():
+    """A node on the bus and one on DDS, with the face between."""
+    endpoint = free_endpoint()
+    options = DdsFaceOptions(bus=BusOptions(router=endpoint), dds=OPTIONS, bridge=PATTERNS)
+    with (
+        BusNetwork(BusOptions(router="", listen=(endpoint,)), "robot") as robot,
+        network("user") as user,
+        serving(options),
+    ):
+        until(lambda: f"/{NODE}" in robot.nodes() and f"/{NODE}" in user.nodes())
+        yield robot, user
+
+
+def hears(subscriber, topic):
+    heard = []
+    handle = subscriber.subscribe(topic, STRING, lambda cdr, _ns: heard.append(cdr))
+    return heard, handle
+
+
+def text(words):
+    return encoded(STRING, data=words)
+
+
+def test_a_topic_goes_out_while_somebody_wants_it(sides):
+    robot, user = sides
+    state = robot.advertise("/arm/state", STRING, latched=False)
+    until(lambda: "/arm/state" in user.topics())
+    assert robot.topics()["/arm/state"].subscribers == ()
+    heard, handle = hears(user, "/arm/state")
+    until(lambda: robot.topics()["/arm/state"].subscribers == (f"/{NODE}",))
+    until(lambda: state.publish(text("here")) or heard)
+    assert heard[0] == text("here")
+    handle.close()
+    until(lambda: robot.topics()["/arm/state"].subscribers == ())
+    state.close()
+    until(lambda: "/arm/state" not in user.topics())
+
+
+def test_a_latched_topic_begins_with_its_last_message_of_each_publisher(sides):
+    robot, user = sides
+    kept = [robot.advertise("/arm/description", STRING, latched=True) for _ in range(2)]
+    for number, publisher in enumerate(kept):
+        publisher.publish(text(f"<robot {number}/>"))
+    until(lambda: (found := user.topics().get("/arm/description")) and found.latched)
+    heard, _handle = hears(user, "/arm/description")
+    until(lambda: {text("<robot 0/>"), text("<robot 1/>")} <= set(heard))
+
+
+def test_commands_come_in_in_order_each_publisher_as_a_node_of_its_participant(sides):
+    robot, user = sides
+    heard, _handle = hears(robot, "/arm/command")
+    until(lambda: "/arm/command" in user.topics())
+    commands = user.advertise("/arm/command", STRING, latched=False)
+    until(lambda: robot.topics()["/arm/command"].publishers == ("/dds_client_1",))
+    until(lambda: commands.heard)
+    until(lambda: commands.publish(text("begin")) or heard)
+    for number in range(50):
+        commands.publish(text(str(number)))
+    until(lambda: text("49") in heard)
+    rest = [each for each in heard if each != text("begin")]
+    assert rest == [text(str(number)) for number in range(50)]
+    commands.close()
+    until(lambda: robot.topics()["/arm/command"].publishers == ())
+
+
+def test_a_participant_that_leaves_takes_its_node_from_the_bus(sides):
+    robot, user = sides
+    _, _handle = hears(robot, "/arm/command")
+    until(lambda: "/arm/command" in user.topics())
+    with network("guest") as guest:
+        guest.advertise("/arm/command", STRING, latched=False)
+        until(lambda: "/dds_client_1" in robot.nodes())
+    until(lambda: "/dds_client_1" not in robot.nodes())
+
+
+PUBLISHER = """
+import sys
+from cardan.bus.dds.network import DdsNetwork
+from cardan.bus.dds.options import DdsOptions
+with DdsNetwork(DdsOptions(dds_domain=int(sys.argv[1])), "guest") as guest:
+    kept = guest.advertise("/arm/command", "std_msgs/msg/String", latched=False)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.once
+def test_a_participant_that_is_killed_is_missed_after_its_lease(sides):
+    robot, user = sides
+    _, _handle = hears(robot, "/arm/command")
+    until(lambda: "/arm/command" in user.topics())
+    run = [sys.executable, "-c", PUBLISHER, str(OPTIONS.dds_domain)]
+    with subprocess.Popen(run, stdin=subprocess.PIPE) as guest:
+        try:
+            until(lambda: robot.topics()["/arm/command"].publishers == ("/dds_client_1",))
+        finally:
+            guest.kill()
+        until(lambda: "/dds_client_1" not in robot.nodes())
+    assert robot.topics()["/arm/command"].publishers == ()
+
+
+def test_services_answer_and_go(sides):
+    robot, user = sides
+    offered = robot.serve("/arm/stop", TRIGGER, lambda _request, answer: answer(REPLY))
+    assert user.wait_for_service("/arm/stop", TIMEOUT_S)
+    replies = []
+    user.call("/arm/stop", TRIGGER, REQUEST, replies.append, TIMEOUT_S)
+    assert until(lambda: replies) == [REPLY]
+    offered.close()
+    until(lambda: "/arm/stop" not in user.services())
+
+
+def test_nothing_goes_round_where_both_sides_publish_and_subscribe(sides):
+    robot, user = sides
+    given = {each: hears(each, "/tf") for each in sides}
+    heard = {each: found for each, (found, _handle) in given.items()}
+    publishers = {each: each.advertise("/tf", STRING, latched=False) for each in sides}
+    both = {text("robot"), text("user")}
+
+    def met():
+        publishers[robot].publish(text("robot"))
+        publishers[user].publish(text("user"))
+        return all(both <= set(each) for each in heard.values())
+
+    until(met)
+    publishers[robot].publish(text("once"))
+    publishers[user].publish(text("only"))
+    for each in heard.values():
+        until(lambda each=each: {text("once"), text("only")} <= set(each))
+    # What goes round would have come again by the time of a further message.
+    publishers[robot].publish(text("end"))
+    publishers[user].publish(text("end too"))
+    for each in heard.values():
+        until(lambda each=each: {text("end"), text("end too")} <= set(each))
+        assert each.count(text("once")) == each.count(text("only")) == 1
+
+
+def test_an_old_command_is_not_given_again(sides):
+    robot, user = sides
+    kept = user.advertise("/arm/command", STRING, latched=True)
+    kept.publish(text("old"))
+    heard, _handle = hears(robot, "/arm/command")
+    until(lambda: kept.heard)
+    kept.publish(text("new"))
+    until(lambda: heard)
+    assert set(heard) == {text("new")}
+
+
+def test_what_is_not_allowed_stays_where_it_is(sides):
+    robot, user = sides
+    robot.advertise("/secret", STRING, latched=False)
+    _, _handle = hears(robot, "/hidden")
+    robot.serve("/shutdown", TRIGGER, lambda _request, answer: answer(REPLY))
+    kept = robot.advertise("/arm/state", STRING, latched=False)
+    until(lambda: "/arm/state" in user.topics())
+    assert not {"/secret", "/hidden"} & set(user.topics())
+    assert "/shutdown" not in user.services()
+    kept.close()
+
+
+def test_another_type_is_told_of(sides, caplog):
+    robot, user = sides
+    _, _handle = hears(robot, "/arm/command")
+    until(lambda: "/arm/command" in user.topics())
+    user.advertise("/arm/command", "std_msgs/msg/Bool", latched=False)
+    until(lambda: any("as std_msgs/msg/Bool" in each.message for each in caplog.records))
+
+
+def test_a_second_bridge_between_the_same_networks_ends(sides):
+    robot, _ = sides
+    endpoint = robot.node.options.listen[0]
+    with (
+        BusNetwork(BusOptions(router=endpoint), NODE, deaf=True) as bus,
+        network(NODE, deaf=True) as dds,
+    ):
+        bridge = Bridge(bus, dds, Allowed((), (), ()))
+        until(lambda: bus.having(f"/{NODE}") and dds.having(f"/{NODE}"))
+        if dds.having(f"/{NODE}")[0] < dds.guid:
+            with pytest.raises(DriverError, match="another `cardan face dds`"):
+                bridge.follow()
+        bridge.close()
+        bridge.close()
+
+
+def test_what_waited_while_the_bridge_stood_still_is_not_passed_on(sides, monkeypatch):
+    robot, user = sides
+    heard, _listening = hears(robot, "/arm/command")
+    stopped, _waiting = hears(robot, "/arm/stop")
+    asked = []
+    command = user.advertise("/arm/command", STRING, latched=False)
+    stop = user.advertise("/arm/stop", STRING, latched=False)
+    until(lambda: command.heard and stop.heard)
+    command.publish(encoded(STRING, data="now"))
+    until(lambda: heard)
+    monkeypatch.setattr(StandStill, "standing", property(lambda _: asked.append(1) or True))
+    for _ in range(50):
+        command.publish(encoded(STRING, data="too late"))
+    stop.publish(encoded(STRING, data="stop"))
+    until(lambda: stopped and len(asked) == 50)
+    monkeypatch.undo()
+    command.publish(encoded(STRING, data="again"))
+    until(lambda: len(heard) > 1)
+    assert heard == [encoded(STRING, data="now"), encoded(STRING, data="again")]

@@ -1,0 +1,113 @@
+"""Who comes in by which token, and how fast tokens can be guessed, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+
+from cardan.gateway.faces.door import Caller, Denied, Door
+from cardan.gateway.faces.guessing import BURST, FORGOTTEN_S, FailedTokens
+from cardan.gateway.faces.tokens import WITHOUT_TOKEN, Role, Tokens
+
+VIEWER, OPERATOR, ADMIN = "viewers-0123456789", "operators-0123456789", "admins-0123456789"
+TOKENS = Tokens({VIEWER: Role.VIEWER, OPERATOR: Role.OPERATOR, ADMIN: Role.ADMIN})
+
+
+def asked(path="/", address="10.0.0.2", bearer=None):
+    authorizations = [] if bearer is None else [bearer]
+    return Caller(address, path, ["localhost"], [], authorizations)
+
+
+def door(tokens=TOKENS):
+    return Door(tokens, (), ())
+
+
+@pytest.mark.parametrize(
+    ("caller", "role"),
+    [
+        (asked(f"/?t={VIEWER}"), Role.VIEWER),
+        (asked(f"/{OPERATOR}"), Role.OPERATOR),
+        (asked(bearer=f"Bearer {ADMIN}"), Role.ADMIN),
+        (asked(bearer=f"bearer  {ADMIN} "), Role.ADMIN),
+        (asked(f"/?token={ADMIN}", bearer="Basic abc"), Role.ADMIN),
+    ],
+)
+def test_a_token_says_the_role(caller, role):
+    assert door().check(caller, 0.0) is role
+
+
+def test_the_first_token_that_is_known_counts():
+    assert door().check(asked(f"/?t={ADMIN}", bearer=f"Bearer {VIEWER}"), 0.0) is Role.VIEWER
+
+
+@pytest.mark.parametrize(
+    "caller",
+    [
+        asked(),
+        asked("/?t="),
+        asked(f"/?t={ADMIN}x"),
+        asked(f"/?t={ADMIN[:-1]}"),
+        asked(bearer=ADMIN),
+        asked(bearer=f"Basic {ADMIN}"),
+        asked(bearer="Bearer"),
+        asked(bearer="Bearer \udcff"),
+        asked("//["),
+    ],
+)
+def test_without_one_nobody_comes_in_and_no_token_is_said(caller):
+    denied = door().check(caller, 0.0)
+    assert isinstance(denied, Denied)
+    assert denied.status == 401
+    assert "0123456789" not in denied.reason
+
+
+def test_where_no_token_is_needed_all_are_operators():
+    assert door(Tokens({})).check(asked("/whatever"), 0.0) is WITHOUT_TOKEN is Role.OPERATOR
+
+
+def test_guessing_is_slow():
+    one, wrong = door(), asked("/?t=guess-0123456789")
+    for _ in range(BURST):
+        assert one.check(wrong, 5.0).status == 401
+    denied = one.check(wrong, 5.0)
+    assert denied.status == 429
+    assert denied.retry_s == pytest.approx(FORGOTTEN_S)
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0).status == 429, "the right one is not told either"
+    assert one.check(asked(f"/?t={ADMIN}", "10.0.0.3"), 5.0) is Role.ADMIN, "others come in"
+    assert one.check(asked(), 5.0).status == 401, "who gives none guesses nothing"
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0 + FORGOTTEN_S) is Role.ADMIN
+    day_s = 86_400
+    tried = sum(one.check(wrong, 100.0 + at_s).status == 401 for at_s in range(day_s))
+    assert tried <= day_s / FORGOTTEN_S + BURST
+
+
+def test_what_is_in_no_token_s_way_is_no_guess():
+    one = door()
+    for _ in range(2 * BURST):
+        assert one.check(asked("/?t=x")._replace(origins=["https://evil.example"]), 0.0).status
+        assert one.check(asked(f"/?t={VIEWER}"), 0.0) is Role.VIEWER
+    assert len(one._failed) == 0
+
+
+def test_addresses_are_forgotten_before_they_fill_the_memory():
+    failed = FailedTokens(burst=1, most_addresses=100)
+    for number in range(10_000):
+        failed.failed(f"10.1.{number // 256}.{number % 256}", 0.0)
+        assert len(failed) <= 100
+    assert failed.wait_s("10.1.39.15", 0.0) > 0.0
+    assert failed.wait_s("10.1.0.0", 0.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("2001:db8::1", "2001:db8::ffff:1", True),
+        ("2001:db8::1", "2001:db8:0:1::1", False),
+        ("10.0.0.1", "::ffff:10.0.0.1", True),
+        ("fe80::1%eth0", "fe80::2%eth0", True),
+        ("10.0.0.1", "10.0.0.2", False),
+    ],
+)
+def test_one_address_is_what_one_computer_can_choose(one, other, same):
+    failed = FailedTokens(burst=1)
+    failed.failed(one, 0.0)
+    assert (failed.wait_s(other, 0.0) > 0.0) is same

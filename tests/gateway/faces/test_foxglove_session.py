@@ -1,0 +1,106 @@
+"""A session, ``cardan face foxglove`` and a client, each for itself: what its user meets."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
+pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
+pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
+
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import completed
+from tests.gateway.faces.foxglove_rig import foxglove_client
+from tests.gateway.faces.rig import WAIT_S
+from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port
+
+pytestmark = [pytest.mark.once, pytest.mark.realtime]
+
+ARM = "/left/arm"
+STATUS = "cardan_msgs/msg/ArmStatus"
+MOVE = "cardan_msgs/srv/MoveTwist"
+
+
+@pytest.fixture(scope="module")
+def face(tmp_path_factory):
+    """Where the face serves."""
+    endpoint = free_endpoint()
+    path = tmp_path_factory.mktemp("foxglove") / "session.toml"
+    path.write_text(ARM_SESSION.format(endpoint=endpoint))
+    cardan = [sys.executable, "-m", "cardan"]
+    serve = ["face", "foxglove", "--router", endpoint, "--port", str(free_tcp_port())]
+    with (
+        subprocess.Popen(
+            [*cardan, "run", str(path), "--seconds", "300"], stdout=subprocess.DEVNULL
+        ) as session,
+        subprocess.Popen([*cardan, *serve], stdout=subprocess.PIPE, text=True) as process,
+    ):
+        try:
+            said = process.stdout.readline()
+            assert said.startswith("READY ws://127.0.0.1:"), said
+            yield SimpleNamespace(port=int(said.rpartition(":")[2]))
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(WAIT_S) == 0
+        finally:
+            for each in (process, session):
+                each.send_signal(signal.SIGINT)
+                each.wait(WAIT_S)
+
+
+def decoded(kind, said):
+    return codec_of(kind).decode(said["data"])
+
+
+def test_the_arm_is_seen_with_all_it_publishes(face):
+    with foxglove_client(face) as client:
+        description = client.message(client.subscribe("/left/robot_description"))
+        assert "<robot" in decoded("std_msgs/msg/String", description)["data"]
+        states = decoded(
+            "sensor_msgs/msg/JointState", client.message(client.subscribe("/left/joint_states"))
+        )
+        assert len(states["position"]) == 6
+        transforms = decoded("tf2_msgs/msg/TFMessage", client.message(client.subscribe("/tf")))
+        assert transforms["transforms"]
+
+
+def test_parameters_of_the_arm_are_seen_set_and_refused(face):
+    with foxglove_client(face) as client:
+        client.service(f"{ARM}/set_parameters_atomically")
+        name = f"{ARM}.trajectory_reference_speed"
+        client.send("subscribeParameterUpdates", parameterNames=[name])
+        before = {each["name"]: each["value"] for each in client.get()}
+        assert before[name] > 0.0
+        assert client.set(name=name, value=0.125)[0]["value"] == 0.125
+        told = client.until(
+            lambda said: said["parameters"] == [{"name": name, "type": "float64", "value": 0.125}],
+            op="parameterValues",
+        )
+        assert "id" not in told
+        assert client.set(name=name, value=1e9)[0]["value"] == 0.125
+        client.status("allowed")
+
+
+def test_a_motion_without_end_ends_with_the_client_that_asked_for_it(face):
+    with foxglove_client(face) as watcher:
+        status = watcher.subscribe(f"{ARM}/state/status")
+        watcher.message(status)
+        with foxglove_client(face) as client:
+            client.service(f"{ARM}/movv")
+            request = completed(f"{MOVE}_Request", {"xdot": {"linear": {"z": -0.01}}})
+            answer = client.call(f"{ARM}/movv", codec_of(f"{MOVE}_Request").encode(request))
+            assert codec_of(f"{MOVE}_Response").decode(answer["data"])["success"], answer
+            watcher.until(lambda said: decoded(STATUS, said)["moving"], subscription=status)
+            watcher.heard.clear()
+            for _ in range(25):  # Half a second, as long as the client is there.
+                assert decoded(STATUS, watcher.message(status))["moving"]
+            reset = struct.pack("ii", 1, 0)
+            client.connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)
+            client.connection.socket.close()
+        watcher.until(lambda said: not decoded(STATUS, said)["moving"], subscription=status)

@@ -1,0 +1,171 @@
+"""What a viewer may do at each face, and an operator may."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
+pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
+
+from cardan.gateway.faces.reading import READING_SERVICES
+from cardan.protocols.ros2.interfaces import service_type
+from tests.gateway.faces.foxglove_rig import foxglove_client, foxglove_face
+from tests.gateway.faces.memory_network import MemoryNetwork
+from tests.gateway.faces.nodes import MOVE, Mover, Parameters
+from tests.gateway.faces.rig import plain_client, rosbridge
+
+pytestmark = pytest.mark.realtime
+
+STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
+VIEWER, OPERATOR, ADMIN = "viewers-0123456789", "operators-0123456789", "admins-0123456789"
+EMPTY = b"\0\1\0\0\0"
+"""A request without fields, as CDR."""
+ROLES = {"viewer": VIEWER, "operator": OPERATOR, "admin": ADMIN}
+COMMANDING = [each for each in ROLES if each != "viewer"]
+
+
+@pytest.fixture
+def token_file(tmp_path):
+    path = tmp_path / "tokens"
+    path.write_text("".join(f"{word} {token}\n" for word, token in ROLES.items()))
+    path.chmod(0o600)
+    return str(path)
+
+
+@pytest.fixture
+def network():
+    network = MemoryNetwork()
+    network.known["/chatter"] = STRING
+    network.done = []
+    network.offer("/stop", TRIGGER, lambda request: network.done.append(request) or {})
+    network.parameters = Parameters(network, speed={"type": 3, "double_value": 0.5})
+    network.mover = Mover(network)
+    return network
+
+
+def speed(network):
+    return network.parameters.values["speed"]["double_value"]
+
+
+# -- rosbridge ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bridge(network, token_file):
+    with rosbridge(network, token_file=token_file) as running:
+        yield lambda role: plain_client(running, f"/?t={ROLES[role]}")
+
+
+def test_a_viewer_of_rosbridge_reads(network, bridge):
+    with bridge("viewer") as client:
+        client.send("subscribe", topic="/chatter", type=STRING)
+        client.settle()
+        network.publish("/chatter", STRING, data="hello")
+        assert client.receive()["msg"] == {"data": "hello"}
+        asked = client.call("/rosapi/get_param", {"name": "/arm:speed"})
+        assert asked["values"]["value"] == "0.5"
+        assert client.call("/arm/list_parameters")["result"]
+
+
+@pytest.mark.parametrize(
+    ("asked", "may_not"),
+    [
+        ({"op": "advertise", "topic": "/chatter", "type": STRING}, "publish on /chatter"),
+        ({"op": "publish", "topic": "/chatter", "msg": {"data": "x"}}, "publish on /chatter"),
+        ({"op": "advertise_service", "service": "/mine", "type": TRIGGER}, "offer /mine"),
+        ({"op": "call_service", "service": "/stop"}, "call /stop"),
+        (
+            {"op": "call_service", "service": "/arm/set_parameters", "args": {}},
+            "call /arm/set_parameters",
+        ),
+        (
+            {"op": "send_action_goal", "action": "/move", "action_type": MOVE, "args": {}},
+            "call /move/_action/send_goal",
+        ),
+    ],
+)
+def test_a_viewer_of_rosbridge_commands_nothing(network, bridge, asked, may_not):
+    with bridge("viewer") as client:
+        client.send("set_level", level="error")
+        client.send(id="1", **asked)
+        said = str(client.receive())
+        assert f"a viewer may not {may_not}" in said
+        assert "the token of an operator" in said
+    assert (network.published, network.done, network.mover.goals) == ([], [], [])
+    assert speed(network) == 0.5
+
+
+def test_a_viewer_of_rosbridge_sets_no_parameters(network, bridge):
+    with bridge("viewer") as client:
+        for service, args in (
+            ("set_param", {"name": "/arm:speed", "value": "1.0"}),
+            ("delete_param", {"name": "/arm:speed"}),
+        ):
+            values = client.call(f"/rosapi/{service}", args)["values"]
+            assert not values["successful"]
+            assert "a viewer may not call /arm/set_parameters" in values["reason"]
+    assert speed(network) == 0.5
+
+
+@pytest.mark.parametrize("role", COMMANDING)
+def test_others_of_rosbridge_command(network, bridge, role):
+    with bridge(role) as client:
+        client.send("advertise", topic="/chatter", type=STRING)
+        client.send("publish", topic="/chatter", msg={"data": "go"})
+        assert client.call("/stop")["result"]
+        asked = client.call("/rosapi/set_param", {"name": "/arm:speed", "value": "1.0"})
+        assert asked["values"]["successful"]
+    assert network.published == [("/chatter", {"data": "go"})]
+    assert network.done
+    assert speed(network) == 1.0
+
+
+# -- Foxglove -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def foxglove(network, token_file):
+    with foxglove_face(network, token_file=token_file) as running:
+        yield lambda role: foxglove_client(running, f"/?t={ROLES[role]}")
+
+
+def said(client, words):
+    """Wait for a reason that the client is told."""
+    client.until(lambda frame: words in str(frame))
+
+
+def test_a_viewer_of_foxglove_reads_and_commands_nothing(network, foxglove):
+    with foxglove("viewer") as client:
+        number = client.subscribe("/chatter")
+        client.settle()
+        network.publish("/chatter", STRING, data="hello")
+        assert client.message(number)
+        client.send("getParameters", parameterNames=["/arm.speed"], id="1")
+        (found,) = client.until(op="parameterValues", id="1")["parameters"]
+        assert found["value"] == 0.5
+        channel = {"id": 1, "topic": "/chatter", "encoding": "cdr", "schemaName": STRING}
+        client.send("advertise", channels=[channel])
+        said(client, "a viewer may not publish on /chatter")
+        client.set(name="/arm.speed", value=1.0)
+        said(client, "a viewer may not call /arm/set_parameters")
+        answer = client.call("/stop", EMPTY)
+        assert "a viewer may not call /stop" in answer["message"]
+    assert (network.published, network.done, speed(network)) == ([], [], 0.5)
+
+
+@pytest.mark.parametrize("role", COMMANDING)
+def test_others_of_foxglove_command(network, foxglove, role):
+    with foxglove(role) as client:
+        client.set(name="/arm.speed", value=1.0)
+        client.settle()
+        assert client.call("/stop", EMPTY)["op"] == "response"
+    assert network.done
+    assert speed(network) == 1.0
+
+
+# -- what is known to change nothing --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(READING_SERVICES))
+def test_services_for_viewers_are_known(name):
+    assert service_type(name).name == name

@@ -1,0 +1,116 @@
+"""A session on DDS by the face, both in processes of their own; a program of others judges it."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
+pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
+
+from cardan.protocols.ros2.actions import GoalStatus
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import completed
+from tests.bus.dds.rig import OPTIONS, TIMEOUT_S, network
+from tests.ros2_packages import write_packages
+from tests.serving import ARM_SESSION, free_endpoint, served
+from tests.waiting import until
+
+pytestmark = [pytest.mark.once, pytest.mark.realtime]
+
+ARM = "/left/arm"
+MOVE, POSE = "cardan_msgs/action/MovePose", "geometry_msgs/msg/Pose"
+
+
+@pytest.fixture(scope="module")
+def domain(tmp_path_factory):
+    """A session and the face beside it; the DDS domain."""
+    endpoint, number = free_endpoint(), str(OPTIONS.dds_domain)
+    file = tmp_path_factory.mktemp("session") / "session.toml"
+    file.write_text(ARM_SESSION.format(endpoint=endpoint))
+    run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "300"]
+    with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
+        try:
+            with served("face", "dds", "--router", endpoint, "--dds-domain", number) as ready:
+                assert ready == f"dds/{number}"
+                yield number
+        finally:
+            session.terminate()
+
+
+@pytest.fixture
+def user(domain):
+    with network("user") as user:
+        assert user.wait_for_service(f"{ARM}/set_parameters_atomically", TIMEOUT_S)
+        assert user.wait_for_service(f"{ARM}/action/movl/_action/get_result", TIMEOUT_S)
+        yield user
+
+
+def called(user, name, kind, **request):
+    replies, there = [], threading.Event()
+    user.call(
+        f"{ARM}/{name}",
+        kind,
+        codec_of(f"{kind}_Request").encode(completed(f"{kind}_Request", request)),
+        lambda reply: (replies.append(reply), there.set()),
+        TIMEOUT_S,
+    )
+    assert there.wait(TIMEOUT_S)
+    return codec_of(f"{kind}_Response").decode(replies[0])
+
+
+def test_services_and_parameters(user):
+    assert called(user, "stop", "std_srvs/srv/Trigger") == {"success": True, "message": ""}
+    kinds = called(
+        user, "get_parameter_types", "rcl_interfaces/srv/GetParameterTypes", names=["gain", "frame"]
+    )
+    assert kinds["types"] == bytes([3, 4])
+
+
+def test_an_action_tells_where_the_arm_is_and_ends(user):
+    feedback = []
+    kind = f"{MOVE}_FeedbackMessage"
+    handle = user.subscribe(
+        f"{ARM}/action/movl/_action/feedback",
+        kind,
+        lambda cdr, _ns: feedback.append(codec_of(kind).decode(cdr)),
+    )
+    pose = called(user, "stat", "cardan_msgs/srv/Stat")["pose"]["pose"]
+    pose["position"]["z"] -= 0.02
+    goal = {"uuid": bytes(range(16))}
+    sent = called(
+        user, "action/movl/_action/send_goal", f"{MOVE}_SendGoal", goal_id=goal, goal={"x": pose}
+    )
+    assert sent["accepted"]
+    ended = called(user, "action/movl/_action/get_result", f"{MOVE}_GetResult", goal_id=goal)
+    assert ended["status"] == GoalStatus.SUCCEEDED
+    assert ended["result"]["success"]
+    until(lambda: feedback)
+    assert feedback[0]["goal_id"] == goal
+    handle.close()
+
+
+def test_the_description_is_there_for_who_comes_late(user):
+    heard = []
+    until(lambda: "/left/robot_description" in user.topics())
+    handle = user.subscribe("/left/robot_description", None, lambda cdr, _ns: heard.append(cdr))
+    assert b"<robot" in until(lambda: heard)[0]
+    handle.close()
+
+
+def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, domain, tmp_path):
+    pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
+    write_packages(tmp_path)
+    told = json.loads(
+        subprocess.run(
+            [sys.executable, "-m", "tests.ros2_dora_dds", ARM],
+            env={**os.environ, "AMENT_PREFIX_PATH": str(tmp_path), "ROS_DOMAIN_ID": domain},
+            stdout=subprocess.PIPE, check=True, timeout=100.0,
+        ).stdout
+    )  # fmt: skip
+    assert told["pose"]["header"]["frame_id"] == "base_link"
+    assert told["accepted"]["outcome"] == "accepted"
+    assert told["arrived"] is not None

@@ -1,0 +1,526 @@
+"""A session in a process of its own, moved over the network as ROS 2 nodes would."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+zenoh = pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
+
+from cardan.bus.node import BusNode  # noqa: E402
+from cardan.bus.options import BusOptions  # noqa: E402
+from cardan.bus.zenoh_network import BusNetwork  # noqa: E402
+from cardan.gateway.arm.codes import State  # noqa: E402
+from cardan.protocols.ros2.actions import GoalStatus  # noqa: E402
+from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
+from cardan.protocols.ros2.messages import completed  # noqa: E402
+from cardan.protocols.ros2.zenoh import LATCHED_QOS, data_key  # noqa: E402
+from cardan.robots import load_arm  # noqa: E402
+from tests.ros2_packages import write_packages  # noqa: E402
+from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
+from tests.waiting import until  # noqa: E402
+
+pytestmark = pytest.mark.realtime
+
+ARM = "/left/arm"
+SESSION = f'{ARM_SESSION}other_names = ["servo", "crtk", "fzi", "cmd_vel"]\n'
+TIMEOUT_S = 30.0
+POSE = "geometry_msgs/msg/Pose"
+TWIST = "geometry_msgs/msg/Twist"
+RESULT = "cardan_msgs/msg/CommandResult"
+MOVE = "cardan_msgs/action/MovePose"
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
+FOLLOW_NAME = "/left/joint_trajectory_controller/follow_joint_trajectory"
+
+
+class User:
+    """A node beside the session's."""
+
+    def __init__(self, endpoint):
+        options = BusOptions(router=endpoint, listen=())
+        self.network = BusNetwork(options, "watcher")
+        self.node = BusNode(options, "user")
+        self._publishers, self._subscriptions = {}, {}
+        self._goals = itertools.count(1)
+
+    def open(self):
+        self.network.open()
+        self.node.open()
+        last = "set_parameters_atomically"
+        assert self.network.wait_for_service(f"{ARM}/{last}", TIMEOUT_S)
+        assert self.network.wait_for_service(f"{FOLLOW_NAME}/_action/get_result", TIMEOUT_S)
+        for topic, name in (("result", RESULT), ("state/status", "cardan_msgs/msg/ArmStatus")):
+            self.subscribe(f"{ARM}/{topic}", name)
+        until(lambda: self.heard(f"{ARM}/state/status"), "the status")
+
+    def close(self):
+        self.node.close()
+        self.network.close()
+
+    # -- topics ----------------------------------------------------------------------------------
+
+    def subscribe(self, topic, type_name, depth=200, qos=None):
+        more = () if qos is None else (qos,)
+        kept = self.node.subscription(topic, type_name, depth, *more)
+        self._subscriptions[topic] = kept, type_name
+        return kept
+
+    def heard(self, topic):
+        """All that has come since."""
+        kept, type_name = self._subscriptions[topic]
+        return [codec_of(type_name).decode(each.data) for each in iter(kept.poll, None)]
+
+    def publish(self, topic, type_name, given=None, data=None):
+        """Publish once the session listens; the number."""
+        key = topic, type_name
+        if key not in self._publishers:
+            name = topic if topic.startswith("/left") else f"{ARM}{topic}"
+            self._publishers[key] = self.node.publisher(name, type_name)
+        if data is None:
+            data = codec_of(type_name).encode(completed(type_name, given or {}))
+        publisher = self._publishers[key]
+        publisher.put(data, time.time_ns())
+        return publisher._sequence
+
+    def outcome(self, command, number, *outcomes):
+        """The reason with which a command had one of these outcomes."""
+
+        def find():
+            for each in self.heard(f"{ARM}/result"):
+                named = (each["command"], each["sequence"]) == (command, number)
+                if named and each["outcome"] in outcomes:
+                    return each
+            return None
+
+        return until(find, f"{' or '.join(outcomes)} of {command}")["reason"]
+
+    # -- services --------------------------------------------------------------------------------
+
+    def call(self, service, type_name, timeout_s=TIMEOUT_S, data=None, **given):
+        name = service if service.startswith("/left") else f"{ARM}/{service}"
+        client = self.node.client(name, type_name)
+        if data is None:
+            data = codec_of(f"{type_name}_Request").encode(completed(f"{type_name}_Request", given))
+        reply = client.call(data, timeout_s)
+        client.close()
+        return None if reply is None else codec_of(f"{type_name}_Response").decode(reply)
+
+    def where(self):
+        return self.call("stat", "cardan_msgs/srv/Stat")["pose"]["pose"]
+
+    def moved(self, z):
+        pose = self.where()
+        pose["position"]["z"] += z
+        return pose
+
+    def until_at(self, pose):
+        """Wait until the arm is measured there: what arrives is the command."""
+        z = pose["position"]["z"]
+        until(lambda: abs(self.where()["position"]["z"] - z) < 1e-3, "the arrival")
+
+    def settled(self):
+        """Where the arm is once it is measured at rest."""
+        last = {}
+
+        def still():
+            now = self.where()
+            before, last["pose"] = last.get("pose"), now
+            return before == now and now
+
+        return until(still, "the rest")
+
+    def state(self):
+        return self.call("stat", "cardan_msgs/srv/Stat")["state"]
+
+    def set(self, name, value):
+        value = (
+            {"type": 4, "string_value": value}
+            if isinstance(value, str)
+            else {"type": 3, "double_value": value}
+        )
+        parameters = [{"name": name, "value": value}]
+        answer = self.call(
+            "set_parameters", "rcl_interfaces/srv/SetParameters", parameters=parameters
+        )
+        return answer["results"][0]
+
+    # -- actions ---------------------------------------------------------------------------------
+
+    def send(self, action, type_name, goal):
+        goal_id = os.urandom(16)
+        answer = self.call(
+            f"{action}/_action/send_goal", f"{type_name}_SendGoal",
+            goal_id={"uuid": goal_id}, goal=goal,
+        )  # fmt: skip
+        assert answer["accepted"]
+        return goal_id
+
+    def result(self, action, type_name, goal_id):
+        answer = self.call(
+            f"{action}/_action/get_result", f"{type_name}_GetResult", goal_id={"uuid": goal_id}
+        )
+        return GoalStatus(answer["status"]), answer["result"]
+
+    def rest(self):
+        """Stop what moves and wait until it rests."""
+        assert self.call("stop", "std_srvs/srv/Trigger")["success"]
+        topic = f"{ARM}/state/status"
+        self.heard(topic)
+        until(
+            lambda: any(each["phase"] in ("disarmed", "holding") for each in self.heard(topic)),
+            "the rest",
+        )
+
+
+@pytest.fixture(scope="module")
+def user(tmp_path_factory):
+    endpoint = free_endpoint()
+    path = tmp_path_factory.mktemp("network") / "session.toml"
+    path.write_text(SESSION.format(endpoint=endpoint))
+    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "300"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
+        found = User(endpoint)
+        try:
+            found.open()
+            yield found
+        finally:
+            found.close()
+            session.send_signal(signal.SIGINT)
+            session.wait(TIMEOUT_S)
+
+
+@pytest.fixture(autouse=True)
+def quick_and_at_rest(user):
+    """Each test begins at rest, with quick motions."""
+    user.rest()
+    assert user.set("preset_streaming_cmd", "none")["successful"]
+    for name, value in (
+        ("trajectory_reference_speed", 0.2),
+        ("trajectory_reference_acceleration", 1.0),
+        ("frame", "base"),
+    ):
+        assert user.set(name, value)["successful"]
+    user.heard(f"{ARM}/result")
+    yield
+    user.rest()
+
+
+def test_the_arm_is_on_the_graph(user):
+    topics, services = user.network.topics(), user.network.services()
+    assert topics[f"{ARM}/state/pose"].type == "geometry_msgs/msg/PoseStamped"
+    assert topics["/left/joint_states"].publishers == (ARM,)
+    assert topics["/left/robot_description"].latched
+    assert topics["/tf"].type == "tf2_msgs/msg/TFMessage"
+    assert services[f"{ARM}/inv"].type == "rl_cartesian_control_msgs/srv/Inv"
+    assert services[f"{FOLLOW_NAME}/_action/send_goal"].type == f"{FOLLOW}_SendGoal"
+    description = user.subscribe("/left/robot_description", "std_msgs/msg/String", 1, LATCHED_QOS)
+    urdf = until(description.poll, "the description")
+    assert "<robot" in codec_of("std_msgs/msg/String").decode(urdf.data)["data"]
+
+
+def test_a_topic_moves_the_arm_and_its_result_tells(user):
+    target = user.moved(-0.04)
+    number = user.publish("/command/movl", POSE, target)
+    assert user.outcome("movl", number, "accepted") == ""
+    assert user.outcome("movl", number, "done") == ""
+    user.until_at(target)
+
+
+@pytest.mark.parametrize("topic", ["servo_node/delta_twist_cmds", "servo_cv", "cmd_vel"])
+def test_a_stream_under_another_programs_name_moves_the_arm_and_ends(user, topic):
+    pose = user.subscribe("/left/measured_cp", "geometry_msgs/msg/PoseStamped", 1)
+    status = user.subscribe("/left/servo_node/status", "moveit_msgs/msg/ServoStatus", 1)
+    operating = user.subscribe("/left/operating_state", "crtk_msgs/msg/OperatingState", 1)
+    before = user.where()["position"]["z"]
+    message = {"header": {"frame_id": "base_link"}, "twist": {"linear": {"z": 0.1}}}
+
+    def moved():
+        user.publish(f"/left/{topic}", "geometry_msgs/msg/TwistStamped", message)
+        sample = pose.poll()
+        if sample is None:
+            return False
+        told = codec_of("geometry_msgs/msg/PoseStamped").decode(sample.data)
+        return told["pose"]["position"]["z"] > before + 0.005
+
+    until(moved, "the motion")
+    told = codec_of("moveit_msgs/msg/ServoStatus").decode(until(status.poll, "the status").data)
+    assert told["code"] >= 0
+    state = codec_of("crtk_msgs/msg/OperatingState")
+    assert state.decode(until(operating.poll, "the state").data)["state"] == "ENABLED"
+    user.settled()
+    for each in (pose, status, operating):
+        each.close()
+
+
+def test_a_service_moves_the_arm_and_wait_says_when_it_arrived(user):
+    target = user.moved(0.04)
+    assert user.call("movl", "cardan_msgs/srv/MovePose", x=target)["success"]
+    assert user.call("wait", "cardan_msgs/srv/Wait", timeout=20.0)["success"]
+    user.until_at(target)
+
+
+def test_a_parameter_is_set_read_and_told_of(user):
+    events = user.subscribe("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
+    assert user.set("frame", "tcp")["successful"]
+    answer = user.call("get_parameters", "rcl_interfaces/srv/GetParameters", names=["frame"])
+    assert answer["values"][0]["string_value"] == "tcp"
+
+    def changed():
+        told = user.heard("/parameter_events")
+        return [p["name"] for each in told for p in each["changed_parameters"]]
+
+    assert "frame" in until(changed, "the event")
+    assert "allowed" in user.set("gain", 99.0)["reason"]
+    events.close()
+
+
+def test_setting_waits_until_the_arm_rests(user):
+    assert user.call("movv", "cardan_msgs/srv/MoveTwist", xdot={"linear": {"z": 0.05}})["success"]
+    assert "refused while in" in user.set("frame", "tcp")["reason"]
+    user.publish("/command/stop", "std_msgs/msg/Empty")
+    until(lambda: user.state() == int(State.NOT_CONTROLLING), "the stop")
+    # It brakes still, perhaps: then the answer comes when it rests.
+    assert user.set("frame", "tcp") == {"successful": True, "reason": ""}
+
+
+def test_an_action_moves_the_arm_with_feedback_and_can_be_cancelled(user):
+    action = f"{ARM}/action/movl"
+    target = user.moved(-0.04)
+    feedback = user.subscribe(f"{action}/_action/feedback", f"{MOVE}_FeedbackMessage")
+    goal_id = user.send(action, MOVE, {"x": target})
+    assert user.result(action, MOVE, goal_id) == (
+        GoalStatus.SUCCEEDED, {"success": True, "message": ""},
+    )  # fmt: skip
+    told = user.heard(f"{action}/_action/feedback")
+    assert told
+    assert all(bytes(each["goal_id"]["uuid"]) == goal_id for each in told)
+    feedback.close()
+
+    goal_id = user.send(action, MOVE, {"x": user.moved(0.2)})
+    until(lambda: user.state() == int(State.MOVL), "the motion")
+    info = {"goal_id": {"uuid": goal_id}}
+    answer = user.call(
+        f"{action}/_action/cancel_goal", "action_msgs/srv/CancelGoal", goal_info=info
+    )
+    assert len(answer["goals_canceling"]) == 1
+    assert user.result(action, MOVE, goal_id)[0] is GoalStatus.CANCELED
+    goal_id = user.send(action, MOVE, {"x": {"position": {"x": 9}}})
+    status, told = user.result(action, MOVE, goal_id)
+    assert status is GoalStatus.ABORTED
+    assert "movl" in told["message"]
+
+
+def test_a_plan_of_moveit_is_carried_out(user):
+    joints = user.subscribe("/left/joint_states", "sensor_msgs/msg/JointState", 1)
+    state = codec_of("sensor_msgs/msg/JointState").decode(until(joints.poll, "the joints").data)
+    begin = state["position"]
+    goal = begin[0] + 0.15
+    points = [
+        {
+            "positions": [begin[0] + share * 0.15, *begin[1:]],
+            "velocities": [0.0] * 6 if share in (0.0, 1.0) else [0.2] + [0.0] * 5,
+            "time_from_start": {"sec": int(2 * share // 1), "nanosec": int(2 * share % 1 * 1e9)},
+        }
+        for share in (0.0, 0.25, 0.5, 0.75, 1.0)
+    ]
+    tolerance = [{"name": name, "position": 0.05} for name in state["name"]]
+    given = {
+        "trajectory": {"joint_names": state["name"], "points": points},
+        "path_tolerance": tolerance,
+        "goal_tolerance": tolerance,
+        "goal_time_tolerance": {"sec": 1},
+    }
+    goal_id = user.send(FOLLOW_NAME, FOLLOW, given)
+    status, told = user.result(FOLLOW_NAME, FOLLOW, goal_id)
+    assert (status, told["error_code"], told["error_string"]) == (GoalStatus.SUCCEEDED, 0, "")
+
+    def arrived():
+        found = joints.poll()
+        if found is None:
+            return False
+        now = codec_of("sensor_msgs/msg/JointState").decode(found.data)["position"][0]
+        return abs(now - goal) < 2e-3
+
+    until(arrived, "the goal")
+    joints.close()
+
+
+@pytest.mark.timeout(120)
+def test_joint_states_with_speeds_are_a_stream_of_them(user):
+    """As JointStateTopicSystem of ros2_control sends them; names in any order."""
+    joint_state = "sensor_msgs/msg/JointState"
+    names = [*load_arm("ur5").joint_names[1:], load_arm("ur5").joint_names[0]]
+    message = {"name": names, "velocity": [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]}
+    number = user.publish("/command/joints", joint_state, message)
+    assert "choose this streaming command first" in user.outcome("joints", number, "refused")
+    assert user.set("preset_streaming_cmd", "joint")["successful"]
+    user.subscribe("/left/joint_states", joint_state, 1)
+
+    def pan():
+        """Where the first joint is."""
+        found = until(lambda: user.heard("/left/joint_states"), "a joint state")[-1]
+        return found["position"][found["name"].index(names[-1])]
+
+    begun = pan()
+
+    def turned():
+        user.publish("/command/joints", joint_state, message)
+        return pan() > begun + 0.1
+
+    until(turned, "the turn")
+    last = {}
+
+    def rests():  # The stream has fallen silent.
+        before, last["at"] = last.get("at"), pan()
+        return before == last["at"]
+
+    until(rests, "the rest")
+    number = user.publish("/command/joints", joint_state, message | {"name": names[1:]})
+    assert "6 numbers of velocity for 5 names" in user.outcome("joints", number, "refused")
+
+
+def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, tmp_path):
+    pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
+    write_packages(tmp_path)
+    config = tmp_path / "zenoh.json5"
+    config.write_text(
+        f'{{mode: "peer", connect: {{endpoints: ["{user.node.options.router}"]}}, '
+        "listen: {endpoints: []}, scouting: {multicast: {enabled: false}}}"
+    )
+    told = json.loads(
+        subprocess.run(
+            [sys.executable, "-m", "tests.ros2_dora", str(config), ARM],
+            env={**os.environ, "AMENT_PREFIX_PATH": str(tmp_path)},
+            stdout=subprocess.PIPE, check=True, timeout=100.0,
+        ).stdout
+    )  # fmt: skip
+    assert told["stop"] == {"success": True, "message": ""}
+    assert told["pose"]["header"]["frame_id"] == "base_link"
+    assert told["accepted"]["outcome"] == "accepted"
+    assert told["wait"]["success"]
+    assert told["types"] == [3, 4]
+    assert told["feedback"]["pose"]["header"]["frame_id"] == "base_link"
+    assert told["result"][1] == {"success": True, "message": ""}
+
+
+# -- bad input ------------------------------------------------------------------------------------
+
+
+def counted(user):
+    """The counts of the diagnostics' row on commands."""
+    if "/diagnostics" not in user._subscriptions:
+        user.subscribe("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", 4)
+    user.heard("/diagnostics")
+    (row,) = [
+        row
+        for array in until(lambda: user.heard("/diagnostics"), "the diagnostics")[-1:]
+        for row in array["status"]
+        if row["name"] == f"{ARM}: commands"
+    ]
+    return {each["key"]: int(each["value"]) for each in row["values"]}
+
+
+@pytest.mark.parametrize(
+    ("type_name", "given", "data", "words"),
+    [
+        (TWIST, {"linear": {"x": 1.0}}, None, "it takes geometry_msgs::msg::dds_::Pose_"),
+        (POSE, {"position": {"x": None}}, None, "not numbers"),
+        (POSE, None, b"", "no plain CDR"),
+        (POSE, None, b"\0\1\0\0" + bytes(20), "too few"),
+        (POSE, None, b"\0\1\0\0" + b"\1" * 5_000_000, "too many"),
+        (POSE, {"position": {"x": 9.0}}, None, "reach"),
+    ],
+)
+def test_what_is_no_command_is_refused_with_a_reason_and_moves_nothing(
+    user, type_name, given, data, words
+):
+    before = user.settled()
+    number = user.publish("/command/movl", type_name, given, data)
+    assert words in user.outcome("movl", number, "refused")
+    assert user.where() == before
+    assert user.state() == int(State.NOT_CONTROLLING)
+
+
+def test_another_hash_is_refused_and_counted(user):
+    before = counted(user)["refused"]
+    config = zenoh.Config()
+    config.insert_json5("connect/endpoints", f'["{user.node.options.router}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", "[]")
+    key = data_key(0, f"{ARM}/command/movl", POSE)
+    pose = codec_of(POSE).encode(user.moved(-0.02))
+    where = user.settled()
+    with zenoh.open(config) as session:
+        publisher = session.declare_publisher(f"{key[:-4]}0000")
+
+        def refused():
+            publisher.put(pose)
+            return [each for each in user.heard(f"{ARM}/result") if each["outcome"] == "refused"]
+
+        told = until(refused, "the refusal")
+    assert "it takes geometry_msgs::msg::dds_::Pose_/RIHS01_d501954e" in told[0]["reason"]
+    until(lambda: counted(user)["refused"] > before, "the count")
+    assert user.where() == where
+
+
+def test_services_refuse_what_is_no_request(user):
+    assert not user.call("movl", "cardan_msgs/srv/MovePose", data=b"\1\2\3")["success"]
+    name = "rcl_interfaces/srv/SetParameters"
+    assert user.call("set_parameters", name, data=b"\0\1\0\0\xff\xff\xff\xff") is None
+
+
+def test_a_flood_is_survived_counted_and_moves_nothing_wrong(user):
+    before, where = counted(user), user.settled()
+    beyond = codec_of(POSE).encode(completed(POSE, {"position": {"x": 9.0}}))
+    for _ in range(5000):
+        user.publish("/command/movl", POSE, data=beyond)
+        user.publish("/command/twist", TWIST)
+    until(lambda: counted(user)["displaced"] > before["displaced"], "the count")
+    told = user.heard(f"{ARM}/result")
+    assert any("displaced by newer ones" in each["reason"] for each in told)
+    assert user.where() == where
+    # And the arm is commanded as before.
+    number = user.publish("/command/movl", POSE, user.moved(-0.02))
+    assert user.outcome("movl", number, "done") == ""
+
+
+def test_a_publisher_that_dies_in_midst_of_a_stream_brakes_the_arm(user):
+    assert user.set("preset_streaming_cmd", "twist")["successful"]
+    script = f"""
+import sys, time
+from cardan.bus.node import BusNode
+from cardan.bus.options import BusOptions
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import completed
+twist = codec_of("{TWIST}").encode(completed("{TWIST}", {{"linear": {{"z": -0.03}}}}))
+with BusNode(BusOptions(router="{user.node.options.router}", listen=()), "streamer") as node:
+    publisher = node.publisher("{ARM}/command/twist", "{TWIST}")
+    while True:
+        publisher.put(twist, time.time_ns())
+        time.sleep(0.02)
+"""
+    topic = f"{ARM}/state/status"
+    with subprocess.Popen([sys.executable, "-c", script]) as streamer:
+        try:
+            until(lambda: any(s["moving"] for s in user.heard(topic)), "the motion")
+        finally:
+            streamer.kill()
+    killed_s = time.monotonic()
+    until(lambda: any(s["phase"] in ("disarmed", "holding") for s in user.heard(topic)), "the rest")
+    assert time.monotonic() - killed_s < 2.0  # 0.1 s of silence, a short ramp, and this computer.
+    where = user.settled()["position"]["z"]
+    sent = set()
+
+    def refused():
+        """The stream is another one's while that one may still be fresh."""
+        sent.add(user.publish("/command/twist", TWIST, {"linear": {"z": -0.03}}))
+        told = [each for each in user.heard(f"{ARM}/result") if each["sequence"] in sent]
+        return any("choose this streaming command first" in each["reason"] for each in told)
+
+    until(refused, "the refusal")
+    assert user.where()["position"]["z"] == pytest.approx(where, abs=1e-4)
