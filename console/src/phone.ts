@@ -1,0 +1,93 @@
+import type { Body } from "./frames.ts";
+import { FRAME_MS } from "./hold.ts";
+import { DEGREE, type Vec3 } from "./spatial.ts";
+
+/** Longest wait for the first angles after they were allowed. */
+const FIRST_ANGLES_MS = 1500;
+
+
+/** Bits of a phone's buttons. */
+export const BUTTONS = { a: 1, b: 2, align: 4 } as const;
+
+type Permitted = { requestPermission?: () => Promise<string> };
+
+/** The phone's sensors, from the deliberate act of a person on. */
+export class PhoneSensors {
+  private angles: Vec3 | null = null;
+  private rates: Vec3 | null = null;
+  private acceleration: Vec3 | null = null;
+  private dragRight = 0;
+  private dragUp = 0;
+  buttons = 0;
+
+  /** Whether the sensors have spoken. */
+  get speaks(): boolean {
+    return this.angles !== null;
+  }
+
+  /** Ask for the permission and listen; called in a click. False: no sensor, or not allowed. */
+  async start(): Promise<boolean> {
+    for (const kind of ["DeviceOrientationEvent", "DeviceMotionEvent"] as const) {
+      const event = (window as unknown as Record<string, Permitted | undefined>)[kind];
+      if (!event) return false;
+      if (event.requestPermission && (await event.requestPermission()) !== "granted") return false;
+    }
+    window.addEventListener("deviceorientation", this.turned);
+    window.addEventListener("devicemotion", this.moved);
+    const until = performance.now() + FIRST_ANGLES_MS;
+    while (!this.speaks && performance.now() < until) {
+      await new Promise((resolve) => setTimeout(resolve, FRAME_MS));
+    }
+    return this.speaks;
+  }
+
+  stop(): void {
+    window.removeEventListener("deviceorientation", this.turned);
+    window.removeEventListener("devicemotion", this.moved);
+    this.angles = this.rates = this.acceleration = null;
+    this.letGo();
+  }
+
+  /** The second finger, in thirds of the screen's shorter side from where it was put down. */
+  drag(right: number, up: number): void {
+    [this.dragRight, this.dragUp] = [right, up];
+  }
+
+  letGo(): void {
+    this.drag(0, 0);
+    this.buttons = 0;
+  }
+
+  body(): Body {
+    return {
+      kind: "phone",
+      anglesDeg: this.angles,
+      dragRight: this.dragRight,
+      dragUp: this.dragUp,
+      ratesRadS: this.rates,
+      accelerationMS2: this.acceleration,
+      buttons: this.buttons,
+      screenQuarters: Math.round((screen.orientation?.angle ?? 0) / 90) % 4,
+    };
+  }
+
+  private readonly turned = (event: DeviceOrientationEvent): void => {
+    const { alpha, beta, gamma } = event;
+    // Null is "no sensor, or not allowed", never zero.
+    this.angles = alpha === null || beta === null || gamma === null ? null : [alpha, beta, gamma];
+  };
+
+  private readonly moved = (event: DeviceMotionEvent): void => {
+    const turning = event.rotationRate;
+    // Of this event alpha is about x, beta about y, gamma about z.
+    this.rates =
+      turning && turning.alpha !== null && turning.beta !== null && turning.gamma !== null
+        ? [turning.alpha * DEGREE, turning.beta * DEGREE, turning.gamma * DEGREE]
+        : null;
+    const force = event.accelerationIncludingGravity;
+    this.acceleration =
+      force && force.x !== null && force.y !== null && force.z !== null
+        ? [force.x, force.y, force.z]
+        : null;
+  };
+}

@@ -1,0 +1,459 @@
+import * as THREE from "three";
+import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import { TransformControls } from "three/examples/jsm/controls/TransformControls.js";
+import URDFLoader, { type URDFRobot } from "urdf-loader";
+import type { Arm } from "./arm.ts";
+import { t } from "./i18n.ts";
+import type { Part } from "./settings.ts";
+import { type Pose, type Vec3, norm, subtract } from "./spatial.ts";
+import { Around, nearness, warning } from "./surroundings.ts";
+
+const TRAIL_POINTS = 1200;
+/** A point of the trail each so many metres. */
+const TRAIL_STEP_M = 0.002;
+
+/** Where the processor draws: it has to be left to the hold, whose frames come first. */
+const SOFTWARE_SPACING_MS = 250;
+const SOFTWARE_PIXEL_RATIO = 0.35;
+const RESTS_MS = 700;
+
+const FORCE_M_PER_N = 0.01;
+const LONGEST_FORCE_M = 0.4;
+
+const COLOURS = {
+  even: 0xe4e8ee,
+  odd: 0x9fb0c3,
+  ghost: 0x3b82f6,
+  unreachable: 0xe5484d,
+  measured: 0x12a594,
+  commanded: 0xf59e0b,
+  trail: 0x12a594,
+  force: 0xd946ef,
+};
+
+export type View = "iso" | "front" | "side" | "top";
+const VIEWS: Record<View, Vec3> = {
+  iso: [1.25, -1.15, 0.85],
+  front: [1.9, 0, 0.25],
+  side: [0, -1.9, 0.25],
+  top: [0.001, 0, 2.1],
+};
+
+/** The picture of an arm: the robot as measured, and a ghost at the goal. Axes are the base's: x
+ * forward, y left, z up, m. It is drawn when something in it has changed. */
+export class Scene {
+  /** Something is about to be drawn: time to say what. */
+  beforeDraw: () => void = () => {};
+  /** Something may be held: where the processor draws, nothing of it waits for a fine picture. */
+  hurried = false;
+  /** The gizmo was dragged to a pose. */
+  onDrag: (pose: Pose) => void = () => {};
+  private readonly renderer: THREE.WebGLRenderer;
+  private readonly scene = new THREE.Scene();
+  private readonly camera = new THREE.PerspectiveCamera(40, 1, 0.02, 50);
+  private readonly orbit: OrbitControls;
+  private readonly gizmo: TransformControls;
+  private readonly handle = new THREE.Object3D();
+  private readonly measured = axes(0.12);
+  private readonly base = axes(0.25);
+  private readonly around = new Around();
+  private readonly hides = new Set<Part>();
+  private readonly commanded: THREE.Mesh;
+  private readonly force: THREE.ArrowHelper;
+  private readonly trail: THREE.Line;
+  private readonly trailPoints = new Float32Array(3 * TRAIL_POINTS);
+  private trailCount = 0;
+  private robot: URDFRobot | null = null;
+  private ghost: URDFRobot | null = null;
+  private readonly linkMaterials = new Map<string, THREE.MeshLambertMaterial>();
+  private readonly ghostMaterial = translucent(COLOURS.ghost);
+  private readonly slow: boolean;
+  private readonly label: string;
+  private drawnMs = -Infinity;
+  private changedMs = -Infinity;
+  private fine = false;
+  private warm = false;
+  private drawn: number[] = [];
+  private dirty = true;
+  private dragging = false;
+  private hasGoal = false;
+  private hasGhost = false;
+  private reach = 1;
+
+  /** Raises where the browser has no WebGL. */
+  constructor(place: HTMLElement, label: string) {
+    this.slow = drawsBySoftware();
+    this.renderer = new THREE.WebGLRenderer({ antialias: !this.slow, alpha: true });
+    const canvas = this.renderer.domElement;
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", label);
+    this.label = label;
+    place.append(canvas);
+
+    this.camera.up.set(0, 0, 1);
+    this.orbit = new OrbitControls(this.camera, canvas);
+    this.orbit.addEventListener("change", () => this.redraw());
+    this.look("iso");
+
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8893a5, 1.6));
+    const sun = new THREE.DirectionalLight(0xffffff, 2.2);
+    sun.position.set(1.5, -2, 3);
+    this.scene.add(sun);
+    const fill = new THREE.DirectionalLight(0xbfd4ff, 0.7);
+    fill.position.set(-2, 1.5, 1);
+    this.scene.add(fill);
+
+    const grid = new THREE.GridHelper(4, 40, 0x6b7a90, 0x6b7a90);
+    grid.rotation.x = Math.PI / 2;
+    const lines = grid.material as THREE.LineBasicMaterial;
+    lines.transparent = true;
+    lines.opacity = 0.22;
+    this.scene.add(grid, this.base, this.measured, this.around.workspace, this.around.obstacles);
+
+    this.commanded = new THREE.Mesh(
+      new THREE.TorusGeometry(0.02, 0.0025, 8, 40),
+      new THREE.MeshBasicMaterial({ color: COLOURS.commanded }),
+    );
+    this.commanded.visible = false;
+    this.force = new THREE.ArrowHelper(
+      new THREE.Vector3(0, 0, 1),
+      new THREE.Vector3(),
+      0.1,
+      COLOURS.force,
+    );
+    this.force.visible = false;
+    const path = new THREE.BufferGeometry();
+    path.setAttribute("position", new THREE.BufferAttribute(this.trailPoints, 3));
+    path.setDrawRange(0, 0);
+    this.trail = new THREE.Line(path, new THREE.LineBasicMaterial({ color: COLOURS.trail }));
+    this.trail.frustumCulled = false;
+    this.scene.add(this.commanded, this.force, this.trail, this.handle);
+
+    this.gizmo = new TransformControls(this.camera, canvas);
+    this.gizmo.setSize(0.75);
+    this.gizmo.attach(this.handle);
+    this.gizmo.addEventListener("dragging-changed", (event) => {
+      this.dragging = Boolean(event.value);
+      this.orbit.enabled = !this.dragging;
+    });
+    this.gizmo.addEventListener("objectChange", () => this.onDrag(poseOf(this.handle)));
+    this.gizmo.addEventListener("change", () => this.redraw());
+    this.scene.add(this.gizmo.getHelper());
+    this.gizmo.getHelper().visible = false;
+
+    new ResizeObserver(() => this.resize(place)).observe(place);
+    this.resize(place);
+    requestAnimationFrame(this.draw);
+  }
+
+  /** Show no robot, and nothing around it. */
+  empty(): void {
+    for (const old of [this.robot, this.ghost]) old?.removeFromParent();
+    [this.robot, this.ghost] = [null, null];
+    this.linkMaterials.clear();
+    this.around.clear();
+    this.clearTrail();
+  }
+
+  /** Show the robot of an arm's description; the movable joints' names in its order. */
+  load(description: string): void {
+    this.empty();
+    this.robot = parse(description);
+    this.ghost = parse(description);
+    let index = 0;
+    for (const [name, link] of Object.entries(this.robot.links)) {
+      const colour = index++ % 2 ? COLOURS.odd : COLOURS.even;
+      const material = new THREE.MeshLambertMaterial({ color: colour });
+      material.userData["colour"] = new THREE.Color(colour);
+      this.linkMaterials.set(name, material);
+      for (const child of link.children) if ("isURDFCollider" in child) paint(child, material);
+    }
+    paint(this.ghost, this.ghostMaterial);
+    this.ghost.visible = false;
+    this.hasGoal = this.hasGhost = false;
+    this.scene.add(this.robot, this.ghost);
+    this.warm = false;
+    this.measure();
+    this.look("iso");
+  }
+
+  /** Show what is around an arm, once its robot is loaded. */
+  surround(arm: Arm): void {
+    if (!arm.surroundings) return;
+    this.around.load(arm.surroundings, this.robot, this.reach);
+    this.around.showShells(this.shows("capsules"));
+    const names = arm.surroundings.obstacles.map((each) => each.name).join(", ");
+    const words = names ? `${this.label}. ${t("shown_obstacles")}: ${names}.` : this.label;
+    this.renderer.domElement.setAttribute("aria-label", words);
+    this.warm = false;
+    this.redraw();
+  }
+
+  /** Show a part of the picture, or hide it. */
+  show(part: Part, on: boolean): void {
+    if (on) this.hides.delete(part);
+    else this.hides.add(part);
+    this.base.visible = this.shows("axes");
+    this.measured.visible = this.shows("tcp");
+    this.trail.visible = this.shows("trail");
+    this.around.workspace.visible = this.shows("workspace");
+    this.around.obstacles.visible = this.shows("obstacles");
+    this.around.showShells(this.shows("capsules"));
+    if (this.ghost) this.ghost.visible = this.hasGhost && this.shows("ghost");
+    this.redraw();
+  }
+
+  private shows(part: Part): boolean {
+    return !this.hides.has(part);
+  }
+
+  /** Take what the arm has published; called from beforeDraw. */
+  follow(arm: Arm): void {
+    if (this.robot && arm.joints) setJoints(this.robot, arm.joints.names, arm.joints.positions);
+    if (arm.measured) {
+      place(this.measured, arm.measured);
+      this.extendTrail(arm.measured.position);
+      if (!this.hasGoal && !this.dragging) place(this.handle, arm.measured);
+      this.gizmo.getHelper().visible = true;
+    }
+    const moves = arm.commanded !== null && Boolean(arm.status?.moving);
+    this.commanded.visible = moves && this.shows("commanded");
+    if (arm.commanded) place(this.commanded, arm.commanded);
+    this.showForce(arm);
+    this.showClearance(arm);
+  }
+
+  /** Show the ghost; null: take it away. */
+  showGoal(names: readonly string[], joints: readonly number[] | null, pose: Pose | null, reachable: boolean): void {
+    if (!this.ghost) return;
+    this.hasGoal = pose !== null;
+    this.hasGhost = pose !== null && joints !== null;
+    this.ghost.visible = this.hasGhost && this.shows("ghost");
+    if (joints) setJoints(this.ghost, names, joints);
+    this.ghostMaterial.color.setHex(reachable ? COLOURS.ghost : COLOURS.unreachable);
+    if (pose && !this.dragging) place(this.handle, pose);
+    this.redraw();
+  }
+
+  /** The pose of the TCP with the joints so, in the base; null before there is a robot. */
+  forward(arm: Arm, joints: readonly number[]): Pose | null {
+    if (!this.ghost || !arm.joints) return null;
+    setJoints(this.ghost, arm.joints.names, joints);
+    this.ghost.updateMatrixWorld(true);
+    const flange = arm.tcp ? this.ghost.links[arm.tcp.parent] : undefined;
+    if (!flange || !arm.tcp) return null;
+    const tcp = new THREE.Object3D();
+    place(tcp, arm.tcp.pose);
+    tcp.updateMatrix();
+    const whole = flange.matrixWorld.clone().multiply(tcp.matrix);
+    whole.decompose(tcp.position, tcp.quaternion, tcp.scale);
+    return poseOf(tcp);
+  }
+
+  /** Range and speed of a joint, rad or m; null: it has none. */
+  limits(name: string): { lower: number; upper: number; velocity: number; slides: boolean } | null {
+    const joint = this.robot?.joints[name];
+    if (!joint) return null;
+    const slides = joint.jointType === "prismatic";
+    const unlimited = joint.jointType === "continuous";
+    return {
+      lower: unlimited ? -Math.PI : joint.limit.lower,
+      upper: unlimited ? Math.PI : joint.limit.upper,
+      velocity: joint.limit.velocity || 1,
+      slides,
+    };
+  }
+
+  setGizmo(mode: "translate" | "rotate", space: "world" | "local"): void {
+    this.gizmo.setMode(mode);
+    this.gizmo.setSpace(space);
+    this.redraw();
+  }
+
+  look(from: View): void {
+    const [x, y, z] = VIEWS[from];
+    const centre = new THREE.Vector3(0.15, 0, 0.33).multiplyScalar(this.reach);
+    this.orbit.target.copy(centre);
+    this.camera.position.set(x, y, z).multiplyScalar(this.reach).add(centre);
+    this.orbit.update();
+    this.redraw();
+  }
+
+  clearTrail(): void {
+    this.trailCount = 0;
+    this.trail.geometry.setDrawRange(0, 0);
+    this.redraw();
+  }
+
+  redraw(): void {
+    this.dirty = true;
+    this.changedMs = performance.now();
+  }
+
+  /** Draw anew where what the arm publishes looks different. */
+  news(arm: Arm): void {
+    const now = [
+      ...(arm.joints?.positions ?? []),
+      ...(arm.measured?.position ?? []),
+      ...(arm.wrench ? arm.wrench.force.map((each) => each / 1000) : []),
+      arm.status?.moving ? 1 : 0,
+      arm.snapshot?.clearance_m ?? 1,
+      arm.snapshot?.at_workspace_limit ? 1 : 0,
+    ];
+    if (now.length === this.drawn.length && now.every((each, at) => same(each, this.drawn[at]))) return;
+    this.drawn = now;
+    this.redraw();
+  }
+
+  /** Where the processor draws, a picture that changes is coarse and drawn seldom: the frames of the
+   * hold come first. One that rests is drawn once more, as fine as the screen. */
+  private readonly draw = (nowMs: number): void => {
+    requestAnimationFrame(this.draw);
+    const rests = nowMs - this.changedMs > RESTS_MS;
+    const fine = !this.slow || (rests && !this.hurried);
+    if (!this.dirty && fine === this.fine) return;
+    if (this.slow && nowMs - this.drawnMs < SOFTWARE_SPACING_MS) return;
+    if (fine !== this.fine || this.drawnMs === -Infinity) {
+      this.renderer.setPixelRatio(fine ? Math.min(2, devicePixelRatio) : SOFTWARE_PIXEL_RATIO);
+    }
+    [this.fine, this.drawnMs, this.dirty] = [fine, nowMs, false];
+    this.beforeDraw();
+    if (this.robot && !this.warm) this.warmUp();
+    this.renderer.render(this.scene, this.camera);
+  };
+
+  /** Draw once all that may appear: its shaders are made now, and not when the arm begins to move. */
+  private warmUp(): void {
+    this.warm = true;
+    const hidden = [this.ghost, this.commanded, this.force].filter((each) => each && !each.visible);
+    for (const each of hidden) if (each) each.visible = true;
+    this.renderer.render(this.scene, this.camera);
+    for (const each of hidden) if (each) each.visible = false;
+  }
+
+  private measure(): void {
+    if (!this.robot) return;
+    const size = new THREE.Box3().setFromObject(this.robot).getSize(new THREE.Vector3());
+    this.reach = Math.max(0.4, Math.min(4, Math.max(size.x, size.y, size.z) / 0.9));
+  }
+
+  private extendTrail(position: Vec3): void {
+    const points = this.trailPoints;
+    if (this.trailCount) {
+      const at = 3 * (this.trailCount - 1);
+      const last: Vec3 = [points[at] ?? 0, points[at + 1] ?? 0, points[at + 2] ?? 0];
+      if (norm(subtract(position, last)) < TRAIL_STEP_M) return;
+    }
+    if (this.trailCount === TRAIL_POINTS) {
+      points.copyWithin(0, 3);
+      this.trailCount -= 1;
+    }
+    points.set(position, 3 * this.trailCount);
+    this.trailCount += 1;
+    this.trail.geometry.setDrawRange(0, this.trailCount);
+    const attribute = this.trail.geometry.getAttribute("position");
+    attribute.needsUpdate = true;
+  }
+
+  private showForce(arm: Arm): void {
+    const newtons = arm.wrench ? norm(arm.wrench.force) : 0;
+    this.force.visible = newtons > 0.5 && arm.measured !== null && this.shows("force");
+    if (!this.force.visible || !arm.wrench || !arm.measured) return;
+    this.force.position.set(...arm.measured.position);
+    this.force.setDirection(new THREE.Vector3(...arm.wrench.force).normalize());
+    this.force.setLength(Math.min(LONGEST_FORCE_M, newtons * FORCE_M_PER_N), 0.04, 0.025);
+  }
+
+  private showClearance(arm: Arm): void {
+    const clearance = arm.snapshot?.clearance_m ?? null;
+    const pair = arm.snapshot?.nearest_pair ?? [];
+    const near = nearness(clearance, pair, arm.surroundings);
+    for (const [name, material] of this.linkMaterials) {
+      material.color.copy(material.userData["colour"] as THREE.Color);
+      if (near > 0 && pair.includes(name)) material.color.lerp(warning(near), 0.35 + 0.45 * near);
+    }
+    this.around.colour(near, pair, Boolean(arm.snapshot?.at_workspace_limit));
+  }
+
+  private resize(place: HTMLElement): void {
+    const { clientWidth: width, clientHeight: height } = place;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    // The whole arm stays in narrow pictures, too.
+    this.camera.fov = width < height ? 40 * Math.min(1.6, height / width) : 40;
+    this.camera.updateProjectionMatrix();
+    this.redraw();
+  }
+}
+
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+
+/** Whether no graphics card draws here. Raises nothing: a browser without WebGL says so later. */
+function drawsBySoftware(): boolean {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const about = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = gl?.getParameter(about ? about.UNMASKED_RENDERER_WEBGL : gl.RENDERER) as unknown;
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return SOFTWARE.test(String(name));
+}
+
+/** Below what can be seen: 0.01 mm, 0.0006°. */
+function same(a: number, b: number | undefined): boolean {
+  return b !== undefined && Math.abs(a - b) < 1e-5;
+}
+
+/** Capsules of the collision model are what these descriptions have for a body; their meshes, where
+ * one has some, are not on the bus. */
+function parse(description: string): URDFRobot {
+  const loader = new URDFLoader();
+  loader.parseVisual = false;
+  loader.parseCollision = true;
+  loader.loadMeshCb = (_path, _manager, _material, done) => done(new THREE.Group());
+  return loader.parse(description);
+}
+
+function setJoints(robot: URDFRobot, names: readonly string[], values: readonly number[]): void {
+  names.forEach((name, index) => {
+    const joint = robot.joints[name];
+    if (!joint) return;
+    joint.ignoreLimits = true;
+    joint.setJointValue(values[index] ?? 0);
+  });
+}
+
+function paint(object: THREE.Object3D, material: THREE.Material): void {
+  object.traverse((each) => {
+    if (each instanceof THREE.Mesh) each.material = material;
+  });
+}
+
+function translucent(colour: number): THREE.MeshLambertMaterial {
+  return new THREE.MeshLambertMaterial({
+    color: colour,
+    transparent: true,
+    opacity: 0.28,
+    depthWrite: false,
+    // Where the ghost is as the robot is, the robot is seen.
+    polygonOffset: true,
+    polygonOffsetFactor: 1,
+    polygonOffsetUnits: 1,
+  });
+}
+
+function axes(length: number): THREE.AxesHelper {
+  const helper = new THREE.AxesHelper(length);
+  helper.setColors(new THREE.Color(0xe5484d), new THREE.Color(0x30a46c), new THREE.Color(0x3b82f6));
+  return helper;
+}
+
+function place(object: THREE.Object3D, pose: Pose): void {
+  object.position.set(...pose.position);
+  object.quaternion.set(...pose.orientation);
+}
+
+function poseOf(object: THREE.Object3D): Pose {
+  const { x, y, z } = object.position;
+  const { x: i, y: j, z: k, w } = object.quaternion;
+  return { position: [x, y, z], orientation: [i, j, k, w] };
+}

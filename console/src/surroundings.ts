@@ -1,0 +1,175 @@
+import * as THREE from "three";
+import type { URDFRobot } from "urdf-loader";
+import type { Quat, Vec3 } from "./spatial.ts";
+
+type Range = readonly [number, number];
+
+type Solid = {
+  name: string;
+  box?: { position: Vec3; orientation: Quat; size_m: Vec3 };
+  capsule?: { start: Vec3; end: Vec3; radius_m: number };
+  plane?: { normal: Vec3; offset_m: number };
+};
+
+/** What an arm's session tells of what is around it: base axes, m and rad. */
+export type Surroundings = {
+  workspace_m: readonly (Range | null)[];
+  obstacles: Solid[];
+  /** Of the arm, each in the frame of the link after its joint; "" is the base. */
+  shapes: (Solid & { joint: string })[];
+  /** The distance that is kept to obstacles; null: collisions are not avoided. */
+  obstacle_m: number | null;
+  own_body_m: number | null;
+  home: number[] | null;
+};
+
+/** What comes nearer than is kept and so much more is coloured. The arm's own bodies pass each other
+ * closely in any posture. */
+const WARNS_M = { obstacle: 0.04, ownBody: 0.01 };
+
+/** What is kept where the session does not say. */
+const KEPT_M = { obstacle: 0.01, ownBody: 0.005 };
+
+const COLOURS = {
+  obstacle: new THREE.Color(0x8b7355),
+  shell: new THREE.Color(0x30a46c),
+  near: new THREE.Color(0xf59e0b),
+  touching: new THREE.Color(0xe5484d),
+  edge: new THREE.Color(0x3b82f6),
+};
+
+/** How near the nearest pair is: 0 far, 1 as near as is allowed. */
+export function nearness(
+  clearance: number | null,
+  pair: readonly string[],
+  told: Surroundings | null,
+): number {
+  if (clearance === null) return 0;
+  const obstacle = told?.obstacles.some((each) => pair.includes(each.name)) ?? false;
+  const kind = obstacle ? "obstacle" : "ownBody";
+  const kept = (obstacle ? told?.obstacle_m : told?.own_body_m) ?? KEPT_M[kind];
+  return Math.max(0, Math.min(1, 1 + (kept - clearance) / WARNS_M[kind]));
+}
+
+/** The colour of a warning for how near it is, 0 to 1. */
+export function warning(near: number): THREE.Color {
+  return COLOURS.near.clone().lerp(COLOURS.touching, near);
+}
+
+/** Corners of the workspace, where its open sides are `open` m away; null: it has no walls. */
+export function walls(
+  ranges: readonly (Range | null)[],
+  open: number,
+): { low: Vec3; high: Vec3 } | null {
+  if (!ranges.some((each) => each !== null)) return null;
+  const side = (axis: number): Range => ranges[axis] ?? [-open, open];
+  const [x, y, z] = [side(0), side(1), side(2)];
+  return { low: [x[0], y[0], z[0]], high: [x[1], y[1], z[1]] };
+}
+
+/** Workspace, obstacles, and the collision shapes of the arm with the distance that is kept. */
+export class Around {
+  readonly workspace = new THREE.Group();
+  readonly obstacles = new THREE.Group();
+  private readonly shells: THREE.Mesh[] = [];
+  private readonly materials = new Map<string, THREE.MeshLambertMaterial[]>();
+  private readonly edge = new THREE.LineBasicMaterial({ color: COLOURS.edge });
+
+  /** Make all of it anew; `reach`: about how far the arm reaches, m. */
+  load(told: Surroundings, robot: URDFRobot | null, reach: number): void {
+    this.clear();
+    for (const each of told.obstacles) {
+      const mesh = solid(each, 0, 3 * reach);
+      if (mesh) this.obstacles.add(this.painted(mesh, each.name, COLOURS.obstacle, 0.55));
+    }
+    for (const each of robot ? told.shapes : []) {
+      const mesh = solid(each, told.obstacle_m ?? 0, reach);
+      const place = each.joint ? robot?.joints[each.joint] : robot;
+      if (!mesh || !place) continue;
+      place.add(this.painted(mesh, each.name, COLOURS.shell, 0.22));
+      this.shells.push(mesh);
+    }
+    const box = walls(told.workspace_m, 1.5 * reach);
+    if (box) this.workspace.add(this.wireBox(box.low, box.high));
+  }
+
+  showShells(on: boolean): void {
+    for (const each of this.shells) each.visible = on;
+  }
+
+  /** Colour the pair that is near, 0 to 1, and the wall that is met. */
+  colour(near: number, pair: readonly string[], atWall: boolean): void {
+    for (const [name, materials] of this.materials) {
+      for (const material of materials) {
+        const { own, opacity } = material.userData as { own: THREE.Color; opacity: number };
+        const warns = near > 0 && pair.includes(name);
+        material.color.copy(own);
+        if (warns) material.color.lerp(warning(near), 0.4 + 0.6 * near);
+        material.opacity = warns ? opacity + 0.25 * near : opacity;
+      }
+    }
+    this.edge.color.copy(atWall ? COLOURS.touching : COLOURS.edge);
+  }
+
+  /** Show none of it. */
+  clear(): void {
+    for (const each of this.shells) each.removeFromParent();
+    this.shells.length = 0;
+    this.materials.clear();
+    this.obstacles.clear();
+    this.workspace.clear();
+  }
+
+  private painted(mesh: THREE.Mesh, name: string, own: THREE.Color, opacity: number): THREE.Mesh {
+    const material = new THREE.MeshLambertMaterial({
+      color: own,
+      transparent: true,
+      opacity,
+      depthWrite: false,
+      side: THREE.DoubleSide,
+    });
+    Object.assign(material.userData, { own, opacity });
+    mesh.material = material;
+    this.materials.set(name, [...(this.materials.get(name) ?? []), material]);
+    return mesh;
+  }
+
+  private wireBox(low: Vec3, high: Vec3): THREE.LineSegments {
+    const size: Vec3 = [high[0] - low[0], high[1] - low[1], high[2] - low[2]];
+    const edges = new THREE.EdgesGeometry(new THREE.BoxGeometry(...size));
+    const lines = new THREE.LineSegments(edges, this.edge);
+    lines.position.set(low[0] + size[0] / 2, low[1] + size[1] / 2, low[2] + size[2] / 2);
+    return lines;
+  }
+}
+
+/** A mesh of it, larger by `more` on all sides; planes are as wide as `wide`. */
+function solid(of: Solid, more: number, wide: number): THREE.Mesh | null {
+  if (of.capsule) {
+    const { start, end, radius_m } = of.capsule;
+    const [from, to] = [new THREE.Vector3(...start), new THREE.Vector3(...end)];
+    const along = to.clone().sub(from);
+    const mesh = new THREE.Mesh(new THREE.CapsuleGeometry(radius_m + more, along.length(), 6, 14));
+    mesh.position.copy(from).addScaledVector(along, 0.5);
+    if (along.length() > 1e-9) {
+      mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.normalize());
+    }
+    return mesh;
+  }
+  if (of.box) {
+    const { position, orientation, size_m } = of.box;
+    const [x, y, z] = size_m;
+    const mesh = new THREE.Mesh(new THREE.BoxGeometry(x + 2 * more, y + 2 * more, z + 2 * more));
+    mesh.position.set(...position);
+    mesh.quaternion.set(...orientation);
+    return mesh;
+  }
+  if (of.plane) {
+    const normal = new THREE.Vector3(...of.plane.normal);
+    const mesh = new THREE.Mesh(new THREE.PlaneGeometry(wide, wide));
+    mesh.position.copy(normal).multiplyScalar(of.plane.offset_m);
+    mesh.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), normal);
+    return mesh;
+  }
+  return null;
+}

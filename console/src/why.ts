@@ -1,0 +1,96 @@
+import type { Snapshot, Status } from "./arm.ts";
+import type { End } from "./hold.ts";
+import { type Word, t } from "./i18n.ts";
+import type { Asked } from "./lease.ts";
+import { SLOW_MS } from "./latency.ts";
+import type { LinkState } from "./rosbridge.ts";
+
+export type Level = "ok" | "note" | "warn" | "bad";
+export type Why = { level: Level; text: string };
+
+/** All that decides whether an arm moves, as the page knows it. */
+export type Facts = {
+  link: LinkState;
+  chosen: boolean;
+  stateAgeMs: number;
+  roundTripMs: number | null;
+  role: string;
+  source: string;
+  /** What became of our request for the authority. */
+  asked: Asked;
+  armed: boolean;
+  held: boolean;
+  ended: End | "";
+  /** Why the server or the arm took the newest hold away; empty: it did not. */
+  refused: string;
+  snapshot: Snapshot | null;
+  status: Status | null;
+};
+
+/** State that is older is not the arm's any more. */
+export const SILENT_MS = 1500;
+
+/** Why it does not move, or what it does, in one line: the nearest cause first. */
+export function why(facts: Facts): Why {
+  const { snapshot, status } = facts;
+  if (facts.link === "connecting") return { level: "warn", text: t("connecting") };
+  if (facts.link === "lost") return { level: "bad", text: t("lost") };
+  if (!facts.chosen) return { level: "note", text: `${t("noArms")}. ${t("noArmsHelp")}` };
+  if (facts.stateAgeMs > SILENT_MS) return { level: "bad", text: t("silent") };
+  if (snapshot?.finished) {
+    return { level: "bad", text: [t("ended"), snapshot.error].filter(Boolean).join(": ") };
+  }
+  const stands = [...(snapshot?.diagnosis ?? []), snapshot?.hold_reason].find(Boolean);
+  if (status && !status.ready) {
+    const because = status.message || stands;
+    return { level: "bad", text: because ? `${t("notReady")}: ${because}` : t("notReady") };
+  }
+  if (facts.refused) return { level: "bad", text: refusal(facts.refused) };
+  if (status?.moving) return { level: limited(facts) ? "warn" : "ok", text: moves(facts) };
+  if (facts.held && limited(facts)) return { level: "warn", text: limited(facts) };
+  const message = status?.message || snapshot?.message;
+  if (message) return { level: "warn", text: message };
+  if (snapshot?.hold_reason) return { level: "warn", text: snapshot.hold_reason };
+  if (status?.authority && status.authority !== facts.source) {
+    return { level: "note", text: `${status.authority} ${t("hasAuthority")}` };
+  }
+  if (facts.asked === "given" && !facts.armed) return { level: "note", text: t("given") };
+  if (facts.role === "viewer") return { level: "note", text: t("viewer") };
+  if (facts.roundTripMs !== null && facts.roundTripMs > SLOW_MS) {
+    return { level: "bad", text: `${t("tooSlow")}: ${facts.roundTripMs.toFixed(0)} ms` };
+  }
+  if (facts.ended && facts.ended !== "released" && !facts.held) {
+    const word = `end_${facts.ended}` satisfies Word;
+    const level = facts.ended === "arrived" ? "ok" : "warn";
+    return { level, text: `${t("holdEnded")}: ${t(word)}` };
+  }
+  if (facts.armed) return { level: "ok", text: t("ready") };
+  // Of a robot that is ready, what is told of it keeps nothing from moving.
+  const told = snapshot?.diagnosis.find(Boolean);
+  return { level: "note", text: told ? `${t("notEnabled")} (${told})` : t("notEnabled") };
+}
+
+/** The arm's word for a command that came too late, as people have to hear it. */
+const SILENT = /the stream was silent for/;
+
+function refusal(why: string): string {
+  return SILENT.test(why) ? t("cameLate") : why;
+}
+
+function limited({ snapshot, status }: Facts): string {
+  const limits = status?.limits.length ? status.limits : (snapshot?.arm_limits ?? []);
+  if (limits.length) return `${t("limitedBy")} ${limits.join(", ")}`;
+  return snapshot?.at_workspace_limit ? t("atWall") : "";
+}
+
+function moves(facts: Facts): string {
+  const { snapshot, status } = facts;
+  const who = status?.authority === facts.source ? t("you") : status?.authority;
+  const share = snapshot?.path_speed;
+  const slow =
+    share !== null && share !== undefined && share < 0.99
+      ? `${t("slowed")} ${(100 * share).toFixed(0)} %`
+      : "";
+  const head = who ? `${t("moving")} (${who})` : t("moving");
+  return [head, limited(facts), slow].filter(Boolean).join(" · ");
+}

@@ -1,0 +1,80 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import type { Snapshot, Status } from "../src/arm.ts";
+import { RoundTrips, quality } from "../src/latency.ts";
+import { type Facts, why } from "../src/why.ts";
+
+const STATUS: Status = {
+  phase: "disarmed",
+  message: "",
+  authority: "",
+  ready: true,
+  moving: false,
+  leash_used: 0,
+  limits: [],
+};
+const SNAPSHOT = {
+  finished: false,
+  error: "",
+  message: "",
+  hold_reason: "",
+  diagnosis: [],
+  arm_limits: [],
+  at_workspace_limit: false,
+  path_speed: null,
+} as unknown as Snapshot;
+const FACTS: Facts = {
+  link: "live",
+  chosen: true,
+  stateAgeMs: 20,
+  roundTripMs: 5,
+  role: "operator",
+  source: "console 1",
+  asked: "",
+  armed: true,
+  held: false,
+  ended: "",
+  refused: "",
+  snapshot: SNAPSHOT,
+  status: STATUS,
+};
+
+const says = (facts: Partial<Facts>) => why({ ...FACTS, ...facts });
+const status = (some: Partial<Status>) => ({ status: { ...STATUS, ...some } });
+
+test("the nearest cause comes first", () => {
+  assert.match(says({ link: "lost", stateAgeMs: 1e6 }).text, /connection to the server is lost/);
+  assert.match(says({ stateAgeMs: 2000, refused: "no" }).text, /silent/);
+  assert.match(says(status({ ready: false, message: "the brakes are on" })).text, /not ready: the brakes are on/);
+  assert.equal(says({ refused: "twist: hand has the authority" }).text, "twist: hand has the authority");
+  const late = "twst: choose this streaming command first (parameter cpsc): the stream was silent for 0.101 s";
+  assert.match(says({ refused: late }).text, /came too late/);
+  assert.match(says({ roundTripMs: 400 }).text, /too long.*400 ms/);
+  assert.match(says({ ended: "hidden", armed: false }).text, /hidden: enable again/);
+  assert.match(says(status({ authority: "hand" })).text, /^hand has the authority/);
+  assert.match(says({ asked: "given", armed: false }).text, /handed to you: enable/);
+  assert.equal(says({ held: true, ...status({ limits: ["collision"] }) }).text, "Limited by collision");
+  assert.match(says({ role: "viewer" }).text, /watch only/);
+  assert.match(says({ armed: false }).text, /Enable motion/);
+  assert.equal(says({}).level, "ok");
+});
+
+test("a motion says who moves and what limits it", () => {
+  const moving = status({ moving: true, authority: "console 1", limits: ["elbow_joint"] });
+  const told = says({ ...moving, snapshot: { ...SNAPSHOT, path_speed: 0.4 } });
+  assert.equal(told.level, "warn");
+  assert.equal(told.text, "Moving (you) · Limited by elbow_joint · slowed to 40 %");
+});
+
+test("one late answer is none of a slow link", () => {
+  const trips = new RoundTrips();
+  for (const each of [4, 5, 900, 6, 4]) trips.add(each);
+  assert.equal(trips.recent, 5);
+  assert.equal(trips.worst, 900);
+  for (let each = 0; each < 200; each += 1) trips.add(7);
+  assert.equal(trips.all.length, 100);
+  assert.equal(trips.worst, 7);
+  assert.equal(quality(7, 10), "good");
+  assert.equal(quality(7, 2000), "bad");
+  assert.equal(quality(null, 10), "none");
+});

@@ -1,0 +1,48 @@
+"""What all tests of the console's page share: one browser, one robot, its session, the server."""
+
+from __future__ import annotations
+
+import pytest
+
+from cardan.gateway.session.browser import chromium, find_chromium
+
+
+@pytest.fixture(scope="session")
+def built():
+    """The page is built."""
+    from cardan.errors import ConfigurationError
+    from cardan.gateway.faces.console.site import Site
+
+    try:
+        return Site()
+    except ConfigurationError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    """One for all tests; each opens pages of its own."""
+    program = find_chromium()
+    if program is None:
+        pytest.skip("no Chromium is installed: tools/debian-packages judges")
+    with chromium(program, tmp_path_factory.mktemp("chromium")) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="session")
+def bench(built, browser, tmp_path_factory):
+    """A robot, its session, the server, and a network between it and the browser."""
+    from tests.console.hold_table import bench
+
+    with bench(browser, tmp_path_factory.mktemp("session")) as made:
+        yield made
+
+
+@pytest.fixture
+def page(bench, browser):
+    """A page of its own for a test, which shows the arm."""
+    from tests.console.hand import RELOADED
+
+    with browser.open(bench.address) as page:
+        page.until(RELOADED)
+        yield page

@@ -1,0 +1,87 @@
+"""What a person does on the page: enable, hold, let go."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+from cardan.gateway.session.browser import WAIT_S, Tab
+
+STATE = "document.body.dataset.state"
+RELOADED = "document.querySelectorAll('.joint-jog').length > 0"
+WHY = "document.querySelector('.why').textContent"
+
+Place = tuple[float, float]
+
+
+def jog(axis: str, sign: int = 1) -> str:
+    """The selector of a button that jogs."""
+    return f'button[aria-label="{axis}{"+" if sign > 0 else "−"}"]'
+
+
+def keeps(**settings: object) -> str:
+    """A script, so that the page finds these settings of its own."""
+    return (
+        "try { localStorage.setItem('cardan-console', "
+        f"{json.dumps(json.dumps(settings))}); }} catch {{}}"
+    )
+
+
+def enable(page: Tab) -> None:
+    """The deliberate act; anew where a busy computer has taken it back at once."""
+    end_s = time.monotonic() + WAIT_S
+    while page.value(STATE) == "watching":
+        page.until("!document.querySelector('.enable').disabled")
+        page.click(".enable")
+        give_up_s = time.monotonic() + 2.0
+        while page.value(STATE) == "watching" and time.monotonic() < give_up_s:
+            time.sleep(0.02)
+        assert time.monotonic() < end_s, page.value(WHY)
+
+
+class Hand(NamedTuple):
+    """A way to hold a button, and to let go of it."""
+
+    press: Callable[[Tab, str], Place]
+    """Returns where it is."""
+    let_go: Callable[[Tab, Place], None]
+
+
+def _press_mouse(page: Tab, selector: str) -> Place:
+    at = page.centre(selector)
+    page.mouse("mousePressed", at)
+    return at
+
+
+def _press_touch(page: Tab, selector: str) -> Place:
+    at = page.centre(selector)
+    page.touch("touchStart", at)
+    return at
+
+
+def _press_key(page: Tab, selector: str) -> Place:
+    page.value(f"document.querySelector({json.dumps(selector)}).focus()")
+    page.key("keyDown", " ", "Space")
+    return 0.0, 0.0
+
+
+MOUSE = Hand(_press_mouse, lambda page, at: page.mouse("mouseReleased", at))
+FINGER = Hand(_press_touch, lambda page, at: page.touch("touchEnd"))
+KEY = Hand(_press_key, lambda page, at: page.key("keyUp", " ", "Space"))
+
+
+def hold(page: Tab, hand: Hand, selector: str, moves: Callable[[], bool]) -> Place:
+    """Hold a button until the arm moves; where the pointer is. A browser on a busy computer stands
+    still now and then, which rightly ends the hold: then it is begun anew."""
+    end_s = time.monotonic() + WAIT_S
+    while True:
+        enable(page)
+        at = hand.press(page, selector)
+        while page.value(STATE) == "held":
+            if moves():
+                return at
+            time.sleep(0.01)
+        hand.let_go(page, at)
+        assert time.monotonic() < end_s, page.value(WHY)

@@ -1,0 +1,136 @@
+"""Sessions whose devices are hands on a page: a phone, a left and a right controller."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.protocols.ros2.cdr import codec_of
+from tests.console.rig import Face, face
+from tests.serving import free_endpoint
+from tests.waiting import until
+
+STRING = "std_msgs/msg/String"
+
+SESSION = """
+[robot]
+driver = "sim_arm"
+robot = "ur5"
+drive = "ideal"
+period_s = 0.008
+
+[arm]
+model = "ur5"
+
+[device]
+driver = "{driver}"
+wait_for_device = true
+router = "{endpoint}"
+{device}
+
+[mapping]
+mode = "{mode}"
+frame = "base"
+deadman = "hold"
+linear_speed_m_s = 0.1
+angular_speed_rad_s = 0.5
+
+[network]
+name = "arm"
+namespace = "{name}"
+router = "{endpoint}"
+"""
+
+
+class Session:
+    """What a session tells."""
+
+    def __init__(self, network: BusNetwork, name: str) -> None:
+        self._snapshot: Snapshot | None = None
+        self._codec = codec_of(STRING)
+        self._handle = network.subscribe(f"/{name}/arm/state/snapshot", STRING, self._hear)
+
+    def _hear(self, cdr: bytes, _stamp_ns: int) -> None:
+        message = self._codec.decode(cdr)
+        table = json.loads(message["data"])
+        known = {key: value for key, value in table.items() if key in Snapshot.__annotations__}
+        self._snapshot = Snapshot(**known)
+
+    @property
+    def now(self) -> Snapshot:
+        """Its newest snapshot."""
+        until(lambda: self._snapshot is not None, "a snapshot")
+        assert self._snapshot is not None
+        return self._snapshot
+
+    def until(self, wanted: str, **context: object) -> Snapshot:
+        """Wait until an expression of the snapshot's fields holds."""
+        end_s = time.monotonic() + 20.0
+        while True:
+            now = self.now
+            if eval(wanted, {**context}, vars(now)):
+                return now
+            assert time.monotonic() < end_s, (wanted, now.device_link, now.device_reason, now.axes)
+            time.sleep(0.02)
+
+    def rests(self, seconds: float = 0.4) -> None:
+        """It stands, and for so long nothing moves it."""
+        self.until("not any(twist)")
+        at = self.now.pose
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            now = self.now.pose
+            assert all(abs(a - b) < 2e-3 for a, b in zip(at, now, strict=True)), (at, now)
+            time.sleep(0.02)
+
+
+class Hands(NamedTuple):
+    """What runs."""
+
+    face: Face
+    phone: Session
+    left: Session
+    right: Session
+
+
+KINDS = {
+    "phone": {"driver": "phone", "mode": "rate", "device": ""},
+    "left": {"driver": "xr", "mode": "position", "device": 'part = "left"'},
+    "right": {"driver": "xr", "mode": "rate", "device": 'part = "right"'},
+}
+
+
+@contextlib.contextmanager
+def hands(folder: Path) -> Iterator[Hands]:
+    """Three sessions, the router by which they meet, and the console's server."""
+    endpoint = free_endpoint()
+    cardan = [sys.executable, "-m", "cardan"]
+    with contextlib.ExitStack() as stack:
+
+        def run(*words: str) -> None:
+            process = stack.enter_context(
+                subprocess.Popen(
+                    [*cardan, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+                )
+            )
+            stack.callback(process.terminate)
+
+        run("face", "router", "--endpoint", endpoint)
+        for name, kind in KINDS.items():
+            path = folder / f"{name}.toml"
+            path.write_text(SESSION.format(name=name, endpoint=endpoint, **kind))
+            run("run", str(path), "--seconds", "3000")
+        server = stack.enter_context(face(endpoint))
+        network = stack.enter_context(BusNetwork(BusOptions(router=endpoint), "watcher"))
+        for name in KINDS:
+            assert network.wait_for_service(f"/{name}/arm/ask", 30.0)
+        yield Hands(server, *(Session(network, name) for name in KINDS))

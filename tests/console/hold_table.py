@@ -1,0 +1,330 @@
+"""Makes the table of docs/console-hold.md: every way in which a hold on the page ends, and what the
+arm does then.
+
+To write it anew: ``make hold-table``, or ``python -m tests.console.hold_table``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import statistics
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from cardan.gateway.faces.console.holding import FRESH_S
+from cardan.gateway.session.browser import Browser, Tab, chromium, find_chromium
+from tests.console.hand import FINGER, KEY, MOUSE, RELOADED, Hand, Place, hold, jog, keeps
+from tests.console.proxy import Proxy, network_to
+from tests.console.rig import Face, Rig, Stop, face, robot_and_session
+from tests.docs_tables import replaced
+from tests.waiting import until
+
+PAGE = Path(__file__).parents[2] / "docs" / "console-hold.md"
+BEGIN = "<!-- made by tests/console/hold_table.py -->\n"
+
+SPEED_M_S = 0.1
+SPEED_PERCENT = 40
+"""Of 250 mm/s, the fastest jog of the page."""
+RAMP_S = 0.1
+"""From that speed at the 1 m/s² of an arm's streams."""
+TRAIL_S = 0.1
+"""What the simulated drives are behind, with the page's next frame and the way to the session."""
+BOUND_S = FRESH_S + RAMP_S + TRAIL_S
+"""Longest stop of an arm whose page has fallen silent."""
+UNSEEN_S = 0.85
+"""A page that hears nothing of the arm lets go after twice the round trip that it takes for slow,
+300 ms; it asks each 250 ms."""
+
+WATCHED_S = 2.0
+"""After the end of what went wrong; the pointer, finger or key is still down in most rows."""
+TIMES = 3
+
+HELD_S = 0.3
+"""How long the arm has had its speed."""
+
+STALL_S = 1.0
+
+
+class Bench(NamedTuple):
+    """What a row is tried with."""
+
+    browser: Browser
+    rig: Rig
+    face: Face
+    network: Proxy
+    address: str
+    """Of the page, by way of `network`."""
+
+
+class Held(NamedTuple):
+    """A page on which a button is held."""
+
+    page: Tab
+    at: Place
+    bench: Bench
+
+
+class End(NamedTuple):
+    """A way in which a hold ends."""
+
+    act: Callable[[Held], None]
+    hand: Hand = MOUSE
+    lives: bool = True
+    """Whether the page is there afterwards."""
+    tested: bool = True
+    """False: it ends as another one does, and is in the table alone, to keep the tests short."""
+    bound_s: float = BOUND_S
+
+
+def _let_go(held: Held) -> None:
+    MOUSE.let_go(held.page, held.at)
+
+
+def _lift(held: Held) -> None:
+    FINGER.let_go(held.page, held.at)
+
+
+def _release_key(held: Held) -> None:
+    KEY.let_go(held.page, held.at)
+
+
+def _cancel(held: Held) -> None:
+    held.page.touch("touchCancel")
+
+
+def _take_the_capture(held: Held) -> None:
+    held.page.value("document.body.setPointerCapture(1)")
+
+
+def _slide(held: Held) -> None:
+    held.page.mouse("mouseMoved", (held.at[0] - 300, held.at[1]))
+
+
+def _slide_finger(held: Held) -> None:
+    held.page.touch("touchMove", (held.at[0] - 200, held.at[1] + 20))
+
+
+def _focus_elsewhere(held: Held) -> None:
+    held.page.value("document.querySelector('.enable').focus()")
+    _release_key(held)
+
+
+def _blur(held: Held) -> None:
+    held.page.value("window.dispatchEvent(new Event('blur'))")
+
+
+def _hide(held: Held) -> None:
+    with held.bench.browser.in_front():
+        time.sleep(STALL_S)
+
+
+def _minimise(held: Held) -> None:
+    window = held.page.ask("Browser.getWindowForTarget")["windowId"]
+    for state in ("minimized", "normal"):
+        held.page.ask("Browser.setWindowBounds", windowId=window, bounds={"windowState": state})
+        time.sleep(0.5 * STALL_S)
+
+
+def _freeze(held: Held) -> None:
+    held.page.ask("Page.setWebLifecycleState", state="frozen")
+    time.sleep(STALL_S)
+    held.page.ask("Page.setWebLifecycleState", state="active")
+
+
+def _open_a_dialogue(held: Held) -> None:
+    held.page.tell("Runtime.evaluate", expression="alert('?')")
+    time.sleep(STALL_S)
+    held.page.ask("Page.handleJavaScriptDialog", accept=True)
+
+
+def _block(held: Held) -> None:
+    """Its one thread stands still, and everything is as before afterwards."""
+    held.page.value(
+        f"{{ const end = performance.now() + {1e3 * STALL_S}; while (performance.now() < end); }}"
+    )
+
+
+def _stall(*, up: bool, down: bool, seconds: float = STALL_S) -> Callable[[Held], None]:
+    def act(held: Held) -> None:
+        with held.bench.network.stalled(up=up, down=down):
+            time.sleep(seconds)
+
+    return act
+
+
+def _press_stop(held: Held) -> None:
+    # A second finger; the first one holds on.
+    stop = held.page.value(
+        "(b => [b.x + b.width / 2, b.y + b.height / 2])"
+        "(document.querySelector('.stop').getBoundingClientRect())"
+    )
+    held.page.touch("touchStart", held.at, tuple(stop))
+    held.page.touch("touchEnd", held.at)
+
+
+ENDS: dict[str, End] = {
+    "mouse button let go": End(_let_go),
+    "finger lifted": End(_lift, FINGER, tested=False),
+    "key let go": End(_release_key, KEY, tested=False),
+    "key let go while something else has the focus": End(_focus_elsewhere, KEY),
+    "touch cancelled: a gesture of the system, a call, a palm": End(_cancel, FINGER),
+    "pointer captured by something else": End(_take_the_capture),
+    "mouse slides off the button": End(_slide, tested=False),
+    "finger slides off the button": End(_slide_finger, FINGER),
+    "*Stop* pressed with another finger": End(_press_stop, FINGER),
+    "Escape": End(lambda held: held.page.key("keyDown", "Escape")),
+    "window loses the focus": End(_blur),
+    "another tab in front for 1 s": End(_hide),
+    "window minimised for half a second": End(_minimise, tested=False),
+    "page frozen for 1 s": End(_freeze, lives=False),
+    "a dialogue of the browser for 1 s": End(_open_a_dialogue, tested=False),
+    "page's thread blocked for 1 s": End(_block),
+    "browser stopped for 1 s, as by a computer that sleeps": End(
+        lambda held: held.bench.browser.stand_still(STALL_S), tested=False
+    ),
+    "network stands still for 1 s, then all arrives": End(_stall(up=True, down=True)),
+    "the same, of what the page sends": End(_stall(up=True, down=False), tested=False),
+    "the same, of what the page hears, for 2 s": End(
+        _stall(up=False, down=True, seconds=2 * STALL_S), bound_s=BOUND_S + UNSEEN_S
+    ),
+    "connection cut": End(lambda held: held.bench.network.cut()),
+    "server stopped for 1 s": End(lambda held: held.bench.face.stand_still(STALL_S), tested=False),
+    "page left": End(
+        lambda held: held.page.ask("Page.navigate", url="about:blank"), lives=False, tested=False
+    ),
+    "page reloaded": End(lambda held: held.page.ask("Page.reload"), lives=False, tested=False),
+    "page closed": End(lambda held: held.page.ask("Page.close"), lives=False),
+    "page crashes": End(
+        lambda held: held.page.tell("Page.crash") and None, lives=False, tested=False
+    ),
+}
+
+
+@contextlib.contextmanager
+def bench(browser: Browser, folder: Path) -> Iterator[Bench]:
+    """A robot, its session, the server, and a network between it and the browser."""
+    with (
+        robot_and_session(folder) as rig,
+        face(rig.endpoint) as server,
+        network_to(server.port) as network,
+    ):
+        yield Bench(browser, rig, server, network, f"http://127.0.0.1:{network.port}/")
+
+
+class Pages:
+    """One page after the other, a new one where the old one is gone: what has ended a hold must not
+    keep the next one from being begun."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._stack = contextlib.ExitStack()
+        self._page: Tab | None = None
+
+    def get(self) -> Tab:
+        """A page that shows the arm."""
+        if self._page is None:
+            opened = self._bench.browser.open(
+                self._bench.address, scripts=[keeps(speed=SPEED_PERCENT)]
+            )
+            self._page = self._stack.enter_context(opened)
+        self._page.until(RELOADED)
+        return self._page
+
+    def close(self) -> None:
+        self._stack.close()
+        self._page = None
+
+
+def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
+    """Hold, end it, and see what the arm does until `watched_s` after that."""
+    page, tcp = pages.get(), bench.rig.tcp
+    until(lambda: not tcp.moving, "rest")
+    began_s = time.monotonic()
+    sign = 1 if tcp.here[0] < 0.5 else -1
+    at = hold(page, end.hand, jog("X", sign), lambda: _runs(bench, began_s))
+    at_s = time.monotonic()
+    end.act(Held(page, at, bench))
+    threading.Event().wait(watched_s)
+    found = tcp.stop_since(at_s)
+    if not end.lives:
+        pages.close()
+        return found
+    # Nothing of the page thinks that it holds on, while the pointer may still be down.
+    page.until("document.querySelectorAll('.held').length === 0")
+    with contextlib.suppress(RuntimeError):  # There is no finger any more.
+        end.hand.let_go(page, at)
+    return found
+
+
+def _runs(bench: Bench, began_s: float) -> bool:
+    tcp = bench.rig.tcp
+    wide = tcp.speed(HELD_S) if time.monotonic() > began_s + HELD_S else 0.0
+    return abs(wide / SPEED_M_S - 1.0) < 0.05
+
+
+def rows(bench: Bench) -> dict[str, list[Stop]]:
+    """What the arm does after each end."""
+    pages = Pages(bench)
+    try:
+        found: dict[str, list[Stop]] = {}
+        for name, end in ENDS.items():
+            found[name] = [tried(bench, pages, end, WATCHED_S) for _ in range(TIMES)]
+            stops = (
+                f"{1e3 * each.time_s:.0f} ms {1e3 * each.distance_m:.1f} mm" for each in found[name]
+            )
+            print(f"{name}: {', '.join(stops)}", file=sys.stderr, flush=True)
+        return found
+    finally:
+        pages.close()
+
+
+def table(found: dict[str, list[Stop]]) -> str:
+    """In Markdown."""
+    lines = ["| the hold ends by | stops within, ms | after, mm |", "|---|---|---|"]
+    for name, stops in found.items():
+        times = [1e3 * each.time_s for each in stops]
+        ways = [1e3 * each.distance_m for each in stops]
+        late = max(times) > 1e3 * ENDS[name].bound_s
+        cells = [_cell(times, 0), _cell(ways, 1)]
+        lines.append(
+            f"| {name} | {' | '.join(f'**{each}**' if late else each for each in cells)} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _cell(values: list[float], digits: int) -> str:
+    return f"{statistics.median(values):.{digits}f} ({max(values):.{digits}f})"
+
+
+def main() -> None:
+    """Write the table into its page, or print it with "-"."""
+    program = find_chromium()
+    if program is None:
+        sys.exit("chromium is not installed: apt-get install chromium")
+    with (
+        tempfile.TemporaryDirectory(prefix="cardan-holds-") as folder,
+        chromium(program, Path(folder) / "chromium") as browser,
+        bench(browser, Path(folder)) as made,
+    ):
+        loads = [os.getloadavg()[0]]
+        text = table(rows(made))
+        loads.append(os.getloadavg()[0])
+    text += (
+        f"\nLoad before and after it was measured: {loads[0]:.1f} and {loads[1]:.1f} on "
+        f"{os.cpu_count()} processors.\n"
+    )
+    if "-" in sys.argv[1:]:
+        print(text)
+    else:
+        page = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(replaced(page, BEGIN, text), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""A simulated UR5 whose session runs in a process, and the console's server in this one: what a
+test of the page asks the bus for."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.gateway.faces.console.face import ConsoleOptions, ConsoleServer
+from cardan.gateway.faces.console.site import Site
+from cardan.protocols.ros2.cdr import codec_of
+from tests.gateway.faces.rig import WAIT_S, served
+from tests.serving import ARM_SESSION, free_endpoint
+
+ARM = "/left/arm"
+STATUS = "cardan_msgs/msg/ArmStatus"
+
+STOPPED_S = 2.5
+"""Longest time from the end of a hold until the arm rests: freshness, the arm's ramp, and a browser
+that draws without a graphics card on a busy computer."""
+
+
+@contextlib.contextmanager
+def served_arm(folder: Path, site: Site, more: str = "") -> Iterator[tuple[BusNetwork, str]]:
+    """The bus of a running session, with `more` in its file, and the address of the page."""
+    endpoint = free_endpoint()
+    path = folder / "session.toml"
+    path.write_text(ARM_SESSION.format(endpoint=endpoint) + more)
+    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "600"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
+        try:
+            joins = BusOptions(router=endpoint)
+            options = ConsoleOptions(port=0, records=str(folder / "records"))
+            with BusNetwork(joins, "console") as network:
+                assert network.wait_for_service(f"{ARM}/ask", WAIT_S)
+                with served(lambda: ConsoleServer(network, options, site, joins)) as running:
+                    yield network, f"http://127.0.0.1:{running.port}/"
+        finally:
+            session.terminate()
+            session.wait(WAIT_S)
+
+
+@contextlib.contextmanager
+def motion_of(network: BusNetwork) -> Iterator[Callable[[], bool]]:
+    """Whether the arm moves, by its own word."""
+    codec, newest = codec_of(STATUS), {}
+    handle = network.subscribe(
+        f"{ARM}/state/status", STATUS, lambda cdr, _ns: newest.update(codec.decode(cdr))
+    )
+    try:
+        yield lambda: bool(newest.get("moving"))
+    finally:
+        handle.close()
+
+
+def stops(moving: Callable[[], bool]) -> None:
+    """Wait until it rests, and see that it stays so."""
+    end_s = time.monotonic() + STOPPED_S
+    while moving():
+        assert time.monotonic() < end_s, "it moves on"
+        time.sleep(0.02)
+    end_s = time.monotonic() + 0.5
+    while time.monotonic() < end_s:
+        assert not moving()
+        time.sleep(0.02)

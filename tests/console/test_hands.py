@@ -1,0 +1,370 @@
+"""A phone's sensors and a headset's controllers, in a real browser, move the arms of sessions."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from functools import partial
+
+import pytest
+
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
+pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
+
+from tests.console.hand import RELOADED
+from tests.console.hands_rig import hands
+from tests.npm import installed
+
+pytestmark = [pytest.mark.once, pytest.mark.realtime]
+
+TILT_DEG = 20.0
+
+
+@pytest.fixture(scope="module")
+def lab(built, tmp_path_factory):
+    with hands(tmp_path_factory.mktemp("hands")) as made:
+        yield made
+
+
+def allow_sensors(browser, lab):
+    with browser.control() as control:
+        control.ask("Browser.grantPermissions", permissions=["sensors"], origin=lab.face.address)
+
+
+def turn(page, alpha=0.0, beta=0.0, gamma=0.0):
+    """The phone is turned."""
+    page.ask("DeviceOrientation.setDeviceOrientationOverride", alpha=alpha, beta=beta, gamma=gamma)
+
+
+CLUTCH = "#panel-hand section:nth-child(1) .clutch"
+START = "#panel-hand section:nth-child(1) .row button:nth-child(1)"
+ALIGN = "#panel-hand section:nth-child(1) .row button:nth-child(2)"
+NO_SENSOR = "This device gives no orientation"
+NOTE = "document.querySelector('#panel-hand section:nth-child(1) p').textContent"
+
+
+def held_until(session, wanted, press, let_go, act, before):
+    end_s = time.monotonic() + 35.0
+    while True:
+        before()
+        known = {"began": session.now.pose}
+        press()
+        for goal in ("'hold' in buttons", wanted):
+            give_up_s = time.monotonic() + 1.5
+            while (
+                not (done := eval(goal, known, vars(session.now))) and time.monotonic() < give_up_s
+            ):
+                time.sleep(0.02)
+            if not done:
+                break
+            if goal is wanted:
+                return session.now
+            act()
+        let_go()
+        time.sleep(0.2)
+        assert time.monotonic() < end_s, (wanted, session.now.device_reason, session.now.axes)
+
+
+class Phone:
+    """The page on a phone."""
+
+    def __init__(self, page, session):
+        self.page, self.session = page, session
+        page.ask("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=5)
+        page.until(RELOADED)
+        page.click("#tab-hand")
+
+    def start(self):
+        """Begin, and align."""
+        turn(self.page)
+        self.page.click(START)
+        self.page.until(f"!document.querySelector('{ALIGN}').disabled")
+        at = self.page.centre(ALIGN)
+        self.page.mouse("mousePressed", at)
+        self.session.until("device_link == 'live'")
+        self.page.mouse("mouseReleased", at)
+
+    def press(self):
+        self.at = self.page.centre(CLUTCH)
+        self.page.touch("touchStart", self.at)
+
+    def hold_until(self, wanted, act=lambda: None, before=lambda: None):
+        """Hold with the thumb and do something, until the session tells what is wanted. A browser
+        on a busy computer stands still now and then, which rightly ends the hold: then anew."""
+        return held_until(self.session, wanted, self.press, self.let_go, act, before)
+
+    def let_go(self):
+        self.page.touch("touchEnd")
+
+    def turned(self):
+        """Held and turned, so that the tool turns."""
+        flat, up = partial(turn, self.page), partial(turn, self.page, beta=TILT_DEG)
+        return self.hold_until("abs(axes[4]) > 0.5 and abs(twist[4]) > 0.2", up, flat)
+
+    def drag(self, right, down):
+        """The second finger, beside the thumb."""
+        x, y = self.at
+        self.page.touch("touchStart", (x, y), (x + 30, y + 5))
+        self.page.touch("touchMove", (x, y), (x + 30 + right, y + 5 + down))
+
+
+@pytest.fixture(scope="module")
+def started(lab, browser):
+    """A phone's page that is aligned."""
+    allow_sensors(browser, lab)
+    with browser.open(lab.face.address, 360, 740) as page:
+        phone = Phone(page, lab.phone)
+        phone.start()
+        yield phone
+
+
+@pytest.fixture
+def phone(started):
+    """It, upright on the table, and free."""
+    turn(started.page)
+    started.session.until("device_link == 'live' and 'hold' not in buttons and not any(axes)")
+    yield started
+    with contextlib.suppress(RuntimeError):  # The thumb is up already.
+        started.let_go()
+
+
+REFUSED = "DeviceOrientationEvent.requestPermission = async () => 'denied';"
+"""A browser without a screen grants it to everybody."""
+
+
+def test_sensors_that_are_not_allowed_move_nothing(lab, browser):
+    with browser.open(lab.face.address, 360, 740, scripts=[REFUSED]) as page:
+        phone = Phone(page, lab.phone)
+        turn(page)
+        page.click(START)
+        page.until(f"{NOTE}.startsWith({NO_SENSOR!r})")
+        page.until(f"document.querySelector('{CLUTCH}').disabled")
+        phone.press()
+        lab.phone.rests()
+        phone.let_go()
+
+
+def test_a_phone_without_angles_says_so(lab, browser):
+    """Allowed, and there is no sensor: one event whose angles are null."""
+    allow_sensors(browser, lab)
+    with browser.open(lab.face.address, 360, 740) as page:
+        Phone(page, lab.phone)
+        page.click(START)
+        page.until(f"{NOTE}.startsWith({NO_SENSOR!r})")
+        page.until(f"document.querySelector('{CLUTCH}').disabled")
+
+
+def test_a_phone_turns_the_tool_while_it_is_held(phone):
+    turn(phone.page, beta=TILT_DEG)
+    phone.session.rests()
+    # About the axis to the right, which is -y of an operator who looks along x.
+    now = phone.turned()
+    assert max(map(abs, (*now.axes[:4], now.axes[5]))) < 0.05
+    # A phone at rest sends no events, and is as alive as before.
+    end_s = time.monotonic() + 0.6
+    while time.monotonic() < end_s:
+        assert phone.session.now.device_link == "live", phone.session.now
+        time.sleep(0.02)
+    phone.let_go()
+    phone.session.until("'hold' not in buttons and not any(axes)")
+    phone.session.rests()
+
+
+PORTRAIT = {"width": 360, "height": 740, "deviceScaleFactor": 1, "mobile": True}
+
+
+def test_the_second_finger_moves_the_tool_as_the_screen_is_turned(phone):
+    """Drawn up on the screen, away from the operator: forward however the screen is turned."""
+    for quarter, alpha in ((0, 0.0), (1, 90.0)):
+        kind = "portraitPrimary" if quarter == 0 else "landscapePrimary"
+        phone.page.ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=740 if quarter else 360,
+            height=360 if quarter else 740,
+            deviceScaleFactor=1,
+            mobile=True,
+            screenOrientation={"type": kind, "angle": 90 * quarter},
+        )
+        phone.page.until(f"screen.orientation.angle === {90 * quarter}")
+        turn(phone.page, alpha=alpha)
+        # What was told of the turn may come after the press: then it is a turn of the hand.
+        straight = "axes[0] > 0.3 and max(map(abs, axes[1:])) < 0.1"
+        phone.hold_until(straight, lambda: phone.drag(0, -60))
+        phone.let_go()
+        phone.session.until("not any(axes)")
+    phone.page.ask("Emulation.setDeviceMetricsOverride", **PORTRAIT)
+
+
+def test_a_page_that_was_hidden_needs_a_new_press(phone, browser):
+    phone.turned()
+    with browser.in_front():
+        phone.session.until("device_link != 'live' and not any(axes)")
+    phone.page.until("document.visibilityState === 'visible'")
+    phone.session.rests()
+    phone.let_go()
+    phone.session.until("device_link == 'live'")
+    phone.turned()
+    phone.let_go()
+
+
+def test_a_sensor_that_ends_disarms(phone):
+    phone.turned()
+    phone.page.value(
+        "window.dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: null}))"
+    )
+    phone.session.until("device_link == 'needs neutral' and not any(axes)")
+    phone.session.rests()
+
+
+# -- headsets -------------------------------------------------------------------------------------
+
+HEADSET = """
+const headset = new IWER.XRDevice(IWER.metaQuest3);
+headset.installRuntime({ forceInstall: true });
+window.headset = headset;
+// The emulator says of every place that it is a guess.
+window.guessed = false;
+const getPose = XRFrame.prototype.getPose;
+XRFrame.prototype.getPose = function (...spaces) {
+  const pose = getPose.apply(this, spaces);
+  Object.defineProperty(pose, "emulatedPosition", { value: window.guessed });
+  return pose;
+};
+"""
+
+
+class Headset:
+    """The page in a headset."""
+
+    def __init__(self, page, lab):
+        self.page, self.lab = page, lab
+        page.until(RELOADED)
+        page.click("#tab-hand")
+        start = "#panel-hand section:nth-child(3) .row button"
+        page.until(f"!document.querySelector('{start}').disabled")
+        for side in ("left", "right"):
+            self.place(side)
+        page.click(start)
+        for side, session in (("left", lab.left), ("right", lab.right)):
+            session.until("device_link == 'needs neutral' and 'aligned' in device_reason")
+            self.press(side, "thumbstick", 1)
+            session.until("device_link == 'live'")
+            self.press(side, "thumbstick", 0)
+
+    def place(self, side, x=0.0, y=1.2, z=-0.4):
+        offset = {"left": -0.2, "right": 0.2}[side]
+        self.page.value(f"headset.controllers.{side}.position.set({x + offset}, {y}, {z}); 1")
+
+    def go(self, side, way, steps=12, **at):
+        """Move along an axis, as a hand does, not in a leap."""
+        axis, end = way
+        start = {"x": 0.0, "y": 1.2, "z": -0.4, **at}[axis]
+        for step in range(1, steps + 1):
+            self.place(side, **{**at, axis: start + (end - start) * step / steps})
+            time.sleep(0.02)
+
+    def press(self, side, button, value):
+        self.page.value(f"headset.controllers.{side}.updateButtonValue('{button}', {value}); 1")
+
+    def hold_until(self, side, wanted, way=None):
+        """Squeeze and move, until the session of that hand tells what is wanted."""
+        session = {"left": self.lab.left, "right": self.lab.right}[side]
+        return held_until(
+            session,
+            wanted,
+            partial(self.press, side, "squeeze", 1),
+            partial(self.press, side, "squeeze", 0),
+            (lambda: self.go(side, way)) if way else (lambda: None),
+            partial(self.place, side),
+        )
+
+    def raised(self):
+        """The right hand is held and raised, so that its tool rises."""
+        return self.hold_until("right", "axes[2] > 0.3 and twist[2] > 0.02", ("y", 1.26))
+
+
+@pytest.fixture(scope="module")
+def worn(lab, browser):
+    iwer = installed("iwer", "2.5.0") / "node_modules/iwer/build/iwer.min.js"
+    # The smaller, the less is drawn without a graphics card.
+    with browser.open(lab.face.address, 640, 480, scripts=[iwer.read_text() + HEADSET]) as page:
+        yield Headset(page, lab)
+
+
+@pytest.fixture
+def headset(worn):
+    """It, with both hands in sight and free."""
+    for side in ("left", "right"):
+        worn.place(side)
+        worn.press(side, "squeeze", 0)
+    for each in BACK.values():
+        worn.page.value(each)
+    worn.lab.right.until("device_link == 'live' and 'hold' not in buttons")
+    return worn
+
+
+def test_both_hands_of_a_headset_move_an_arm_each(headset):
+    left, right = headset.lab.left, headset.lab.right
+    # Forward is -z there and x here: the tool goes as far as the hand since it was held.
+    headset.hold_until("left", "abs(pose[0] - began[0] - 0.05) < 0.003", ("z", -0.45))
+    headset.press("left", "squeeze", 0)
+    left.until("'hold' not in buttons")
+    headset.raised()
+    assert not any(left.now.axes)
+    headset.press("right", "squeeze", 0)
+    right.until("not any(axes)")
+    right.rests()
+
+
+def gone(headset):
+    """Its battery is empty."""
+    headset.page.value("headset.controllers.right.connected = false; 1")
+
+
+def guessed(headset):
+    """Out of the cameras' sight: where it is is a guess."""
+    headset.page.value("window.guessed = true")
+
+
+def taken_off(headset):
+    """The system shows something else: the session gets no frames, or is told that it is hidden."""
+    headset.page.value("headset.updateVisibilityState('hidden'); 1")
+
+
+def leapt(headset):
+    headset.place("right", y=1.6)
+
+
+BACK = {
+    gone: "headset.controllers.right.connected = true; 1",
+    guessed: "window.guessed = false",
+    taken_off: "headset.updateVisibilityState('visible'); 1",
+    leapt: "1",
+}
+
+
+@pytest.mark.parametrize("loss", BACK, ids=lambda loss: loss.__name__)
+def test_a_hand_that_is_lost_stops_and_comes_back_by_a_new_press(headset, loss):
+    right = headset.lab.right
+    headset.raised()
+    loss(headset)
+    right.until("device_link != 'live' and not any(axes)")
+    right.rests()
+    headset.page.value(BACK[loss])
+    # Squeezed still: it does not count until it has let go.
+    right.rests(0.6)
+    headset.press("right", "squeeze", 0)
+    right.until("device_link == 'live'")
+    headset.hold_until("right", "'hold' in buttons")
+    headset.press("right", "squeeze", 0)
+    right.until("'hold' not in buttons")
+
+
+def test_a_session_of_a_headset_that_ends_stops_its_hands(headset):
+    right = headset.lab.right
+    headset.raised()
+    headset.page.value("headset.activeSession.end().then(() => 1)")
+    right.until("device_link != 'live' and not any(axes)")
+    right.rests()
+    assert math.isfinite(right.now.pose[0])

@@ -1,0 +1,106 @@
+"""Every end of a hold on the page stops the arm, and nothing moves it again by itself."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
+pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
+
+from tests.console.hand import FINGER, MOUSE, STATE, WHY, enable, hold, jog
+from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
+
+pytestmark = [pytest.mark.once, pytest.mark.realtime]
+
+LATE_S = 1.0
+"""What a busy computer adds: none of these programs has a core of its own, in a test."""
+WATCHED_S = 0.6
+"""After what went wrong was over."""
+AGAIN_M = 0.003
+"""What the position loop of the controller takes up after it first stands."""
+
+
+def test_nothing_moves_before_the_deliberate_act(bench, page):
+    at = MOUSE.press(page, jog("X"))
+    page.until(f"{WHY}.length > 0")
+    at_s = time.monotonic()
+    time.sleep(0.5)
+    assert bench.rig.tcp.stop_since(at_s).distance_m < 1e-5
+    MOUSE.let_go(page, at)
+
+
+def test_a_script_of_the_page_cannot_hold(bench, page):
+    """Only what a person does counts."""
+    enable(page)
+    at_s = time.monotonic()
+    page.value(
+        f"document.querySelector('{jog('X')}').dispatchEvent("
+        "new PointerEvent('pointerdown', {pointerId: 1, button: 0, bubbles: true}))"
+    )
+    page.value(
+        f"document.querySelector('{jog('X')}').dispatchEvent("
+        "new KeyboardEvent('keydown', {key: ' ', bubbles: true}))"
+    )
+    time.sleep(0.3)
+    assert page.value(STATE) == "armed"
+    assert bench.rig.tcp.stop_since(at_s).distance_m < 1e-5
+
+
+FRAMES_SENT = """
+window.sent = [];
+const send = WebSocket.prototype.send;
+WebSocket.prototype.send = function (data) {
+  if (typeof data !== "string") sent.push(performance.now());
+  return send.call(this, data);
+};
+"""
+
+
+def test_a_touch_goes_on_sending_while_the_browser_looks_for_a_gesture(bench, page):
+    """Chromium holds timers back for 100 ms after a touch of its own; a busy computer now and then
+    does so, too."""
+    page.value(FRAMES_SENT)
+    most = 0
+    for _ in range(5):
+        enable(page)
+        page.value("sent.length = 0")
+        at = FINGER.press(page, jog("X"))
+        page.value("new Promise(over => setTimeout(over, 250))")
+        most = max(most, page.value("sent.filter(each => each - sent[0] < 90).length"))
+        FINGER.let_go(page, at)
+    assert most >= 3
+
+
+def test_a_second_finger_on_another_button_moves_nothing_else(bench, page):
+    """One hold at a time: it goes on as it is, and the second finger keeps nothing alive."""
+    tcp = bench.rig.tcp
+    at = hold(page, FINGER, jog("X", -1), lambda: tcp.moving)
+    other = page.value(
+        "(b => [b.x + b.width / 2, b.y + b.height / 2])"
+        f"(document.querySelector('{jog('Z')}').getBoundingClientRect())"
+    )
+    page.touch("touchStart", at, tuple(other))
+    assert page.value("document.querySelectorAll('.held').length") <= 1
+    page.touch("touchEnd")
+    page.until(f"{STATE} !== 'held'")
+    at_s = time.monotonic() + 1.0
+    time.sleep(1.5)
+    assert tcp.stop_since(at_s).distance_m < 1e-3
+
+
+@pytest.fixture(scope="module")
+def pages(bench):
+    pages = Pages(bench)
+    yield pages
+    pages.close()
+
+
+@pytest.mark.parametrize("name", [name for name, end in ENDS.items() if end.tested])
+def test_every_end_of_a_hold_stops_the_arm(bench, pages, name):
+    end = ENDS[name]
+    stop = tried(bench, pages, end, WATCHED_S)
+    assert stop.time_s < end.bound_s + LATE_S, stop
+    assert stop.distance_m < 1.2 * SPEED_M_S * (end.bound_s + LATE_S), stop
+    assert stop.again_m < AGAIN_M, stop

@@ -1,0 +1,177 @@
+"""The console's page in a real browser: what is around the arm, goals, and two people."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
+pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
+
+from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
+from tests.console.served_arm import motion_of, served_arm, stops
+from tests.gateway.faces.rig import WAIT_S
+
+pytestmark = [pytest.mark.once, pytest.mark.realtime]
+
+AROUND = """
+[limits]
+workspace_z_m = [0.1, 1.0]
+
+[[obstacles]]
+name = "table"
+box = [[0.3, -0.6, -0.2], [1.0, 0.6, 0.0]]
+
+[[obstacles]]
+name = "floor"
+plane = [[0.0, 0.0, 1.0], -0.3]
+"""
+
+LABEL = "document.querySelector('.picture canvas').getAttribute('aria-label')"
+STATE = "document.body.dataset.state"
+VERDICT = "document.querySelector('.verdict').textContent"
+WHY = "document.querySelector('.why').textContent"
+FIRST_JOINT = "document.querySelectorAll('.joint-name output')[0].value"
+ASKER = "document.querySelector('.asker').textContent"
+AUTHORITY = "document.querySelector('.authority').textContent"
+
+
+@pytest.fixture(scope="module")
+def bus(built, tmp_path_factory):
+    """The bus of a session with obstacles, and the address of the page."""
+    with served_arm(tmp_path_factory.mktemp("session"), built, AROUND) as running:
+        yield running
+
+
+@pytest.fixture
+def moving(bus):
+    """Whether the arm moves: `moving()`."""
+    with motion_of(bus[0]) as moves:
+        yield moves
+
+
+@pytest.fixture
+def page(bus, browser):
+    """The page, which shows the arm and what is around it."""
+    with browser.open(bus[1]) as page:
+        page.until(RELOADED)
+        page.until(f"{LABEL}.includes('table')")
+        yield page
+
+
+def press(page, words):
+    """Press the button that says so, which may be out of sight."""
+    page.value(
+        "[...document.querySelectorAll('button')]"
+        f".find(each => each.textContent === {words!r} && !each.hidden).click()"
+    )
+
+
+def wanted(page, label, value):
+    """Give a slider's number, and what the page says of the goal then."""
+    page.value(
+        f"(e => {{ e.value = {value}; e.dispatchEvent(new Event('change')) }})"
+        f"(document.querySelector('input[type=number][aria-label^=\"{label},\"]'))"
+    )
+    page.until(f"!{VERDICT}.startsWith('Looking')")
+    return page.value(VERDICT)
+
+
+def test_the_picture_has_what_is_around_the_arm_and_each_part_is_switched_off(page):
+    assert "table, floor" in page.value(LABEL)
+    boxes = "[...document.querySelectorAll('.check input')]"
+    assert page.value(f"{boxes}.map(each => each.checked)") == [True] * 8 + [False]
+    page.value(f"{boxes}.forEach(each => each.click())")
+    kept = "JSON.parse(localStorage.getItem('cardan-console')).hides"
+    assert page.value(kept) == [
+        *("ghost", "tcp", "commanded", "trail", "force", "axes", "workspace", "obstacles")
+    ]
+    page.value(f"{boxes}.forEach(each => each.click())")
+    assert page.value(kept) == ["capsules"]
+
+
+def test_a_dragged_gizmo_makes_a_ghost_and_nothing_moves(page, moving):
+    page.click("#tab-goal")
+    assert page.value(VERDICT).startswith("Drag")
+    left, top, width, height = page.value(
+        "(b => [b.x, b.y, b.width, b.height])"
+        "(document.querySelector('canvas').getBoundingClientRect())"
+    )
+    # The upper arrow of the gizmo, about 50 pixels above the TCP, wherever the view has it.
+    for share_y in (0.44, 0.42, 0.46, 0.40, 0.48, 0.38, 0.50):
+        at = left + 0.693 * width, top + share_y * height
+        page.ask("Input.dispatchMouseEvent", type="mouseMoved", x=at[0], y=at[1])
+        page.mouse("mousePressed", at)
+        for step in range(1, 5):
+            page.mouse("mouseMoved", (at[0], at[1] - 8 * step))
+        page.mouse("mouseReleased", (at[0], at[1] - 32))
+        if not page.value(VERDICT).startswith("Drag"):
+            break
+    page.until(f"{VERDICT}.startsWith('Reachable')")
+    assert not moving()
+
+
+def test_a_goal_is_looked_at_and_the_arm_goes_there_while_it_is_held(page):
+    before = float(page.until(FIRST_JOINT).rstrip("°"))
+    page.click("#tab-goal")
+    assert wanted(page, "X", 1400).startswith("Not reachable")
+    assert page.value("document.querySelector('.send').disabled")
+    lowest = "document.querySelector('input[type=range][aria-label=Z]').min"
+    assert page.value(lowest) == "100"  # The workspace's wall.
+    press(page, "Here")
+    page.value("[...document.querySelectorAll('#panel-goal .choice input')][1].click()")
+    assert wanted(page, "shoulder pan", before + 4).startswith("Reachable")
+    end_s = time.monotonic() + WAIT_S
+    while "arrived" not in page.value(WHY):
+        assert time.monotonic() < end_s, page.value(WHY)
+        # A browser on a busy computer stands still now and then, which rightly ends the hold.
+        enable(page)
+        page.until(f"!{VERDICT}.startsWith('Looking')")
+        at = page.centre(".send")
+        page.mouse("mousePressed", at)
+        while page.value(STATE) == "held":
+            time.sleep(0.02)
+        page.mouse("mouseReleased", at)
+    page.click("#tab-move")
+    page.until(f"Math.abs(parseFloat({FIRST_JOINT}) - {before + 4}) < 0.5")
+    press(page, "Home")
+    page.until(f"{VERDICT}.startsWith('Reachable')")
+
+
+def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, browser, moving):
+    with browser.open(bus[1]) as one, browser.open(bus[1]) as other:
+        for each in (one, other):
+            each.until(RELOADED)
+        one.ask("Page.bringToFront")
+        enable(one)
+        one.until(f"{AUTHORITY}.startsWith('Authorityyou')")
+        other.value(
+            "(e => { e.value = 'Ana'; e.dispatchEvent(new Event('change')) })"
+            "(document.querySelector('input[autocomplete=nickname]'))"
+        )
+        press(other, "Enable motion")
+        other.until(f"{WHY}.includes('has authority over the arm')")
+        press(other, "Ask for it")
+        one.until("!document.querySelector('.asker').hidden")
+        assert one.value(ASKER).startswith("console Ana 127.0.0.1:")
+        press(one, "Keep")
+        other.until(f"{AUTHORITY}.includes('They keep it')")
+
+        at = hold(one, MOUSE, jog("X"), moving)
+        press(other, "StopEsc")
+        stops(moving)
+        MOUSE.let_go(one, at)
+
+        enable(one)
+        one.until(f"{AUTHORITY}.startsWith('Authorityyou')")
+        press(other, "They keep it. Ask again")
+        one.until("!document.querySelector('.asker').hidden")
+        press(one, "Hand over")
+        other.until(f"{AUTHORITY}.startsWith('Authorityyou')")
+        one.until(f"{STATE} === 'watching'")
+        other.ask("Page.bringToFront")
+        enable(other)
+        one.until(f"{AUTHORITY}.startsWith('Authorityconsole ')")
+        press(other, "Release")
+        one.until(f"{AUTHORITY}.startsWith('Authoritynobody')")

@@ -1,0 +1,156 @@
+"""Who comes in by a browser, who has the arm of two, and a visitor that does not read."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import json
+import socket
+import time
+
+import pytest
+
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
+pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
+
+from websockets.sync.client import connect
+
+from cardan.gateway.faces.console.certificate import own_certificate
+from cardan.gateway.session.browser import REBOUND, WAIT_S
+from tests.console.hand import MOUSE, RELOADED, STATE, WHY, hold, jog
+from tests.console.rig import ARM, face
+from tests.serving import free_tcp_port
+from tests.waiting import until
+
+pytestmark = [pytest.mark.once, pytest.mark.realtime]
+
+TOKEN = "operators-0123456789"
+LINK = "document.body?.dataset.link"
+
+OTHER_PAGE = """
+new Promise((resolve) => {
+  const socket = new WebSocket("%s");
+  socket.onopen = () => resolve("open");
+  socket.onerror = () => resolve("refused");
+})
+"""
+
+
+def test_two_browsers_and_one_arm(bench, browser):
+    """The one that has it moves it; the other one is told who has it, and gets it afterwards."""
+    tcp = bench.rig.tcp
+    with browser.open(bench.address) as one, browser.open(bench.address) as two:
+        for page in (one, two):
+            page.until(RELOADED)
+        at = hold(one, MOUSE, jog("X", -1), lambda: tcp.moving)
+        # The other one tries, while the first one holds on.
+        enable_anyway(two)
+        MOUSE.press(two, jog("X"))
+        end_s = time.monotonic() + 0.4
+        while time.monotonic() < end_s:
+            assert two.value(STATE) != "held" or one.value(STATE) != "held"
+            time.sleep(0.05)
+        MOUSE.let_go(two, at)
+        MOUSE.let_go(one, at)
+        until(lambda: not tcp.moving, "rest")
+        one.click(".enable")
+        one.until(f"{STATE} === 'watching'")
+        at = hold(two, MOUSE, jog("X", -1), lambda: tcp.moving)
+        MOUSE.let_go(two, at)
+
+
+def enable_anyway(page):
+    """Where another one has the arm the page may not let a hand do it at all."""
+    if page.value("!document.querySelector('.enable').disabled"):
+        page.click(".enable")
+
+
+@pytest.fixture(scope="module")
+def guarded(bench):
+    """A server that asks for a token, on the same bus."""
+    with face(bench.rig.endpoint, environment={"CARDAN_FACE_TOKEN": TOKEN}) as server:
+        yield server
+
+
+def test_a_page_with_the_right_token_comes_in_and_hides_it(guarded, browser):
+    address = guarded.address.partition("#")[0]
+    with browser.open(f"{address}#t={TOKEN}") as page:
+        page.until(RELOADED)
+        assert TOKEN not in page.value("location.href")
+        # A reload keeps it for this tab.
+        page.ask("Page.reload")
+        page.until(RELOADED)
+    with browser.open(f"{address}#t=wrong-0123456789") as page:
+        page.until(f"{LINK} === 'lost'")
+        assert page.value("document.querySelector('.enable').disabled")
+        assert page.value(f"{WHY}.length > 0")
+        assert not page.value(RELOADED)
+
+
+def test_a_page_from_elsewhere_does_not_come_in(bench, guarded, browser):
+    """Not even with the token, nor where none is needed: any page that a person visits could."""
+    for port, token in ((bench.face.port, ""), (guarded.port, f"?t={TOKEN}")):
+        address = f"ws://127.0.0.1:{port}/ws{token}"
+        with browser.open("data:text/html,elsewhere") as page:
+            assert page.value(OTHER_PAGE % address) == "refused"
+        with browser.open(f"http://127.0.0.1:{port}/") as page:
+            assert page.value(OTHER_PAGE % address) == "open"
+
+
+def test_a_name_that_is_not_the_servers_shows_nothing(bench, browser):
+    """DNS rebinding: a name of somebody else's that leads here."""
+    with browser.open(f"http://{REBOUND}:{bench.face.port}/") as page:
+        page.until("document.body?.textContent.includes('this is no name of this server')")
+        assert page.value("location.host").startswith(REBOUND)
+        assert page.value("document.scripts.length") == 0
+
+
+def test_a_client_that_does_not_read_costs_the_others_nothing(bench, page):
+    """It subscribes to everything, at full rate, and never reads; a page goes on as before."""
+    idle = socket.create_connection(("127.0.0.1", bench.face.port), WAIT_S)
+    idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    with connect(
+        f"ws://127.0.0.1:{bench.face.port}/ws", sock=idle, compression=None, close_timeout=0.1
+    ) as slow:
+        idle_topics = ["/left/joint_states", f"{ARM}/state/pose", f"{ARM}/state/snapshot", "/tf"]
+        for topic in idle_topics * 8:
+            slow.send(json.dumps({"op": "subscribe", "topic": topic}))
+        tcp = bench.rig.tcp
+        at = hold(page, MOUSE, jog("X", -1), lambda: tcp.moving)
+        MOUSE.let_go(page, at)
+        until(lambda: not tcp.moving, "rest")
+        page.click(".link summary")
+        median_ms = page.until(
+            "parseFloat([...document.querySelectorAll('.link dd')].map(e => e.textContent)[0]) || 0"
+        )
+        assert median_ms < 150.0
+
+
+def test_a_certificate_is_renewed_and_the_page_connects_again(bench, browser, tmp_path):
+    """The server is started anew with another certificate at the same port; the tab stays open."""
+    state = {"STATE_DIRECTORY": str(tmp_path), "CARDAN_FACE_TOKEN": TOKEN}
+    port = free_tcp_port()
+    words = ["--host", "0.0.0.0", "--port", str(port)]
+    now = datetime.datetime.now(datetime.timezone.utc)
+    long_ago = now - datetime.timedelta(days=380)
+    asks = [("Security.enable", {}), ("Security.setIgnoreCertificateErrors", {"ignore": True})]
+
+    old = own_certificate(["127.0.0.1", "localhost"], long_ago, tmp_path).fingerprint
+    with contextlib.ExitStack() as stack:
+        with face(bench.rig.endpoint, words, state):
+            # It ends within 30 days: it is made anew at the start.
+            first = own_certificate([], now, tmp_path)
+            assert first.fingerprint != old
+            address = f"https://127.0.0.1:{port}/#t={TOKEN}"
+            page = stack.enter_context(browser.open(address, asks=asks))
+            page.until(RELOADED)
+            loaded = page.value("performance.timeOrigin")
+        page.until(f"{LINK} === 'lost'")
+        first.certificate.unlink()
+        with face(bench.rig.endpoint, words, state):
+            assert own_certificate([], now, tmp_path).fingerprint != first.fingerprint
+            page.until(f"{LINK} === 'live'")
+            assert page.value("performance.timeOrigin") == loaded
+            page.ask("Page.reload")
+            page.until(RELOADED)
+            assert page.value(LINK) == "live"
