@@ -7,7 +7,7 @@ the types and errors that they use are attributes of this package, imported on f
 simulates each piece of hardware at the level of its protocol.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 TYPE_CHECKING = False  # typing's own costs an import
 if TYPE_CHECKING:

@@ -15,7 +15,6 @@ from cardan.drivers.base import (
 from cardan.drivers.registry import BUILT_IN
 from cardan.errors import (
     AddressError as AddressError,
-    ArmExtraMissingError as ArmExtraMissingError,
     CardanError as CardanError,
     CollisionError as CollisionError,
     CommandError as CommandError,
@@ -23,6 +22,7 @@ from cardan.errors import (
     DeviceAccessError as DeviceAccessError,
     DeviceNotFoundError as DeviceNotFoundError,
     DriverError as DriverError,
+    ExtraMissingError as ExtraMissingError,
     JointLimitError as JointLimitError,
     MotionLoopError as MotionLoopError,
     MotionRefusedError as MotionRefusedError,
@@ -42,6 +42,7 @@ from cardan.types import (
     DeviceState as DeviceState,
     Frame as Frame,
     HoldCommand as HoldCommand,
+    Inertia as Inertia,
     JointCommand as JointCommand,
     JointLimits as JointLimits,
     JointVelocityCommand as JointVelocityCommand,
@@ -68,11 +69,17 @@ if TYPE_CHECKING:
     from cardan.drivers.leap import Leap as Leap
     from cardan.drivers.motoros import Motoros as Motoros
     from cardan.drivers.omni import Omni as Omni
+    from cardan.drivers.phone import Phone as Phone
+    from cardan.drivers.ros2_arm import Ros2Arm as Ros2Arm
+    from cardan.drivers.ros2_joy import Ros2Joy as Ros2Joy
+    from cardan.drivers.ros2_spacenav import Ros2Spacenav as Ros2Spacenav
     from cardan.drivers.sim_arm import SimArm as SimArm
     from cardan.drivers.spacemouse import SpaceMouse as SpaceMouse
     from cardan.drivers.spnav import Spnav as Spnav
     from cardan.drivers.wiimote import Wiimote as Wiimote
+    from cardan.drivers.xr import Xr as Xr
     from cardan.gateway.arm import CartesianDevice as CartesianDevice
+    from cardan.gateway.bus.remote import RemoteCartesianDevice as RemoteCartesianDevice
 
 
 @overload
@@ -93,6 +100,18 @@ def open_device(
 ) -> Keyboard: ...
 @overload
 def open_device(driver: Literal["jr3_can"], /, options: Any = None, **keywords: Any) -> Jr3: ...
+@overload
+def open_device(
+    driver: Literal["ros2_spacenav"], /, options: Any = None, **keywords: Any
+) -> Ros2Spacenav: ...
+@overload
+def open_device(
+    driver: Literal["ros2_joy"], /, options: Any = None, **keywords: Any
+) -> Ros2Joy: ...
+@overload
+def open_device(driver: Literal["phone"], /, options: Any = None, **keywords: Any) -> Phone: ...
+@overload
+def open_device(driver: Literal["xr"], /, options: Any = None, **keywords: Any) -> Xr: ...
 @overload
 def open_device(driver: Literal["omni"], /, options: Any = None, **keywords: Any) -> Omni: ...
 @overload
@@ -116,6 +135,8 @@ def open_device(driver: str, /, options: Any = None, **keywords: Any) -> Operato
 def open_robot(driver: Literal["abb_egm"], /, options: Any = None, **keywords: Any) -> AbbEgm: ...
 @overload
 def open_robot(driver: Literal["motoros"], /, options: Any = None, **keywords: Any) -> Motoros: ...
+@overload
+def open_robot(driver: Literal["ros2"], /, options: Any = None, **keywords: Any) -> Ros2Arm: ...
 @overload
 def open_robot(driver: Literal["sim_arm"], /, options: Any = None, **keywords: Any) -> SimArm: ...
 @overload
@@ -154,6 +175,7 @@ def devices() -> list[FoundDevice]:
 
 _HOMES = {
     "CartesianDevice": "cardan.gateway.arm",
+    "RemoteCartesianDevice": "cardan.gateway.bus.remote",
     **{name: module for module, _, name in (each.partition(":") for each in BUILT_IN.values())},
 }
 _INNER = {

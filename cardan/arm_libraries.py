@@ -6,7 +6,7 @@ model imports them from here, so that it says the same wherever they are missing
 
 from __future__ import annotations
 
-from cardan.errors import ArmExtraMissingError
+from cardan.extras import missing_extra
 
 try:
     import coal as coal
@@ -16,9 +16,8 @@ try:
     import numpy.typing as npt
     import pinocchio as pin
 except ImportError as error:
-    raise ArmExtraMissingError(
-        f"this needs the libraries of an arm's model, which cannot be imported ({error}): "
-        'pip install "cardan[arm]"'
+    raise missing_extra(
+        "an arm's model", "numpy, pin, coal, eigenpy and daqp", "arm", error
     ) from error
 
 __all__ = ["coal", "daqp", "eigenpy", "np", "npt", "pin"]

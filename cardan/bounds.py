@@ -278,6 +278,7 @@ SENSOR_LEVEL = Range(0.0, 1e6, "", "no sensor's raw numbers are larger")
 SEED = Range(0, 2**32 - 1, "", "32 bits")
 NOT_NEGATIVE = Range(0.0, math.inf, "", "", below=True)
 POSITIVE = Range(0.0, math.inf, "", "", above=True, below=True)
+STARTS = Range(1, 1000, "starts", "a process that failed so often fails for ever")
 NOISE_COUNTS = Range(0, 1_000_000, "counts", "no device's raw numbers are larger")
 
 # -- addresses and names ---------------------------------------------------------------------------

@@ -16,17 +16,19 @@ of each when it comes and what to do.
     |   +-- CommandError          a command this robot or device cannot take
     |   +-- IoConnectionError     cardan.drivers.motoros: inputs and outputs cannot be reached
     |   +-- IoRefusedError        cardan.drivers.motoros: the controller refused to do it
+    |   +-- ExtraMissingError     a package that only some need is not installed
     |   +-- NativeMissingError    cardan.drivers.omni.native: the compiled force loop is missing
     +-- ScriptError           a simulated peer's script or fault switch is wrong
+    +-- NativePartError       cardan.native: a compiled part is missing or of other sources
     +-- CaptureError          a capture file cannot be read
-    +-- ScapyMissingError     cardan.dissect.errors: what dissecting needs is not installed
-    +-- ArmExtraMissingError  what an arm's model needs is not installed
+    +-- ControlError          cardan.gateway.daemon.control: a request that the daemon refuses
     +-- MotionRefusedError    a verb of the Cartesian interface was refused; nothing changed
     |   +-- OutOfReachError       no joint positions put the TCP there
     |   +-- JointLimitError       a joint would have to leave its range
     |   +-- CollisionError        two bodies would meet on the way
+    |   +-- TrajectoryError       cardan.gateway.bus.trajectories: no trajectory of this arm
     +-- MotionLoopError       the loop that drives the arm has ended
-    +-- PacketError           cardan.gateway.session.requests: no request, or no reply
+    +-- PacketError           cardan.gateway.arm.requests: no request, or no reply
 """
 
 from __future__ import annotations
@@ -168,16 +170,29 @@ class CommandError(DriverError):
     """A command this robot or device cannot take; nothing was sent."""
 
 
+class ExtraMissingError(DriverError):
+    """A package that only some users need is not installed; `extra` is that of Cardan's which
+    installs it ("arm")."""
+
+    def __init__(self, purpose: str, package: str, extra: str, reason: str) -> None:
+        super().__init__(
+            f"{purpose} needs {package}, which cannot be imported ({reason}): "
+            f"{install_command(extra)}"
+        )
+        self.extra = extra
+
+
+def install_command(extra: str) -> str:
+    """What installs an extra of Cardan's."""
+    return f'pip install "cardan[{extra}]"'
+
+
 class ScriptError(CardanError):
     """A simulated peer's script, model or fault switch is wrong."""
 
 
 class CaptureError(CardanError):
     """A capture file cannot be read."""
-
-
-class ArmExtraMissingError(CardanError):
-    """The optional extra ``cardan[arm]``, which an arm's model needs, is not installed."""
 
 
 class MotionRefusedError(CardanError):

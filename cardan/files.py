@@ -1,16 +1,24 @@
-"""Opens files that a user has named: nothing is waited for, and nothing without end is read."""
+"""Opens files that a user has named, where nothing is waited for and nothing without end is read;
+and says where a program keeps its own."""
 
 from __future__ import annotations
 
 import errno
 import os
 import stat
-from typing import BinaryIO, Final, TextIO
+from pathlib import Path
+from typing import BinaryIO, Final, Protocol, TextIO
+
+from cardan.errors import ConfigurationError
 
 TEXT_BYTES: Final = 2**20
 """Longest text that is read: a hundred times the longest configuration, and parsed in seconds."""
 MODEL_BYTES: Final = 16 * 2**20
 """Longest model of an arm that is read; published URDF files have less than 1 MB."""
+
+PIECE_BYTES: Final = 2**20
+"""Most that is asked of a file at once where the length comes from the file: reading takes the
+memory that it asks for, before it knows what there is."""
 
 _KINDS: Final = (
     (stat.S_ISDIR, "a directory"),
@@ -23,6 +31,14 @@ _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _NO_WAIT: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
+class SupportsRead(Protocol):
+    """A stream of bytes."""
+
+    def read(self, size: int, /) -> bytes:
+        """At most `size` bytes; none at the end."""
+        ...
+
+
 def open_file(path: str | os.PathLike[str]) -> BinaryIO:
     """The regular file at `path`, to read. Raises OSError, also for what is no regular file: a pipe
     may never end, and a device gives what it likes."""
@@ -32,6 +48,19 @@ def open_file(path: str | os.PathLike[str]) -> BinaryIO:
         code = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
         raise OSError(code, f"it is {what}, and must be a file")
     return os.fdopen(os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)), "rb")
+
+
+def read_up_to(stream: SupportsRead, size: int) -> bytes:
+    """At most `size` bytes; fewer where the stream ends. Takes memory for what the stream has, not
+    for what is asked: the size may be a damaged length."""
+    data = stream.read(min(size, PIECE_BYTES))
+    if len(data) == size or not data:
+        return data
+    pieces, left = [data], size - len(data)
+    while left and (data := stream.read(min(left, PIECE_BYTES))):
+        pieces.append(data)
+        left -= len(data)
+    return b"".join(pieces)
 
 
 def read_text(path: str | os.PathLike[str], most_bytes: int = TEXT_BYTES) -> str:
@@ -65,3 +94,25 @@ def create_file(path: str | os.PathLike[str]) -> TextIO:
     if _NO_WAIT:
         os.set_blocking(file, True)
     return os.fdopen(file, "w", encoding="utf-8", newline="")
+
+
+def state_folder() -> Path:
+    """Where what a program keeps from run to run is: a service's folder for its state, or the
+    user's. It need not exist yet. Raises ConfigurationError for a user without a home."""
+    service = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if service:
+        return Path(service)
+    home = os.environ.get("XDG_STATE_HOME", "")
+    if not os.path.isabs(home):
+        home = os.path.expanduser("~/.local/state")
+    if not os.path.isabs(home):
+        raise ConfigurationError(
+            "HOME", "this user has no home folder: set HOME, or XDG_STATE_HOME to a folder"
+        )
+    return Path(home) / "cardan"
+
+
+def records_folder(folder: str = "") -> Path:
+    """Where records are: `folder`, or "records" in the state's. It need not exist yet. Raises
+    ConfigurationError."""
+    return Path(folder) if folder else state_folder() / "records"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, is_dataclass
 from importlib.metadata import EntryPoint
 from typing import Any, Generic, TypeVar
 
-from cardan.errors import CardanError, ConfigurationError
+from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
 from cardan.printable import printable
 from cardan.shortage import shortage
 from cardan.signals import EndingSignalError
@@ -24,6 +24,11 @@ def reason(error: BaseException) -> str:
         return lacking
     words = printable(" ".join(str(error).split()))
     return words if isinstance(error, CardanError) else f"{type(error).__name__}: {words}"
+
+
+def is_lack(error: Exception) -> bool:
+    """Whether `error` says that a package, memory or files were missing: no fault of a plug-in."""
+    return isinstance(error, ExtraMissingError) or bool(shortage(error))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +73,8 @@ class Finder(Generic[T]):
     def load(self, name: str) -> type[T]:
         """The class called `name`.
 
-        ConfigurationError names the ones there are, or says why it cannot be loaded.
+        ConfigurationError names the ones there are, or says why it cannot be loaded. A package that
+        is missing is an ExtraMissingError, and for want of memory or files it raises what says so.
         """
         target = self._built_in.get(name)
         if target is None:
@@ -85,9 +91,11 @@ class Finder(Generic[T]):
         of = f"{target} of {self._word} {name!r}"
         try:
             loaded = getattr(importlib.import_module(module), attribute)
-        except EndingSignalError:
+        except (EndingSignalError, ExtraMissingError):
             raise
         except (Exception, SystemExit) as error:  # Whatever another package's module does.
+            if shortage(error):
+                raise
             raise ConfigurationError(
                 self._word, f"{of} cannot be loaded: {reason(error)}"
             ) from error
@@ -108,6 +116,10 @@ class Finder(Generic[T]):
                 cause = error.__cause__
                 why = error.message if cause is None else reason(cause)
                 found.refused[name] = f"cannot be loaded: {why}"
+            except Exception as error:
+                if not is_lack(error):
+                    raise
+                found.refused[name] = f"cannot be loaded: {reason(error)}"
         used = dict(self._built_in)
         for point in self._installed():
             if (target := used.setdefault(point.name, point.value)) != point.value:
@@ -125,7 +137,7 @@ class Finder(Generic[T]):
         except CardanError:
             raise
         except Exception as error:
-            if name in self._built_in:
+            if name in self._built_in or shortage(error):
                 raise
             raise ConfigurationError(
                 key, f"{self._word} {name!r} cannot be used: {reason(error)}"

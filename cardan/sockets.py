@@ -14,6 +14,7 @@ import socket
 import stat
 import struct
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
@@ -26,8 +27,22 @@ EVERYBODY: Final = 0o666
 DRAIN_AT_MOST: Final = 256
 """Datagrams taken from a socket at once: a flood must not keep a cycle from its schedule."""
 
+QUEUE_LOOK_S: Final = 0.01
+"""Pause before another attempt to come into a queue that is full."""
+
 _ANY_PORT: Final = 9
 """For asking the system about an address: nothing is sent."""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a name or an address, in brackets or not, is this computer for itself alone (names:
+    RFC 6761, 6.3)."""
+    if host == "localhost" or host.endswith(".localhost"):
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
 
 
 def refuse_shared(problem: str, address: str, *, listens: bool) -> None:
@@ -168,7 +183,7 @@ def connected(path: str, kind: socket.SocketKind, timeout_s: float | None) -> so
     peer = socket.socket(socket.AF_UNIX, kind)
     try:
         peer.settimeout(timeout_s)
-        peer.connect(path)
+        _connect(peer, path, timeout_s)
         user = user_of(peer)
         if user is not None and user not in (0, os.geteuid()):
             folder = os.path.dirname(os.path.abspath(path))
@@ -182,6 +197,21 @@ def connected(path: str, kind: socket.SocketKind, timeout_s: float | None) -> so
         peer.close()
         raise
     return peer
+
+
+def _connect(peer: socket.socket, path: str, timeout_s: float | None) -> None:
+    """Wait for a place in the queue of who serves there, too: with a time limit the kernel does
+    not, and says EAGAIN."""
+    end_s = time.monotonic() + (timeout_s or 0.0)
+    while True:
+        try:
+            peer.connect(path)
+        except BlockingIOError:
+            if time.monotonic() >= end_s:
+                raise TimeoutError(errno.ETIMEDOUT, "too many programs wait there") from None
+            time.sleep(QUEUE_LOOK_S)
+        else:
+            return
 
 
 _CREDENTIALS = struct.Struct("=iII")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import json
 import os
 import sys
 from collections.abc import Mapping
@@ -75,6 +76,21 @@ def read_toml(path: Path) -> dict[str, Any]:
     return parse_toml(read_text(path), path)
 
 
+def as_toml(tables: Mapping[str, Any]) -> str:
+    """The text of a file with these tables; what `read_toml` gives is among what they may be."""
+    return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in tables.items())
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{_toml(key)} = {_toml(each)}' for key, each in value.items())}}}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value).lower()  # Numbers as Python has them, but true, false, inf and nan.
+
+
 def keys_of(kind: type[Any], from_file: bool = True) -> dict[str, Field[Any]]:
     """The keys of a table, and the fields that they set.
 
@@ -107,18 +123,19 @@ def as_table(options: Any, from_file: bool = True) -> dict[str, Any]:
     `from_file` as :func:`keys_of` has it.
     """
     kind = type(options)
-    table = {key: _plain(getattr(options, key), from_file) for key in keys_of(kind, from_file)}
-    others: dict[str, Any] = _plain(getattr(options, _others(kind), {}), from_file)
+    table = {key: plain(getattr(options, key), from_file) for key in keys_of(kind, from_file)}
+    others: dict[str, Any] = plain(getattr(options, _others(kind), {}), from_file)
     return table | others
 
 
-def _plain(value: Any, from_file: bool) -> Any:
+def plain(value: Any, from_file: bool = True) -> Any:
+    """A value of options as JSON has it; `from_file` as :func:`keys_of` has it."""
     if is_dataclass(value):
         return as_table(value, from_file)
     if isinstance(value, Mapping):
-        return {key: _plain(each, from_file) for key, each in value.items()}
+        return {key: plain(each, from_file) for key, each in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_plain(each, from_file) for each in value]
+        return [plain(each, from_file) for each in value]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     return value.value if isinstance(value, enum.Enum) else value

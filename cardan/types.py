@@ -123,6 +123,16 @@ class Axes(NamedTuple):
 NEUTRAL = Axes(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+class Inertia(NamedTuple):
+    """What the accelerometer and the gyroscope of a device measure, along its own axes: x forward,
+    y left, z up, as it lies before the operator."""
+
+    acceleration: Vector3
+    """Specific force, m/s²: at rest it is 9.81 upwards."""
+    rates: Vector3 | None = None
+    """Turning rates, rad/s; None: it has no gyroscope, or it is not heard."""
+
+
 class DeviceState(NamedTuple):
     """The newest state of an operator device."""
 
@@ -141,6 +151,8 @@ class DeviceState(NamedTuple):
     """Why `link` is not LIVE; empty when it is."""
     wrench: Wrench | None = None
     """Measured force and torque, for force-torque sensors."""
+    inertia: Inertia | None = None
+    """For devices with an accelerometer, while it is heard."""
 
 
 class DeviceCapabilities(NamedTuple):
@@ -154,6 +166,8 @@ class DeviceCapabilities(NamedTuple):
     battery: bool
     gives_axes: bool = True
     """True: `DeviceState.axes` are deflections (rate control); False: they are always zero."""
+    gives_inertia: bool = False
+    """True: `DeviceState.inertia` is measured."""
 
 
 class DeviceFeedback(NamedTuple):

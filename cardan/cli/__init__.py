@@ -2,36 +2,47 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cardan import __version__, output
+from cardan.cli import completion
+from cardan.cli.bus import echo, hz, network
 from cardan.cli.common import (
     EXIT_CANNOT_OPEN,
     EXIT_FAILED,
     EXIT_INCOMPLETE,
     EXIT_OK,
     EXIT_USAGE,
+    AsJson,
     ConfigFile,
     Level,
     Seconds,
     Verbose,
     begin_serving,
     check_seconds,
+    print_json,
     print_table,
     print_unusable,
 )
+from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, service
 from cardan.cli.dissect import Dissect
+from cardan.cli.doctor import doctor
+from cardan.cli.face import face
+from cardan.cli.recording import plot, record, replay
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, OptionError, ScriptError
+from cardan.gateway.daemon.control import ControlError
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.plugins import Loaded
 from cardan.printable import make_logs_printable, printable
 from cardan.shortage import shortage
 from cardan.signals import raised_on_ending
@@ -39,6 +50,7 @@ from cardan.types import DeviceLink, RobotLink
 
 if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
+    from cardan.gateway.session.launched import Launched
 
 EPILOG = (
     "Exit codes: 0 success; 1 internal error, or nothing can be printed; 2 wrong configuration or "
@@ -56,6 +68,12 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
 )
 app.add_typer(sim)
+app.add_typer(face)
+app.add_typer(service)
+for _command in (network, echo, hz, record, replay, plot, *DAEMON_COMMANDS, doctor):
+    # Of an arm's verbs -0.1 is a number, and no option.
+    _settings = {"ignore_unknown_options": _command is arm}
+    app.command(epilog=EPILOG, context_settings=_settings)(_command)
 
 
 def main() -> None:
@@ -86,8 +104,9 @@ def main() -> None:
 def _run() -> int:
     """Run the command line; the exit code."""
     try:
-        return app(standalone_mode=False) or EXIT_OK
-    except (ConfigurationError, ScriptError, CaptureError) as error:
+        # The name that the shell's completion is installed for, however it was started.
+        return app(standalone_mode=False, prog_name="cardan") or EXIT_OK
+    except (ConfigurationError, ControlError, ScriptError, CaptureError) as error:
         return _fail(error, EXIT_USAGE)
     except CardanError as error:
         return _fail(error, EXIT_CANNOT_OPEN)
@@ -142,45 +161,97 @@ def _options(
     pass
 
 
-def _list_demos(wanted: bool) -> None:
-    if wanted:
-        from cardan.gateway.session.examples import find_demos
-
-        rows = ((name, demo.description) for name, demo in find_demos().items())
-        print_table(("demo", "what is joined"), rows)
-        raise typer.Exit
-
-
 @app.command()
 def demo(
     name: Annotated[
-        str, typer.Argument(metavar="NAME|FILE", help="A demo, or an example file that is one.")
+        str,
+        typer.Argument(
+            metavar="NAME|FILE",
+            help="A demo, or an example file that is one.",
+            autocompletion=completion.demos,
+        ),
     ] = "gofa",
     seconds: Annotated[float, typer.Option(callback=check_seconds, help="How long to run.")] = 30.0,
-    _list: Annotated[
+    extras: Annotated[
         bool,
         typer.Option(
-            "--list", callback=_list_demos, is_eager=True, help="Print the demos, then end."
+            "--extras",
+            help='Print the extras of Cardan that it needs beside "arm", then end.',
         ),
     ] = False,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Where the demo `console` leaves pictures of its page; by default a new folder.",
+        ),
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="Print the demos, then end.")] = False,
+    as_json: AsJson = False,
     verbose: Verbose = False,
     log_level: Level = None,
 ) -> None:
     """Run an example against simulated peers, with no hardware: gofa (a SpaceMouse drives an ABB
     GoFa over EGM), gp8 (a Motoman GP8 over MotoROS), omni (a Phantom Omni draws with the GoFa's pen
     and feels its board), and more."""
-    from cardan.gateway.session.demo import run_demo
+    from cardan.gateway.session.demo import check_length, choose_demo, run_demo
+    from cardan.gateway.session.examples import find_demos
 
+    if list_:
+        rows = ((name, demo.description) for name, demo in find_demos().items())
+        print_table(("demo", "what is joined"), rows, as_json)
+        raise typer.Exit
+    if as_json:
+        raise ConfigurationError("--json", "goes with --list")
+    chosen = choose_demo(name)
+    if extras:
+        print(",".join(chosen.extras))
+        raise typer.Exit
     begin_serving(verbose, log_level)
-    raise typer.Exit(run_demo(seconds, name))
+    if chosen.program == "lab":
+        from cardan.gateway.daemon.lab_demo import run_lab
+
+        check_length(chosen, seconds)
+        raise typer.Exit(run_lab(chosen, seconds))
+    from cardan.gateway.faces.console.address import picture
+
+    raise typer.Exit(run_demo(seconds, name, pictures, picture))
 
 
 @app.command(epilog=EPILOG)
 def run(
-    file: ConfigFile, seconds: Seconds = None, verbose: Verbose = False, log_level: Level = None
+    file: ConfigFile,
+    record_to: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="OUT",
+            help="Record the network into this file (MCAP) while the session runs, as `cardan "
+            "record` does; the session needs a [network].",
+        ),
+    ] = None,
+    console: Annotated[
+        bool,
+        typer.Option(
+            help="Serve the page that shows and moves the arm, as `cardan face console` does, and "
+            "print its address; the session needs a [network]."
+        ),
+    ] = False,
+    console_host: Annotated[
+        str,
+        typer.Option(
+            metavar="HOST",
+            help="Where the page of --console is served: 0.0.0.0 for phones and other computers, "
+            "too; by default 127.0.0.1.",
+        ),
+    ] = "",
+    seconds: Seconds = None,
+    verbose: Verbose = False,
+    log_level: Level = None,
 ) -> None:
     """Join the device and the robot of a configuration file until Ctrl-C."""
     from cardan.gateway.session.assembly import cautions, load_config
+    from cardan.gateway.session.recorded import recorded
     from cardan.gateway.session.supervisor import supervise
     from cardan.gateway.session.view import SessionView, summary
 
@@ -188,18 +259,40 @@ def run(
     config = load_config(file)
     for words in cautions(config):
         print(f"cardan: WARNING: {words}", file=sys.stderr)
-    with SessionView() as view:
+    recorder: Launched | None = None
+    with contextlib.ExitStack() as opened:
+        for option, wanted in (("--record", record_to is not None), ("--console", console)):
+            if wanted and config.network is None:
+                raise ConfigurationError(option, f"{file} has no table [network]: add one")
+        if console_host and not console:
+            raise ConfigurationError("--console-host", "is where --console serves: give both")
+        if console and config.network is not None:
+            from cardan.gateway.faces.console.address import picture
+            from cardan.gateway.session.with_console import with_console
+
+            page = opened.enter_context(with_console(config.network, console_host or "127.0.0.1"))
+            print("\n".join((*page.before, f"console {page.endpoint}")), flush=True)
+            if sys.stdout.isatty():
+                print(picture(page.endpoint), flush=True)
+        if record_to is not None and config.network is not None:
+            join = ("--session", str(file))
+            recorder = opened.enter_context(recorded(config.network, record_to, *join))
+        view = opened.enter_context(SessionView())
         outcome = supervise(
             config, math.inf if seconds is None else seconds, view.show, shown=view.is_read
         )
     if outcome.last.cycles or outcome.last.elapsed_s:
         view.console.print(summary(outcome.last))
+    if recorder is not None:
+        sys.stderr.write(recorder.complaints)
+        for line in recorder.lines:
+            print(f"{record_to}: {printable(line)}")
     if outcome.last.error:
         print(f"cardan: {outcome.last.error}", file=sys.stderr)
     if outcome.exit_code == EXIT_OK and (problem := _final_problem(outcome.last)):
         print(f"cardan: {problem}", file=sys.stderr)
         raise typer.Exit(EXIT_INCOMPLETE)
-    raise typer.Exit(outcome.exit_code)
+    raise typer.Exit(outcome.exit_code or (EXIT_OK if recorder is None else recorder.code))
 
 
 def _final_problem(last: Snapshot) -> str:
@@ -216,61 +309,84 @@ def _final_problem(last: Snapshot) -> str:
 
 
 @app.command()
-def check(file: ConfigFile) -> None:
+def check(file: ConfigFile, as_json: AsJson = False) -> None:
     """Check a configuration file without opening anything, and say what it would do."""
-    from cardan.gateway.hand.mapping import Mode
-    from cardan.gateway.session.assembly import cautions, load_config, make_filters
+    from cardan.gateway.session.assembly import cautions, load_config
 
     config = load_config(file)
-    mapping, limits = config.mapping, config.limits
-    warnings = cautions(config)
+    warnings, parts = list(cautions(config)), list(_parts(config))
+    if as_json:
+        described: dict[str, list[str]] = {}
+        for part, words in parts:
+            described.setdefault(part, []).append(words)
+        print_json({"file": str(file), "warnings": warnings, **described})
+        return
     print(f"{file}: fine{', with WARNINGS' if warnings else ''}")
     for words in warnings:
         print(f"  WARNING  {words}")
-    print(f"  device   {config.device.driver if config.device else 'none'}")
-    print(f"  robot    {config.robot.driver}")
+    for part, words in parts:
+        print(f"  {part:<8} {printable(words)}")
+
+
+def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
+    """The parts of a session, and what each does."""
+    from cardan.gateway.hand.mapping import Mode
+    from cardan.gateway.session.assembly import make_filters, servo_in_words
+
+    mapping, limits, force = config.mapping, config.limits, config.force
+    yield "device", config.device.driver if config.device else "none"
+    yield "robot", config.robot.driver
     if config.device is None:
-        print(f"  moved by {_moved_by_verbs(config)}")
+        yield "moved by", _moved_by_verbs(config)
     elif mapping.mode is Mode.POSITION:
-        print(f"  mapping  the TCP moves as the hand does, {mapping.frame.value} axes")
+        yield "mapping", f"the TCP moves as the hand does, {mapping.frame.value} axes"
     elif mapping.mode is Mode.ABSOLUTE:
-        print(
-            "  mapping  the TCP goes where the hand is, base axes, at "
+        yield (
+            "mapping",
+            "the TCP goes where the hand is, base axes, at "
             f"{mapping.approach_speed_m_s * 1e3:.0f} mm/s and "
-            f"{math.degrees(mapping.approach_speed_rad_s):.0f} deg/s until it has arrived"
+            f"{math.degrees(mapping.approach_speed_rad_s):.0f} deg/s until it has arrived",
         )
     else:
-        print(
-            f"  mapping  full deflection is {mapping.linear_speed_m_s * 1e3:.0f} mm/s and "
-            f"{math.degrees(mapping.angular_speed_rad_s):.0f} deg/s, {mapping.frame.value} axes"
+        yield (
+            "mapping",
+            f"full deflection is {mapping.linear_speed_m_s * 1e3:.0f} mm/s and "
+            f"{math.degrees(mapping.angular_speed_rad_s):.0f} deg/s, {mapping.frame.value} axes",
         )
     for each in make_filters(config):
-        print(f"  filter   {each.name}: {printable(each.describe())}")
+        yield "filter", f"{each.name}: {each.describe()}"
     if config.arm is not None:
         around = (
             f", {len(config.obstacles)} obstacles" if config.arm.collisions else ", collisions OFF"
         )
-        print(f"  arm      {printable(config.arm.model)}, policy {config.arm.policy.value}{around}")
+        yield "arm", f"{config.arm.model}, policy {config.arm.policy.value}{around}"
+        yield "servo", servo_in_words(config)
     if config.fixtures:
-        print(f"  fixtures {', '.join(each.shape for each in config.fixtures)}")
-    force = config.force
+        yield "fixtures", ", ".join(each.shape for each in config.fixtures)
     if force.source == "remote":
-        print(f"  force    remote, by a force node at {printable(force.socket)}")
+        yield "force", f"remote, by a force node at {force.socket}"
     elif force.source != "none":
-        print(f"  force    {force.source}, {force.scale:g} N for each N of the robot")
-    print(
-        f"  limits   {limits.linear_speed_m_s * 1e3:.0f} mm/s, "
-        f"{math.degrees(limits.angular_speed_rad_s):.0f} deg/s"
+        yield "force", f"{force.source}, {force.scale:g} N for each N of the robot"
+    yield (
+        "limits",
+        f"{limits.linear_speed_m_s * 1e3:.0f} mm/s, "
+        f"{math.degrees(limits.angular_speed_rad_s):.0f} deg/s",
     )
     if config.device is None:
         return
     if mapping.deadman_buttons:
         held = " or ".join(repr(button) for button in mapping.deadman_buttons)
-        print(f"  dead-man {held} must be held to move")
+        yield "dead-man", f"{held} must be held to move"
     elif mapping.clutch:
-        print(f"  clutch   {mapping.clutch!r} begins and ends following; no dead-man is held")
+        yield (
+            "clutch",
+            f"{mapping.clutch!r} begins and ends following; no dead-man is held",
+        )
     else:
-        print("  dead-man NONE: any deflection moves the robot; set mapping.deadman beside people")
+        yield (
+            "dead-man",
+            "NONE: any deflection moves the robot; set mapping.deadman beside people",
+        )
 
 
 def _moved_by_verbs(config: SessionConfig) -> str:
@@ -285,12 +401,21 @@ def _moved_by_verbs(config: SessionConfig) -> str:
 
 
 @app.command()
-def drivers() -> None:
+def drivers(
+    name: Annotated[
+        str,
+        typer.Argument(metavar="[NAME]", help="One of them.", autocompletion=completion.drivers),
+    ] = "",
+    as_json: AsJson = False,
+) -> None:
     """List the drivers, those of other installed packages included: the names that a
     configuration's driver = "..." takes."""
     from cardan.drivers import registry
 
-    found = registry.load_all()
+    if name:
+        found = Loaded({name: registry.load(name)}, {}, [])
+    else:
+        found = registry.load_all()
     print_table(
         ("driver", "table", "drives", "simulated by", "documentation"),
         [
@@ -303,17 +428,19 @@ def drivers() -> None:
             )
             for name, driver in found.classes.items()
         ],
+        as_json,
     )
-    print_unusable(found)
+    if not as_json:
+        print_unusable(found)
 
 
 @app.command()
-def devices() -> None:
+def devices(as_json: AsJson = False) -> None:
     """List the operator devices that are plugged in, and what stands in their way."""
     from cardan import api
 
     found = api.devices()
-    if not found:
+    if not found and not as_json:
         print(
             "no operator device was found; serial, CAN and network devices are not detected: "
             "the options of their drivers name them"
@@ -330,8 +457,9 @@ def devices() -> None:
                 device.path,
                 device.obstacle or "ready",
             )
-            for device in _merged(found)
+            for device in (found if as_json else _merged(found))
         ),
+        as_json,
     )
 
 
@@ -423,6 +551,23 @@ def force(
     print(f"{sent} forces sent")
     if not sent:
         raise typer.Exit(EXIT_INCOMPLETE)
+
+
+@app.command(epilog=EPILOG)
+def haptic(
+    file: ConfigFile,
+    seconds: Seconds = None,
+    verbose: Verbose = False,
+    log_level: Level = None,
+) -> None:
+    """Serve a haptic device to ROS 2 without an arm: publish its pose and buttons, and render the
+    feedback that programs publish. Of FILE it reads [device] and [network]. Prints READY and the
+    name of its node once it serves."""
+    from cardan.gateway.session.assembly import load_haptic
+    from cardan.gateway.session.haptic_alone import serve_haptic
+
+    begin_serving(verbose, log_level)
+    serve_haptic(load_haptic(file), seconds)
 
 
 @app.command(cls=Dissect)

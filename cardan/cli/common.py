@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import enum
+import json
 import logging
 import math
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from cardan import output
 from cardan.errors import ConfigurationError, OptionError
-from cardan.logs import log_to_stderr
+from cardan.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, log_to_stderr
 from cardan.plugins import Loaded
 from cardan.printable import printable
 
@@ -34,6 +33,7 @@ def check_seconds(seconds: float | None) -> float | None:
     return seconds
 
 
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead, for programs.")]
 ConfigFile = Annotated[Path, typer.Argument(metavar="FILE", help="Configuration file (TOML).")]
 Seconds = Annotated[
     float | None,
@@ -63,18 +63,44 @@ Level = Annotated[
 
 
 def begin_serving(
-    verbose: bool, level: LogLevel | None, default: LogLevel = LogLevel.WARNING
+    verbose: bool,
+    level: LogLevel | None,
+    default: LogLevel = LogLevel.WARNING,
+    form: LogFormat | None = None,
 ) -> None:
     """Begin a command that runs until it is told to end: its log goes to standard error, and
     nobody who does not read its output holds it up.
+
+    What is not given is as the daemon that runs it says, else `default`, and text.
 
     Raises ConfigurationError for `verbose` with another level than debug.
     """
     if verbose and level not in (None, LogLevel.DEBUG):
         raise ConfigurationError("--verbose, --log-level", "give one of them")
+    told = os.environ.get(LEVEL_VARIABLE, "")
+    default = LogLevel(told) if told in {each.value for each in LogLevel} else default
     level = LogLevel.DEBUG if verbose else level or default
-    log_to_stderr(getattr(logging, level.name))
+    told = os.environ.get(FORMAT_VARIABLE, "")
+    form = form or (LogFormat(told) if told in {each.value for each in LogFormat} else None)
+    log_to_stderr(getattr(logging, level.name), form or LogFormat.TEXT)
     output.keep_up()
+
+
+def print_json(value: Any) -> None:
+    """Print a value as one line of JSON; numbers that are not finite are null."""
+    print(json.dumps(_plain(value)), flush=True)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, enum.Enum):
+        return value.name.lower() if isinstance(value, int) else value.value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if hasattr(value, "_asdict"):
+        return _plain(value._asdict())
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def print_unusable(found: Loaded[Any]) -> None:
@@ -85,8 +111,18 @@ def print_unusable(found: Loaded[Any]) -> None:
         print(printable(note))
 
 
-def print_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    """Print rows of cells under their columns' names."""
+def print_table(
+    columns: Sequence[str], rows: Iterable[Iterable[str]], as_json: bool = False
+) -> None:
+    """Print rows of cells under their columns' names; or as JSON, a list of objects."""
+    if as_json:
+        keys = [each.replace(" ", "_") for each in columns]
+        print_json([dict(zip(keys, cells, strict=True)) for cells in rows])
+        return
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(*columns, box=None)
     for cells in rows:
         # What stands in brackets is no markup.

@@ -6,13 +6,13 @@ import functools
 import inspect
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from cardan.dissect import dissect_file, registry
-from cardan.dissect.reader import Numbers
+if TYPE_CHECKING:
+    from cardan.dissect.reader import Numbers
 
 
 class Dissect(TyperCommand):
@@ -20,6 +20,8 @@ class Dissect(TyperCommand):
 
     @functools.cached_property
     def _made(self) -> Any:
+        from cardan.dissect import registry
+
         app = typer.Typer(add_completion=False, rich_markup_mode="rich")
         dissectors = registry.dissectors()
         lines = (f"{each.name}: {inspect.getdoc(each)}" for each in dissectors)
@@ -50,6 +52,8 @@ def _function(numbers: list[Numbers]) -> Any:
         ] = False,
         **given: list[int] | None,
     ) -> None:
+        from cardan.dissect import dissect_file
+
         places = {key: found or () for key, found in given.items()}
         dissect_file(file, sys.stdout, limit=limit, summary=summary, **places)
 

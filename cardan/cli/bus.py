@@ -1,0 +1,229 @@
+"""Commands that look at the bus: ``cardan network``, ``cardan echo`` and ``cardan hz``."""
+
+from __future__ import annotations
+
+import queue
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from cardan.bus.options import BusOptions
+from cardan.cli import completion
+from cardan.cli.common import EXIT_INCOMPLETE, AsJson, Seconds, print_json
+from cardan.errors import ConfigurationError
+from cardan.options import suggestion
+from cardan.printable import printable
+
+if TYPE_CHECKING:
+    from cardan.bus.network import Topic
+
+APPEARS_WITHIN_S: Final = 5.0
+"""How long a topic is waited for: peers that learn of each other from a router connect within a
+second, and a session opens its arm's model in two."""
+
+MESSAGES_KEPT: Final = 1000
+"""Messages that wait to be printed; of more, some are not."""
+
+SHOWN_S: Final = 1.0
+"""How often `hz` says what it has counted."""
+
+Session = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Configuration file whose [network] says how to join; default: its defaults.",
+    ),
+]
+Router = Annotated[
+    str,
+    typer.Option(
+        metavar="ENDPOINT",
+        help="Join by this router of Zenoh's, such as tcp/127.0.0.1:7447, instead.",
+    ),
+]
+TopicName = Annotated[
+    str,
+    typer.Argument(
+        metavar="TOPIC", help="In full: /joint_states.", autocompletion=completion.topics
+    ),
+]
+
+
+def bus_options(session: Path | None, router: str = "") -> BusOptions:
+    """How to join the bus of a session's file, or by a router; without both, as by default. Raises
+    ConfigurationError."""
+    from cardan.bus.survey import reachable
+    from cardan.gateway.session.assembly import load_config
+
+    if router:
+        if session is not None:
+            raise ConfigurationError("--session, --router", "give one of them")
+        return BusOptions(router=router)
+    if session is None:
+        return BusOptions()
+    configured = load_config(session).network
+    if configured is None:
+        raise ConfigurationError("network", f"{session} has no table [network]: add one")
+    return reachable(configured)
+
+
+def network(
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="Configuration file whose [network] says how to join; default: its defaults.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Join the bus, print the nodes, topics and services that there are after two seconds, and what
+    to do where nobody was met."""
+    from cardan.bus.survey import remedies, survey
+
+    options = bus_options(file)
+    found = survey(options)
+    if advice := remedies(options, found):
+        for each in advice:
+            print(f"cardan: {each}", file=sys.stderr)
+        raise typer.Exit(EXIT_INCOMPLETE)
+    if as_json:
+        print_json(
+            {
+                "nodes": found.nodes,
+                "topics": {
+                    name: {"type": each.type, "publishers": each.publishers}
+                    for name, each in found.topics.items()
+                },
+                "services": {
+                    name: {"type": each.type, "servers": each.servers}
+                    for name, each in found.services.items()
+                },
+            }
+        )
+        return
+    # No table: names are to be copied, and a narrow terminal would cut them.
+    for name in found.nodes:
+        print(f"node     {name}")
+    for name, topic in found.topics.items():
+        print(f"topic    {name}  {topic.type}{_by(topic.publishers)}")
+    for name, service in found.services.items():
+        print(f"service  {name}  {service.type}{_by(service.servers)}")
+
+
+def _by(nodes: Sequence[str]) -> str:
+    return f"  by {', '.join(nodes)}" if nodes else ""
+
+
+def echo(
+    topic: TopicName,
+    count: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="End after so many messages.")
+    ] = None,
+    seconds: Seconds = None,
+    session: Session = None,
+    router: Router = "",
+) -> None:
+    """Print the messages of a topic as JSON, one a line, until Ctrl-C."""
+    from cardan.protocols.ros2.cdr import Malformed, codec_of
+    from cardan.protocols.ros2.interfaces import InterfaceError
+    from cardan.protocols.ros2.messages import json_text
+
+    printed = 0
+    codec = None
+    for data, known in _heard(topic, bus_options(session, router), seconds):
+        if codec is None:
+            try:
+                codec = codec_of(known.type)
+            except InterfaceError as error:
+                raise ConfigurationError(topic, f"its messages cannot be read: {error}") from None
+        message = codec.decode(data)
+        text = (
+            f"cardan: no message of {known.type}: {message.reason}"
+            if isinstance(message, Malformed)
+            else json_text(known.type, message)
+        )
+        print(printable(text), flush=True)
+        printed += 1
+        if count is not None and printed >= count:
+            return
+    if not printed:
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def hz(
+    topic: TopicName,
+    seconds: Seconds = None,
+    session: Session = None,
+    router: Router = "",
+    as_json: AsJson = False,
+) -> None:
+    """Print how often a topic is published, and how evenly, once a second until Ctrl-C."""
+    from cardan.histogram import LatencyHistogram
+
+    gaps = LatencyHistogram()
+    began_s = told_s = last_s = None
+    messages = size = 0
+    for data, _ in _heard(topic, bus_options(session, router), seconds):
+        now_s = time.monotonic()
+        if last_s is not None:
+            gaps.add(now_s - last_s)
+        last_s = now_s
+        if began_s is None or told_s is None:
+            began_s = told_s = now_s
+            continue
+        messages, size = messages + 1, size + len(data)
+        if now_s - told_s >= SHOWN_S:
+            told_s = now_s
+            p50, p99 = (1e3 * gaps.percentile(share) for share in (50, 99))
+            rate, each = messages / (now_s - began_s), size / messages
+            if as_json:
+                print_json(
+                    {
+                        "rate_hz": rate,
+                        "gap_p50_s": 1e-3 * p50,
+                        "gap_p99_s": 1e-3 * p99,
+                        "gap_max_s": gaps.max,
+                        "bytes": each,
+                    }
+                )
+                continue
+            print(
+                f"{rate:.2f} Hz, between two {p50:.2f} ms (p50), {p99:.2f} ms (p99), "
+                f"{1e3 * gaps.max:.2f} ms at most; {each:.0f} bytes each",
+                flush=True,
+            )
+    if last_s is None:
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tuple[bytes, Topic]]:
+    """The messages of a topic as they come, for `seconds`. Raises ConfigurationError for a topic
+    that does not appear."""
+    from cardan.bus.zenoh_network import BusNetwork
+
+    heard: queue.Queue[bytes] = queue.Queue(MESSAGES_KEPT)
+
+    def take(data: bytes, _stamp_ns: int) -> None:
+        if not heard.full():
+            heard.put(data)
+
+    end_s = None if seconds is None else time.monotonic() + seconds
+    with BusNetwork(options, f"cardan_echo_{time.time_ns() % 10**9}") as network:
+        if not network.wait_for_publisher(name, APPEARS_WITHIN_S):
+            raise ConfigurationError(
+                "TOPIC",
+                f"nobody publishes {name}{suggestion(name, network.topics())}; `cardan network` "
+                "lists what there is, and says what to do where that is nothing",
+            )
+        topic = network.topics()[name]
+        network.subscribe(name, topic.type, take)
+        while (left_s := 3600.0 if end_s is None else end_s - time.monotonic()) > 0.0:
+            try:
+                yield heard.get(timeout=left_s), topic
+            except queue.Empty:
+                continue

@@ -1,0 +1,145 @@
+"""What the shell completes: names of demos, drivers, sessions, faces, devices, topics, verbs.
+
+A shell waits for these while a person types: they end soon, and say nothing where there is nothing.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import typer
+
+from cardan.errors import CardanError
+
+if TYPE_CHECKING:
+    from cardan.bus.options import BusOptions
+
+ANSWER_S: Final = 0.5
+"""Longest wait for the daemon's answer; it takes a millisecond."""
+
+TOPICS_S: Final = 1.0
+"""Longest look for topics: on a quiet computer they are there in a third of it."""
+
+SETTLED_S: Final = 0.15
+"""The graph comes in pieces; after such a time without a new one it is taken for whole."""
+
+LOOK_S: Final = 0.02
+
+Offered = list[tuple[str, str]]
+"""Words, each with its help, which some shells show."""
+
+
+def demos(incomplete: str) -> Offered:
+    """Names of demos."""
+    from cardan.gateway.session.examples import find_demos
+
+    return [
+        (name, demo.description)
+        for name, demo in find_demos().items()
+        if name.startswith(incomplete)
+    ]
+
+
+def drivers(incomplete: str) -> Offered:
+    """Names of drivers, those of other packages included."""
+    from cardan.drivers import registry
+
+    return [(name, "") for name in registry.names() if name.startswith(incomplete)]
+
+
+def units(context: typer.Context, incomplete: str) -> Offered:
+    """Sessions and faces of the daemon that runs."""
+    return [
+        (row["name"], f"{row['kind']}, {row['state']}")
+        for row in _rows(context)
+        if row["name"].startswith(incomplete)
+    ]
+
+
+def sessions(context: typer.Context, incomplete: str) -> Offered:
+    """Sessions of the daemon that runs."""
+    return [
+        (row["name"], row["state"])
+        for row in _rows(context)
+        if row["kind"] == "session" and row["name"].startswith(incomplete)
+    ]
+
+
+def devices(context: typer.Context, incomplete: str) -> Offered:
+    """Devices that sessions of the daemon share."""
+    return [
+        (each["name"], f"serves {each['holder']}")
+        for each in _asked(context, "devices")
+        if each["name"].startswith(incomplete)
+    ]
+
+
+def sharers(context: typer.Context, incomplete: str) -> Offered:
+    """Sessions that share the device that was given before."""
+    device = context.params.get("device")
+    names = [
+        name
+        for each in _asked(context, "devices")
+        if each["name"] == device
+        for name in each["sessions"]
+    ]
+    return [(name, "") for name in names if name.startswith(incomplete)]
+
+
+def topics(context: typer.Context, incomplete: str) -> Offered:
+    """Topics on the bus that the words before say how to join, as far as they are known soon."""
+    from cardan.cli.bus import bus_options
+
+    session = context.params.get("session")
+    try:
+        options = bus_options(session and Path(session), context.params.get("router") or "")
+        found = _topics(options)
+    except CardanError:
+        return []
+    return [(name, each) for name, each in sorted(found.items()) if name.startswith(incomplete)]
+
+
+def _topics(options: BusOptions) -> dict[str, str]:
+    """Names and types; looks until nothing new has come for SETTLED_S, TOPICS_S at most."""
+    from cardan.bus.router import is_served, router_address
+    from cardan.bus.zenoh_network import BusNetwork
+
+    address = router_address(options)
+    if address is not None and not is_served(address):
+        return {}  # Nobody would come, and a shell waits.
+    with BusNetwork(options, f"cardan_completion_{time.time_ns() % 10**9}") as network:
+        end_s = time.monotonic() + TOPICS_S
+        changes, changed_s = network.changes, time.monotonic()
+        while (now_s := time.monotonic()) < end_s:
+            if network.changes != changes:
+                changes, changed_s = network.changes, now_s
+            if network.topics() and now_s - changed_s > SETTLED_S:
+                break
+            time.sleep(LOOK_S)
+        return {name: topic.type for name, topic in network.topics().items()}
+
+
+def verbs(incomplete: str) -> Offered:
+    """Verbs of an arm."""
+    from cardan.cli.verbs import TAKES
+
+    return [(name, takes) for name, takes in TAKES.items() if name.startswith(incomplete)]
+
+
+def _rows(context: typer.Context) -> list[Any]:
+    """What `cardan ps` would list."""
+    return _asked(context, "units")
+
+
+def _asked(context: typer.Context, do: str) -> list[Any]:
+    """What the daemon answers; nothing where none does."""
+    from cardan.gateway.daemon.client import ControlClient
+
+    try:
+        with ControlClient(context.params.get("socket") or "", ANSWER_S) as client:
+            found: list[Any] = client.ask(do)
+    except CardanError:
+        return []
+    return found

@@ -1,0 +1,385 @@
+"""Commands of the daemon: ``cardan serve``, and those that ask one."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cardan.cli import completion
+from cardan.cli.common import (
+    EXIT_INCOMPLETE,
+    AsJson,
+    Level,
+    LogLevel,
+    Seconds,
+    Verbose,
+    begin_serving,
+    print_json,
+)
+from cardan.errors import MotionRefusedError, below
+from cardan.logs import LogFormat, found_format
+from cardan.printable import printable
+
+if TYPE_CHECKING:
+    from cardan.gateway.daemon.layout import Layout
+
+Socket = Annotated[
+    str,
+    typer.Option(metavar="PATH", help="The daemon's socket; default: that of this user's daemon."),
+]
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME", help="A session or a face of the daemon.", autocompletion=completion.units
+    ),
+]
+
+OfName = Annotated[
+    str,
+    typer.Argument(
+        metavar="[NAME]", help="Of one session or face.", autocompletion=completion.units
+    ),
+]
+
+
+def _checked(layout: Layout) -> Layout:
+    """A layout, once the options of its faces are checked. Raises ConfigurationError."""
+    from cardan.cli.face import check_words
+
+    for name, entry in layout.faces.items():
+        with below(f"{entry.file}: faces.{name}"):
+            check_words(entry.face, entry.words)
+    return layout
+
+
+def serve(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[FILE|FOLDER]...",
+            help="Sessions, as `cardan run` takes them, or files of the daemon; folders.",
+        ),
+    ] = None,
+    seconds: Seconds = None,
+    verbose: Verbose = False,
+    log_level: Level = None,
+    log_format: Annotated[
+        LogFormat | None,
+        typer.Option(
+            "--log-format",
+            help="How the log is written; default: journal under systemd, text for a terminal, "
+            "else json, one object a line.",
+        ),
+    ] = None,
+) -> None:
+    """Run many sessions and faces, each in a process of its own, until Ctrl-C: one that dies comes
+    back, its arm disarmed. Prints READY and the path of its socket once it serves."""
+    from cardan.gateway.daemon.daemon import Daemon
+    from cardan.gateway.daemon.layout import read_layout, read_layout_beside
+    from cardan.signals import on_ending
+
+    begin_serving(verbose, log_level, LogLevel.INFO, log_format or found_format())
+    files = paths or []
+    daemon = Daemon(_checked(read_layout(files)), lambda: _checked(read_layout_beside(files)))
+
+    def told(number: int) -> None:
+        if number == signal.SIGHUP:
+            daemon.ask_reload()
+        else:
+            daemon.end()
+
+    with on_ending(told):
+        daemon.run(lambda path: print(f"READY {path}", flush=True), seconds)
+
+
+def ps(
+    name: Annotated[
+        str,
+        typer.Argument(metavar="[NAME]", help="One of them.", autocompletion=completion.units),
+    ] = "",
+    socket: Socket = "",
+    as_json: AsJson = False,
+) -> None:
+    """List the daemon's sessions and faces: what each does, who moves its arm, why it does not
+    move."""
+    from rich.console import Console
+
+    from cardan.gateway.daemon.client import ControlClient
+    from cardan.gateway.daemon.view import table, width_of
+
+    with ControlClient(socket) as client:
+        rows = client.ask("units", name)
+    if as_json:
+        print_json(rows)
+    else:
+        console = Console()
+        console.print(table(rows, width_of(console)), soft_wrap=True)
+
+
+def top(
+    socket: Socket = "",
+    period_s: Annotated[
+        float, typer.Option("--period", metavar="S", help="How often it is shown anew.")
+    ] = 0.5,
+    seconds: Seconds = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what `cardan ps` does, live, until Ctrl-C, as JSON an array a line; the daemon goes on
+    after it."""
+    from rich.console import Console
+
+    from cardan.gateway.daemon.client import ControlClient
+    from cardan.gateway.daemon.view import frame, width_of
+    from cardan.gateway.session.panel import LivePanel
+
+    end_s = None if seconds is None else time.monotonic() + seconds
+    console = Console()
+    panel = LivePanel(console, transient=False)
+    with (
+        ControlClient(socket, timeout_s=None) as client,
+        contextlib.nullcontext() if as_json else panel,
+    ):
+        for rows in client.events("watch", value=period_s):
+            if as_json:
+                print_json(rows)
+            elif panel.drawn:
+                panel.update(frame(rows, width_of(console)))
+            else:
+                console.print(frame(rows, None), "", sep="\n", soft_wrap=True)
+            if end_s is not None and time.monotonic() >= end_s:
+                break
+
+
+def _order(order: str, name: str, socket: str, as_json: bool) -> None:
+    from cardan.gateway.daemon.client import ControlClient
+
+    with ControlClient(socket) as client:
+        rows = client.ask(order, name)
+    if as_json:
+        print_json(rows)
+    else:
+        for row in rows:
+            print(f"{row['name']} is {row['state']}")
+
+
+def start(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
+    """Start a session or a face that the daemon has stopped, or given up."""
+    _order("start", name, socket, as_json)
+
+
+def stop(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
+    """Stop a session (its arm brakes, holds, and is left) or a face of the daemon."""
+    _order("stop", name, socket, as_json)
+
+
+def restart(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
+    """Stop a session or a face of the daemon, and start it anew."""
+    _order("restart", name, socket, as_json)
+
+
+def switch(
+    device: Annotated[
+        str,
+        typer.Argument(
+            metavar="DEVICE",
+            help="A device that sessions share.",
+            autocompletion=completion.devices,
+        ),
+    ],
+    session: Annotated[
+        str,
+        typer.Argument(
+            metavar="[SESSION]",
+            help="Who gets it; default: the next one.",
+            autocompletion=completion.sharers,
+        ),
+    ] = "",
+    socket: Socket = "",
+    as_json: AsJson = False,
+) -> None:
+    """Pass an operator device that several sessions share on to another one, as soon as the arm of
+    the one that has it rests."""
+    from cardan.gateway.daemon.client import ControlClient
+
+    with ControlClient(socket) as client:
+        told = client.ask("switch", device, session or None)
+    if as_json:
+        print_json(told)
+        return
+    print(f"{told['name']} goes from {told['from']} to {told['to']}")
+
+
+def reload(
+    check: Annotated[
+        bool, typer.Option("--check", help="Say what would change, and change nothing.")
+    ] = False,
+    socket: Socket = "",
+    as_json: AsJson = False,
+) -> None:
+    """Have the daemon read its files anew: all that has changed takes effect, or nothing. Says of
+    each change when it does: live, when disarmed, or by a restart of the session."""
+    from cardan.gateway.daemon.changes import Change
+    from cardan.gateway.daemon.client import RELOAD_S, ControlClient
+
+    with ControlClient(socket, RELOAD_S) as client:
+        changes = client.ask("reload", value=check)
+    if as_json:
+        print_json(changes)
+        return
+    for change in changes:
+        print(printable(Change.of(change).in_words))
+    if not changes:
+        print("nothing has changed")
+
+
+def log(
+    name: OfName = "",
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on until Ctrl-C.")] = False,
+    socket: Socket = "",
+    as_json: AsJson = False,
+) -> None:
+    """Print what the daemon's sessions and faces have said."""
+    from cardan.gateway.daemon.client import ANSWER_S, ControlClient
+
+    with ControlClient(socket, None if follow else ANSWER_S) as client:
+        lines = client.events("log", name, True) if follow else client.ask("log", name, False)
+        for time_s, source, text, level in lines:
+            if as_json:
+                row = {"time_s": time_s, "name": source, "level": level, "text": text}
+                print_json(row)
+                continue
+            clock = time.strftime("%H:%M:%S", time.localtime(time_s))
+            print(f"{clock} {source}| {printable(text)}", flush=True)
+
+
+def events(
+    name: OfName = "",
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on until Ctrl-C.")] = False,
+    socket: Socket = "",
+    as_json: AsJson = False,
+) -> None:
+    """Print what happened in the daemon's sessions: who took the authority over an arm, what was
+    armed, stopped, lost, and why."""
+    from cardan.gateway.daemon.client import ANSWER_S, ControlClient
+
+    with ControlClient(socket, None if follow else ANSWER_S) as client:
+        found = client.events("events", name, True) if follow else client.ask("events", name)
+        for event in found:
+            if as_json:
+                print_json(event)
+                continue
+            clock = time.strftime("%H:%M:%S", time.localtime(event["time_s"]))
+            why = f": {event['why']}" if event["why"] else ""
+            words = f"{clock} {event['name']}  {event['event']}  {event['what']}{why}"
+            print(printable(words), flush=True)
+
+
+def arm(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME", help="A session of the daemon.", autocompletion=completion.sessions
+        ),
+    ],
+    verb: Annotated[
+        str,
+        typer.Argument(
+            metavar="VERB", help="stat, movj, movl, stop, ...", autocompletion=completion.verbs
+        ),
+    ],
+    numbers: Annotated[
+        list[str] | None, typer.Argument(metavar="[VALUE]...", help="What the verb takes.")
+    ] = None,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Wait until a motion has ended; Ctrl-C stops it.")
+    ] = False,
+    source: Annotated[
+        str, typer.Option(metavar="NAME", help="Source under which it asks for the authority.")
+    ] = "verbs",
+    socket: Socket = "",
+    as_json: AsJson = False,
+) -> None:
+    """Have an arm of the daemon carry out a verb of the Cartesian interface: `stat`, `stop`, `movl
+    0.4 0 0.4 3.14 0 0 --wait` (m, then a rotation vector in rad), `get_parameters`,
+    `set_parameter gain 0.1`. A motion that does not end by itself ends with this command."""
+    from cardan.cli.verbs import as_plain, carry_out, in_words
+    from cardan.gateway.daemon.client import DaemonArm
+
+    try:
+        with DaemonArm(name, path=socket, source=source) as device:
+            found, good = carry_out(device, verb, numbers or [], wait)
+    except MotionRefusedError as error:
+        print(f"cardan: {printable(str(error))}", file=sys.stderr)
+        raise typer.Exit(EXIT_INCOMPLETE) from None
+    if as_json:
+        print_json(as_plain(found))
+    elif said := in_words(found):
+        print(printable(said, "\n"))
+    if not good:
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+service = typer.Typer(
+    name="service", no_args_is_help=True, help="Run the daemon as a service of systemd."
+)
+System = Annotated[
+    bool,
+    typer.Option("--system", help="Of the computer, begun when it starts; default: of this user."),
+]
+Account = Annotated[
+    str, typer.Option("--user", metavar="NAME", help="Who it runs as, with --system; default: you.")
+]
+Files = Annotated[
+    list[Path] | None, typer.Argument(metavar="[FILE|FOLDER]...", help="As `cardan serve` has it.")
+]
+
+
+def _service(files: list[Path] | None, system: bool, account: str) -> Any:
+    import getpass
+
+    from cardan.gateway.daemon.layout import read_layout
+    from cardan.gateway.daemon.service import make_service
+
+    _checked(read_layout(files or []))  # What cannot run is said now.
+    user = account or os.environ.get("SUDO_USER") or getpass.getuser()
+    return make_service(files or [], system=system, account=user)
+
+
+@service.command()
+def show(files: Files = None, system: System = False, user: Account = "") -> None:
+    """Print the unit that `install` would write."""
+    made = _service(files, system, user)
+    print(f"# {made.path}")
+    print(made.text, end="")
+
+
+@service.command("install")
+def install_service(files: Files = None, system: System = False, user: Account = "") -> None:
+    """Write the unit, start it, and have it started with the computer (--system) or at this user's
+    login."""
+    from cardan.gateway.daemon.service import install
+
+    for line in install(_service(files, system, user)):
+        print(line)
+    if not system:
+        print("`loginctl enable-linger` lets it run without a login, too")
+
+
+@service.command("remove")
+def remove_service(system: System = False) -> None:
+    """End the service and remove its unit."""
+    from cardan.gateway.daemon.service import installed, remove
+
+    for line in remove(installed(system)):
+        print(line)
+
+
+COMMANDS = (serve, ps, top, start, stop, restart, switch, reload, log, events, arm)
+"""All of them, as `cardan --help` lists them."""

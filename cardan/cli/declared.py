@@ -1,0 +1,361 @@
+"""Commands made of what is declared elsewhere: an options dataclass, its fields as options.
+
+``cardan sim`` and ``cardan face`` are such groups of commands.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import dataclasses
+import enum
+import inspect
+import textwrap
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    Protocol,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import typer
+
+from cardan.bounds import ANY_PORT
+from cardan.cli.common import (
+    Level,
+    LogLevel,
+    Seconds,
+    Verbose,
+    begin_serving,
+    print_table,
+    print_unusable,
+)
+from cardan.errors import ConfigurationError, OptionError
+from cardan.options import CODE_ONLY
+from cardan.plugins import Loaded, is_lack, reason
+from cardan.sim_peers.command import Option, name_and_unit, option_of
+
+
+class Registry(Protocol):
+    """What there is by name: drivers, simulated peers, faces."""
+
+    def names(self) -> tuple[str, ...]:
+        """All names that can be loaded."""
+
+    def load(self, name: str) -> Any:
+        """The class called `name`. Raises ConfigurationError."""
+
+    def load_all(self) -> Loaded[Any]:
+        """Every class, and why others cannot be loaded."""
+
+    def using(self, name: str, key: str) -> AbstractContextManager[None]:
+        """What another package's class raises inside is a ConfigurationError of `key`."""
+
+
+class Given(NamedTuple):
+    """A field of an options dataclass that the command line sets."""
+
+    field: dataclasses.Field[Any]
+    type: Any
+    option: Option
+    owner: type
+    """The dataclass that the field belongs to."""
+
+    @property
+    def flag(self) -> str:
+        """The option as it is written."""
+        return f"--{self.option.name or name_and_unit(self.field.name)[0]}"
+
+    @property
+    def choices(self) -> dict[str, Any]:
+        """The values of an enum's or a Literal's type by their names; none for other types."""
+        found: dict[str, Any] = {}
+        for each in (self.type, *get_args(self.type)):
+            if isinstance(each, type) and issubclass(each, enum.Enum):
+                found.update({str(member.value): member for member in each})
+            elif get_origin(each) is Literal:
+                found.update({str(value): value for value in get_args(each)})
+        return found
+
+    @property
+    def default_port(self) -> int:
+        """The port of an option HOST:PORT where none is given."""
+        defaults: dict[str, Any] = {
+            each.name: each.default for each in dataclasses.fields(self.owner)
+        }
+        port: int = defaults[self.option.port_field]
+        return port
+
+    @property
+    def parameter(self) -> inspect.Parameter:
+        """The parameter for typer. Its default is the field's, or None where `read` makes the
+        value."""
+        option, default = self.option, self.field.default
+        kind: Any = self.type
+        if kind is bool:
+            default, kind = False, bool
+        elif option.positional or option.repeatable:
+            default, kind = None, list[str] | None
+        elif option.port_field:
+            default, kind = f"{default}:{self.default_port}", str
+        elif self.choices:
+            default, kind = getattr(default, "value", default), str | None
+        elif option.read is not None:
+            default, kind = None, str | None
+        metavar = option.metavar or "|".join(self.choices) or name_and_unit(self.field.name)[1]
+        if kind is bool:
+            metavar = ""
+        shown: dict[str, Any] = {"metavar": metavar or None, "help": option.help}
+        shown["show_default"] = kind is not bool and default not in (None, "")
+        told = typer.Argument(**shown) if option.positional else typer.Option(self.flag, **shown)
+        return parameter_of(self.field.name, Annotated[kind, told], default)
+
+    def values(self, given: Any) -> dict[str, Any]:
+        """Values of the fields that `given` sets; empty where it keeps the defaults."""
+        name, option = self.field.name, self.option
+        if self.type is bool:
+            return {name: not self.field.default} if given else {}
+        if given is None:
+            return {}
+        if option.positional:
+            return {name: tuple(given)}
+        if option.port_field:
+            host, port = self._host_and_port(given)
+            return {name: host, option.port_field: port}
+        if self.choices:
+            if given not in self.choices:
+                allowed = ", ".join(self.choices)
+                raise ConfigurationError(self.flag, f"{given!r} is unknown; allowed: {allowed}")
+            return {name: self.choices[given]}
+        if option.repeatable:
+            return {name: tuple(self._read(text) for text in given)}
+        return {name: given if option.read is None else self._read(given)}
+
+    def _read(self, text: str) -> Any:
+        assert self.option.read is not None, f"{self.field.name} needs a function that reads it"
+        try:
+            return self.option.read(text)
+        except ValueError as error:
+            raise ConfigurationError(self.flag, str(error)) from None
+
+    def _host_and_port(self, text: str) -> tuple[str, int]:
+        host, colon, port = text.rpartition(":")
+        if not (colon and host and port.isdecimal() and len(port) <= 5 and int(port) in ANY_PORT):
+            example = f"{self.field.default}:{self.default_port}"
+            raise ConfigurationError(self.flag, f"{text!r} is not HOST:PORT, as {example}")
+        return host, int(port)
+
+
+def parameter_of(name: str, annotation: Any, default: Any) -> inspect.Parameter:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
+
+
+def all_given(options: type, described: bool = False) -> Iterator[Given]:
+    """The fields that `option` made, those of dataclasses inside included; where they are
+    `described`, the others too, each by the text below it."""
+    types = get_type_hints(options)
+    texts = _texts(options) if described else {}
+    for each in dataclasses.fields(options):
+        if (option := option_of(each)) is not None:
+            yield Given(each, types[each.name], option, options)
+        elif dataclasses.is_dataclass(types[each.name]):
+            yield from all_given(types[each.name], described)
+        elif described and not (CODE_ONLY.items() <= each.metadata.items()):
+            option = _described(each, types[each.name], texts.get(each.name, ""))
+            yield Given(each, types[each.name], option, options)
+
+
+def _described(field: dataclasses.Field[Any], kind: Any, text: str) -> Option:
+    """The option of a field whose help is `text`. A tuple of texts is given one by one."""
+    from rich.markup import escape
+
+    if get_origin(kind) is tuple:
+        shown = escape(f" [default: {', '.join(field.default)}]") if field.default else ""  # type: ignore[arg-type]
+        return Option(help=f"{text}{shown} (repeatable)", read=str, repeatable=True)
+    # A flag turns what is so by itself off.
+    name = f"no-{name_and_unit(field.name)[0]}" if kind is bool and field.default else ""
+    return Option(help=text, name=name)
+
+
+def _texts(options: type) -> dict[str, str]:
+    """The text below each field, of the classes that this one inherits from too."""
+    found: dict[str, str] = {}
+    for each in reversed(options.__mro__):
+        if dataclasses.is_dataclass(each):
+            # Where there is no source, as in some packed programs, options have no help.
+            with contextlib.suppress(OSError):
+                found.update(_texts_of(inspect.getsource(each)))
+    return found
+
+
+def _texts_of(source: str) -> dict[str, str]:
+    """The text below each field of a class."""
+    from rich.markup import escape
+
+    body = ast.parse(textwrap.dedent(source)).body[0]
+    assert isinstance(body, ast.ClassDef)
+    return {
+        ast.unparse(field.target): escape(_text(below.value))
+        for field, below in zip(body.body, body.body[1:], strict=False)
+        if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr)
+    }
+
+
+def _text(node: ast.expr) -> str:
+    told = node.value if isinstance(node, ast.Constant) else ""
+    return " ".join(told.split()) if isinstance(told, str) else ""
+
+
+def made(options: type, values: Mapping[type, Mapping[str, Any]]) -> Any:
+    """`options` and its nested dataclasses, each made with its own values."""
+    types = get_type_hints(options)
+    inside = {
+        each.name: made(types[each.name], values)
+        for each in dataclasses.fields(options)
+        if dataclasses.is_dataclass(types[each.name])
+    }
+    return options(**inside, **values.get(options, {}))
+
+
+def named(error: ConfigurationError, own: Mapping[str, Given]) -> ConfigurationError:
+    """The same error, of the flags that set the fields it is of."""
+    flags = {each.option.port_field: each.flag for each in own.values() if each.option.port_field}
+    flags.update({field: each.flag for field, each in own.items()})
+    keys = [key.rpartition(".")[2] for key in error.key.split(", ")]
+    if not all(key in flags for key in keys):
+        return error
+    named = ", ".join(flags[key] for key in keys)
+    if isinstance(error, OptionError):
+        return OptionError(named, error.value, error.allowed)
+    return ConfigurationError(named, error.message)
+
+
+def broken(name: str, error: Exception) -> Any:
+    """The command of what cannot be loaded, which says why."""
+
+    def run() -> None:
+        raise error
+
+    app = typer.Typer(add_completion=False)
+    settings = {"allow_extra_args": True, "ignore_unknown_options": True}
+    app.command(name, help=f"cannot be loaded: {reason(error)}", context_settings=settings)(run)
+    return typer.main.get_command(app)
+
+
+class Commands(Mapping[str, Any]):
+    """The commands of a registry by name; what it names is imported when its command is asked
+    for."""
+
+    def __init__(self, registry: Registry, word: str, make: Callable[[str, Any], Any]) -> None:
+        """`make` makes the command of a name and its class; `word` is the term for one."""
+        self._registry, self._word, self._make = registry, word, make
+        self._made: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._made:
+            if name not in self._registry.names():
+                raise KeyError(name)
+            try:
+                with self._registry.using(name, self._word):
+                    self._made[name] = self._make(name, self._registry.load(name))
+            except Exception as error:
+                if not isinstance(error, ConfigurationError) and not is_lack(error):
+                    raise
+                self._made[name] = broken(name, error)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._registry.names())
+
+    def __len__(self) -> int:
+        return len(self._registry.names())
+
+
+def collected(
+    own: Mapping[str, Given], given: Mapping[str, Any]
+) -> defaultdict[type, dict[str, Any]]:
+    """What the command line gives for fields, by the dataclasses that they belong to."""
+    values: defaultdict[type, dict[str, Any]] = defaultdict(dict)
+    for field, value in given.items():
+        if field in own:
+            values[own[field].owner].update(own[field].values(value))
+    return values
+
+
+SERVING = {"seconds": (Seconds, None), "verbose": (Verbose, False), "log_level": (Level, None)}
+"""What every command that serves takes besides its own fields, and the defaults."""
+
+
+def serving_parameters() -> dict[str, inspect.Parameter]:
+    """The parameters of `SERVING`, for typer."""
+    return {name: parameter_of(name, kind, default) for name, (kind, default) in SERVING.items()}
+
+
+def run_logged(
+    run: Callable[[], int | None], own: Mapping[str, Given], verbose: bool, level: LogLevel | None
+) -> None:
+    """Run a command that serves: its log goes to standard error, errors of fields name their flags,
+    and another code than 0 is the exit code."""
+    begin_serving(verbose, level, LogLevel.INFO)
+    try:
+        code = run()
+    except ConfigurationError as error:
+        raise named(error, own) from None
+    if code:
+        raise typer.Exit(code)
+
+
+def command_of(
+    name: str,
+    declared: Any,
+    own: Mapping[str, Given],
+    parameters: Mapping[str, inspect.Parameter],
+    run: Callable[..., None],
+) -> Any:
+    """The command that calls `run` with `parameters`, its `own` fields among them; help and epilog
+    are those of the class `declared`."""
+    run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
+    run.__annotations__ = {key: each.annotation for key, each in parameters.items()}
+    app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    # What follows a program's name is the program's.
+    interspersed = not any(each.option.positional for each in own.values())
+    app.command(
+        name,
+        help=declared.__doc__,
+        epilog=declared.epilog,
+        context_settings={"allow_interspersed_args": interspersed},
+    )(run)
+    return typer.main.get_command(app)
+
+
+def listed(
+    context: typer.Context,
+    wanted: bool,
+    registry: Registry,
+    columns: tuple[str, str],
+    as_json: bool,
+) -> None:
+    """Of a group of commands without one of them: where it is `wanted`, print what there is, each
+    with its summary, and what cannot be used. Ends the command, or does nothing where one of them
+    was given."""
+    if wanted:
+        found = registry.load_all()
+        rows = (
+            (name, " ".join((each.__doc__ or "").split())) for name, each in found.classes.items()
+        )
+        print_table(columns, rows, as_json)
+        if not as_json:
+            print_unusable(found)
+        raise typer.Exit
+    if as_json:
+        raise ConfigurationError("--json", "goes with --list")
+    if context.invoked_subcommand is None:
+        raise ConfigurationError(context.command_path, "which one? --list says what there is")

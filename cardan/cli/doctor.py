@@ -1,0 +1,106 @@
+"""``cardan doctor``: what is wrong here, why it matters, and which command mends it."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cardan.cli.common import EXIT_INCOMPLETE, AsJson
+from cardan.cli.daemon import Socket
+from cardan.errors import ConfigurationError
+from cardan.printable import printable
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from cardan.gateway.doctor.base import Finding
+
+_MARKS = {"good": "✓", "caution": "!", "failure": "✗"}
+_PLAIN_MARKS = {"good": "+", "caution": "!", "failure": "x"}
+"""For an output that has no other characters."""
+_STYLES = {"good": "green", "caution": "yellow", "failure": "bold red"}
+
+
+def doctor(
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[FILE|FOLDER]...",
+            help="What is to run here, as `cardan run` and `cardan serve` take it.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    as_report: Annotated[
+        bool,
+        typer.Option(
+            "--report",
+            help="Print versions and findings for an issue, without names and serial numbers.",
+        ),
+    ] = False,
+    socket: Socket = "",
+) -> None:
+    """Examine this computer, and what the given files need of it: each thing that is wrong, why it
+    matters, and the command that mends it. Moves and changes nothing, and sends nothing to a robot:
+    controllers are only listened to. Exit code 4 where something fails."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from cardan import api
+    from cardan.gateway.doctor import examine as examining
+    from cardan.gateway.doctor.base import Level, Subject
+    from cardan.gateway.doctor.files import read_files
+
+    if as_json and as_report:
+        raise ConfigurationError("--json, --report", "give one of them")
+    files = tuple(paths or ())
+    layout, wrong = read_files(files)
+    subject = Subject(files, layout, wrong, devices=functools.cache(api.devices), socket=socket)
+    found = []
+    group = ""
+    console = Console(highlight=False)
+    for each in examining.examine(subject):
+        found.append(each)
+        if as_json or as_report:
+            continue
+        if each.group != group:
+            group = each.group
+            console.print(Text(printable(group), style="bold"))
+        for line in _lines(each.finding):
+            console.print(line, soft_wrap=True)
+    if as_json:
+        print(examining.as_json(found))
+    elif as_report:
+        print(printable(examining.report(found, examining.secrets_of(subject)), "\n"))
+    else:
+        levels = [each.finding.level for each in found]
+        failures, cautions = levels.count(Level.FAILURE), levels.count(Level.CAUTION)
+        console.print(f"{failures} failed, {cautions} to look at; docs/doctor.md explains each")
+    if examining.worst(found) is Level.FAILURE:
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def _lines(finding: Finding) -> list[Text]:
+    from rich.text import Text
+
+    level = finding.level.value
+    mark = (_MARKS if _has_marks() else _PLAIN_MARKS)[level]
+    code = f"  [{finding.code}]" if finding.why else ""
+    what = f" {printable(finding.what)}{printable(code)}"
+    lines = [Text.assemble("  ", (mark, _STYLES[level]), what)]
+    if finding.why:
+        lines.append(Text(f"      why   {printable(finding.why)}", style="dim"))
+    if finding.mend:
+        lines.append(Text(f"      mend  {printable(finding.mend)}"))
+    return lines
+
+
+def _has_marks() -> bool:
+    try:
+        "✓✗".encode(sys.stdout.encoding or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True

@@ -1,0 +1,78 @@
+"""``cardan face``: a command for each face, made of what the face declares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from cardan.cli.common import AsJson
+from cardan.cli.declared import (
+    SERVING,
+    Commands,
+    all_given,
+    collected,
+    command_of,
+    listed,
+    made,
+    named,
+    run_logged,
+    serving_parameters,
+)
+from cardan.errors import ConfigurationError
+from cardan.gateway.faces import registry
+from cardan.gateway.faces.base import Face
+
+
+class _Faces(TyperGroup):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands: Any = Commands(registry, "face", _command)
+
+
+face = typer.Typer(name="face", cls=_Faces, no_args_is_help=True, rich_markup_mode="rich")
+
+
+@face.callback(invoke_without_command=True)
+def _face(
+    context: typer.Context,
+    list_: Annotated[bool, typer.Option("--list", help="Print the faces, then end.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show the bus of the sessions in another protocol, or keep it together."""
+    listed(context, list_, registry, ("face", "what it does"), as_json)
+
+
+def _command(name: str, declared: type[Face[Any]]) -> Any:
+    own = {each.field.name: each for each in all_given(declared.Options, described=True)}
+    parameters = {field: each.parameter for field, each in own.items()}
+    parameters |= serving_parameters()
+
+    def run(**given: Any) -> None:
+        seconds, verbose, level = (given.pop(name) for name in SERVING)
+        values = collected(own, given)
+        run_logged(
+            lambda: declared.run(made(declared.Options, values), seconds), own, verbose, level
+        )
+
+    return command_of(name, declared, own, parameters, run)
+
+
+def check_words(name: str, words: Sequence[str]) -> None:
+    """Raise ConfigurationError for words that the command of a face would refuse."""
+    declared = registry.load(name)
+    own = {each.field.name: each for each in all_given(declared.Options, described=True)}
+    try:
+        with _command(name, declared).make_context(name, [*words]) as context:
+            given = {key: value for key, value in context.params.items() if key in own}
+            made(declared.Options, collected(own, given))
+    except ConfigurationError as error:
+        raise named(error, own) from None
+    except Exception as error:
+        # The command line's own errors: typer's releases have them in different modules.
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        raise ConfigurationError("", " ".join(message().split())) from None

@@ -1,0 +1,127 @@
+"""``cardan record``, ``cardan replay`` and ``cardan plot``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cardan.cli.bus import Router, Session, bus_options
+from cardan.cli.common import EXIT_INCOMPLETE, Level, Seconds, Verbose, begin_serving
+from cardan.printable import printable
+
+Record = Annotated[Path, typer.Argument(metavar="FILE", help="A record (MCAP).")]
+
+
+def record(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write (MCAP).")
+    ],
+    arms: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[ARM]...",
+            help="Namespaces of arms, or names of nodes: only their topics, and those that all "
+            "share; default: everything.",
+        ),
+    ] = None,
+    session: Session = None,
+    router: Router = "",
+    seconds: Seconds = None,
+    verbose: Verbose = False,
+    log_level: Level = None,
+) -> None:
+    """Record what is on the network into FILE: all topics, also those that appear later, the raw
+    bytes of devices and robots, and each session's configuration. Prints READY once it records."""
+    from cardan.gateway.recording.recorder import record as run
+
+    begin_serving(verbose, log_level)
+    report = run(bus_options(session, router), output, arms or (), seconds)
+    for line in report.lines():
+        print(printable(line))
+    if not report.complete:
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def replay(
+    file: Record,
+    rate: Annotated[float, typer.Option(help="2: twice as fast.")] = 1.0,
+    topics: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Only this topic; * is anything (repeatable)."),
+    ] = None,
+    commands: Annotated[
+        bool,
+        typer.Option(
+            "--commands",
+            help="Publish topics, too, that may command something, and those that somebody "
+            "publishes now. A live session takes from them what its arming sequence and its "
+            "authority allow.",
+        ),
+    ] = False,
+    engine: Annotated[
+        bool,
+        typer.Option(
+            "--engine",
+            help="Publish nothing: put what the recorded sessions saw through the controller, and "
+            "compare its commands with the recorded ones, bit for bit.",
+        ),
+    ] = False,
+    session: Session = None,
+    router: Router = "",
+    verbose: Verbose = False,
+    log_level: Level = None,
+) -> None:
+    """Publish a record onto the network, under its own names, with its own spacing."""
+    if engine:
+        _replay_engine(file)
+        return
+    from cardan.gateway.recording.replay import replay as run
+
+    begin_serving(verbose, log_level)
+    report = run(
+        file,
+        bus_options(session, router),
+        rate=rate,
+        topics=topics or (),
+        commands=commands,
+        say=lambda line: print(printable(line)),
+    )
+    for line in report.lines():
+        print(printable(line))
+    if not report.messages:
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def _replay_engine(file: Path) -> None:
+    from cardan.gateway.recording.engine import replay_engine
+
+    reports = replay_engine(file)
+    for report in reports:
+        for line in report.lines():
+            print(printable(line))
+    if not all(report.same for report in reports):
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def plot(
+    file: Record,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="PICTURE",
+            help="The picture to write, by its ending PNG, SVG or PDF; default: FILE's name with "
+            ".png.",
+        ),
+    ] = None,
+    arm: Annotated[
+        str, typer.Option(metavar="NODE", help="Which arm's, where a record has several.")
+    ] = "",
+) -> None:
+    """Draw a session: the path of the TCP, the following error, latencies and forces."""
+    from cardan.gateway.recording.plot import plot as draw
+
+    print(draw(file, output or file.with_suffix(".png"), arm))
