@@ -5,31 +5,44 @@ from __future__ import annotations
 import sys
 
 from bench import (
+    console,
+    cycle_profile,
     device_parse,
     egm_codec,
     egm_latency,
     haptics,
     hid_parse,
     killed,
+    kilohertz,
     motoros_link,
+    network,
+    recording,
     servo_numbers,
     servo_tick,
     session_tick,
+    sessions,
     simple_message_codec,
+    soak,
     thesis,
     yaskawa,
 )
 
 BENCHMARKS = {
+    "console": console.main,
     "hid-parse": hid_parse.main,
     "device-parse": device_parse.main,
     "egm-codec": egm_codec.main,
     "egm-latency": egm_latency.main,
+    "cycle-profile": cycle_profile.main,
     "haptics": haptics.main,
     "killed": killed.main,
+    "kilohertz": kilohertz.main,
     "servo-tick": servo_tick.main,
     "session-tick": session_tick.main,
+    "sessions": sessions.main,
+    "recording": recording.main,
     "motoros-link": motoros_link.main,
+    "network": network.main,
     "motoros-soak": motoros_link.soak,
     "servo-numbers": servo_numbers.main,
     "simple-message-codec": simple_message_codec.main,
@@ -41,6 +54,12 @@ BENCHMARKS = {
 def main() -> None:
     """Run them."""
     words = sys.argv[1:]
+    if words[:1] == ["soak"]:  # Hours: not one of all.
+        soak.main(words[1:])
+        return
+    if "-h" in words or "--help" in words:
+        print(f"{__doc__}\n\n  {'  '.join([*BENCHMARKS, 'soak'])}")
+        return
     if "--plots" in words:
         first = words.index("--plots")
         del words[first : first + 2]

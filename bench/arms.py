@@ -42,6 +42,18 @@ def surroundings() -> tuple[Obstacle, ...]:
     )
 
 
+def shapes_as_tables(posts: int) -> list[dict[str, Any]]:
+    """The floor and so many of the posts, as a session's file has them."""
+    made: list[dict[str, Any]] = []
+    for name, shape in surroundings()[: 1 + posts]:
+        if isinstance(shape, HalfSpace):
+            made.append({"name": name, "plane": [list(shape.normal), shape.offset_m]})
+        elif isinstance(shape, Capsule):
+            capsule = [list(shape.start), list(shape.end), shape.radius_m]
+            made.append({"name": name, "capsule": capsule})
+    return made
+
+
 def shorten(collision: CollisionModel, pairs: int) -> CollisionModel:
     """Keep the first `pairs` pairs only, so that every arm is charged for the same number."""
     geometry = collision._geometry
@@ -49,7 +61,8 @@ def shorten(collision: CollisionModel, pairs: int) -> CollisionModel:
         geometry.removeCollisionPair(geometry.collisionPairs[len(geometry.collisionPairs) - 1])
     collision.pairs = collision.pairs[:pairs]
     collision.with_obstacle = collision.with_obstacle[:pairs]
-    collision._masks, collision._sweeps = collision._masks[:pairs], collision._sweeps[:pairs]
+    collision.pair_solids = collision.pair_solids[:pairs]
+    collision._masks, collision.sweeps = collision._masks[:pairs], collision.sweeps[:pairs]
     collision._data = geometry.createData()
     for request in collision._data.distanceRequests:
         request.enable_signed_distance = True

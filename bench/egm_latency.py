@@ -1,4 +1,5 @@
-"""EGM datagram in to datagram out: our driver, our session, two public clients, and the floor.
+"""EGM datagram in to datagram out: our driver, our session, two public clients, and the floor in
+Python and in C.
 
 One process plays the controller and asks all of them in turn, in an order that rotates, so that
 whatever else the machine does hits all alike: once in 4 ms slots as a controller does, when
@@ -9,6 +10,7 @@ everybody wakes up with cold caches, and once without any pause. The session is 
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import socket
 import subprocess
@@ -18,12 +20,19 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
+from bench import native
+from bench.arms import kinematics
 from bench.figures import Aim, Figures
-from bench.responders import KINDS
+from bench.responders import C_ECHO, KINDS
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.session.demo import launched
 from cardan.gateway.session.examples import free_ports
 from cardan.protocols.egm import (
     EgmHeader,
+    EgmMeasuredForce,
     EgmMotion,
     EgmPose,
     EgmRobot,
@@ -34,12 +43,15 @@ from cardan.protocols.egm import (
 from cardan.types import Quaternion, Vector3
 
 CYCLES = 5000
-WARM_UP_CYCLES = 256  # A multiple of the number of responders: the first table row is echo's.
+WARM_UP_TURNS = 30
+"""Each is as many cycles as there are responders, so that the first table row is echo's."""
 PERIOD_S = 0.004
 ANSWER_WITHIN_S = 0.5
 
 SESSION = "cardan-session"
-"""Without the arm's model, moving: what the aim is about."""
+"""Without the arm's model, moving."""
+
+MOVING = "session with model"
 
 MODEL = """
 mode = "joint"
@@ -67,17 +79,22 @@ MOVE = """
 SESSIONS = {
     SESSION: ("", TOUCH + MOVE),
     "session, holding": ("", TOUCH),
-    "session with model": (MODEL, TOUCH + MOVE),
+    MOVING: (MODEL, TOUCH + MOVE),
     "session with model, holding": (MODEL, TOUCH),
 }
 """What is added to the table of the robot, and what the hand does."""
 
 AIMS = (
-    Aim("cardan-driver", "echo", 1.5, "median"),
     Aim("cardan-driver", "ABBRobotEGM", 0.5, "median"),
     Aim(SESSION, None, 250e-6, "median"),
+    Aim("cardan-driver", "echo", 1.0, "median", 12e-6),
+    Aim(MOVING, "echo", 1.0, "median", 80e-6),
+    Aim(MOVING, "echo", 1.0, "p99", 200e-6),
 )
 
+
+ADDED = {"cardan-driver": 12e-6, "cardan-joints": 12e-6}
+"""Most that our driver's medians may be above echo's, s."""
 
 START = EgmMotion(
     (0.0, 0.0, 0.0, 0.0, 0.5235987755982988, 0.0),
@@ -85,7 +102,7 @@ START = EgmMotion(
 )
 
 
-def datagram(cycle: int, at: EgmMotion = START) -> bytes:
+def datagram(cycle: int, at: EgmMotion = START, force: EgmMeasuredForce | None = None) -> bytes:
     """What a RobotWare 7 controller sends in this cycle (joints, pose, clock, states)."""
     motion = at._replace(time_us=1_700_000_000_000_000 + cycle * 4000)
     header = EgmHeader(seqno=cycle, tm_ms=1_000_000 + cycle * 4, mtype=2)
@@ -98,18 +115,25 @@ def datagram(cycle: int, at: EgmMotion = START) -> bytes:
             mci_state=3,
             mci_convergence_met=False,
             rapid_exec_state=2,
+            measured_force=force,
             utilization_rate=12.5,
         )
     )
 
 
+@functools.cache
+def _gofa() -> ArmKinematics:
+    return kinematics("gofa_crb15000_5")
+
+
 def obeyed(answer: bytes, before: EgmMotion) -> EgmMotion:
-    """Where a robot is that does at once what it is told; the other half is not measured then."""
+    """Where a robot is that does at once what it is told; the TCP of joints is that of the GoFa."""
     told = decode_from_pc(answer)
     if not isinstance(told, EgmSensor) or told.planned is None:
         return before
     if told.planned.joints is not None:
-        return EgmMotion(told.planned.joints)
+        pose = to_pose(_gofa().forward(np.array(told.planned.joints)))
+        return EgmMotion(told.planned.joints, EgmPose(pose.position, pose.orientation))
     return before._replace(cartesian=told.planned.cartesian)
 
 
@@ -130,42 +154,57 @@ def responder(kind: str, port: int) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def session(port: int, more: str, script: str) -> Iterator[None]:
-    """``cardan run`` with a simulated SpaceMouse that plays `script`."""
-    with tempfile.TemporaryDirectory() as folder:
-        hid_path = str(Path(folder) / "hid")
-        config = Path(folder) / "bench.toml"
-        config.write_text(
-            f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{hid_path}"\n'
-            f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n{more}'
-            '[mapping]\ndeadman = "left"\n'
-        )
-        played = Path(folder) / "script"
-        played.write_text(script)
-        with launched("sim", "spacemouse", "--hid", hid_path, "--script", str(played)):
-            process = subprocess.Popen(
-                [sys.executable, "-m", "cardan", "run", str(config)], stdout=subprocess.PIPE
+def session(port: int, more: str, script: str = "") -> Iterator[None]:
+    """``cardan run`` with a simulated SpaceMouse that plays `script`; without one, with no operator
+    device. `more`: tables, of which the first lines are the robot's."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        tables = f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n{more}\n'
+        if script:
+            hid_path, played = str(Path(folder) / "hid"), Path(folder) / "script"
+            tables += (
+                f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{hid_path}"\n'
+                '[mapping]\ndeadman = "left"\n'
             )
-            try:
-                assert process.stdout is not None
-                process.stdout.readline()  # its first view: the loop runs
-                yield
-            finally:
-                process.terminate()
-                process.communicate()
+            played.write_text(script)
+            words = ("sim", "spacemouse", "--hid", hid_path, "--script", str(played))
+            stack.enter_context(launched(*words))
+        config = Path(folder) / "bench.toml"
+        config.write_text(tables)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cardan", "run", str(config)], stdout=subprocess.PIPE
+        )
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()  # its first view: the loop runs
+            yield
+        finally:
+            process.terminate()
+            process.communicate()
+
+
+def _kinds() -> list[str]:
+    """Those that can run here; says why another one cannot."""
+    try:
+        native.built(native.ECHO)
+    except native.NotBuiltError as error:
+        print(f"{C_ECHO} is left out: {error}")
+        return [kind for kind in KINDS if kind != C_ECHO]
+    return list(KINDS)
 
 
 def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
     """Ask everybody `cycles` times, every `period_s`; returns the latencies by name."""
     pace = f"every {period_s * 1e3:g} ms" if period_s else "without a pause"
     figures = Figures(f"EGM datagram in to datagram out, as the controller sees it, {pace}")
-    names = [*KINDS, *SESSIONS]
-    datagrams = [datagram(cycle) for cycle in range(cycles + WARM_UP_CYCLES)]
+    kinds = _kinds()
+    names = [*kinds, *SESSIONS]
+    warm_up = WARM_UP_TURNS * len(names)
+    datagrams = [datagram(cycle) for cycle in range(cycles + warm_up)]
     places = dict.fromkeys(SESSIONS, START)
     with contextlib.ExitStack() as stack:
         sockets = []
         # Sessions take a second to start, and responders end when nobody asks them for as long.
-        for name in (*SESSIONS, *KINDS):
+        for name in (*SESSIONS, *kinds):
             port = free_ports()
             if name in SESSIONS:
                 stack.enter_context(session(port, *SESSIONS[name]))
@@ -193,7 +232,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
                 took_s = clock() - start_s
                 if name in places:
                     places[name] = obeyed(answer, places[name])
-                if cycle >= WARM_UP_CYCLES:
+                if cycle >= warm_up:
                     figures.add(name, took_s)
             slot_s = max(slot_s + period_s, clock())
             time.sleep(max(0.0, slot_s - clock()))
@@ -203,7 +242,7 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S) -> Figures:
 
 def main() -> None:
     """Print the tables and how the aims are met."""
-    measure().print(AIMS)
+    measure().print(AIMS, ADDED)
     measure(period_s=0.0).print()
 
 

@@ -135,9 +135,12 @@ def driven(name: str, speed_m_s: float, folder: Path) -> Iterator[tuple[Robot, d
     hand, mouse = folder / "hand", folder / "mouse.sock"
     x, y, z = case.direction
     lines = ["0.1 axes 0.3 0 0 0 0 0", "0.2 neutral"]
-    # Each stroke begins with the deliberate act: what has stopped the arm stops one stroke only.
+    # Each stroke begins with enabling and the deliberate act: what has stopped the arm, or its
+    # controller, stops one stroke only.
     for start_s, sign in ((0.4, 1), (0.4 + STROKE_S, -1)):
         lines += [
+            f"{start_s - 0.15:.2f} press right",
+            f"{start_s - 0.1:.1f} release right",
             f"{start_s} press left",
             f"{start_s + 0.1:.1f} axes {sign * x} {sign * y} {sign * z} 0 0 0",
             f"{start_s + STROKE_S - 0.4:.1f} neutral",
@@ -145,10 +148,11 @@ def driven(name: str, speed_m_s: float, folder: Path) -> Iterator[tuple[Robot, d
         ]
     hand.write_text("\n".join((*lines, f"{0.4 + 2 * STROKE_S:.1f} loop", "")))
     options = SpaceMousePeerOptions(hid=str(mouse), script=str(hand), jitter_lsb=0)
+    enabled_by = {"enable": "right"} if "enable" in robot.tables["robot"] else {}
     tables = {
         **robot.tables,
         "device": {"driver": "spacemouse", "transport": "socket", "path": str(mouse)},
-        "mapping": {"deadman": "left", "linear_speed_m_s": speed_m_s},
+        "mapping": {"deadman": "left", "linear_speed_m_s": speed_m_s, **enabled_by},
         "limits": {"linear_speed_m_s": max(SPEEDS_M_S)},
     }
     with robot.peer, SpaceMousePeer(options):

@@ -5,11 +5,15 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import sys
 from collections.abc import Callable
+from typing import Literal
 
-IDLE_S = 3.0
+C_ECHO = "echo in C"
+
+IDLE_S = 20.0
 """Without a datagram for so long the run is over."""
 
 
@@ -27,18 +31,38 @@ def echo(port: int) -> None:
             sock.sendto(data, peer)
 
 
+def c_echo(port: int) -> None:
+    """The same in C: below what ABB's own library, which is C++, can do."""
+    from bench import native
+
+    program = str(native.built(native.ECHO))
+    os.execv(program, (program, str(port)))
+
+
 def cardan_driver(port: int) -> None:
     """Our driver alone, told to be where it is."""
-    from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions
-    from cardan.types import PoseCommand, RobotLink
+    _cardan(port, "pose")
 
-    with AbbEgm(AbbEgmOptions(listen_port=port)) as robot:
+
+def cardan_joints(port: int) -> None:
+    """The same in joint mode."""
+    _cardan(port, "joint")
+
+
+def _cardan(port: int, mode: Literal["pose", "joint"]) -> None:
+    from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions
+    from cardan.types import JointCommand, PoseCommand, RobotLink
+
+    with AbbEgm(AbbEgmOptions(listen_port=port, mode=mode)) as robot:
         print("READY", flush=True)
         silent = 0
         for state in robot.cycles():
             if state.ready and state.pose is not None:
                 silent = 0
-                robot.send(PoseCommand(state.pose))
+                if mode == "pose":
+                    robot.send(PoseCommand(state.pose))
+                else:
+                    robot.send(JointCommand(state.joints))
             elif state.link is not RobotLink.LIVE:
                 silent += 1
                 if silent > IDLE_S / 0.1:
@@ -77,8 +101,10 @@ def abb_robot_client(port: int) -> None:
 
 KINDS: dict[str, Callable[[int], None]] = {
     "echo": echo,
+    C_ECHO: c_echo,
     "cardan-driver": cardan_driver,
     "ABBRobotEGM": abb_robot_egm,
+    "cardan-joints": cardan_joints,
     "abb-robot-client": abb_robot_client,
 }
 

@@ -19,11 +19,11 @@ import pinocchio as pin
 
 from bench.arms import ACCELERATION_RAD_S2, DampedLeastSquares, kinematics
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import to_pose, to_se3
+from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.servo.choice import AnyServo, choose_servo
 from cardan.gateway.servo.options import Policy, ServoOptions
-from cardan.gateway.servo.servo import Servo
 from cardan.robots import load_arm
 from cardan.types import Frame, Twist, Vector3
 
@@ -46,22 +46,23 @@ class Row(NamedTuple):
 class Drive:
     """A servo whose goal is kept as a session keeps it."""
 
-    def __init__(self, servo: Servo) -> None:
+    def __init__(self, servo: AnyServo) -> None:
         self.servo = servo
         self.goal = servo.placement
 
     def tick(self, linear: Sequence[float], angular: Sequence[float], **how: Any) -> float:
         """One period at a twist; returns the path speed."""
-        share = self.servo.tick(self.goal, np.array((linear, angular), dtype=float), DT_S, **how)
+        twist_asked = np.array((linear, angular), dtype=float)
+        share = self.servo.tick(to_pose(self.goal), twist_asked, DT_S, **how)
         twist = self.servo.twist
         self.goal.translation = self.goal.translation + twist[0] * DT_S
         self.goal.rotation = pin.exp3(twist[1] * DT_S) @ self.goal.rotation
         return share
 
 
-def _servo(arm: ArmKinematics, q_deg: Sequence[float] | None, **options: Any) -> Servo:
+def _servo(arm: ArmKinematics, q_deg: Sequence[float] | None, **options: Any) -> AnyServo:
     collision = options.pop("collision", None)
-    made = Servo(arm, collision, ServoOptions(**options), arm.arm.task.weights)
+    made = choose_servo(arm, collision, ServoOptions(**options), arm.arm.task.weights)
     made.place(np.array(arm.arm.home) if q_deg is None else np.radians(q_deg))
     return made
 
@@ -310,7 +311,7 @@ def _sag() -> Row:
         speed = 0.05 * math.sin(2.0 * math.pi * i * DT_S / 6.0)
         reference.shape(Twist(Vector3(speed, 0.0, 0.0), Vector3(0.0, 0.0, 0.0), Frame.BASE), DT_S)
         twist = np.array((reference.linear, reference.angular))
-        servo.tick(to_se3(reference.pose), twist, DT_S)
+        servo.tick(reference.pose, twist, DT_S)
         reference.move(Vector3(*servo.twist[0]), Vector3(*servo.twist[1]), DT_S)
         drift = max(drift, abs(float(servo.placement.translation[2] - height)))
     return Row(
@@ -330,7 +331,7 @@ def _clutch() -> Row:
         q = generator.uniform(arm.lower - 0.02 * span, arm.upper + 0.02 * span)
         servo.place(q)
         reference = to_pose(servo.placement)
-        servo.tick(to_se3(reference), np.zeros((2, 3)), DT_S)
+        servo.tick(reference, np.zeros((2, 3)), DT_S)
         worst = max(worst, float(np.abs(servo.q - q).max()))
     return Row("re-clutch x 1000", f"largest step {worst:.1e} rad", "<= 1e-6 rad", worst <= 1e-6)
 

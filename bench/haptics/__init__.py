@@ -15,7 +15,8 @@ import sys
 import time
 from pathlib import Path
 
-from bench.haptics import earlier, faults, pages, stability, timing, zwidth
+from bench import pages
+from bench.haptics import earlier, faults, stability, timing, zwidth
 from bench.haptics.stability import HELD, LIGHTLY, PUSHES, compare
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -22,11 +22,11 @@ from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import SE3, to_pose, to_se3
+from cardan.gateway.kinematics.base import SE3, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
-from cardan.gateway.servo.servo import Servo
+from cardan.gateway.servo.choice import choose_servo
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import SimulatedArmOptions
 from cardan.types import ZERO3, ZERO_TWIST, CommandKind, Pose, RobotCommand, RobotState, Twist
@@ -141,11 +141,10 @@ class Shaped:
     ) -> None:
         kinematics = ArmKinematics(load_arm(robot))
         collision = CollisionModel(kinematics, obstacles)
-        self.servo = Servo(kinematics, collision, weights=kinematics.arm.task.weights)
+        self.servo = choose_servo(kinematics, collision, weights=kinematics.arm.task.weights)
         self._follower = ArmBody(self.servo, frozenset({CommandKind.JOINT}))
         self._shaper = PoseShaper(limits, damping=damping)
         self._home = np.array(kinematics.arm.home)
-        self._twist = np.zeros((2, 3))
         self.target: Pose | None = None
         self.refusals: list[str] = []
         """Stays empty: nothing is refused."""
@@ -162,15 +161,15 @@ class Shaped:
         servo, shaper = self.servo, self._shaper
         if shaper.pose is None:
             self._follower.place(state)
-            shaper.place(to_pose(servo.placement))
+            shaper.place(servo.pose)
         assert shaper.pose is not None
-        goal = to_se3(shaper.pose)
+        goal = shaper.pose
         if self.target is not None:
             shaper.advance(self.target, state.period_s)
-        self._twist[0], self._twist[1] = shaper.twist.linear, shaper.twist.angular
         # An endless joint has no posture to come back to.
         servo.posture = np.where(servo.kinematics.continuous, servo.q, self._home)
-        servo.tick(goal, self._twist, state.period_s)
+        twist = shaper.twist.linear, shaper.twist.angular
+        servo.tick(goal, twist, state.period_s)
         return self._follower.command(state, state.period_s)
 
 
@@ -190,7 +189,7 @@ class Session:
     def __init__(self, robot: str, obstacles: Iterable[Obstacle], limits: ReferenceLimits) -> None:
         kinematics = ArmKinematics(load_arm(robot))
         collision = CollisionModel(kinematics, obstacles)
-        self.servo = Servo(kinematics, collision, weights=kinematics.arm.task.weights)
+        self.servo = choose_servo(kinematics, collision, weights=kinematics.arm.task.weights)
         self._follower = ArmBody(self.servo, frozenset({CommandKind.JOINT}))
         self._reference = Reference(limits)
         self.target: Twist = ZERO_TWIST

@@ -1,0 +1,198 @@
+"""From a finger on the page to the first EGM datagram that moves the robot, on one computer."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from bench.egm_latency import session
+from bench.network.clients import face
+from bench.network.rig import (
+    MODEL,
+    PERIOD_S,
+    Robot,
+    as_a_controller,
+    free_endpoint,
+    network_table,
+    quantile,
+)
+from cardan.gateway.session.browser import Tab, chromium, find_chromium
+from cardan.gateway.session.examples import free_ports
+from tests.console.hand import FINGER, RELOADED, STATE, enable, jog
+
+AIMS_S = (0.015, 0.040)
+"""Median, and p99."""
+
+PRESSES = 200
+LONGEST_S = 1.0
+"""A press that moves nothing within it was refused, as by a browser that stood still."""
+REST_S = 0.3
+"""The arm has stood for so long before the next press."""
+
+STILL_RAD = 1e-9
+
+BROWSERS = {
+    "no 3D picture": ["--disable-3d-apis"],
+    "3D picture drawn by the processor": [],
+}
+"""By the browser's flags: without a graphics card the picture takes the processor away from all
+else, which says nothing of computers that have one."""
+
+PRESSED = """
+window.pressed = [];
+addEventListener("pointerdown", (e) => e.isTrusted && window.pressed.push(e.timeStamp), true);
+"""
+
+
+class Delays(NamedTuple):
+    """Of one browser."""
+
+    delays_s: list[float]
+    lost: int
+    """Presses that moved nothing."""
+    uncertain_s: float
+    """How well the page's clock is known."""
+
+
+class Controller(threading.Thread):
+    """A robot that obeys, and notes when it is told to move."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(daemon=True)
+        self._robot, self._over = robot, threading.Event()
+        self._lock = threading.Lock()
+        self._moves: list[float] = []
+        """Times of datagrams that say another place than the one before, monotonic."""
+
+    def run(self) -> None:
+        with as_a_controller():
+            slot_s = time.monotonic()
+            while not self._over.is_set():
+                before = self._robot.place.joints
+                self._robot.ask()
+                now_s = time.monotonic()
+                after = self._robot.place.joints
+                if before and after and _apart(before, after) > STILL_RAD:
+                    with self._lock:
+                        self._moves.append(now_s)
+                slot_s = max(slot_s + PERIOD_S, now_s)
+                time.sleep(max(0.0, slot_s - time.monotonic()))
+
+    def end(self) -> None:
+        """Leave."""
+        self._over.set()
+        self.join()
+
+    def first_move(self, since_s: float) -> float | None:
+        """When it was first told to move, from then on."""
+        with self._lock:
+            return next((each for each in self._moves if each >= since_s), None)
+
+    def rests(self) -> bool:
+        """Whether it was told nothing of late."""
+        with self._lock:
+            return not self._moves or time.monotonic() - self._moves[-1] > REST_S
+
+
+def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
+    return max(abs(a - b) for a, b in zip(one, other, strict=True))
+
+
+@contextlib.contextmanager
+def _served() -> Iterator[tuple[Controller, str]]:
+    """A robot with its session, and the page's address."""
+    port, endpoint = free_ports(), free_endpoint()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(session(port, MODEL + network_table(endpoint)))
+        robot = Robot(port)
+        stack.callback(robot.close)
+        controller = Controller(robot)
+        controller.start()
+        stack.callback(controller.end)
+        face_port, _ = stack.enter_context(face("console", endpoint))
+        yield controller, f"http://127.0.0.1:{face_port}/"
+
+
+def measure(presses: int = PRESSES) -> dict[str, Delays]:
+    """Press again and again, in each browser."""
+    program = find_chromium()
+    if program is None:
+        raise SystemExit("chromium is not installed: apt-get install chromium")
+    found = {}
+    for name, flags in BROWSERS.items():
+        with (
+            tempfile.TemporaryDirectory(prefix="cardan-finger-") as folder,
+            chromium(program, Path(folder), flags) as browser,
+            _served() as (controller, address),
+            browser.open(address, scripts=[PRESSED]) as page,
+        ):
+            page.until(RELOADED)
+            found[name] = _pressed(page, controller, presses)
+    return found
+
+
+def _pressed(page: Tab, controller: Controller, presses: int) -> Delays:
+    delays_s: list[float] = []
+    lost = 0
+    offset_s, uncertain_s = clock(page)
+    for number in range(presses):
+        enable(page)
+        # Frames have a period: presses must not keep step with it.
+        time.sleep(random.uniform(0.0, 0.05))
+        page.value("window.pressed.length = 0")
+        before_s = time.monotonic()
+        at = FINGER.press(page, jog("X", 1 if number % 2 else -1))
+        give_up_s = before_s + LONGEST_S
+        while (moved_s := controller.first_move(before_s)) is None:
+            if time.monotonic() > give_up_s:
+                break
+            time.sleep(0.001)
+        stamps = page.value("window.pressed")
+        if moved_s is None or not stamps:
+            lost += 1
+        else:
+            delays_s.append(moved_s - (stamps[0] * 1e-3 + offset_s))
+        FINGER.let_go(page, at)
+        page.until(f"{STATE} !== 'held'")
+        while not controller.rests():
+            time.sleep(0.01)
+    return Delays(delays_s, lost, uncertain_s)
+
+
+def clock(page: Tab) -> tuple[float, float]:
+    """Our clock against the page's, by the quickest question, and how wrong that may be; s."""
+    found = []
+    for _ in range(50):
+        asked_s = time.monotonic()
+        page_s = 1e-3 * page.value("performance.now()")
+        now_s = time.monotonic()
+        found.append((now_s - asked_s, 0.5 * (asked_s + now_s) - page_s))
+    took_s, offset_s = min(found)
+    return offset_s, 0.5 * took_s
+
+
+def table(found: dict[str, Delays]) -> str:
+    """As docs/measurements.md has it."""
+    lines = [
+        "| page | presses | median | p99 | slowest | moved nothing |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, delays in found.items():
+        cells = " | ".join(f"{1e3 * quantile(delays.delays_s, q):.1f} ms" for q in (0.5, 0.99, 1.0))
+        lines.append(f"| {name} | {len(delays.delays_s)} | {cells} | {delays.lost} |")
+    first = next(iter(found.values()))
+    shares = zip((0.5, 0.99), AIMS_S, strict=True)
+    met = all(quantile(first.delays_s, share) <= aim_s for share, aim_s in shares)
+    aims = " and p99 ".join(f"{1e3 * each:.0f} ms" for each in AIMS_S)
+    lines += [
+        "",
+        f"Aim, without the picture: median {aims}: {'met' if met else 'missed'}. The page's clock "
+        f"is known to {1e3 * max(each.uncertain_s for each in found.values()):.1f} ms.",
+    ]
+    return "\n".join(lines)

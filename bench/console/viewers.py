@@ -1,0 +1,57 @@
+"""Pages that watch, and what the session notices of them."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+from bench.egm_latency import session
+from bench.network.audience import Place
+from bench.network.clients import Load, face, load
+from bench.network.rig import MODEL, Robot, free_endpoint, kept_alive, network_table, quantile
+from cardan.gateway.bus.options import DEFAULT_NAME
+from cardan.gateway.session.examples import free_ports
+
+VIEWERS = 20
+RATE_HZ = 30.0
+AIM = 1.1
+"""Times the p99 of the session that nobody watches."""
+
+TOPICS = (
+    *(
+        f"/{DEFAULT_NAME}/state/{name}"
+        for name in ("pose", "target", "twist", "wrench", "status", "snapshot")
+    ),
+    "/joint_states",
+)
+"""What a page subscribes to, of one arm."""
+
+
+def measure() -> Load:
+    """Turns with and without those that watch."""
+    with ExitStack() as stack:
+        port, endpoint = free_ports(), free_endpoint()
+        stack.enter_context(session(port, MODEL + network_table(endpoint, RATE_HZ)))
+        robot = Robot(port)
+        stack.callback(robot.close)
+        with kept_alive([robot]):
+            face_port, pid = stack.enter_context(face("console", endpoint))
+        place = Place(face_port, "/ws")
+        return load(endpoint, robot, place, pid, VIEWERS, topics=TOPICS, rate_hz=RATE_HZ)
+
+
+def table(found: Load) -> str:
+    """As docs/measurements.md has it."""
+    quiet_s, loud_s = quantile(found.quiet_s, 0.99), quantile(found.loud_s, 0.99)
+    ratio = loud_s / quiet_s
+    return "\n".join(
+        [
+            "| pages that watch | session's p99, nobody / all | times | CPU of the face | age of "
+            "what they see, median / p99 |",
+            "|---|---|---|---|---|",
+            f"| {found.clients} at {RATE_HZ:g} Hz | {1e6 * quiet_s:.0f} / {1e6 * loud_s:.0f} µs | "
+            f"{ratio:.2f} | {found.cpu_share:.1%} | {1e3 * quantile(found.ages_s, 0.5):.1f} / "
+            f"{1e3 * quantile(found.ages_s, 0.99):.1f} ms |",
+            "",
+            f"Aim: at most {AIM:g} times: {'met' if ratio <= AIM else 'missed'}.",
+        ]
+    )

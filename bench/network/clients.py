@@ -1,0 +1,192 @@
+"""rosbridge under load: clients that watch all of a session, and what the session notices."""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import NamedTuple
+
+from bench.egm_latency import session
+from bench.network.audience import Place, audience
+from bench.network.rig import (
+    MODEL,
+    PERIOD_S,
+    Robot,
+    as_a_controller,
+    cpu_s,
+    free_endpoint,
+    kept_alive,
+    network_table,
+    quantile,
+    resident_bytes,
+)
+from cardan.bus.options import BusOptions
+from cardan.gateway.arm.codes import Parameter, Stream
+from cardan.gateway.bus.options import DEFAULT_NAME
+from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.session.examples import free_ports
+
+RATE_HZ = 60.0
+CLIENTS = (1, 10, 50)
+TURN_S, TURNS = 2.0, 6
+"""Turns with clients that listen, each after one with the same clients that do not."""
+
+TOPICS = (
+    *(f"/{DEFAULT_NAME}/state/{name}" for name in ("pose", "target", "twist", "wrench", "status")),
+    *("/joint_states", "/tf", "/current_pose", "/operating_state"),
+    *(f"/measured_{name}" for name in ("js", "cp", "cf")),
+    *(f"/setpoint_{name}" for name in ("js", "cp", "cv")),
+)
+"""What a session with `other_names` publishes in each instant of an arm that is engaged."""
+
+SETTLE_S = 0.5
+"""After clients have subscribed or left."""
+
+
+class Load(NamedTuple):
+    """What so many clients showed."""
+
+    clients: int
+    crawling: bool
+    cpu_share: float
+    """Of the face, of one core."""
+    received_share: float
+    ages_s: list[float]
+    quiet_s: list[float]
+    """The session's answers while nobody listens, ..."""
+    loud_s: list[float]
+    """... and while they do."""
+    grown_bytes: int
+    """The face's memory, from before its clients came to their last turn."""
+
+
+@contextmanager
+def face(name: str, endpoint: str) -> Iterator[tuple[int, int]]:
+    """``cardan face NAME``; its port and its process."""
+    words = ["face", name, "--router", endpoint, "--port", "0", "--log-level", "warning"]
+    command = [sys.executable, "-m", "cardan", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        port = int(process.stdout.readline().rsplit(":", 1)[1].strip("/\n"))
+        yield port, process.pid
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def measure() -> list[Load]:
+    """One session and one face; clients of different numbers, one after the other."""
+    with ExitStack() as stack:
+        port, endpoint = free_ports(), free_endpoint()
+        names = 'other_names = ["servo", "crtk", "fzi"]'
+        tables = MODEL + network_table(endpoint, RATE_HZ, names)
+        stack.enter_context(session(port, tables))
+        robot = Robot(port)
+        stack.callback(robot.close)
+        with kept_alive([robot]):
+            face_port, pid = stack.enter_context(face("rosbridge", endpoint))
+        loads = [load(endpoint, robot, Place(face_port), pid, clients) for clients in CLIENTS]
+        loads.append(load(endpoint, robot, Place(face_port), pid, CLIENTS[-1], crawling=True))
+        return loads
+
+
+def load(
+    endpoint: str,
+    robot: Robot,
+    place: Place,
+    pid: int,
+    clients: int,
+    *,
+    crawling: bool = False,
+    topics: Sequence[str] = TOPICS,
+    rate_hz: float = RATE_HZ,
+) -> Load:
+    """Turns with and without these clients' subscriptions."""
+    before_bytes = resident_bytes(pid)
+    quiet_s: list[float] = []
+    loud_s: list[float] = []
+    busy_s = messages = 0.0
+    ages_s: list[float] = []
+    with ExitStack() as stack:
+        with kept_alive([robot]):
+            listening = stack.enter_context(audience(place, topics, clients, crawling))
+        for _ in range(TURNS):
+            quiet_s += _answers(robot)
+            with kept_alive([robot]):
+                with RemoteCartesianDevice(options=BusOptions(router=endpoint)) as arm:
+                    # So that the arm has a target, whatever has disengaged it before.
+                    arm.set_parameter(Parameter.STREAM, Stream.TWIST)
+                listening.listen(True)
+                time.sleep(SETTLE_S)
+                listening.heard()
+            began_s = cpu_s(pid)
+            loud_s += _answers(robot)
+            busy_s += cpu_s(pid) - began_s
+            with kept_alive([robot]):
+                heard = listening.heard()
+                messages += heard.messages
+                ages_s += heard.ages_s
+                grown_bytes = resident_bytes(pid) - before_bytes
+                listening.listen(False)
+                time.sleep(SETTLE_S)
+        with kept_alive([robot]):
+            stack.close()
+    seconds = TURN_S * TURNS
+    expected = len(topics) * rate_hz * seconds
+    return Load(
+        clients,
+        crawling,
+        busy_s / seconds,
+        messages / expected,
+        ages_s,
+        quiet_s,
+        loud_s,
+        grown_bytes,
+    )
+
+
+def _answers(robot: Robot) -> list[float]:
+    """The session's times to its answers, s."""
+    found = []
+    clock = time.perf_counter
+    gc.disable()
+    with as_a_controller():
+        slot_s = clock()
+        for _ in range(round(TURN_S / PERIOD_S)):
+            answer_s = robot.ask()
+            if answer_s is not None:
+                found.append(answer_s)
+            slot_s = max(slot_s + PERIOD_S, clock())
+            time.sleep(max(0.0, slot_s - clock()))
+    gc.enable()
+    return found
+
+
+def table(loads: list[Load]) -> str:
+    """As docs/measurements.md has it."""
+    lines = [
+        "| clients | messages/s | CPU of the face | for each client | received | age, median / p99 "
+        "| session's p99, nobody / all listening | ratio | memory of the face |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for load in loads:
+        quiet_s, loud_s = quantile(load.quiet_s, 0.99), quantile(load.loud_s, 0.99)
+        beside = ", and one that reads 1 kB/s" if load.crawling else ""
+        sent = load.clients * len(TOPICS) * RATE_HZ
+        lines.append(
+            f"| {load.clients}{beside} | {sent:.0f} | {load.cpu_share:.1%} | "
+            f"{load.cpu_share / load.clients:.2%} | {load.received_share:.1%} | "
+            f"{_ms(load.ages_s, 0.5)} / {_ms(load.ages_s, 0.99)} ms | "
+            f"{quiet_s * 1e6:.0f} / {loud_s * 1e6:.0f} µs | {loud_s / quiet_s:.2f} | "
+            f"{load.grown_bytes / 1e6:+.1f} MB |"
+        )
+    return "\n".join(lines)
+
+
+def _ms(values_s: list[float], share: float) -> str:
+    return f"{quantile(values_s, share) * 1e3:.1f}"

@@ -1,0 +1,111 @@
+"""Robot state in to answer out of whole sessions, with and without the network, in one run."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import itertools
+import time
+from typing import NamedTuple
+
+from bench.egm_latency import MOVE, TOUCH, session
+from bench.network.rig import (
+    MODEL,
+    PERIOD_S,
+    Robot,
+    as_a_controller,
+    free_endpoint,
+    listener,
+    network_table,
+    quantile,
+)
+from cardan.gateway.session.examples import free_ports
+
+AIM = 1.1
+"""Times the p99 of the session without the network."""
+
+WARM_UP_S = 3.0
+BLOCK_CYCLES, BLOCKS = 1000, 12
+"""Two blocks for each order of the three sessions within a cycle."""
+
+WITHOUT = "without the network"
+RATES_HZ = (50.0, 250.0)
+
+
+class Answers(NamedTuple):
+    """Of one session."""
+
+    blocks: list[list[float]]
+    """Times to the answers, s."""
+    unanswered: int
+
+    def quantile(self, share: float) -> float:
+        """Of all blocks together."""
+        return quantile([each for block in self.blocks for each in block], share)
+
+
+def measure() -> dict[str, Answers]:
+    """Three sessions whose hand moves, asked in turns; everything that is published is heard."""
+    endpoints = {f"all topics at {rate:g} Hz": (free_endpoint(), rate) for rate in RATES_HZ}
+    tables = {WITHOUT: MODEL}
+    tables |= {name: MODEL + network_table(*each) for name, each in endpoints.items()}
+    with contextlib.ExitStack() as stack:
+        robots = {}
+        for name, more in tables.items():
+            port = free_ports()
+            stack.enter_context(session(port, more, TOUCH + MOVE))
+            robots[name] = Robot(port)
+            stack.callback(robots[name].close)
+        stack.enter_context(listener([endpoint for endpoint, _ in endpoints.values()]))
+        stack.enter_context(as_a_controller())
+        orders = list(itertools.permutations(robots))
+        _ask(robots, orders[0], round(WARM_UP_S / PERIOD_S))
+        found: dict[str, list[list[float]]] = {name: [] for name in robots}
+        for number in range(BLOCKS):
+            took = _ask(robots, orders[number % len(orders)], BLOCK_CYCLES)
+            for name, blocks in found.items():
+                blocks.append(took[name])
+        return {name: Answers(found[name], robots[name].unanswered) for name in robots}
+
+
+def _ask(robots: dict[str, Robot], order: tuple[str, ...], cycles: int) -> dict[str, list[float]]:
+    """So many cycles; the sessions' slots are apart, so that none is asked while another one
+    publishes."""
+    took: dict[str, list[float]] = {name: [] for name in order}
+    clock = time.perf_counter
+    slot_s = clock()
+    gc.disable()
+    for _ in range(cycles):
+        for name in order:
+            answer_s = robots[name].ask()
+            if answer_s is not None:
+                took[name].append(answer_s)
+            slot_s = max(slot_s + PERIOD_S / len(order), clock())
+            time.sleep(max(0.0, slot_s - clock()))
+    gc.enable()
+    return took
+
+
+def table(found: dict[str, Answers]) -> str:
+    """As docs/measurements.md has it."""
+    base = found[WITHOUT]
+    lines = [
+        "| session | median | p99 | times without: median | p99 | p99 of blocks of "
+        f"{BLOCK_CYCLES}, least to most | unanswered |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, answers in found.items():
+        median, tail = answers.quantile(0.5), answers.quantile(0.99)
+        tails = sorted(quantile(block, 0.99) for block in answers.blocks)
+        lines.append(
+            f"| {name} | {median * 1e6:.0f} µs | {tail * 1e6:.0f} µs | "
+            f"{median / base.quantile(0.5):.2f} | {tail / base.quantile(0.99):.2f} | "
+            f"{tails[0] * 1e6:.0f} to {tails[-1] * 1e6:.0f} µs | {answers.unanswered} |"
+        )
+    lines.append("")
+    for name, answers in found.items():
+        if name != WITHOUT:
+            ratio = answers.quantile(0.99) / base.quantile(0.99)
+            verdict = "met" if ratio <= AIM else "missed"
+            lines.append(f"Aim: p99 with {name} at most {AIM:g} times without: {verdict}.")
+    return "\n".join(lines)

@@ -1,0 +1,154 @@
+"""Robots and operators of the sessions that are measured, played by one light process in C."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+from cardan.errors import DriverError
+from cardan.protocols.connexion import encode_buttons
+from cardan.protocols.egm import EgmHeader, EgmMotion, EgmRobot, encode_robot
+from cardan.robots import load_arm
+
+ARM = "gofa_crb15000_5"
+
+MODEL = "spacemouse-compact"
+"""Of the mice."""
+
+SOURCE = Path(__file__).with_name("crowd.c")
+
+NUMBER = 0xFFFF_FFFF
+"""Stands for the sequence number and the clock: as long as a number of EGM's header can be."""
+
+AS_VARINT = b"\xff\xff\xff\xff\x0f"
+
+
+class Played(NamedTuple):
+    """What came of robots that were played for a while."""
+
+    sent: int
+    """Control instants of all robots."""
+    missed: int
+    """Those without an answer before the next one."""
+    worst: int
+    """Most that one robot missed."""
+    moved: int
+    """Answers that moved their robot."""
+    skipped: int
+    """Instants that the player was too late for; nobody is charged with them."""
+    p50_s: float
+    """From the datagram's leaving to the answer's arriving, by the kernel's stamp."""
+    p99_s: float
+    late_p99_s: float
+    """Delay of the player's own datagrams."""
+    late_max_s: float
+
+    @property
+    def missed_share(self) -> float:
+        """Share of the instants."""
+        return self.missed / self.sent if self.sent else 0.0
+
+
+def template() -> tuple[bytes, tuple[int, int, int, int]]:
+    """What a robot at its home sends, and where in it the sequence number, the clock, the measured
+    and the planned joints stand."""
+    home = EgmMotion(tuple(load_arm(ARM).home))
+    data = encode_robot(
+        EgmRobot(
+            header=EgmHeader(NUMBER, NUMBER, 2),
+            feed_back=home,
+            planned=home,
+            motor_state=1,
+            mci_state=3,
+            mci_convergence_met=False,
+            rapid_exec_state=2,
+            utilization_rate=12.5,
+        )
+    )
+    sequence = data.index(AS_VARINT)
+    clock = data.index(AS_VARINT, sequence + len(AS_VARINT))
+    # Field joints of 54 bytes, in it joints of 9 bytes each: a tag, and a double.
+    measured = data.index(b"\x0a\x36\x09") + 3
+    planned = data.index(b"\x0a\x36\x09", measured) + 3
+    return data, (sequence, clock, measured, planned)
+
+
+def compiler() -> str | None:
+    """The C compiler, where there is one."""
+    return shutil.which(os.environ.get("CC", "cc"))
+
+
+def build(folder: Path, *more: str) -> Path:
+    """The program, compiled into `folder`; `more`: flags. Raises DriverError."""
+    cc = compiler()
+    if cc is None:
+        raise DriverError("there is no C compiler (Debian: apt-get install gcc libc6-dev)")
+    program = folder / "crowd"
+    flags = ("-std=c11", "-D_GNU_SOURCE", "-O2", "-Wall", "-Wextra", "-Wshadow", *more)
+    subprocess.run([cc, *flags, "-o", str(program), str(SOURCE), "-lm"], check=True)
+    return program
+
+
+class Crowd:
+    """The process, which serves a mouse in `folder` for each port, and plays when it is told to."""
+
+    def __init__(self, folder: Path, ports: Sequence[int], *flags: str) -> None:
+        """`flags` of the compiler, beside its own."""
+        data, places = template()
+        words = (
+            folder, data.hex(), ",".join(map(str, places)), encode_buttons(1, 3).hex(),
+            encode_buttons(0, 3).hex(), *ports,
+        )  # fmt: skip
+        self._process = subprocess.Popen(
+            [str(build(folder, *flags)), *map(str, words)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self.scheduling = self._line("READY ").removeprefix("READY ")
+
+    @staticmethod
+    def mouse(folder: Path, number: int) -> Path:
+        """Where the mouse of that number is."""
+        return folder / f"{number}.mouse"
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    def play(
+        self, count: int, warm_up_s: float, seconds: float, begun: Callable[[], None]
+    ) -> Played:
+        """Have the first `count` play; `begun` is called when the warm-up is over."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"play {count} {warm_up_s} {seconds}\n")
+        self._process.stdin.flush()
+        self._line("BEGIN")
+        begun()
+        return Played(**json.loads(self._line("{")))
+
+    def _line(self, start: str) -> str:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line.startswith(start):
+            raise DriverError(f"who plays the robots has ended: {line!r}")
+        return line.rstrip()
+
+    def __enter__(self) -> Crowd:
+        return self
+
+    def __exit__(
+        self,
+        _type: type[BaseException] | None,
+        _error: BaseException | None,
+        _trace: TracebackType | None,
+    ) -> None:
+        self._process.terminate()
+        self._process.communicate()

@@ -1,0 +1,293 @@
+"""What is done to the lab, and the operator who looks after its robots."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Final
+
+from bench.soak import hands
+from bench.soak.judge import Violation
+from bench.soak.lab import ARMS, HANDS_OF, SILENCE_NOTICED, SPEEDS_M_S, VETERAN
+from bench.soak.watch import SETTLES_S, Watch
+from cardan.errors import CardanError
+
+STOPS_S: Final = (0.02, 0.1, 0.3, 1.2, 2.5, 5.0)
+"""For how long processes are stopped."""
+
+NOTICED_S: Final = 1.0
+"""A stop of a session or a device that lasted as long must have ended what was asked for."""
+HEARTBEAT_NOTICED_S: Final = 1.2
+"""Of the daemon: sessions miss its beats after 0.5 s."""
+ROBOT_NOTICED_S: Final = 2.0
+"""Of a robot: the slowest one is given up after 1 s without its state."""
+
+DOWN_S: Final = (0.5, 12.0)
+"""For how long a device or a robot is away."""
+
+BETWEEN_S: Final = (0.5, 8.0)
+
+STARTS_S: Final = 30.0
+"""Longest time for a simulated robot or device to start."""
+
+RECORDS_S: Final = 8
+RECORDED_S: Final = 40.0
+"""Longest time for a recorder to start, record and end."""
+
+OPERATOR_S: Final = 10.0
+"""After this an operator looks after a robot that does not come back by itself: a Motoman's drives
+are enabled anew by a new session, and a GoFa's RAPID program is started anew."""
+
+
+class Faults:
+    """All of them."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch, self._lab, self._stop = watch, watch.lab, watch.stop
+
+    def run(self) -> None:
+        """One fault after the other, until the run ends."""
+        rng = random.Random(f"{self._watch.seed}-faults")
+        acts: tuple[tuple[Callable[[random.Random], tuple[str, str]], int], ...] = (
+            (self._unplug, 6), (self._kill_hand, 3), (self._stop_hand, 5),
+            (self._kill_robot, 3), (self._stop_robot, 5),
+            (self._kill_session, 2), (self._stop_session, 6), (self._restart_session, 1),
+            (self._stop_daemon, 4), (self._kill_face, 2), (self._stop_face, 3),
+            (self._reload, 2), (self._bad_reload, 1), (self._switch, 5), (self._garbage, 6),
+            (self._record, 1),
+        )  # fmt: skip
+        while not self._stop.wait(rng.uniform(*BETWEEN_S)):
+            (act,) = rng.choices([each for each, _ in acts], [weight for _, weight in acts])
+            name = act.__name__.strip("_")
+            try:
+                who, what = act(rng)
+            except CardanError as error:
+                who, what = "daemon", f"refused: {error}"
+            self._watch.report.did("fault", name, who, what)
+
+    def _unplug(self, rng: random.Random) -> tuple[str, str]:
+        hand, away_s = rng.choice(list(HANDS_OF)), rng.uniform(*DOWN_S)
+        device = self._lab.hands[hand]
+        with self._watch.away(hand):
+            device.play([[0.0, hands.UNPLUG[hand]]])
+            self._stop.wait(away_s)
+            device.play([[0.0, hands.PLUG[hand]], *hands.LET_GO[hand]])
+            self._stop.wait(SETTLES_S)
+        return hand, f"for {away_s:.1f} s"
+
+    def _kill_hand(self, rng: random.Random) -> tuple[str, str]:
+        hand, away_s = rng.choice(list(HANDS_OF)), rng.uniform(*DOWN_S)
+        device = self._lab.hands[hand]
+        with self._watch.away(hand):
+            device.end(signal.SIGKILL)
+            self._stop.wait(away_s)
+            device.start()
+            device.ready.wait(STARTS_S)
+        return hand, f"for {away_s:.1f} s"
+
+    def _stop_for(self, pid: int | None, rng: random.Random, noticed_s: float,
+                  noticed: Callable[[], None]) -> float:  # fmt: skip
+        """Stop a process for a random time; `noticed` is called once others must have seen it."""
+        lasts_s = rng.choice(STOPS_S)
+        if pid is None:
+            return 0.0
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGSTOP)
+            try:
+                if lasts_s >= noticed_s:
+                    noticed()
+                self._stop.wait(lasts_s)
+            finally:
+                os.kill(pid, signal.SIGCONT)
+        return lasts_s
+
+    def _stop_hand(self, rng: random.Random) -> tuple[str, str]:
+        hand = rng.choice(list(HANDS_OF))
+
+        def noticed() -> None:
+            if hand in SILENCE_NOTICED:
+                self._watch.hand_gone(hand)
+
+        if hand not in SILENCE_NOTICED:
+            # What it sent last goes on, also after the hand has let go.
+            self._watch.hand_asks(hand, "held device")
+        lasts_s = self._stop_for(self._lab.hands[hand].pid, rng, NOTICED_S, noticed)
+        self._stop.wait(SETTLES_S)
+        self._watch.hand_gone(hand, "held device")
+        # One that was held at rest was not missed, and goes on.
+        self._watch.hand_goes_on(hand)
+        return hand, f"for {lasts_s:g} s"
+
+    def _kill_robot(self, rng: random.Random) -> tuple[str, str]:
+        arm, away_s = rng.choice(ARMS), rng.uniform(*DOWN_S)
+        robot = self._lab.robots[arm]
+        with self._watch.excused(arm):
+            self._watch.void(arm)
+            robot.end(signal.SIGKILL)
+            self._stop.wait(away_s)
+            self._watch.robot_anew(arm)
+            robot.start()
+            robot.ready.wait(STARTS_S)
+        return arm, f"for {away_s:.1f} s"
+
+    def _stop_robot(self, rng: random.Random) -> tuple[str, str]:
+        arm = rng.choice(ARMS)
+        with self._watch.excused(arm):
+            lasts_s = self._stop_for(
+                self._lab.robots[arm].pid, rng, ROBOT_NOTICED_S, lambda: self._watch.void(arm)
+            )
+            self._watch.robot_anew(arm)
+        return arm, f"for {lasts_s:g} s"
+
+    def _mortal(self, rng: random.Random) -> str:
+        """A session that may die."""
+        return rng.choice([each for each in ARMS if each != VETERAN])
+
+    def _kill_session(self, rng: random.Random) -> tuple[str, str]:
+        name = self._mortal(rng)
+        pid = self._watch.pid(name)
+        if pid is None:
+            return name, "it does not run"
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+        self._watch.void(name)
+        return name, "killed"
+
+    def _stop_session(self, rng: random.Random) -> tuple[str, str]:
+        name = rng.choice(ARMS)
+        lasts_s = self._stop_for(
+            self._watch.pid(name), rng, NOTICED_S, lambda: self._watch.void(name)
+        )
+        return name, f"for {lasts_s:g} s"
+
+    def _restart_session(self, rng: random.Random) -> tuple[str, str]:
+        name = self._mortal(rng)
+        self._watch.ask("restart", name)
+        self._watch.void(name)
+        return name, "restarted"
+
+    def _stop_daemon(self, rng: random.Random) -> tuple[str, str]:
+        with self._watch.daemon_paused():
+            lasts_s = self._stop_for(
+                self._lab.daemon.pid, rng, HEARTBEAT_NOTICED_S, lambda: self._watch.void(*ARMS)
+            )
+        return "daemon", f"for {lasts_s:g} s"
+
+    def _kill_face(self, _rng: random.Random) -> tuple[str, str]:
+        pid = self._watch.pid("rosbridge")
+        if pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        return "rosbridge", "it does not run" if pid is None else "killed"
+
+    def _stop_face(self, rng: random.Random) -> tuple[str, str]:
+        name = rng.choice(("rosbridge", "metrics"))
+        lasts_s = self._stop_for(self._watch.pid(name), rng, math.inf, lambda: None)
+        return name, f"for {lasts_s:g} s"
+
+    def _reload(self, _rng: random.Random) -> tuple[str, str]:
+        self._lab.speed = (self._lab.speed + 1) % len(SPEEDS_M_S)
+        self._lab.write()
+        changes = self._watch.ask("reload")
+        return "daemon", f"{len(changes)} changes"
+
+    def _bad_reload(self, _rng: random.Random) -> tuple[str, str]:
+        good = self._lab.file.read_text()
+        self._lab.file.write_text(good + '\n[[sessions]]\nname = "gofa"\nrobot = 7\n')
+        try:
+            self._watch.ask("reload")
+        except CardanError:
+            return "daemon", "refused"
+        finally:
+            self._lab.file.write_text(good)
+        self._watch.found(
+            Violation(time.monotonic(), "reload", "daemon", "took a file that is wrong")
+        )
+        return "daemon", "taken"
+
+    def _switch(self, _rng: random.Random) -> tuple[str, str]:
+        found = self._watch.ask("switch", "mouse")
+        self._watch.hand_gone("mouse")
+        return "mouse", f"to {found['to']}"
+
+    def _garbage(self, rng: random.Random) -> tuple[str, str]:
+        ports = self._lab.ports
+        where = rng.choice(("egm", "ur5_a", "ur5_b", "motion", "rosbridge", "metrics", "bus",
+                            "control"))  # fmt: skip
+        data = [
+            rng.randbytes(rng.choice((1, 16, 64, 500, 1400))) for _ in range(rng.randint(1, 20))
+        ]
+        with contextlib.suppress(OSError):
+            if where in ("egm", "ur5_a", "ur5_b"):
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+                    for each in data:
+                        udp.sendto(each, ("127.0.0.1", ports[where]))
+            elif where == "control":
+                with socket.socket(socket.AF_UNIX) as control:
+                    control.settimeout(2.0)
+                    control.connect(self._lab.socket)
+                    for each in data:
+                        control.sendall(each + b"\n")
+            else:
+                with socket.create_connection(("127.0.0.1", ports[where]), 2.0) as tcp:
+                    for each in data:
+                        tcp.sendall(each)
+                    self._stop.wait(rng.uniform(0.0, 1.0))
+        return where, f"{len(data)} packets"
+
+    def _record(self, _rng: random.Random) -> tuple[str, str]:
+        """A recorder comes, and leaves."""
+        file = self._watch.folder / "tmp" / "record.mcap"
+        router = f"tcp/127.0.0.1:{self._lab.ports['bus']}"
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cardan", "record", "-o", str(file), "--router", router,
+             "--seconds", str(RECORDS_S)],
+            env=self._lab.environment, stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+        give_up_s = time.monotonic() + RECORDED_S
+        while process.poll() is None and time.monotonic() < give_up_s and not self._stop.wait(0.2):
+            pass
+        if process.poll() is None:
+            process.kill()
+        code = process.wait()
+        size = file.stat().st_size if file.exists() else 0
+        for each in file.parent.glob("record.mcap*"):
+            each.unlink()
+        return "recorder", f"status {code}, {size / 1e6:.1f} MB"
+
+    def operate(self) -> None:
+        """Do at the robots' pendants what only a person may do, until the run ends."""
+        since_s: dict[str, float] = {}
+        while not self._stop.wait(1.0):
+            now_s = time.monotonic()
+            for arm in ("gofa", "gp8"):
+                row = self._watch.rows.get(arm, {})
+                waits = row.get("state") == "running" and row.get("phase") == "no robot"
+                if not waits or self._watch.is_excused(arm):
+                    since_s.pop(arm, None)
+                elif now_s - since_s.setdefault(arm, now_s) > OPERATOR_S:
+                    since_s.pop(arm)
+                    why = str(row.get("why", ""))
+                    self._watch.void(arm)
+                    if arm == "gofa":
+                        self._start_anew(arm)
+                    else:
+                        with contextlib.suppress(CardanError):
+                            self._watch.ask("restart", arm)
+                    self._watch.report.did("operator", f"looks after {arm}", arm, why)
+
+    def _start_anew(self, arm: str) -> None:
+        robot = self._lab.robots[arm]
+        robot.end(None)
+        self._watch.robot_anew(arm)
+        robot.start()
+        robot.ready.wait(STARTS_S)

@@ -1,0 +1,316 @@
+"""What must hold all the time, whatever happens to whom: judged by time, without clocks.
+
+All times are monotonic s. What robots really did is compared with what the soak itself has asked
+for, and with what sessions told; a violation is told once for each time that a rule is broken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+REST_RAD_S: Final = 0.005
+"""A joint that is slower rests: servos settle, and measured positions are rounded."""
+
+AT_REST_S: Final = 3.0
+"""From the moment when nobody asks an arm to move any more until it must be at rest. Ramps take
+less than 1 s, the slowest controller notices the death of its session within 1 s; the rest is for
+the processes of a computer with other work to do."""
+
+TOLD_S: Final = 1.5
+"""How far what a session told and what its robot did may be apart: it tells ten times a second, by
+two other processes."""
+
+RECOVERED_S: Final = 180.0
+"""Within this all is as before after a fault. The daemon pauses for up to 30 s between starts, and
+a session that starts on a computer with other work to do takes as long."""
+
+ANSWER_S: Final = 10.0
+"""Within this the daemon answers; it is what its own clients wait for."""
+
+MOVED: Final = frozenset({"braking", "recovering"})
+"""Phases in which an arm moves though no source has the authority."""
+
+ENGAGED: Final = frozenset({"holding", "moving"})
+"""Phases of an arm that somebody moves, or may move at once."""
+
+
+class Violation(NamedTuple):
+    """A rule was broken."""
+
+    time_s: float
+    rule: str
+    who: str
+    why: str
+
+
+Found = Callable[[Violation], None]
+
+
+class Told(NamedTuple):
+    """What a session has told of itself."""
+
+    time_s: float
+    pid: int
+    authority: str
+    phase: str
+
+
+class ArmJudge:
+    """The rules of one arm."""
+
+    def __init__(self, name: str, sources: frozenset[str], found: Found) -> None:
+        """`sources`: names that may have the authority."""
+        self.name, self._sources, self._found = name, sources, found
+        self._asking: set[str] = set()
+        self._nobody_s = -math.inf
+        """Since when nobody asks."""
+        self._act_s = -math.inf
+        """When somebody began to ask last."""
+        self._told: deque[Told] = deque(maxlen=400)
+        self._began_s: dict[int, float] = {}
+        """When each process of the session was first heard of."""
+        self._broken: set[str] = set()
+        """Rules that are broken now."""
+        self.moving_s = 0.0
+        self.moves = 0
+        self._measured_s = -math.inf
+        self._moving = False
+        self._moving_since_s = -math.inf
+        self._motions: dict[str, float] = {}
+
+    # -- what the soak does ----------------------------------------------------------------------
+
+    def asks(self, who: str, now_s: float) -> None:
+        """Somebody acts deliberately, and may move the arm from now on."""
+        self._asking.add(who)
+        self._act_s = now_s
+
+    def lets_go(self, who: str, now_s: float) -> None:
+        """They do not ask any more."""
+        if who in self._asking:
+            self._asking.discard(who)
+            if not self._asking:
+                self._nobody_s = now_s
+
+    def void(self, now_s: float) -> None:
+        """A fault has ended all that anybody asked for: to move needs a new act."""
+        for who in tuple(self._asking):
+            self.lets_go(who, now_s)
+
+    def resumes(self, now_s: float) -> None:
+        """Its robot was stopped, and goes on with what it had left to do."""
+        self._nobody_s = max(self._nobody_s, now_s)
+        self._moving = False
+
+    def accepted(self, source: str, now_s: float) -> None:
+        """A source was given a motion without an end."""
+        others = [each for each in self._motions if each != source]
+        self._motions[source] = now_s
+        if others:
+            self._break("two sources", now_s, f"{source} moves it beside {', '.join(others)}")
+        else:
+            self._mend("two sources")
+
+    def over(self, source: str) -> None:
+        """Its motion has ended."""
+        self._motions.pop(source, None)
+
+    # -- what is seen ----------------------------------------------------------------------------
+
+    def begins(self, now_s: float) -> None:
+        """The robot is another process: it is where it is."""
+        self._measured_s = now_s
+        self._moving = False
+
+    def measured(self, now_s: float, speed_rad_s: float) -> None:
+        """The robot's true speed: that of its fastest joint."""
+        moving = speed_rad_s > REST_RAD_S
+        if moving:
+            if not self._moving:
+                self.moves += 1
+                self._moving_since_s = now_s
+            if self._measured_s > -math.inf:
+                self.moving_s += min(now_s - self._measured_s, TOLD_S)
+        self._moving, self._measured_s = moving, now_s
+        if not moving:
+            self._mend("moves unasked")
+            self._mend("moves without authority")
+            return
+        if not self._asking and now_s - self._nobody_s > AT_REST_S:
+            since_s = now_s - self._nobody_s
+            self._break(
+                "moves unasked",
+                now_s,
+                f"at {speed_rad_s:.3f} rad/s, {since_s:.1f} s after the last one asked; "
+                f"{self._state()}",
+            )
+        lately = [each for each in self._told if each.time_s > now_s - TOLD_S]
+        covered = len(lately) >= 2 and lately[0].time_s < now_s - TOLD_S / 2
+        whole = now_s - self._moving_since_s > TOLD_S
+        if covered and whole and not any(each.authority or each.phase in MOVED for each in lately):
+            self._break(
+                "moves without authority", now_s, f"at {speed_rad_s:.3f} rad/s; {self._state()}"
+            )
+
+    def told(self, told: Told) -> None:
+        """A new snapshot of its session."""
+        began_s = self._began_s.setdefault(told.pid, told.time_s)
+        self._told.append(told)
+        if told.authority and told.authority not in self._sources:
+            self._break("unknown source", told.time_s, f"{told.authority!r} has the authority")
+        else:
+            self._mend("unknown source")
+        engaged = bool(told.authority) and told.phase in ENGAGED
+        if engaged and not self._asking and self._act_s < began_s:
+            self._break(
+                "armed by itself",
+                told.time_s,
+                f"{told.authority!r} has it, {told.phase}, though nobody acted since process "
+                f"{told.pid} began {told.time_s - began_s:.1f} s ago",
+            )
+        elif not engaged:
+            self._mend("armed by itself")
+
+    def _state(self) -> str:
+        if not self._told:
+            return "its session has told nothing"
+        last = self._told[-1]
+        return f"told at {last.time_s:.1f}: authority {last.authority!r}, {last.phase}"
+
+    def _break(self, rule: str, now_s: float, why: str) -> None:
+        if rule not in self._broken:
+            self._broken.add(rule)
+            self._found(Violation(now_s, rule, self.name, why))
+
+    def _mend(self, rule: str) -> None:
+        self._broken.discard(rule)
+
+
+class RecoveryJudge:
+    """Whether all that runs is well again within RECOVERED_S after what was done to it."""
+
+    def __init__(self, found: Found) -> None:
+        self._found = found
+        self._unwell_s: dict[str, float] = {}
+        self._told: set[str] = set()
+        self.took_s: list[tuple[str, float]] = []
+        """Every recovery: of whom, and how long it took."""
+
+    def seen(self, who: str, problem: str, excused: bool, now_s: float) -> None:
+        """How it is: `problem` is empty while it is well; `excused`: it cannot be."""
+        if not problem:
+            since_s = self._unwell_s.pop(who, None)
+            self._told.discard(who)
+            if since_s is not None and since_s < now_s:
+                self.took_s.append((who, now_s - since_s))
+            return
+        if excused:
+            self._unwell_s[who] = now_s
+            return
+        since_s = self._unwell_s.setdefault(who, now_s)
+        if now_s - since_s > RECOVERED_S and who not in self._told:
+            self._told.add(who)
+            self._found(
+                Violation(now_s, "does not recover", who, f"{problem} for {now_s - since_s:.0f} s")
+            )
+
+
+def problem_of(row: Mapping[str, Any], device_there: bool) -> str:
+    """What is wrong with a session or a face by its row; empty: nothing. A device is expected to
+    be live where it is `device_there` and this session has it."""
+    if row["state"] != "running":
+        return f"{row['state']}: {row['reason']}"
+    if row["kind"] == "face":
+        return "" if row["endpoint"] else "it does not serve"
+    if row["robot_link"] != "live":
+        return f"robot {row['robot_link'] or 'not heard of'}"
+    if row["phase"] in ("", "no robot"):
+        return f"the robot is not ready: {row['why']}"
+    if device_there and row["device_held"] and row["device_link"] != "live":
+        return f"device {row['device_link'] or 'not heard of'}"
+    return ""
+
+
+class Limit(NamedTuple):
+    """How much a figure may grow from the first quarter of a process's life to the last."""
+
+    share: float
+    more: float
+    why: str
+
+    def exceeded(self, first: float, last: float) -> bool:
+        """Whether it grew by more."""
+        return last > first * (1.0 + self.share) + self.more
+
+
+LIMITS: Final = {
+    "rss_mb": Limit(0.05, 2.0, "memory: a leak of 1 kB a second is 7 MB in two hours"),
+    "fds": Limit(0.0, 4.0, "descriptors: connections that come and go are a few at a time"),
+    "threads": Limit(0.0, 2.0, "threads: one for a connection that is just being closed"),
+    "p99_ms": Limit(1.0, 2.0, "p99 of the cycle: other programs share the processors"),
+}
+"""A figure is its median over a quarter."""
+
+WARM_UP_S: Final = 120.0
+"""At first processes import what they need and fill buffers of bounded size."""
+
+LONG_S: Final = 600.0
+"""Only processes that lived for so long are judged."""
+
+
+class Drift(NamedTuple):
+    """A figure of a process over its life."""
+
+    who: str
+    pid: int
+    figure: str
+    lived_s: float
+    first: float
+    last: float
+    exceeded: bool
+
+
+def drifts(
+    who: str, pid: int, samples: Sequence[tuple[float, Mapping[str, float]]], long_s: float = LONG_S
+) -> list[Drift]:
+    """How the figures of a process have changed; `samples` are its own, by time."""
+    if not samples or samples[-1][0] - samples[0][0] < long_s:
+        return []
+    begin_s = samples[0][0] + min(WARM_UP_S, long_s / 4)
+    end_s = samples[-1][0]
+    quarter_s = (end_s - begin_s) / 4
+    found = []
+    for figure, limit in LIMITS.items():
+        first = [
+            s[figure] for t, s in samples if begin_s <= t <= begin_s + quarter_s if figure in s
+        ]
+        last = [s[figure] for t, s in samples if t >= end_s - quarter_s if figure in s]
+        if first and last:
+            a, b = median(first), median(last)
+            lived_s = end_s - samples[0][0]
+            found.append(Drift(who, pid, figure, lived_s, a, b, limit.exceeded(a, b)))
+    return found
+
+
+def median(values: list[float]) -> float:
+    """The middle one, of an even number the higher of the two."""
+    return sorted(values)[len(values) // 2]
+
+
+def quantile_s(before: list[int], now: list[int], count: int, bounds_s: tuple[float, ...],
+               share: float) -> float:  # fmt: skip
+    """The duration that `share` of those counted between two states of a cumulative histogram did
+    not exceed, s; between bounds it is interpolated, beyond the last one it is the last. `count`:
+    of all, those beyond the bounds too. NaN: there were none."""
+    if count <= 0:
+        return math.nan
+    wanted, below, lower_s = share * count, 0, 0.0
+    for bound_s, old, new in zip(bounds_s, before, now, strict=True):
+        within = new - old
+        if within >= wanted:
+            return lower_s + (bound_s - lower_s) * (wanted - below) / max(within - below, 1)
+        below, lower_s = within, bound_s
+    return bounds_s[-1]

@@ -1,0 +1,24 @@
+"""The report of a run as part of a page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from bench import pages
+from bench.soak.judge import Violation
+from bench.soak.report import markdown
+
+PAGE = Path(__file__).parents[2] / "docs" / "soak.md"
+
+
+def violations_of(folder: Path) -> list[Violation]:
+    """The violations of a run, by its folder."""
+    lines = (folder / "violations.jsonl").read_text().splitlines()
+    return [Violation(**json.loads(line)) for line in lines]
+
+
+def rewrite_page(folder: Path, page: Path = PAGE) -> None:
+    """Put the report of the run in `folder` into the page. ValueError: it has no place for it."""
+    table = json.loads((folder / "report.json").read_text())
+    pages.rewrite(page, {"soak": markdown(table, violations_of(folder))})

@@ -1,0 +1,140 @@
+"""A simulated robot or device in a process of its own, which tells the truth about itself.
+
+    python -m bench.soak.peers KIND OPTIONS
+
+KIND is one of ROBOTS or HANDS, OPTIONS are those of its peer, as JSON. It prints READY, then a
+robot prints its true joints twenty times a second: ``J TIME JOINT ...``, monotonic s and rad. A
+device reads scripts on standard input, a line of JSON each: what its hand does from then on. At the
+end of standard input it ends.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from cardan.realtime import ask_for_real_time
+from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
+from cardan.sim_peers.base import ScriptStep, SimulatedPeer
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
+from cardan.sim_peers.evdev.hand import ScriptedHand as PadHand
+from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
+from cardan.sim_peers.hand_peer import HandPeer
+from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
+from cardan.sim_peers.scripted import Hand
+from cardan.sim_peers.spacemouse import ScriptedHand as PuckHand, SpaceMousePeer
+from cardan.sim_peers.spacemouse.peer import SpaceMousePeerOptions
+from cardan.sim_peers.wiimote.hand import ScriptedHand as RemoteHand
+from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
+
+TOLD_S: Final = 0.05
+"""How often a robot tells its joints, and a device looks for what its hand is to do."""
+
+IDEAL: Final = PlantOptions(drive="ideal")
+"""The controllers are looked at here, not the dynamics of an arm."""
+
+Joints = Callable[[], Sequence[float]]
+
+Script = dict[str, Any]
+"""``at_s``: when it begins, monotonic; ``steps``: lists of seconds, verb and arguments."""
+
+
+def _gofa(options: dict[str, Any]) -> tuple[SimulatedPeer, Joints]:
+    egm = EgmControllerPeer(EgmControllerOptions(mode=Mode.JOINT, **options))
+    return egm, lambda: egm.core.joints_rad
+
+
+def _gp8(options: dict[str, Any]) -> tuple[SimulatedPeer, Joints]:
+    motoros = MotorosControllerPeer(MotorosControllerOptions(**options))
+    return motoros, lambda: motoros.controller.measured_rad(0)
+
+
+def _ur5(options: dict[str, Any]) -> tuple[SimulatedPeer, Joints]:
+    arm = SimulatedArmPeer(SimulatedArmOptions(robot="ur5", plant=IDEAL, **options))
+    return arm, lambda: arm.core.plant.positions
+
+
+def _spacemouse(options: dict[str, Any]) -> HandPeer[Any, Any]:
+    return SpaceMousePeer(SpaceMousePeerOptions(script="rest", start_on_connect=False, **options))
+
+
+def _gamepad(options: dict[str, Any]) -> HandPeer[Any, Any]:
+    return EvdevPeer(EvdevPeerOptions(script="rest", start_on_connect=False, **options))
+
+
+def _wiimote(options: dict[str, Any]) -> HandPeer[Any, Any]:
+    return WiimotePeer(WiimotePeerOptions(script="rest", start_on_connect=False, **options))
+
+
+ROBOTS: Final = {"gofa": _gofa, "gp8": _gp8, "ur5": _ur5}
+HANDS: Final = {"spacemouse": _spacemouse, "gamepad": _gamepad, "wiimote": _wiimote}
+
+
+def steps_of(script: Script, device_s: float, now_s: float) -> list[ScriptStep]:
+    """A script's steps in the device's time, `device_s` at the monotonic time `now_s`. What
+    was due before is done at once: a device that was stopped is not behind its hand."""
+    begin_s = device_s + script["at_s"] - now_s
+    return [
+        ScriptStep(max(begin_s + float(time_s), 0.0), verb, tuple(map(str, words)))
+        for time_s, verb, *words in script["steps"]
+    ]
+
+
+def _hand(kind: str, peer: HandPeer[Any, Any], script: Script) -> Hand[Any]:
+    """A hand that plays a script."""
+    steps = steps_of(script, peer.device_s(), time.monotonic())
+    if kind == "spacemouse":
+        return PuckHand(steps, peer.device.model)
+    return PadHand(steps, peer.device) if kind == "gamepad" else RemoteHand(steps)
+
+
+class _Lines:
+    """Standard input, line by line, without waiting."""
+
+    def __init__(self) -> None:
+        self._left = b""
+        self.ended = False
+
+    def read(self) -> list[bytes]:
+        while not self.ended and select.select([0], [], [], 0.0)[0]:
+            data = os.read(0, 1 << 16)
+            self.ended = not data
+            self._left += data
+        *lines, self._left = self._left.split(b"\n")
+        return lines
+
+
+def main() -> None:
+    """Serve it until the end of standard input."""
+    kind, options = sys.argv[1], json.loads(sys.argv[2])
+    joints: Joints | None = None
+    hand: HandPeer[Any, Any] | None = None
+    peer: SimulatedPeer
+    if kind in ROBOTS:
+        peer, joints = ROBOTS[kind](options)
+    else:
+        peer = hand = HANDS[kind](options)
+    lines = _Lines()
+    peer.open()
+    try:
+        ask_for_real_time()
+        print(f"READY {peer.endpoint}", flush=True)
+        while not lines.ended:
+            peer.step(time.monotonic() + TOLD_S)
+            for line in lines.read():
+                if hand is not None:
+                    hand.hand = _hand(kind, hand, json.loads(line))
+            if joints is not None:
+                words = " ".join(f"{each:.6f}" for each in joints())
+                print(f"J {time.monotonic():.4f} {words}", flush=True)
+    finally:
+        peer.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,275 @@
+"""What is seen of the lab, and what was asked of it: both are given to the judges."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import random
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from bench.soak import hands, judge
+from bench.soak.judge import ArmJudge, RecoveryJudge, Told, Violation
+from bench.soak.lab import ARMS, HANDS_OF, MARK, SOURCES, Lab
+from bench.soak.report import Report, Sample
+from bench.soak.sampling import is_marked, shared_memory, use_of
+from cardan.errors import CardanError
+from cardan.gateway.daemon.client import ControlClient
+from cardan.gateway.session.snapshot import BOUNDS_S
+
+POLL_S: Final = 0.2
+SAMPLE_S: Final = 10.0
+
+BETWEEN_EPISODES_S: Final = (0.5, 12.0)
+
+SETTLES_S: Final = 0.3
+"""From a script's step until it is surely done: a device's process looks for scripts twenty times a
+second, and its processor may be busy."""
+
+
+class Watch:
+    """The lab, its judges, and who asks for motion. For many threads."""
+
+    def __init__(self, folder: Path, seed: int, hours: float) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder, self.seed = folder.resolve(), seed
+        token = f"{os.getpid()}-{time.time_ns()}"
+        self.mark = f"{MARK}={token}"
+        """What all processes of the lab have in their environment."""
+        self.stop = threading.Event()
+        """The run is to end."""
+        self.lock = threading.RLock()
+        self.report = Report(self.folder, seed, hours)
+        self.found = self.report.violation
+        self.arms = {name: ArmJudge(name, SOURCES, self.found) for name in ARMS}
+        self.recovery = RecoveryJudge(self.found)
+        self.lab = Lab(self.folder, token, self._measured)
+        self.rows: dict[str, dict[str, Any]] = {}
+        """The daemon's newest ones, by name."""
+        self.mapped: set[str] = set()
+        """Files of shared memory that processes of the lab had."""
+        self._last: dict[str, tuple[float, list[float]]] = {}
+        self._cycles: dict[str, tuple[int, int]] = {}
+        self._excused: Counter[str] = Counter()
+        self._away: Counter[str] = Counter()
+        """Devices that are not there."""
+        self._asked_until_s = dict.fromkeys(HANDS_OF, -math.inf)
+        self._histograms: dict[str, tuple[int, list[int], int]] = {}
+        self._cpu: dict[int, tuple[float, float]] = {}
+        self._paused_s = -math.inf
+        """Until then the daemon may not answer."""
+
+    def ask(self, do: str, name: str = "", value: Any = None) -> Any:
+        """Ask the daemon. Raises CardanError."""
+        with ControlClient(self.lab.socket, 30.0) as client:
+            return client.ask(do, name, value)
+
+    def pid(self, name: str) -> int | None:
+        """Of a session or a face, if it still is one: ids are used again."""
+        pid: int | None = self.rows.get(name, {}).get("pid")
+        return pid if pid is not None and is_marked(pid, self.mark) else None
+
+    # -- who asks for motion ---------------------------------------------------------------------
+
+    def asks(self, arm: str, who: str) -> None:
+        """Somebody acts deliberately, and may move the arm from now on."""
+        with self.lock:
+            self.arms[arm].asks(who, time.monotonic())
+
+    @contextlib.contextmanager
+    def asking(self, arm: str, who: str) -> Iterator[None]:
+        """Somebody asks for motion, and does not any more at the end."""
+        try:
+            self.asks(arm, who)
+            yield
+        finally:
+            with self.lock:
+                self.arms[arm].lets_go(who, time.monotonic())
+
+    def void(self, *arms: str) -> None:
+        """A fault has ended all that was asked of these arms."""
+        with self.lock:
+            for arm in arms:
+                self.arms[arm].void(time.monotonic())
+
+    def hand_asks(self, hand: str, who: str = "hand") -> None:
+        """A hand holds its dead-man."""
+        with self.lock:
+            for arm in HANDS_OF[hand]:
+                self.arms[arm].asks(who, time.monotonic())
+
+    def hand_gone(self, hand: str, who: str = "hand") -> None:
+        """It does not any more."""
+        with self.lock:
+            for arm in HANDS_OF[hand]:
+                self.arms[arm].lets_go(who, time.monotonic())
+
+    def hand_goes_on(self, hand: str) -> None:
+        """After its device was stopped a hand may go on with what it had begun."""
+        with self.lock:
+            if time.monotonic() < self._asked_until_s[hand]:
+                self.hand_asks(hand)
+
+    # -- what faults excuse ----------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def away(self, hand: str) -> Iterator[None]:
+        """A device is not there."""
+        with self.lock:
+            self._away[hand] += 1
+            self.hand_gone(hand)
+        try:
+            yield
+        finally:
+            with self.lock:
+                self._away[hand] -= 1
+
+    @contextlib.contextmanager
+    def excused(self, *names: str) -> Iterator[None]:
+        """These sessions and faces cannot be well."""
+        with self.lock:
+            self._excused.update(names)
+        try:
+            yield
+        finally:
+            with self.lock:
+                self._excused.subtract(names)
+
+    def is_excused(self, name: str) -> bool:
+        """Whether it cannot be well now."""
+        return bool(self._excused[name])
+
+    @contextlib.contextmanager
+    def daemon_paused(self) -> Iterator[None]:
+        """The daemon is stopped, and answers a little later again."""
+        self._paused_s = math.inf
+        try:
+            with self.excused(*self.rows):
+                yield
+        finally:
+            self._paused_s = time.monotonic() + 2.0
+
+    # -- what is seen ----------------------------------------------------------------------------
+
+    def robot_anew(self, arm: str) -> None:
+        """Its robot is another process, or was stopped: what it did meanwhile is not judged."""
+        with self.lock:
+            self._last.pop(arm, None)
+            self.arms[arm].resumes(time.monotonic())
+
+    def _measured(self, arm: str, line: str) -> None:
+        _, time_s, *words = line.split()
+        now_s, joints = float(time_s), [float(each) for each in words]
+        with self.lock:
+            before = self._last.get(arm)
+            self._last[arm] = now_s, joints
+            if before is None:
+                self.arms[arm].begins(now_s)
+            elif now_s > before[0]:
+                way = max(abs(a - b) for a, b in zip(joints, before[1], strict=True))
+                self.arms[arm].measured(now_s, way / (now_s - before[0]))
+
+    def poll(self) -> None:
+        """Asks the daemon for its rows, again and again."""
+        client: ControlClient | None = None
+        while not self.stop.wait(POLL_S):
+            began_s = time.monotonic()
+            try:
+                client = client or ControlClient(self.lab.socket, judge.ANSWER_S)
+                rows = client.ask("units")
+            except CardanError as error:
+                if client is not None:
+                    client.close()
+                    client = None
+                if time.monotonic() > self._paused_s and not self.stop.is_set():
+                    self.found(Violation(began_s, "the daemon answers", "daemon", str(error)))
+                continue
+            now_s = time.monotonic()
+            self.report.answered(now_s - began_s, now_s < self._paused_s)
+            with self.lock:
+                for row in rows:
+                    self._see(row, now_s)
+        if client is not None:
+            client.close()
+
+    def _see(self, row: dict[str, Any], now_s: float) -> None:
+        name = row["name"]
+        self.rows[name] = row
+        there = True
+        if row["kind"] == "session":
+            pid, cycles = row["pid"] or 0, row["cycles"]
+            hand = next(each for each, of in HANDS_OF.items() if name in of)
+            there = not self._away[hand]
+            if pid and (pid, cycles) != self._cycles.get(name):
+                self._cycles[name] = pid, cycles
+                self.arms[name].told(Told(now_s, pid, row["authority"], row["phase"]))
+        self.recovery.seen(name, judge.problem_of(row, there), bool(self._excused[name]), now_s)
+
+    def sample(self) -> None:
+        while not self.stop.wait(SAMPLE_S):
+            self.sample_once()
+
+    def sample_once(self) -> None:
+        now_s = time.monotonic()
+        cycles: dict[str, tuple[float, float]] = {}
+        with contextlib.suppress(CardanError), ControlClient(self.lab.socket, 30.0) as client:
+            for unit in client.ask("figures")["units"]:
+                if unit["kind"] == "session" and unit["snapshot"] and unit["pid"]:
+                    cycles[unit["name"]] = self._tick(unit["name"], unit["pid"], unit["snapshot"])
+        with self.lock:
+            of = {name: row["pid"] for name, row in self.rows.items() if row["pid"]}
+            restarts = {name: row["restarts"] for name, row in self.rows.items()}
+        of |= {name: each.pid for name, each in self.lab.peers.items() if each.pid}
+        of |= {"daemon": self.lab.daemon.pid, "the soak itself": os.getpid()}
+        for name, pid in of.items():
+            if pid is None or (use := use_of(pid)) is None:
+                continue
+            self.mapped |= shared_memory(pid) if pid != os.getpid() else set()
+            before = self._cpu.get(pid)
+            self._cpu[pid] = now_s, use.cpu_s
+            cpu = (use.cpu_s - before[1]) / (now_s - before[0]) if before else math.nan
+            p50_s, p99_s = cycles.get(name, (math.nan, math.nan))
+            self.report.sample(
+                Sample(now_s, name, pid, use.rss_mb, use.fds, use.threads, cpu,
+                       1e3 * p50_s, 1e3 * p99_s, restarts.get(name, 0))
+            )  # fmt: skip
+        self.report.load(os.getloadavg()[0])
+
+    def _tick(self, name: str, pid: int, snapshot: dict[str, Any]) -> tuple[float, float]:
+        """p50 and p99 of the cycle since the sample before, s."""
+        within, count = snapshot["tick_within"], snapshot["cycles"]
+        before = self._histograms.get(name)
+        self._histograms[name] = pid, within, count
+        if before is None or before[0] != pid or not within or len(before[1]) != len(within):
+            return math.nan, math.nan
+        new = count - before[2]
+        p50_s, p99_s = (
+            judge.quantile_s(before[1], within, new, BOUNDS_S, share) for share in (0.5, 0.99)
+        )
+        return p50_s, p99_s
+
+    # -- hands -----------------------------------------------------------------------------------
+
+    def hand(self, hand: str) -> None:
+        """Moves a device, again and again."""
+        rng = random.Random(f"{self.seed}-{hand}")
+        while not self.stop.wait(rng.uniform(*BETWEEN_EPISODES_S)):
+            episode = hands.episode(hand, rng)
+            if self._away[hand] or not self.lab.hands[hand].play(episode.script):
+                continue
+            began_s = time.monotonic()
+            if self.stop.wait(episode.begins_s - SETTLES_S / 2):
+                return
+            with self.lock:
+                if not self._away[hand]:
+                    self.hand_asks(hand)
+                    self._asked_until_s[hand] = began_s + episode.ends_s
+            self.report.count("hand", f"{hand}: episode")
+            if self.stop.wait(episode.ends_s - episode.begins_s + SETTLES_S):
+                return
+            self.hand_gone(hand)
