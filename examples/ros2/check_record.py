@@ -1,0 +1,24 @@
+"""A record as a regression test: the control core has to give the same commands again, bit for bit.
+
+cardan run examples/ros2/session.toml --record session.mcap
+python examples/ros2/check_record.py session.mcap
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from cardan.gateway.recording.engine import replay_engine
+
+
+def main(path: str) -> int:
+    """Exit code 1 where a command differs, or the record could not be replayed to its end."""
+    reports = replay_engine(Path(path))
+    for report in reports:
+        print("\n".join(report.lines()))
+    return int(not all(report.same and not report.ended for report in reports))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))
