@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
-import signal
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from tests.foreground import signals_act
 
 # How fast an example runs says how busy the machine is; what CI chooses otherwise stays.
 settings.register_profile("cardan", settings(deadline=None))
@@ -18,7 +21,7 @@ ALL_IS_THERE = os.environ.get("CI") == "true" or os.environ.get("CARDAN_KERNEL_V
 """Whether nothing may be missing: in continuous integration, and in the virtual machine, which
 brings what its tests need."""
 
-INSTALLABLE = re.compile(r"\binstall(ed)?\b|\bDebian package")
+INSTALLABLE = re.compile(r"\binstall(ed)?\b|\bDebian package|\bnot built\b")
 """A reason to skip that somebody can do something about."""
 
 ANOTHER_MACHINE = re.compile(r"endian|64-bit|\bcompiled\b|\bcompiler\b|\bLinux only\b")
@@ -44,7 +47,8 @@ def pytest_runtest_makereport(
     excinfo = call.excinfo
     if ALL_IS_THERE and excinfo is not None and isinstance(excinfo.value, pytest.skip.Exception):
         reason = str(excinfo.value)
-        if must_be_shown(reason, item.get_closest_marker("judged") is not None):
+        judged = any(map(item.get_closest_marker, ("judged", "shown_on")))
+        if must_be_shown(reason, judged):
             try:
                 pytest.fail(_accusation(reason), pytrace=False)
             except pytest.fail.Exception:
@@ -63,19 +67,75 @@ def pytest_make_collect_report() -> Generator[None, None, None]:
             report.outcome, report.longrepr = "failed", _accusation(reason)
 
 
+LONGEST = (
+    "test_ending.py",
+    "test_device_examples.py",
+    "test_fault_table.py",
+    "gateway/daemon/test_serve.py",
+    "test_distribution.py",
+    "test_fault_matrix.py",
+    "test_lost_time.py",
+    "gateway/session/test_arm_session.py",
+    "test_ros2_examples.py",
+    "test_process_faults.py",
+    "sweep/test_sweep.py",
+    "drivers/test_spnav.py",
+    "test_cli.py",
+)
+"""Files that take more than half a minute, the longest first; of those that wait for real clocks,
+too."""
+
+OUR_MARKS = ("once", "realtime", "judged", "shown_on")
+
+ONE_MARK = re.compile(r"(\w+)(?: and not \w+)*")
+"""What -m says where it asks for the tests that have a mark."""
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out a file in which the mark that is asked for does not stand: reading and compiling
+    all files takes each worker half a minute."""
+    asked = ONE_MARK.fullmatch(config.option.markexpr)
+    if asked is None or not collection_path.match("test_*.py"):
+        return None
+    return None if asked[1] in words_of(collection_path) else True
+
+
+@functools.cache
+def words_of(path: Path) -> frozenset[str]:
+    """The words that stand in a file."""
+    return frozenset(re.findall(r"\w+", path.read_text(encoding="utf-8")))
+
+
+def check_marks(marks: Mapping[Path, set[str]]) -> None:
+    """Raise UsageError where a test has its mark from elsewhere: nobody would find it."""
+    for path, names in marks.items():
+        if strange := names - words_of(path):
+            raise pytest.UsageError(f"{path}: write the marks {strange} of its tests into the file")
+
+
+def marks_of(items: list[pytest.Item]) -> dict[Path, set[str]]:
+    """The files of tests, and those of our marks that their tests have."""
+    found: dict[Path, set[str]] = {}
+    for item in items:
+        names = found.setdefault(item.path, set())
+        names.update(name for name in OUR_MARKS if item.get_closest_marker(name) is not None)
+    return found
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take long, so that no worker is left with one in the end."""
+    marks = marks_of(items)
+    check_marks(marks)
+    place = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
+    long = {path for path, names in marks.items() if "once" in names}
+    items.sort(key=lambda item: (place.get(item.path, len(place)), item.path not in long))
+
+
 @pytest.fixture(autouse=True, scope="session")
 def signals_act_as_in_the_foreground():
-    """A shell ignores SIGINT and SIGQUIT for what it starts in the background, nohup SIGHUP, and
-    what is ignored stays so in all that is started: tests send these to themselves and to others.
-    """
-    acting = {signal.SIGINT: signal.default_int_handler}
-    acting |= dict.fromkeys((signal.SIGQUIT, signal.SIGHUP, signal.SIGTERM), signal.SIG_DFL)
-    ignored = [each for each in acting if signal.getsignal(each) is signal.SIG_IGN]
-    for each in ignored:
-        signal.signal(each, acting[each])
-    yield
-    for each in ignored:
-        signal.signal(each, signal.SIG_IGN)
+    """Tests send them to themselves and to others."""
+    with signals_act():
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -1,4 +1,5 @@
-"""Writes the tables of the documentation that drivers, simulated peers and demos declare.
+"""Writes the tables of the documentation that drivers, simulated peers and demos declare, and the
+pages of messages.
 
 Each stands in its page between the lines that `begin` and END have;
 test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
@@ -14,11 +15,13 @@ from typing import Any
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
+from cardan.gateway.session.changes import RULES
 from cardan.gateway.session.examples import find_demos
 from cardan.gateway.spnav import identity_of
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.connexion_serial import SERIAL_MODELS
 from cardan.sim_peers import registry as peers
+from tests import docs_messages, network_table
 
 ROOT = Path(__file__).parents[1]
 END = "<!-- end -->\n"
@@ -155,11 +158,27 @@ def _spnav_buttons() -> str:
     )
 
 
+def _network() -> str:
+    columns = ("name", "what", "type", *network_table.TRANSPORTS)
+    return markdown(columns, network_table.table())
+
+
+def _changes() -> str:
+    """When changes of a session's configuration take effect."""
+    keys: dict[str, list[str]] = {}
+    for key, rule in RULES.items():
+        keys.setdefault(rule.words, []).append(f"`{key}`")
+    rows = ((", ".join(named), words) for words, named in keys.items())
+    return markdown(("key, or all other keys of a table", "takes effect"), rows)
+
+
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
+    ("docs/daemon.md", "when changes take effect"): _changes,
     ("docs/configuration.md", "drivers"): _options,
     ("docs/first-ten-minutes.md", "demos"): _demos,
+    ("docs/judged.md", "network"): _network,
     ("docs/spnav.md", "buttons"): _spnav_buttons,
     ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
@@ -175,6 +194,7 @@ def main() -> None:
         path = ROOT / page
         text = path.read_text(encoding="utf-8")
         path.write_text(replaced(text, begin(name), table()), encoding="utf-8")
+    docs_messages.main()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Control cores in front of five robots, at the level of the wire, in virtual time.
+"""Control cores in front of six robots, at the level of the wire, in virtual time.
 
 A bench is one robot: a simulated controller, the network and the driver's process. Time passes
 only while the process waits for the robot, or stands still. What the robot really did, by its own
@@ -13,7 +13,7 @@ import select
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 from unittest import mock
 
 import numpy as np
@@ -21,16 +21,23 @@ import numpy as np
 from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions
 from cardan.drivers.base import RobotDriver
 from cardan.drivers.motoros import Motoros, MotorosOptions
+from cardan.drivers.robot_core import WAKE_S
+from cardan.drivers.ros2_arm import Ros2Arm
+from cardan.drivers.ros2_arm.session import STATE_TYPE
+from cardan.drivers.ros2_arm.transport import STATES_KEPT
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.protocols.egm import MCIState, decode_robot, encode_robot
 from cardan.protocols.egm.messages import EgmRobot
 from cardan.protocols.joint_stream import decode_state, encode_state
+from cardan.protocols.ros2.cdr import codec_of
 from cardan.robots import ArmModel, load_arm
 from cardan.sim_peers.arm import PlantOptions, SimulatedArm, SimulatedArmOptions
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode
+from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
 from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState, Vector3
 from tests.drivers.motoros_rig import Rig
+from tests.drivers.ros2_rig import received
 
 Array = np.ndarray
 _B = TypeVar("_B", bound="Bench")
@@ -526,6 +533,106 @@ class JointStreamBench(_Datagrams):
         self.peer.emergency_stop()
 
 
+class Ros2Bench(_Datagrams):
+    """A UR5 of a ROS 2 system, by its forward_position_controller."""
+
+    name = "ROS 2"
+    arm = "ur5"
+    direction = Vector3(0.0, -1.0, 0.0)
+    own_stop = "its controller, which keeps the last position"
+
+    def __init__(self) -> None:
+        self.peer = RosArm(RosArmOptions(robot=self.arm, rate_hz=250.0))
+        self.taken = True
+        super().__init__()
+
+    def _replaced(self) -> dict[str, object]:
+        transports = {"zenoh": lambda _options: _RosLink(self)}
+        return {"cardan.drivers.ros2_arm.driver.TRANSPORTS": transports}
+
+    def _opened(self) -> Ros2Arm:
+        robot = Ros2Arm(robot=self.arm, rate_hz=250.0)
+        robot.open()
+        return robot
+
+    @property
+    def period_s(self) -> float:
+        return self.peer.options.period_s
+
+    def _cycle(self, now_s: float) -> Sequence[Any]:
+        states = self.peer.cycle(now_s)
+        return [received(each.data, each.sequence, each.sender) for each in states]
+
+    def deliver(self, data: Any) -> None:
+        if isinstance(data, bytes):
+            data = received(data, 1, 9)
+        if len(self.queue) == STATES_KEPT:
+            self.queue.popleft()
+        self.queue.append((data, self.SOURCE))
+
+    def _told(self, data: Any) -> Any:
+        if self.bad not in ("nan", "jump"):
+            return data
+        codec = codec_of(STATE_TYPE)
+        message = codec.decode(data.data)
+        names, position = message["name"], message["position"]
+        if self.bad == "nan":
+            message["position"] = [math.nan] * len(position)
+        else:
+            order = [names.index(joint.name) for joint in self.model.joints]
+            jumped = self._jumped([position[index] for index in order])
+            for index, value in zip(order, jumped, strict=True):
+                position[index] = value
+        return data._replace(data=codec.encode(message))
+
+    def _true_joints(self) -> Sequence[float]:
+        return self.peer.plant.positions
+
+    def restart(self) -> None:
+        self.peer.go_down()
+
+    def unready(self) -> None:
+        self.peer.unload()
+
+    def unpower(self) -> None:
+        self.peer.plant.give_in()
+        self.peer.unload()
+
+    def hold(self) -> None:
+        self.taken = False
+
+
+class _RosLink:
+    """The driver's transport to the bench."""
+
+    def __init__(self, bench: Ros2Bench) -> None:
+        self._bench = bench
+
+    def now(self) -> float:
+        return self._bench.now_s
+
+    def send(self, data: bytes) -> None:
+        self._bench.peer.receive(data)
+
+    def wait(self) -> list[Any]:
+        self._bench.wait(WAKE_S)
+        return self.waiting()
+
+    def waiting(self) -> list[Any]:
+        queue = self._bench.queue
+        return [queue.popleft()[0] for _ in range(len(queue))]
+
+    def taken(self) -> bool:
+        bench = self._bench
+        return bench.taken and bench.peer.up and bench.peer.loaded
+
+    def description(self) -> str:
+        return ""
+
+    def close(self) -> None:
+        pass
+
+
 # -- MotoROS --------------------------------------------------------------------------------------
 
 
@@ -650,4 +757,5 @@ BENCHES: tuple[type[Bench], ...] = (
     MotorosStreamBench,
     MotorosBench,
     JointStreamBench,
+    Ros2Bench,
 )

@@ -15,6 +15,23 @@ from cardan.sim_peers.base import SimulatedPeer
 
 _P = TypeVar("_P", bound=SimulatedPeer)
 
+ARM_SESSION = """
+[robot]
+driver = "sim_arm"
+robot = "ur5"
+drive = "ideal"
+
+[arm]
+model = "ur5"
+
+[network]
+name = "arm"
+namespace = "left"
+router = ""
+listen = ["{endpoint}"]
+"""
+"""A session's file: an arm on the network as /left/arm, met at `endpoint`."""
+
 
 @contextmanager
 def in_a_thread(peer: _P) -> Iterator[_P]:
@@ -26,6 +43,19 @@ def in_a_thread(peer: _P) -> Iterator[_P]:
 def free_udp_port() -> int:
     """A UDP port nobody has now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def free_endpoint() -> str:
+    """An endpoint of Zenoh on loopback that nobody has now."""
+    return f"tcp/127.0.0.1:{free_tcp_port()}"
+
+
+def free_tcp_port() -> int:
+    """A TCP port nobody has now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port

@@ -108,6 +108,7 @@ def test_check_says_what_moves_an_arm_without_a_device(tmp_path):
     text = cardan("check", EXAMPLES / "verbs-ur5-simulated.toml")
     assert "device   none" in text
     assert "moved by verbs and streams of a program" in text
+    assert "servo    compiled" in text
     assert "dead-man" not in text
     bare = tmp_path / "bare.toml"
     bare.write_text('[robot]\ndriver = "abb_egm"\n')
@@ -200,8 +201,9 @@ def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path, fr
     """Shown by the issue: ``cardan run`` answers a controller that starts, stops and restarts."""
     program = tmp_path / "program.txt"
     program.write_text(
-        "0.5 movej\n0.5 getid\n0.5 setup\n0.5 act window=1e-9 max-speed=180\n"
-        "0.5 run cond-time=1e6 nowait\n1.5 stop\n2.5 restart\n4.0 controller-restart\n"
+        # The session listens by then, on a busy computer too.
+        "4.0 movej\n4.0 getid\n4.0 setup\n4.0 act window=1e-9 max-speed=180\n"
+        "4.0 run cond-time=1e6 nowait\n5.0 stop\n6.0 restart\n7.5 controller-restart\n"
     )
     config = tmp_path / "session.toml"
     config.write_text(
@@ -213,7 +215,7 @@ def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path, fr
         Peer("spacemouse", "--hid", tmp_path / "hid", "--script", "rest"),
         Peer("abb-gofa", "--to", to, "--script", program) as robot,
     ):
-        text = cardan("run", config, "--seconds", "9")
+        text = cardan("run", config, "--seconds", "12")
     assert robot.endpoint == to
     sessions = next(line for line in text.splitlines() if "robot sessions" in line)
     assert int("".join(filter(str.isdigit, sessions))) >= 3

@@ -6,9 +6,12 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
+
+from tests.conftest import LONGEST, check_marks, pytest_ignore_collect
 
 CONFTEST = Path(__file__).with_name("conftest.py")
 
@@ -29,6 +32,13 @@ def test_no_package():
 @judged
 def test_judged_without_multicast():
     pytest.skip("no multicast here")
+
+def test_no_page():
+    pytest.skip("the page is not built: run tools/console")
+
+@pytest.mark.shown_on(transport="y", by="z")
+def test_shown_without_multicast():
+    pytest.skip("no multicast today")
 
 @judged
 @pytest.mark.skipif(True, reason="no judge today")
@@ -62,7 +72,9 @@ def test_never_reached(): ...
 MISSING = {
     "test_no_library": "libx0",
     "test_no_package": "install the Debian package x",
+    "test_no_page": "run tools/console",
     "test_judged_without_multicast": "no multicast",
+    "test_shown_without_multicast": "no multicast",
     "test_judged_and_marked": "no judge today",
     "test_module": "no_such_package is not installed",
 }
@@ -155,3 +167,35 @@ def test_signals_act_whatever_the_shell_that_starts_the_tests_ignores(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout
+
+
+def test_the_files_that_are_begun_first_are_there():
+    assert [name for name in LONGEST if not (CONFTEST.parent / name).is_file()] == []
+
+
+@pytest.mark.parametrize(
+    ("asked", "text", "left_out"),
+    [
+        ("once", "pytestmark = pytest.mark.once", False),
+        ("once and not realtime", "pytestmark = [pytest.mark.realtime, pytest.mark.once]", False),
+        ("once and not realtime", "pytestmark = pytest.mark.realtime", True),
+        ("realtime", "def test_nonce(): ...", True),
+        ("not once and not realtime", "def test_it(): ...", False),
+        ("not realtime", "def test_it(): ...", False),
+        ("", "def test_it(): ...", False),
+    ],
+)
+def test_only_a_file_without_the_mark_is_left_unread(tmp_path, asked, text, left_out):
+    file = tmp_path / "test_file.py"
+    file.write_text(text)
+    config = SimpleNamespace(option=SimpleNamespace(markexpr=asked))
+    assert bool(pytest_ignore_collect(file, config)) == left_out
+    assert not pytest_ignore_collect(tmp_path, config)
+
+
+def test_a_mark_from_elsewhere_is_an_error(tmp_path):
+    file = tmp_path / "test_file.py"
+    file.write_text("from tests.marks import MARKED as pytestmark")
+    check_marks({file: set()})
+    with pytest.raises(pytest.UsageError, match=r"test_file\.py: write the marks .'once'. of its"):
+        check_marks({file: {"once"}})

@@ -18,7 +18,15 @@ from cardan.protocols.connexion import model_by_key
 from cardan.protocols.leap import decode_service
 from cardan.protocols.spnav import encode_button, encode_motion
 from cardan.types import DeviceLink, Vector3
-from tests.drivers import evdev_bench, jr3_rig, leap_frames, omni_rig, wiimote_bench
+from tests.drivers import (
+    evdev_bench,
+    handheld_rig,
+    jr3_rig,
+    leap_frames,
+    omni_rig,
+    ros2_node_rig,
+    wiimote_bench,
+)
 from tests.drivers.test_spacemouse_serial import Bench as SerialBench
 from tests.drivers.test_spacemouse_simulated import Bench as SpaceMouseBench
 
@@ -440,6 +448,69 @@ class Omni(Intercepted):
         self.core.on_opened(omni_rig.TOUCH, self.now_s)
 
 
+class SpacenavNode(Subject):
+    name = "spacenav_node, Zenoh"
+    node = "spacenav"
+
+    def __init__(self):
+        super().__init__()
+        self.rig = ros2_node_rig.Bench(self.node)
+        self.rig.touch()
+        self.rig.mangle = lambda data: self.passed(data, self.rig.now_s)
+
+    def deflect(self):
+        self.rig.device.press("button-0")
+        self.rig.run(0.3, HALF)
+
+    def let_go(self):
+        self.rig.device.release("button-0")
+        self.rig.run(0.3, REST)
+
+    def replug(self):
+        self.core.on_opened(self.now_s)
+
+
+class JoyNode(SpacenavNode):
+    """20 messages a second: four of them make a silence."""
+
+    name = "joy_node, Zenoh"
+    node = "joy_node"
+    within_s = 0.2 + STEP_S
+
+
+class PhonePage(Subject):
+    """Sixty frames a second; the newest counts for 0.15 s after the page made it."""
+
+    name = "phone, page"
+    kind = "phone"
+    within_s = 0.15 + STEP_S
+
+    def __init__(self):
+        super().__init__()
+        self.rig = handheld_rig.Bench(self.kind)
+        self.rig.live()
+        self.rig.mangle = lambda data: self.passed(data, self.rig.now_s)
+
+    def deflect(self):
+        self.rig.device.press("hold")
+        self.rig.run(0.1)
+        self.rig.run(0.2, HALF)
+
+    def let_go(self):
+        self.rig.device.release("hold")
+        self.rig.run(0.3, REST)
+
+    def replug(self):
+        self.core.on_opened(self.now_s)
+        # The page is another one, on which Align is pressed anew.
+        self.rig.device.aligns_until_s = self.rig.device.next_due_s + 0.1
+
+
+class XrPage(PhonePage):
+    name = "XR, page"
+    kind = "xr"
+
+
 SUBJECTS = (
     SpaceMouse,
     Magellan,
@@ -454,6 +525,10 @@ SUBJECTS = (
     Omni,
     Gamepad,
     Keyboard,
+    SpacenavNode,
+    JoyNode,
+    PhonePage,
+    XrPage,
 )
 UNSEEN = {("gamepad", "silence"), ("keyboard", "silence")}
 """The kernel reports changes only, so that silence is a hand that holds still: docs/gamepad.md."""

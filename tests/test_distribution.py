@@ -16,9 +16,10 @@ import pytest
 
 import cardan
 from cardan.drivers import registry
+from cardan.gateway.faces.console.site import FOLDER as PAGE
 from tests.serving import free_udp_port
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.once, pytest.mark.timeout(400)]
 
 ROOT = Path(__file__).parents[1]
 LARGEST_BYTES = 60_000_000
@@ -31,6 +32,7 @@ EVERY_DRIVER = """
 import importlib.util, sys
 import cardan
 from cardan.drivers import registry
+from cardan.gateway.faces.console.site import FOLDER as PAGE
 loaded = registry.load_all()
 assert not loaded.refused, loaded.refused
 print(*loaded.classes)
@@ -71,9 +73,10 @@ class Installation:
     def __init__(self, folder: Path, released: Path) -> None:
         self.folder = folder
         self._environment = folder / "environment"
-        run(sys.executable, "-m", "venv", self._environment)
+        run(sys.executable, "-m", "venv", "--without-pip", self._environment)
         bare_bytes = occupied_bytes(self._environment)
-        run(self._environment / "bin/python", "-m", "pip", "install", "--quiet", released)
+        pip = (sys.executable, "-m", "pip", "--python", self._environment)
+        run(*pip, "install", "--quiet", released)
         self.added_bytes = occupied_bytes(self._environment) - bare_bytes
 
     def python(self, program: str) -> str:
@@ -131,6 +134,28 @@ def test_neither_knows_the_machine_it_was_made_on(wheel: Path, sdist: Path) -> N
             assert not member.uname, f"{member.name} is of {member.uname}"
     for place in {str(ROOT), str(Path.home()), sys.prefix, sys.base_prefix}:
         assert [name for name, data in contents.items() if f"{place}/".encode() in data] == []
+
+
+def test_both_have_the_consoles_page_and_its_sources_are_in_the_archive_alone(
+    wheel: Path, sdist: Path
+) -> None:
+    here = {f"{PAGE.relative_to(ROOT)}/{path.name}": path.read_bytes() for path in PAGE.iterdir()}
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        assert {name: archive.read(name) for name in names if re.search(r"/page/.", name)} == here
+        assert not [name for name in names if name.startswith("console/")]
+    with tarfile.open(sdist) as archive_:
+        inside = {member.name.partition("/")[2] for member in archive_}
+    assert inside >= {*here, "console/src/main.ts", "console/package-lock.json", "tools/console"}
+    assert not [name for name in inside if "node_modules" in name]
+
+
+def test_its_page_needs_nothing_of_the_checkout(light: Installation) -> None:
+    program = (
+        "from cardan.gateway.faces.console.site import Site;"
+        "print(b'console.js' in Site().answer('/').body)"
+    )
+    assert light.python(program).strip() == "True"
 
 
 def test_without_extras_it_is_small(light: Installation) -> None:
@@ -203,7 +228,7 @@ def test_what_needs_an_arms_model_says_what_to_install(
 ) -> None:
     lines = [line for line in light.cardan(*words, codes=(3,)).splitlines() if "cardan: " in line]
     (line,) = lines
-    assert "needs the libraries of an arm's model" in line
+    assert "an arm's model needs numpy, pin, coal" in line
     assert line.endswith('pip install "cardan[arm]"')
 
 

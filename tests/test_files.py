@@ -10,7 +10,7 @@ import pytest
 
 from cardan.dissect.capture import Capture
 from cardan.errors import CaptureError, ConfigurationError, ScriptError
-from cardan.files import TEXT_BYTES, create_file, read_text
+from cardan.files import TEXT_BYTES, create_file, read_text, state_folder
 from cardan.gateway.kinematics.soft_neck import load_soft_neck
 from cardan.gateway.session.assembly import load_config
 from cardan.robots.arm_model import load_arm
@@ -120,3 +120,16 @@ def test_a_record_into_a_pipe_is_written(tmp_path):
         file.write("row")
     assert os.read(reader, 10) == b"row"
     os.close(reader)
+
+
+def test_the_state_of_a_user_without_a_home(monkeypatch):
+    for name in ("HOME", "XDG_STATE_HOME", "STATE_DIRECTORY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)
+    with pytest.raises(ConfigurationError, match="HOME: this user has no home folder: set HOME"):
+        state_folder()
+    monkeypatch.setenv("XDG_STATE_HOME", "relative")
+    with pytest.raises(ConfigurationError, match="no home folder"):
+        state_folder()
+    monkeypatch.setenv("XDG_STATE_HOME", "/var/tmp/state")
+    assert str(state_folder()) == "/var/tmp/state/cardan"

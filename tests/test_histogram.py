@@ -48,3 +48,12 @@ def test_ends_of_the_range_are_counted(seconds: float) -> None:
 def test_percentile_outside_0_to_100_is_refused(p: float) -> None:
     with pytest.raises(ValueError, match="0 to 100"):
         LatencyHistogram().percentile(p)
+
+
+def test_how_many_were_within_bounds():
+    histogram = LatencyHistogram()
+    for each in (0.0, 1e-4, 9e-4, 2e-3, 3e-2, 1e4):
+        histogram.add(each)
+    assert histogram.within((2e-4, 1e-3, 4e-3, 0.05, 1e6)) == [2, 3, 4, 5, 6]
+    assert histogram.within(()) == []
+    assert histogram.sum == pytest.approx(1e4, abs=0.1)

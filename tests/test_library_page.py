@@ -30,7 +30,6 @@ def needed(program):
 
 
 @pytest.mark.once
-@pytest.mark.realtime
 @pytest.mark.parametrize("program", PROGRAMS, ids=range(len(PROGRAMS)))
 def test_the_programs_run(program, tmp_path):
     port = free_udp_port()

@@ -17,20 +17,10 @@ from cardan.output import (
     BackgroundOutput,
     DroppingOutput,
 )
+from tests.waiting import until
 
 WITHIN_S = 20.0
 PIECE = b"x" * 4096
-
-
-def until(done):
-    give_up = threading.Event()
-    timer = threading.Timer(WITHIN_S, give_up.set)
-    timer.start()
-    try:
-        while not done():
-            assert not give_up.wait(0.005), "it did not happen"
-    finally:
-        timer.cancel()
 
 
 @pytest.fixture

@@ -1,12 +1,13 @@
 """Classes are found by name, ours and those of other packages."""
 
 import re
+import sys
 from importlib.metadata import EntryPoint
 
 import pytest
 
-from cardan.errors import ConfigurationError
-from cardan.plugins import Finder
+from cardan.errors import ConfigurationError, ExtraMissingError
+from cardan.plugins import Finder, reason
 from cardan.signals import EndingSignalError
 
 POINTS = [
@@ -161,3 +162,37 @@ def test_what_anothers_class_raises_is_an_error_of_the_key(finder):
         raise KeyError("x")
     with pytest.raises(KeyError), finder.using("ours", "device.driver"):
         raise KeyError("x")
+
+
+@pytest.mark.parametrize(
+    ("raised", "kind", "words"),
+    [
+        ("raise MemoryError", MemoryError, "there is too little memory"),
+        ("import errno; raise OSError(errno.ENOMEM, 'x')", OSError, "there is too little memory"),
+        ("import errno; raise OSError(errno.EMFILE, 'x')", OSError, "too many files are open"),
+        ("raise ImportError('cannot allocate memory')", ImportError, "there is too little memory"),
+        (
+            "from cardan.errors import ExtraMissingError\n"
+            "raise ExtraMissingError('it', 'numpy', 'arm', 'gone')",
+            ExtraMissingError,
+            'it needs numpy, which cannot be imported \\(gone\\): pip install "cardan\\[arm\\]"',
+        ),
+    ],
+)
+def test_what_is_missing_is_no_fault_of_a_plug_in(tmp_path, monkeypatch, raised, kind, words):
+    (tmp_path / "plugin_that_lacks.py").write_text(raised)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "plugin_that_lacks", raising=False)
+    points = [EntryPoint("poor", "plugin_that_lacks:Trap", "group"), POINTS[0]]
+    finder = Finder(ArithmeticError, "trap", {}, lambda: points)
+    with pytest.raises(kind) as error:
+        finder.load("poor")
+    assert re.match(words, reason(error.value))
+    found = finder.load_all()
+    assert list(found.classes) == ["theirs"]
+    assert re.match(f"cannot be loaded: {words}", found.refused["poor"])
+
+
+def test_a_shortage_in_use_is_no_fault_of_a_plug_in(finder):
+    with pytest.raises(MemoryError), finder.using("theirs", "trap"):
+        raise MemoryError

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import stat
+import threading
 
 import pytest
 
@@ -155,3 +157,19 @@ def test_what_is_missing_is_named_in_full(tmp_path, monkeypatch):
     )
     (tmp_path / "there").touch()
     assert absence("there") == ""
+
+
+def test_a_queue_that_is_full_is_waited_for(tmp_path):
+    path = str(tmp_path / "sock")
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(socket.socket(socket.AF_UNIX))
+        server.bind(path)
+        server.listen(0)
+        waiting = stack.enter_context(connected(path, socket.SOCK_STREAM, 5.0))
+        with pytest.raises(TimeoutError, match="too many programs wait there"):
+            connected(path, socket.SOCK_STREAM, 0.05)
+        timer = threading.Timer(0.05, lambda: stack.enter_context(server.accept()[0]))
+        timer.start()
+        connected(path, socket.SOCK_STREAM, 20.0).close()
+        timer.join()
+        assert waiting.fileno() >= 0

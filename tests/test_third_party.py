@@ -7,7 +7,7 @@ import pytest
 
 from tests import installed
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.once
 
 ENTRY_POINTS = {
     "cardan.drivers": {"lever": "lever.driver:Lever"},

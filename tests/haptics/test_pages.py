@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.haptics import pages
+from bench import pages
 
 pytestmark = pytest.mark.once
 

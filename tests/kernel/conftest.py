@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -12,6 +14,12 @@ INSIDE = os.environ.get("CARDAN_KERNEL_VM") == "1"
 
 collect_ignore_glob = [] if INSIDE else ["test_*.py"]
 """Outside the virtual machine nothing here is collected."""
+
+FAULT_ROW = "fault-row "
+"""Begins a line with what a session did on a bad network, as JSON: ``python -m
+tests.process_faults --kernel LOG`` takes these lines into docs/faults.md."""
+
+_fault_rows: list[dict[str, Any]] = []
 
 _judged: list[tuple[str, str, str]] = []
 
@@ -36,6 +44,12 @@ def modules() -> Iterator[Callable[..., None]]:
     return load
 
 
+@pytest.fixture
+def fault_rows() -> list[dict[str, Any]]:
+    """Rows that are printed at the end."""
+    return _fault_rows
+
+
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
     outcome = yield
@@ -47,7 +61,11 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """The paths through the kernel that were exercised, as a list."""
+    """What the fault table gets, and the paths through the kernel that were exercised."""
+    if _fault_rows:
+        terminalreporter.section("for the fault table")
+        for row in _fault_rows:
+            terminalreporter.line(FAULT_ROW + json.dumps(row))
     if _judged:
         terminalreporter.section("shown against the Linux kernel")
         for device, transport, by in dict.fromkeys(_judged):

@@ -31,7 +31,7 @@ def wait_for(ask: Callable[[], _T], patience_s: float = PATIENCE_S, poll_s: floa
 
 
 @contextmanager
-def in_a_process(peer: SimulatedPeer) -> Iterator[str]:
+def in_a_process(peer: SimulatedPeer, most_s: float = MOST_S) -> Iterator[str]:
     """Serve `peer` in a process of its own; its endpoint.
 
     For what blocks this one: hidapi's libusb back end waits for the device with Python's lock held.
@@ -43,7 +43,7 @@ def in_a_process(peer: SimulatedPeer) -> Iterator[str]:
             os.close(reader)
             os.dup2(writer, 1)
             sys.stdout = os.fdopen(1, "w", closefd=False)
-            serve(peer, MOST_S)
+            serve(peer, most_s)
         finally:
             os._exit(0)
     os.close(writer)

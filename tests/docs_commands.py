@@ -1,0 +1,117 @@
+"""The commands that stand on the pages, and which test runs each.
+
+A command is a line of a block without a language, or of the shell's. Those that are done at once,
+and simulated peers, are run by test_docs_commands itself; RUN names the tests of the others, and
+BY_HAND those that no test can run as they stand, with what shows them instead.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/**/README.md")]
+)
+PROGRAMS = re.compile(
+    r"(?:sudo |[A-Z_]+=\S+ )*(?:cardan|make|pip|python|python3|cp|adb|ros2|export|modprobe|"
+    r"\.\w+/bin/python|tools/[\w-]+|udevadm|ip|tee) "
+    r"|make$|cardan (?:ps|top|devices|doctor|udev)$"
+)
+PRINTED = re.compile(r"cardan(?: \w+)?: |cardan +\d")
+"""What Cardan prints about itself, which is no command."""
+BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+
+
+class Command(NamedTuple):
+    line: str
+    page: str
+
+
+def commands() -> list[Command]:
+    """Of all pages, each once."""
+    found: dict[str, str] = {}
+    for page in PAGES:
+        for language, block in BLOCK.findall(page.read_text(encoding="utf-8")):
+            if language not in ("", "sh"):
+                continue
+            for each in block.replace("\\\n", " ").splitlines():
+                line = re.sub(r" +# .*$| &$", "", each.strip()).strip()
+                line = " ".join(re.sub(r" & *#.*$", "", line).split()) if "'" not in line else line
+                if PROGRAMS.match(line) and not PRINTED.match(line):
+                    found.setdefault(line, str(page.relative_to(ROOT)))
+    return [Command(line, page) for line, page in sorted(found.items())]
+
+
+AT_ONCE = re.compile(
+    r"cardan (?:devices|drivers\b.*|udev|check \S+|sim \S+ --(?:library|list-\w+))$"
+)
+"""Run as they stand, by the name of a file that is there."""
+
+PEER = re.compile(
+    r"cardan sim (?!omni\b)(?!.*--(?:uhid|uinput|usbip|keyboard|list-|serve-socketcand))"
+)
+"""Run until they serve."""
+
+DAEMON = "tests/gateway/daemon"
+RECORDS = "tests/gateway/recording/test_commands.py"
+RUN = {
+    r"cardan run examples/ros2/": "tests/test_ros2_examples.py::test_the_programs_move_the_arm",
+    r"cardan run examples/[\w-]+-simulated\.toml": "tests/test_device_examples.py::test_the_example_runs",
+    r"cardan run \S+ --record \S+": f"{RECORDS}::test_a_session_is_recorded_while_it_runs_from_its_first_cycle_on",
+    r"cardan run \S+ --console": "tests/test_console_page.py",
+    r"cardan run": "tests/test_tutorials.py::test_the_tutorial_works",
+    r"cardan demo ros2-(joy|spacenav)": "tests/test_device_examples.py::test_the_example_runs",
+    r"cardan demo (phone-ur5)": "tests/test_device_examples.py::test_the_example_runs",
+    r"cardan demo omni-sphere": "tests/test_device_examples.py::test_the_haptic_example_runs_and_is_felt",
+    r"cardan demo omni ": "tests/gateway/session/test_demo.py::test_the_drawing_runs_and_is_felt",
+    r"cardan demo console": "tests/gateway/session/test_console_demo.py::test_a_browser_moves_the_arm_by_the_page_and_pictures_of_it_are_left",
+    r"cardan demo lever-ur5": "tests/test_template_packages.py::test_its_demos_run",
+    r"cardan (drivers|sim) lever": "tests/test_template_packages.py::test_it_is_in_every_list",
+    r"cardan doctor": "tests/test_doctor_command.py::test_what_fails_stands_with_why_and_the_command_that_mends_it",
+    r"cardan network": "tests/test_face_command.py::test_the_network_is_joined_as_a_session_joins_it",
+    r"cardan face router": "tests/test_face_command.py::test_a_router_serves_until_a_signal",
+    r"cardan face (dds|foxglove|rosbridge)": "tests/test_face_command.py::test_every_face_tells_what_it_does_and_what_its_options_mean",
+    r"cardan serve examples/two-arms": f"{DAEMON}/test_two_arms.py",
+    r"cardan (serve|ps|top|stop|arm)": f"{DAEMON}/test_serve.py",
+    r"cardan service (install|show)": f"{DAEMON}/test_service.py",
+    r"sudo cardan service install": f"{DAEMON}/test_service.py",
+    r"cardan record": f"{RECORDS}::test_a_record_is_ended_by_ctrl_c",
+    r"cardan replay --engine": f"{RECORDS}::test_the_engine_is_replayed_in_another_process",
+    r"cardan replay": "tests/gateway/recording/test_replay.py::test_topics_can_be_chosen",
+    r"cardan plot": "tests/gateway/recording/test_plot.py::test_a_picture",
+    r"cardan dissect": "tests/dissect",
+    r"cardan force": "tests/gateway/force/test_service.py",
+    r"cardan spnav": "tests/gateway/spnav/test_server.py",
+    r"cardan sim \S+ .*--keyboard": "tests/sim_peers",
+    r"cardan sim jr3 --serve-socketcand": "tests/sim_peers",
+    r"cardan sim omni .*cardan haptic": "tests/gateway/session/test_haptic_alone.py",
+    r"cardan sim omni .*cardan run": "tests/test_device_examples.py::test_the_haptic_example_runs_and_is_felt",
+    r"cardan sim omni": "tests/sim_peers/test_omni_wrapper.py",
+    r"(sudo )?cardan sim \S+ --(uhid|uinput|usbip)": "tests/kernel",
+    r"python examples/ros2/check_record\.py": "tests/test_ros2_examples.py::test_a_record_is_a_regression_test",
+    r"python examples/ros2/": "tests/test_ros2_examples.py::test_the_programs_move_the_arm",
+    r"python examples/say\.py": "tests/gateway/hand/filters/test_pages.py",
+    r"python \w+\.py$": "tests/test_tutorials.py::test_the_tutorial_works",
+    r"\S+/python -m fuzz": "tests/test_fuzz.py",
+    r"ros2 (topic|service|param|action) .*(cartesian_control|servo|joint_states|diagnostics|cmd_vel|target_frame|state_command|delta)": "tests/test_ros2_examples.py::test_the_lines_of_ros2_do_what_the_page_says",
+    r"ros2 topic (echo|pub).* /(spacenav|joy)": "tests/test_ros2_examples.py::test_a_device_of_ours_is_one_of_ros",
+    r"ros2 (topic|service|param) .*/omni": "tests/gateway/bus/test_haptic_server.py",
+    r"tools/kernel-vm": "tests/kernel",
+    r"sudo tools/debian-packages": "tests/kernel",
+}
+"""By a pattern of the command: the test, or the folder of those, that run it."""
+
+BY_HAND = {
+    r"make": "test_docs_commands has make plan it; CI runs demo, test, lint, types, docs and the kernel",
+    r"pip install": "test_docs_commands holds the extras to those there are; test_distribution installs",
+    r"cp ": "test_docs_commands holds the file to those there are",
+    r"cardan --install-completion": "changes the user's shell: tests/test_completion.py",
+    r"cardan run examples/jr3-ur5\.toml": "a CAN bus: tests/kernel, and test_docs checks the file",
+    r"cardan udev \| sudo tee": "changes the system: `cardan udev` itself is run",
+    r"sudo (ip|udevadm|modprobe)|modprobe|sudo tools/bare-debian|adb|export": "changes the system, or another one",
+    r"ros2 (launch|run|node list)": "needs ROS 2",
+}
+"""By a pattern of the command: why no test runs it as it stands, and what shows it instead."""

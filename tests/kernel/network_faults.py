@@ -1,0 +1,166 @@
+"""A session whose network becomes bad, or whose computer is set to another time, while its arm
+moves: rows of the fault table."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cardan.gateway.session import demo
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.demo import launched
+from cardan.gateway.session.examples import free_ports
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import supervise
+from tests.kernel.test_session_netem import PERIOD_S, PROGRAM, loopback as loopback, story
+
+SPEED_M_S = 0.04
+HAND = """
+    0.2  axes 0 0 0.2 0 0 0 over 0.1
+    0.3  neutral over 0.1
+    0.8  press first
+    1.0  axes -1 0 0 0 0 0
+    5.0  axes 1 0 0 0 0 0
+    9.0  neutral
+    9.2  release first
+    9.4  loop
+"""
+SECONDS = 300.0
+"""Longest time of the session; it ends once all was tried."""
+SILENCE_S = 0.5
+"""Of the link: as many of the slow periods here as 0.1 s is of real ones, and a half."""
+STEADY = 3
+"""Snapshots, ten a second, in which the arm has its speed before the fault."""
+WATCH_S = 1.5
+
+Act = Callable[[Callable[..., None]], None]
+
+
+def shaped(*words: str) -> Act:
+    return lambda loopback: loopback(*words)
+
+
+def stepped(seconds: float) -> Act:
+    """The computer is set to another time."""
+    return lambda _: time.clock_settime(time.CLOCK_REALTIME, time.time() + seconds)
+
+
+FAULTS: dict[str, Act] = {
+    **{f"{share} % of all datagrams lost": shaped("loss", f"{share}%") for share in (1, 5, 10, 30)},
+    **{f"{ms} ms of delay, each way": shaped("delay", f"{ms}ms") for ms in (20, 50, 100, 200)},
+    "the clock is set forward by 1 h": stepped(3600.0),
+    "the clock is set back by 2 h": stepped(-7200.0),
+}
+
+GAPS = {f"{ms} ms of delay, each way" for ms in (100, 200)}
+"""Faults that begin with so long a gap that the arm stops."""
+
+
+def held_up(snapshot: Snapshot, name: str) -> bool:
+    """Whether the emulator was too slow for the session or its supervisor: another fault."""
+    said = f"{snapshot.message} {snapshot.hold_reason}"
+    return "supervises" in said or ("stood still" in said and name not in GAPS)
+
+
+class Course:
+    """One fault after the other, each while the arm moves steadily."""
+
+    def __init__(self, loopback: Callable[..., None]) -> None:
+        self._loopback = loopback
+        self._left = list(FAULTS)
+        self._steady = 0
+        self._seen: list[Snapshot] = []
+        self._at_s = 0.0
+        self._name = ""
+        self.all: list[Snapshot] = []
+        self.rows: list[dict[str, Any]] = []
+
+    @property
+    def over(self) -> bool:
+        return not self._left and not self._name
+
+    def show(self, snapshot: Snapshot) -> None:
+        now_s = time.monotonic()
+        self.all.append(copy.deepcopy(snapshot))
+        if not self._name:
+            speed = max((abs(each) for each in snapshot.twist[:3]), default=0.0)
+            going = snapshot.phase == "moving" and speed > 0.9 * SPEED_M_S
+            self._steady = self._steady + 1 if going else 0
+            if self._left and self._steady >= STEADY:
+                self._name, self._at_s, self._seen = self._left.pop(0), now_s, [self.all[-1]]
+                FAULTS[self._name](self._loopback)
+            return
+        self._seen.append(self.all[-1])
+        if now_s >= self._at_s + WATCH_S:
+            self._loopback("delay", "0ms")
+            let_go = any("left" not in each.buttons for each in self._seen)
+            if let_go or any(held_up(each, self._name) for each in self._seen):
+                self._left.append(self._name)  # Once more, after the others.
+            else:
+                self.rows.append(self._row())
+            self._name, self._steady = "", 0
+
+    def _row(self) -> dict[str, Any]:
+        first, last = self._seen[0], self._seen[-1]
+        moves = [each.phase == "moving" for each in self._seen]
+        stopped = moves.index(False) if False in moves else None
+        said = [each.message or each.hold_reason for each in self._seen]
+        return {
+            "name": self._name,
+            "stop_s": None if stopped is None else self._seen[stopped].elapsed_s - first.elapsed_s,
+            "distance_m": math.dist(first.pose[:3], last.pose[:3]),
+            "peak_m_s": fastest(self._seen),
+            "again": stopped is not None and any(moves[stopped:]),
+            "said": next(filter(None, said), ""),
+        }
+
+
+def fastest(snapshots: list[Snapshot]) -> float:
+    """The highest speed that was commanded, m/s."""
+    return max(math.hypot(*snapshot.twist[:3]) for snapshot in snapshots)
+
+
+@pytest.mark.timeout(440)
+@pytest.mark.judged(
+    device="GoFa", transport="EGM with loss, delay, clock steps", by="Linux kernel 6.1: netem"
+)
+def test_a_bad_network_and_a_wrong_clock_make_no_arm_faster_and_move_none_again(
+    loopback: Callable[..., None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    fault_rows: list[dict[str, Any]],
+):
+    monkeypatch.setattr(demo, "READY_WITHIN_S", 80.0)  # imports take long in the emulator
+    hand, program = tmp_path / "hand.txt", tmp_path / "program.txt"
+    hand.write_text(HAND)
+    program.write_text(PROGRAM)
+    hid, port = str(tmp_path / "puck"), free_ports()
+    config = parse_config(
+        {
+            "device": {"driver": "spacemouse", "transport": "socket", "path": hid},
+            "robot": {"driver": "abb_egm", "listen_port": port, "silence_s": SILENCE_S},
+            "mapping": {"deadman": "left", "linear_speed_m_s": SPEED_M_S},
+        }
+    )
+    course = Course(loopback)
+    with (
+        launched("sim", "spacemouse", "--hid", hid, "--script", str(hand)),
+        launched(
+            *("sim", "abb-gofa"),
+            *("--to", f"127.0.0.1:{port}", "--script", str(program), "--period", str(PERIOD_S)),
+        ),
+    ):
+        supervise(config, SECONDS, course.show, lambda: not course.over)
+    fault_rows += course.rows
+    assert {row["name"] for row in course.rows} == {*FAULTS}, story(course.all)
+    assert not [row for row in course.rows if row["again"]]
+    assert fastest(course.all) < 1.1 * SPEED_M_S
+    for row in course.rows:
+        if "clock" in row["name"] or row["name"].startswith(("1 ", "5 ", "20 ")):
+            assert row["stop_s"] is None, (row, story(course.all))

@@ -1,0 +1,180 @@
+"""The other processes of the fault table: a simulated robot that notes how it moves, and a
+simulated device whose hand does what it is told.
+
+    python -m tests.process_faults.peers robot KIND FILE PORT
+    python -m tests.process_faults.peers hand KIND PLACE
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cardan.realtime import ask_for_real_time
+from cardan.sim_peers.arm import SimulatedArmOptions, SimulatedArmPeer
+from cardan.sim_peers.arm.options import PlantOptions
+from cardan.sim_peers.base import ScriptStep, SimulatedPeer, parse_script
+from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode
+from cardan.sim_peers.evdev import hand as pad
+from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
+from cardan.sim_peers.hand_peer import HandPeer
+from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
+from cardan.sim_peers.ros2_arm.options import RosArmOptions
+from cardan.sim_peers.ros2_arm.peer import RosArmPeer
+from cardan.sim_peers.ros2_device.peer import NodePeer, NodePeerOptions
+from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions, hand as puck
+from cardan.sim_peers.wiimote import hand as remote
+from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
+
+COMM_TIMEOUT_S = 0.2
+"""EGM's, as docs/abb-egm.md sets it."""
+
+JOINTS = 6
+SAMPLE = struct.Struct(f"d{JOINTS}d")
+"""Local monotonic time, s, and the joints, rad; with a time of NaN another process begins."""
+
+SAMPLE_S = 0.004
+LATE_S = 0.002
+"""Most between a robot's cycle and the sample of it; later ones are left out."""
+LISTEN_S = 0.02
+
+# -- robots ---------------------------------------------------------------------------------------
+
+
+def _gofa(mode: str, port: int) -> tuple[SimulatedPeer, Callable[[], Sequence[float]]]:
+    options = EgmControllerOptions(pc_port=port, mode=Mode(mode), comm_timeout_s=COMM_TIMEOUT_S)
+    peer = EgmControllerPeer(options)
+    return peer, lambda: peer.core.joints_rad
+
+
+def _gp8(port: int) -> tuple[SimulatedPeer, Callable[[], Sequence[float]]]:
+    peer = MotorosControllerPeer(MotorosControllerOptions(base_port=port, velocity_mode=True))
+    return peer, lambda: peer.controller.measured_rad(0)
+
+
+# Without dynamics, which would take half of a processor: what is seen is what they are commanded.
+
+
+def _ur5(port: int) -> tuple[SimulatedPeer, Callable[[], Sequence[float]]]:
+    options = SimulatedArmOptions(robot="ur5", port=port, plant=PlantOptions(drive="ideal"))
+    peer = SimulatedArmPeer(options)
+    return peer, lambda: peer.core.plant.positions
+
+
+def _ros2(port: int) -> tuple[SimulatedPeer, Callable[[], Sequence[float]]]:
+    peer = RosArmPeer(RosArmOptions(robot="ur5", port=port, drive="ideal"))
+    return peer, lambda: peer.core.plant.positions
+
+
+ROBOTS: dict[str, Callable[[int], tuple[SimulatedPeer, Callable[[], Sequence[float]]]]] = {
+    "gofa-pose": lambda port: _gofa("pose", port),
+    "gofa-joint": lambda port: _gofa("joint", port),
+    "gp8": _gp8,
+    "ur5": _ur5,
+    "ros2-ur5": _ros2,
+}
+
+
+def serve_robot(kind: str, file: Path, port: int) -> None:
+    """Serve until killed, and append where the joints are."""
+    peer, joints = ROBOTS[kind](port)
+    ask_for_real_time()  # Before the threads that opening starts.
+    peer.open()
+    with file.open("ab", buffering=0) as out:
+        out.write(SAMPLE.pack(float("nan"), *[0.0] * JOINTS))
+        print("READY", flush=True)
+        while True:
+            until_s = time.monotonic() + SAMPLE_S
+            peer.step(until_s)
+            found, now_s = joints(), time.monotonic()
+            # Later, the process has stood still meanwhile, and they may be those of before.
+            if now_s < until_s + LATE_S:
+                out.write(SAMPLE.pack(now_s, *found))
+
+
+# -- devices --------------------------------------------------------------------------------------
+
+
+class Hand(NamedTuple):
+    """A simulated device, and what makes a hand of a script's lines."""
+
+    make: Callable[[str, str], HandPeer[Any, Any]]
+    """Of a place, and the script to begin with."""
+    hand: Callable[[Sequence[ScriptStep], Any], Any]
+    """Of steps and the device."""
+    verbs: Mapping[str, str]
+
+
+def _mouse(place: str, script: str) -> HandPeer[Any, Any]:
+    return SpaceMousePeer(SpaceMousePeerOptions(hid=place, script=script, jitter_lsb=0))
+
+
+HANDS: dict[str, Hand] = {
+    "spacemouse": Hand(
+        _mouse,
+        lambda steps, device: puck.ScriptedHand(steps, device.model),
+        puck.SCRIPT_VERBS,
+    ),
+    "gamepad": Hand(
+        lambda place, script: EvdevPeer(EvdevPeerOptions(path=place, script=script)),
+        pad.ScriptedHand,
+        pad.SCRIPT_VERBS,
+    ),
+    "wiimote": Hand(
+        lambda place, script: WiimotePeer(WiimotePeerOptions(l2cap=place, script=script)),
+        lambda steps, _: remote.ScriptedHand(steps),
+        remote.SCRIPT_VERBS,
+    ),
+    "ros2-device": Hand(
+        lambda place, script: NodePeer(NodePeerOptions(port=int(place), script=script)),
+        lambda steps, device: puck.ScriptedHand(steps, device.model),
+        puck.SCRIPT_VERBS,
+    ),
+}
+
+
+def serve_hand(kind: str, place: str, held: str = "") -> None:
+    """Serve until killed. Each line of standard input, steps of a script with semicolons between
+    them, is done at once, and the hand keeps to it; `held` is done before anybody can connect."""
+    of = HANDS[kind]
+
+    def hand_of(steps: str) -> Any:
+        text = "\n".join(f"0 {step.strip()}" for step in steps.split(";"))
+        return of.hand(parse_script(text, of.verbs), peer.device)
+
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as nothing:
+        peer = of.make(place, nothing.name)
+    if held:
+        peer.hand = hand_of(held)
+    ask_for_real_time()
+    peer.open()
+    os.set_blocking(0, False)
+    print("READY", flush=True)
+    left = b""
+    while True:
+        peer.step(time.monotonic() + LISTEN_S)
+        try:
+            data = os.read(0, 4096)
+        except BlockingIOError:
+            continue
+        if not data:
+            return
+        *lines, left = (left + data).split(b"\n")
+        for line in lines:
+            peer.hand = hand_of(line.decode())
+            peer.catch_up()
+            print("DONE", flush=True)
+
+
+if __name__ == "__main__":
+    what, kind, *rest = sys.argv[1:]
+    if what == "robot":
+        serve_robot(kind, Path(rest[0]), int(rest[1]))
+    else:
+        serve_hand(kind, *rest)

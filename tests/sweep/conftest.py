@@ -1,0 +1,53 @@
+"""A live session, and the faces beside it."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from cardan.bus.options import BusOptions
+from tests.serving import served
+from tests.sweep.plan import wanted_rows
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """A session that is all on the graph."""
+    pytest.importorskip(
+        "zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]"
+    )
+    from tests.sweep.world import world
+
+    with world(tmp_path_factory.mktemp("sweep")) as found:
+        found.wait(wanted_rows())
+        yield found
+
+
+@pytest.fixture
+def running(session):
+    """A rosbridge server beside the session."""
+    pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
+    from cardan.bus.zenoh_network import BusNetwork
+    from tests.gateway.faces.rig import rosbridge
+
+    options = BusOptions(router=session.endpoint, listen=())
+    with BusNetwork(options, "rosbridge") as network, rosbridge(network) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def domain(session):
+    """Of DDS, with the face between it and the session, in a process of its own."""
+    pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
+    from tests.bus.dds.rig import OPTIONS
+
+    number = str(OPTIONS.number)
+    with served("face", "dds", "--router", session.endpoint, "--dds-domain", number):
+        yield OPTIONS.number
+
+
+@pytest.fixture(scope="module")
+def foxglove(session):
+    """The Foxglove server beside the session, in a process of its own."""
+    pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
+    with served("face", "foxglove", "--router", session.endpoint, "--port", "0") as endpoint:
+        yield SimpleNamespace(port=int(endpoint.rpartition(":")[2]))

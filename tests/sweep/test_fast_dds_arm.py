@@ -1,0 +1,98 @@
+"""A program with ROS 2's default middleware watches and commands an arm: `cardan face dds`."""
+
+from __future__ import annotations
+
+import pytest
+
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.robots import load_arm
+from tests.fastdds import FastNode
+from tests.sweep.plan import NODE, RESULT
+from tests.waiting import until
+
+pytestmark = [pytest.mark.once, pytest.mark.realtime, pytest.mark.timeout(120)]
+
+POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Twist"
+JOINTS, EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Empty"
+TRIGGER, STATUS = "std_srvs/srv/Trigger", "cardan_msgs/msg/ArmStatus"
+COMMAND_RESULT = "cardan_msgs/msg/CommandResult"
+
+
+class Program(FastNode):
+    """A node that knows what it has heard last."""
+
+    def newest(self, topic, type_name):
+        """The newest message, or None."""
+        found = self.found("sample", topic=topic)
+        return codec_of(type_name).decode(bytes.fromhex(found[-1]["cdr"])) if found else None
+
+    def z(self):
+        return self.newest(f"{NODE}/state/pose", POSE)["pose"]["position"]["z"]
+
+    def phase(self):
+        return self.newest(f"{NODE}/state/status", STATUS)["phase"]
+
+
+@pytest.fixture
+def program(domain):
+    with Program(domain) as found:
+        for topic, type_name in (
+            (f"{NODE}/state/pose", POSE),
+            (f"{NODE}/state/status", STATUS),
+            ("/left/joint_states", JOINTS),
+            (RESULT, COMMAND_RESULT),
+        ):
+            found.subscribe(topic, type_name)
+        for topic in (f"{NODE}/state/pose", f"{NODE}/state/status", "/left/joint_states"):
+            found.wait("sample", topic=topic)
+        yield found
+
+
+def test_it_reads_the_state(program):
+    pose = program.newest(f"{NODE}/state/pose", POSE)
+    assert pose["header"]["frame_id"] == "base_link"
+    assert pose["pose"]["position"]["z"] == pytest.approx(0.43, abs=0.1)
+    joints = program.newest("/left/joint_states", JOINTS)
+    assert joints["name"] == list(load_arm("ur5").joint_names)
+    assert len(joints["position"]) == 6
+
+
+def test_its_twist_moves_the_arm_while_it_is_there(program, session):
+    topic = f"{NODE}/command/twist"
+    program.advertise(topic, TWIST)
+    program.wait("matched", topic=f"rt{topic}", kind="writer")
+    session.choose("twist")
+    begun = program.z()
+    program.publish(topic, TWIST, {"linear": {"z": -0.05}}, count=100_000, period_ms=20)
+    until(lambda: program.z() < begun - 0.01, "the motion")
+    program.kill()
+    # What it published is fresh for 0.1 s; then the arm brakes, though DDS takes it for alive.
+    session.rest()
+
+
+def test_it_stops_the_arm_by_a_topic_as_services_do_not_reach_it(program, session):
+    stop = f"{NODE}/command/stop"
+    program.advertise(stop, EMPTY)
+    program.advertise("/left/cmd_vel", TWIST)
+    program.wait("matched", topic=f"rt{stop}", kind="writer")
+    program.do("client", f"{NODE}/stop", TRIGGER)
+    program.wait("matched", topic=f"rq{NODE}/stopRequest", kind="writer")
+    session.choose("none")
+    begun = program.z()
+    program.publish("/left/cmd_vel", TWIST, {"linear": {"z": 0.05}}, count=100_000, period_ms=20)
+    until(lambda: program.z() > begun + 0.01, "the motion")
+    program.request(f"{NODE}/stop", TRIGGER, {})
+    assert program.wait("requested", written=1)["servers"] == 1
+    higher = program.z()
+    until(lambda: program.z() > higher + 0.005, "that it goes on: no request reached it")
+    program.publish(stop, EMPTY, {})
+
+    def stopped():
+        found = program.found("sample", topic=RESULT)
+        told = [codec_of(COMMAND_RESULT).decode(bytes.fromhex(each["cdr"])) for each in found]
+        return [each for each in told if (each["command"], each["outcome"]) == ("stop", "done")]
+
+    until(stopped, "the stop")
+    # The stream that goes on does not begin again by itself.
+    until(lambda: program.phase() in ("holding", "disarmed"), "the rest")
+    assert program.found("reply") == []

@@ -1,0 +1,209 @@
+"""The session of a sweep, in a process of its own, and what makes it speak."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, get_args
+
+from cardan.bus.node import BusNode
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.gateway.bus.other_names import NamesOf
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import completed
+from tests.network_table import ACTION_PARTS, Kind, Row
+from tests.serving import free_tcp_port
+from tests.sweep.plan import NAMESPACE, NODE, RESULT, RUMBLED
+from tests.waiting import until
+
+SESSION = """
+[device]
+driver = "ros2_joy"
+topic = "/stick"
+feedback_topic = "/stick/set_feedback"
+wait_for_device = true
+router = "{endpoint}"
+listen = []
+
+[robot]
+driver = "sim_arm"
+robot = "ur5"
+drive = "ideal"
+
+[arm]
+model = "ur5"
+
+[network]
+name = "arm"
+namespace = "left"
+other_names = {other_names}
+device = true
+router = ""
+listen = ["{endpoint}"]
+"""
+TIMEOUT_S = 30.0
+FEED_PERIOD_S = 0.03
+MOVE_PERIOD_S = 0.3
+JOY = "sensor_msgs/msg/Joy"
+SET, ASK = "rcl_interfaces/srv/SetParameters", "cardan_msgs/srv/Ask"
+RESULT_TYPE = "cardan_msgs/msg/CommandResult"
+STATUS = "cardan_msgs/msg/ArmStatus"
+RUMBLE = "sensor_msgs/msg/JoyFeedback"
+
+
+class World:
+    """A session with a stick at which somebody rests a hand."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.endpoint = endpoint
+        options = BusOptions(router=endpoint, listen=())
+        self.network = BusNetwork(options, "watcher")
+        # The driver, a session of its own, meets it directly.
+        self.node = BusNode(BusOptions(router=endpoint, listen=("tcp/127.0.0.1:0",)), "stick")
+        self.moving = threading.Event()
+        """While this is set the arm goes to and fro, and a parameter changes."""
+        self._over = threading.Event()
+        self._threads = [threading.Thread(target=each) for each in (self._feed, self._move)]
+
+    def open(self) -> None:
+        self.network.open()
+        self.node.open()
+        self._publisher = self.node.publisher("/stick", JOY)
+        self._feedback = self.node.subscription("/stick/set_feedback", RUMBLE, 4)
+        self._results = self.node.publisher(RESULT, RESULT_TYPE)
+        for each in self._threads:
+            each.start()
+
+    def wait(self, wanted: set[Row]) -> set[Row]:
+        """What the session has, once that is what is wanted, or for TIMEOUT_S."""
+        until_s = time.monotonic() + TIMEOUT_S
+        while (found := self.rows()) != wanted and time.monotonic() < until_s:
+            threading.Event().wait(0.02)
+        return found
+
+    def close(self) -> None:
+        self._over.set()
+        for each in self._threads:
+            if each.ident is not None:
+                each.join()
+        self.node.close()
+        self.network.close()
+
+    def _feed(self) -> None:
+        count = 0
+        while not self._over.wait(FEED_PERIOD_S):
+            count += 1
+            now_ns = time.time_ns()
+            # A key that means nothing shows that somebody is there.
+            message = {"axes": [0.0] * 8, "buttons": [*[0] * 11, int(count % 20 < 2)]}
+            self._publisher.put(codec_of(JOY).encode(completed(JOY, message)), now_ns)
+            while self._feedback.poll() is not None:
+                told = {"command": RUMBLED, "outcome": "done", "success": True}
+                self._results.put(
+                    codec_of(RESULT_TYPE).encode(completed(RESULT_TYPE, told)), now_ns
+                )
+
+    def _move(self) -> None:
+        count = 0
+        while not self._over.wait(MOVE_PERIOD_S):
+            if not self.moving.is_set():
+                continue
+            count += 1
+            way = 0.01 if count % 2 else -0.01
+            gain = {"type": 3, "double_value": 1.0 + 0.01 * (count % 50)}
+            # Network and packets are two sources: each lets go of the arm for the other one.
+            self._ask(count, "release")
+            self._call("set_parameters", SET, {"parameters": [{"name": "gain", "value": gain}]})
+            self._call("release", "std_srvs/srv/Trigger", {})
+            self._ask(count, "relj", value=[0, 0, way, 0, 0, 0])
+
+    def choose(self, stream: str) -> None:
+        """Choose a streaming command for everybody, once the arm rests."""
+        chosen = {"type": 4, "string_value": stream}
+        # A busy computer makes gaps; a stream that was silent would have to be chosen anew.
+        patient = {"type": 3, "double_value": 0.5}
+        parameters = [
+            {"name": "stream_timeout", "value": patient},
+            {"name": "preset_streaming_cmd", "value": chosen},
+        ]
+        self._call("release", "std_srvs/srv/Trigger", {})
+        answer = self._call("set_parameters", SET, {"parameters": parameters})
+        assert all(each["successful"] for each in answer["results"]), answer
+
+    def rest(self) -> None:
+        """Wait until the arm has come to rest, whatever moved it."""
+        with BusNode(BusOptions(router=self.endpoint, listen=()), "waits") as node:
+            status = node.subscription(f"{NODE}/state/status", STATUS, 1)
+
+            def rests() -> bool:
+                received = status.poll()
+                if received is None:
+                    return False
+                return codec_of(STATUS).decode(received.data)["phase"] in ("holding", "disarmed")
+
+            until(rests, "the rest")
+
+    def _ask(self, number: int, verb: str, **more: Any) -> None:
+        packet = {"id": number, "source": "stick", "verb": verb, **more}
+        self._call("ask", ASK, {"request": json.dumps(packet)})
+
+    def _call(self, service: str, kind: str, request: dict[str, Any]) -> Any:
+        """The response; None where there is none."""
+        client = self.node.client(f"{NODE}/{service}", kind)
+        name = f"{kind}_Request"
+        reply = client.call(codec_of(name).encode(completed(name, request)), TIMEOUT_S)
+        client.close()
+        return None if reply is None else codec_of(f"{kind}_Response").decode(reply)
+
+    def rows(self) -> set[Row]:
+        """What the session has on the graph, by the names that the table has for it."""
+
+        def own(name: str) -> str:
+            if name.startswith(f"{NODE}/"):
+                return f"~{name[len(NODE) :]}"
+            return name.removeprefix(f"{NAMESPACE}/")
+
+        found = set()
+        for name, topic in self.network.topics().items():
+            if ACTION_PARTS in name:
+                continue
+            kinds: list[Kind] = []
+            if NODE in topic.publishers:
+                kinds.append("published")
+            if NODE in topic.subscribers:
+                kinds.append("taken")
+            found |= {Row(own(name), kind, topic.type) for kind in kinds}
+        for name, service in self.network.services().items():
+            if NODE not in service.servers:
+                continue
+            if ACTION_PARTS not in name:
+                found.add(Row(own(name), "service", service.type))
+            elif name.endswith("/send_goal"):
+                kind = service.type.removesuffix("_SendGoal")
+                found.add(Row(own(name.partition(ACTION_PARTS)[0]), "action", kind))
+        return found
+
+
+@contextmanager
+def world(folder) -> Iterator[World]:
+    """A session that runs."""
+    endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
+    path = folder / "session.toml"
+    path.write_text(SESSION.format(endpoint=endpoint, other_names=[*get_args(NamesOf)]))
+    command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "300"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
+        found = World(endpoint)
+        try:
+            found.open()
+            yield found
+        finally:
+            found.close()
+            session.send_signal(signal.SIGINT)
+            session.wait(TIMEOUT_S)

@@ -1,0 +1,195 @@
+"""What the shell completes, and that `--install-completion` installs it."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.cli import completion
+from tests.programs import Program
+from tests.serving import free_endpoint
+from tests.test_cli import ENVIRONMENT
+
+ROWS = [
+    {"name": "gofa", "kind": "session", "state": "running"},
+    {"name": "gp8", "kind": "session", "state": "failed"},
+    {"name": "web", "kind": "face", "state": "running"},
+]
+
+
+SHELL_IS_NAMED = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+"""Otherwise it is the one that this process was started from."""
+
+
+class Context:
+    params = {"socket": ""}  # noqa: RUF012
+
+
+def names(offered):
+    return [name for name, _ in offered]
+
+
+def test_demos_and_drivers_and_verbs():
+    assert names(completion.demos("go")) == ["gofa"]
+    assert {"omni", "omni-ur5"} <= {*names(completion.demos("omni"))}
+    assert names(completion.drivers("spa")) == ["spacemouse"]
+    assert names(completion.verbs("mov")) == ["movj", "movl", "movv"]
+
+
+def test_sessions_and_faces(monkeypatch):
+    monkeypatch.setattr(completion, "_rows", lambda context: ROWS)
+    assert names(completion.units(Context, "")) == ["gofa", "gp8", "web"]
+    assert names(completion.units(Context, "w")) == ["web"]
+    assert completion.sessions(Context, "g") == [("gofa", "running"), ("gp8", "failed")]
+    assert completion.sessions(Context, "w") == []
+
+
+def test_devices_and_who_shares_them(monkeypatch):
+    shared = [
+        {"name": "mouse", "sessions": ["gofa", "ur5"], "holder": "ur5"},
+        {"name": "pad", "sessions": ["gp8", "gp25"], "holder": "gp8"},
+    ]
+    monkeypatch.setattr(completion, "_asked", lambda context, do: shared)
+    assert completion.devices(Context, "m") == [("mouse", "serves ur5")]
+    context = Context()
+    context.params = {"device": "pad"}
+    assert names(completion.sharers(context, "gp")) == ["gp8", "gp25"]
+    context.params = {"device": "nothing"}
+    assert completion.sharers(context, "") == []
+
+
+def test_topics(monkeypatch):
+    asked = []
+
+    def found(options):
+        asked.append(options.router)
+        return {"/ur5/state/pose": "geometry_msgs/msg/PoseStamped", "/tf": "tf2_msgs/msg/TFMessage"}
+
+    monkeypatch.setattr(completion, "_topics", found)
+    context = Context()
+    context.params = {"router": "tcp/127.0.0.1:9"}
+    assert names(completion.topics(context, "/u")) == ["/ur5/state/pose"]
+    assert asked == ["tcp/127.0.0.1:9"]
+    context.params = {"session": "/nowhere/at/all.toml"}
+    assert completion.topics(context, "") == []
+
+
+def test_without_a_router_nobody_waits_for_topics(monkeypatch):
+    monkeypatch.setattr(BusNetwork, "open", lambda network: pytest.fail("it joined"))
+    context = Context()
+    context.params = {"router": free_endpoint()}
+    assert completion.topics(context, "") == []
+
+
+@pytest.mark.realtime
+def test_topics_of_a_bus(monkeypatch):
+    monkeypatch.setattr(completion, "TOPICS_S", 20.0)
+    options = BusOptions(router="", listen=(free_endpoint(),))
+    with BusNetwork(options, "speaker") as network:
+        said = network.advertise("/spoken", "std_msgs/msg/String", latched=False)
+        context = Context()
+        context.params = {"router": options.listen[0]}
+        assert ("/spoken", "std_msgs/msg/String") in completion.topics(context, "/s")
+        said.close()
+
+
+def test_without_a_daemon_there_is_nothing(tmp_path):
+    Context.params["socket"] = str(tmp_path / "none")
+    try:
+        assert completion.units(Context, "") == []
+    finally:
+        Context.params["socket"] = ""
+
+
+def complete(*words, **environment):
+    """What bash is told after these words, the last of which is being typed."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cardan"],
+        env={
+            **ENVIRONMENT,
+            "_CARDAN_COMPLETE": "complete_bash",
+            "COMP_WORDS": " ".join(("cardan", *words)),
+            "COMP_CWORD": str(len(words)),
+            **environment,
+        },
+        capture_output=True,
+        text=True,
+        timeout=50,
+        check=False,
+    )
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("doc",), ["doctor"]),
+        (("demo", "leap-"), ["leap-gofa", "leap-ur5"]),
+        (("face", "ro"), ["rosbridge", "router"]),
+        (("sim", "wii"), ["wiimote"]),
+        (("drivers", "ga"), ["gamepad"]),
+        (("arm", "gofa", "rel"), ["relj", "release"]),
+        (("doctor", "--re"), ["--report"]),
+    ],
+)
+def test_the_shell_is_told(words, found):
+    assert complete(*words) == found
+
+
+@pytest.mark.once
+def test_sessions_of_a_daemon_that_runs(tmp_path):
+    file = tmp_path / "lab.toml"
+    file.write_text(
+        f'[daemon]\nsocket = "{tmp_path}/cardan.sock"\nevent_log = "none"\n'
+        '[[sessions]]\nname = "one"\nstart = false\nrobot = { driver = "abb_egm" }\n'
+        '[faces.other]\nface = "router"\nstart = false\n'
+    )
+    with Program("serve", file) as program:
+        program.wait_for("READY ")
+        own = ("--socket", f"{tmp_path}/cardan.sock")
+        assert complete("stop", *own, "o") == ["one", "other"]
+        assert complete("arm", *own, "o") == ["one"]
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("shell", "path", "script"),
+    [
+        ("bash", ".bashrc", ".bash_completions/cardan.sh"),
+        ("zsh", ".zshrc", ".zfunc/_cardan"),
+        ("fish", "", ".config/fish/completions/cardan.fish"),
+    ],
+)
+def test_completion_is_installed(tmp_path, shell, path, script):
+    environment = {**ENVIRONMENT, "HOME": str(tmp_path), **SHELL_IS_NAMED}
+    words = [sys.executable, "-m", "cardan", "--install-completion", shell]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "_CARDAN_COMPLETE" in (tmp_path / script).read_text()
+    if path:
+        assert (tmp_path / path).exists()
+
+
+@pytest.mark.realtime
+def test_bash_completes_by_what_was_installed(tmp_path):
+    environment = {**ENVIRONMENT, "HOME": str(tmp_path), **SHELL_IS_NAMED}
+    shown = subprocess.run(
+        [sys.executable, "-m", "cardan", "--show-completion", "bash"],
+        env=environment, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    (folder / "cardan").write_text(f'#!/bin/sh\nexec {sys.executable} -m cardan "$@"\n')
+    (folder / "cardan").chmod(0o755)
+    environment["PATH"] = f"{folder}:{os.environ['PATH']}"
+    typed = "COMP_WORDS=(cardan demo leap-); COMP_CWORD=2; _cardan_completion cardan\n"
+    done = subprocess.run(
+        ["bash", "--norc", "-c", f"{shown}\n{typed}echo ${{COMPREPLY[@]}}"],
+        env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stdout == "leap-gofa leap-ur5\n", done.stderr

@@ -1,0 +1,81 @@
+"""Where an optional package is missing, one error says what needs it and what installs it."""
+
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cardan.errors import ExtraMissingError
+from cardan.extras import missing_extra
+
+PROJECT = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+NEEDED = [
+    ("coal", "arm", "import cardan.arm_libraries"),
+    ("scapy.fields", "dissect", "import cardan.dissect._scapy"),
+    ("cbor2", "network", "import cardan.protocols.rosbridge.forms"),
+    ("zenoh", "network", "from cardan.bus.node import zenoh_module; zenoh_module()"),
+    ("xxhash", "network", "from cardan.bus.node import gid_of_token; gid_of_token('token')"),
+    ("mcap", "record", "from cardan.gateway.recording.mcap_file import _installed; _installed()"),
+    (
+        "matplotlib",
+        "bench",
+        "from pathlib import Path; from cardan.gateway.recording.plot import plot; "
+        "plot(Path('a.mcap'), Path('a.png'))",
+    ),
+    (
+        "can",
+        "can",
+        "from cardan.drivers.jr3_can.bus import open_bus; "
+        "from cardan.drivers.jr3_can import Jr3Options; open_bus(Jr3Options())",
+    ),
+    (
+        "ruckig",
+        "ruckig",
+        "from cardan.gateway.motion.shaping import _RuckigChaser; "
+        "_RuckigChaser(1.0, 1.0, 1.0, 0.004)",
+    ),
+]
+"""Packages, the extras that install them, and what needs them."""
+
+WITHOUT = """
+import sys
+sys.modules[{package!r}] = None
+from cardan.errors import ExtraMissingError
+try:
+    {needs}
+except ExtraMissingError as error:
+    print(error.extra, error)
+"""
+
+
+@pytest.mark.parametrize(("package", "extra", "needs"), NEEDED, ids=[each[0] for each in NEEDED])
+def test_a_missing_package_is_named_with_what_installs_it(package, extra, needs):
+    assert f"\n{extra} = [" in PROJECT
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT.format(package=package, needs=needs)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    words = (
+        rf"{extra} .+ needs .+, which cannot be imported \(.+\): pip install \"cardan\[{extra}\]\""
+    )
+    assert re.fullmatch(words, done.stdout.strip()), done.stdout + done.stderr
+
+
+def test_no_other_wording_is_left():
+    sources = Path(__file__).parents[1].joinpath("cardan").rglob("*.py")
+    found = [path.name for path in sources if 'pip install "cardan[' in path.read_text("utf-8")]
+    assert found == ["errors.py"]
+
+
+def test_a_shortage_is_no_missing_package():
+    error = ImportError("failed to map segment from shared object")
+    assert missing_extra("it", "numpy", "arm", error) is error
+    missing = missing_extra("it", "numpy", "arm", ImportError("gone"))
+    assert isinstance(missing, ExtraMissingError)
+    copied = pickle.loads(pickle.dumps(missing))
+    assert (str(copied), copied.extra) == (str(missing), "arm")

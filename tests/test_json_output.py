@@ -1,0 +1,103 @@
+"""Every command that prints what a program might read has --json."""
+
+import contextlib
+import enum
+import json
+import math
+from typing import NamedTuple
+
+import pytest
+import typer
+
+from cardan.cli import app
+from cardan.cli.common import print_json, print_table
+from cardan.errors import ConfigurationError
+
+WITHOUT = {
+    "run": "lives until it is ended; its session is read by the daemon or the network",
+    "serve": "its log is JSON by --log-format",
+    "udev": "prints a file",
+    "spnav": "lives until it is ended",
+    "force": "lives until it is ended",
+    "haptic": "lives until it is ended",
+    "echo": "prints JSON, nothing else",
+    "record": "writes a file, and says in words what is missing",
+    "replay": "likewise",
+    "plot": "writes a file",
+    "dissect": "prints captures field by field, for people",
+    "service": "show prints a file; the others do what their lines say",
+}
+"""Commands without it, and why."""
+
+
+def test_every_command_has_it_or_a_reason_why_not():
+    commands = typer.main.get_command(app).commands
+    has = {
+        name
+        for name, command in commands.items()
+        if any("--json" in parameter.opts for parameter in command.params)
+    }
+    assert commands.keys() == has | WITHOUT.keys()
+    assert not has & WITHOUT.keys()
+    assert {"ps", "top", "events", "log", "arm", "check", "devices", "network", "hz"} <= has
+
+
+class Phase(enum.Enum):
+    MOVING = "moving"
+
+
+class State(enum.IntEnum):
+    STOPPED = 3
+
+
+class Pair(NamedTuple):
+    first: object
+    second: object
+
+
+@pytest.mark.parametrize(
+    ("value", "printed"),
+    [
+        (math.inf, None),
+        ({"a": math.nan, 1: Phase.MOVING}, {"a": None, "1": "moving"}),
+        (Pair(State.STOPPED, (1.5, None)), {"first": "stopped", "second": [1.5, None]}),
+        ([True, "\x1b[2J"], [True, "\x1b[2J"]),
+    ],
+)
+def test_values_as_json(capsys, value, printed):
+    print_json(value)
+    out = capsys.readouterr().out
+    assert json.loads(out) == printed
+    assert out.rstrip("\n").isprintable()
+
+
+def test_a_table_as_json(capsys):
+    print_table(("name", "simulated by"), [("a[red]", "b")], as_json=True)
+    assert json.loads(capsys.readouterr().out) == [{"name": "a[red]", "simulated_by": "b"}]
+
+
+@pytest.fixture
+def printed(capsys):
+    def run(*words):
+        with contextlib.suppress(typer.Exit):
+            app([*words], standalone_mode=False)
+        return json.loads(capsys.readouterr().out)
+
+    return run
+
+
+def test_lists_and_checks_as_json(printed):
+    assert "gofa" in {row["demo"] for row in printed("demo", "--list", "--json")}
+    assert "metrics" in {row["face"] for row in printed("face", "--list", "--json")}
+    assert "omni" in {row["peer"] for row in printed("sim", "--json", "--list")}
+    assert printed("drivers", "abb_egm", "--json")[0]["table"] == "[robot]"
+    assert isinstance(printed("devices", "--json"), list)
+    found = printed("check", "examples/verbs-ur5-simulated.toml", "--json")
+    assert found["robot"] == ["sim_arm"]
+    assert found["warnings"] == []
+
+
+@pytest.mark.parametrize("group", ["demo", "face", "sim"])
+def test_it_goes_with_a_list(group):
+    with pytest.raises(ConfigurationError, match="--json: goes with --list"):
+        app([group, "--json"], standalone_mode=False)

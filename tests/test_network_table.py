@@ -1,0 +1,41 @@
+"""The table of who judged what on the network says what the marks of tests say, and no more."""
+
+import pytest
+
+from tests import network_table
+from tests.network_table import Row, Shown
+
+ROWS = [
+    Row("~/state/pose", "published", "geometry_msgs/msg/PoseStamped"),
+    Row("~/command/twist", "taken", "geometry_msgs/msg/Twist"),
+    Row("~/stop", "service", "std_srvs/srv/Trigger"),
+]
+
+
+def test_a_mark_is_of_kinds_without_some_or_of_names():
+    pose, twist, stop = ROWS
+    assert Shown("DDS", "x", ("published", "taken")).rows(ROWS) == [pose, twist]
+    assert Shown("DDS", "x", ("published", "taken"), but=(twist.name,)).rows(ROWS) == [pose]
+    assert Shown("DDS", "x", names=(stop.name,)).rows(ROWS) == [stop]
+
+
+@pytest.mark.parametrize(
+    "mark",
+    [
+        Shown("DDS", "x", names=("~/nothing",)),
+        Shown("DDS", "x", ("taken",), but=("~/nothing",)),
+        Shown("DDS", "x", ("nothing",)),
+        Shown("nothing", "x", ("taken",)),
+    ],
+)
+def test_a_mark_of_what_there_is_not_is_refused(mark):
+    with pytest.raises(ValueError, match=r"there is no .*nothing"):
+        network_table.checked([mark], ROWS)
+
+
+def test_a_session_has_what_its_tables_declare():
+    names = {row.name: row for row in network_table.rows()}
+    assert names["~/state/pose"].kind == "published"
+    assert names["servo_node/delta_twist_cmds"].kind == "taken"
+    assert names["~/action/movl"] == Row("~/action/movl", "action", "cardan_msgs/action/MovePose")
+    assert not any(network_table.ACTION_PARTS in name for name in names)
