@@ -2,31 +2,65 @@
 #   make demo    environment, install, a demo against simulated peers for half a minute
 #   make test    environment, install with the test judges, all tests
 # (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches,
-# DEMO_ROBOT=--list lists all demos)
+# DEMO_ROBOT=ros2 a web client on ROS 2's network, DEMO_ROBOT=lab a daemon with four arms,
+# DEMO_ROBOT=console the page for browsers, DEMO_ROBOT=--list lists all demos)
 PYTHON ?= python3
 VENV ?= .venv
 DEMO_SECONDS ?= 30
+HOURS ?= 2
+SEED ?= 1
 DEMO_ROBOT ?= gofa
 PYTEST ?=
+TEST_WORKERS ?= 4
+REALTIME_WORKERS ?= 2
+FUZZ_INPUTS ?= 10000000
+FUZZ ?=
+FAULT_LABS ?= 2
+FAULT_OPTIONS ?=
 BIN := $(VENV)/bin
-C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h)
+C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h cardan/*/*/*/*.c cardan/*/*/*/*.h \
+	cardan/*/*/*/*/*.c cardan/*/*/*/*/*.h)
 
-.PHONY: help demo test test-kernel device-table fault-table docs-tables lint types check bench bench-motoros bench-thesis \
-	bench-haptics test-pythons dist clean
+# Where the environment forbids to keep compiled modules, each of the hundreds of programs that the
+# tests start compiles them anew, and so does each worker with the tests: minutes.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: help demo page test test-kernel test-systemd device-table fault-table \
+	fault-table-processes fault-table-network hold-table console-pictures docs-tables \
+	docs-pictures demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
+	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons dist clean
 
 help:
 	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
 	@echo "make test    all tests"
+	@echo "make page    the console's page, where the one that is there is not of these sources"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
+	@echo "make test-systemd  the service under systemd, which is reloaded, killed and stopped, in that machine"
 	@echo "make check   lint, types and tests (also make lint, make types)"
 	@echo "make test-pythons  most tests under the oldest and the newest Python"
+	@echo "make fuzz    10^7 damaged inputs for everything that reads foreign bytes (FUZZ_INPUTS=$(FUZZ_INPUTS))"
 	@echo "make device-table  the table of judges in docs/devices.md, from the tests' marks"
 	@echo "make fault-table  the tables of docs/faults.md: what each robot does when something fails"
+	@echo "make fault-table-processes  the same with whole programs, for half an hour: FAULT_LABS=$(FAULT_LABS) side by side"
+	@echo "make fault-table-network  the same on a bad network, in the virtual machine of test-kernel"
+	@echo "make hold-table  the table of docs/console-hold.md: every end of a hold on the page, by a real browser"
+	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make docs-tables  the tables of drivers, simulated peers and demos, from their declarations"
+	@echo "make docs-pictures  the pictures of the console's page, by its demo and a browser"
+	@echo "make demo-picture  the moving picture of the README, from the demo"
+	@echo "make docs    the documentation as a site, in build/docs/site"
+	@echo "make release  what would be released, checked; nothing is uploaded and no tag is made"
 	@echo "make bench   benchmarks, printed as ratios"
 	@echo "make bench-motoros  the latency study of the 2021 paper, with plots for docs/"
 	@echo "make bench-thesis  the measurements of the 2020 thesis, with plots for docs/"
 	@echo "make bench-haptics  stability and timing of the force feedback, with tables and plots for docs/"
+	@echo "make bench-network  what the network costs a session and how fast it is, with tables for docs/"
+	@echo "make bench-console  from a finger on the page to the robot, and what viewers cost, for docs/"
+	@echo "make bench-sessions  how many sessions this computer runs, and what each costs, for docs/"
+	@echo "make bench-kilohertz  whether a session holds a period of 1 ms, for docs/"
+	@echo "make bench-servo  what a tick of the servo costs beside what others do, for docs/"
+	@echo "make bench-peers  builds what others do in C++, which some benchmarks compare with"
+	@echo "make soak    $(HOURS) hours (HOURS) of random hands and random faults on a lab, with a report in soak/"
 	@echo "make dist    what is released: the source archive and a manylinux wheel, in dist/"
 	@echo "make clean   remove the environment and caches"
 
@@ -39,14 +73,33 @@ $(VENV)/.cardan-dev: $(VENV)/.cardan
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@
 
-demo: $(VENV)/.cardan
+# By the system's npm, or by one that pip brings where there is none. Wheels have the page.
+define console-page
+$(BIN)/python tools/console $(1) || { [ $$? = 3 ] && \
+	$(BIN)/python -m pip install --quiet --editable '.[page]' && \
+	$(BIN)/python tools/console $(1); }
+endef
+
+page: $(VENV)/.cardan
+	$(call console-page)
+
+# What this demo needs beside the arm's model: extras of Cardan, as its file has them. A page is
+# needed with the extra that serves it.
+DEMO_READY := $(VENV)/.cardan-demo-$(subst /,-,$(DEMO_ROBOT))
+
+$(DEMO_READY): $(VENV)/.cardan
+	extras=$$($(BIN)/cardan demo --extras $(DEMO_ROBOT)) && { [ -z "$$extras" ] || \
+		$(BIN)/python -m pip install --quiet --editable ".[$$extras]"; }
+	@touch $@
+
+demo: $(if $(filter --list,$(DEMO_ROBOT)),$(VENV)/.cardan,$(DEMO_READY))
+demo: $(if $(filter console,$(DEMO_ROBOT)),page)
 	$(BIN)/cardan demo $(DEMO_ROBOT) --seconds $(DEMO_SECONDS)
 
-# Tests that wait for real clocks run alone and one by one; all others keep two cores busy.
-test: $(VENV)/.cardan-dev
+# Side by side, but for those that would be late then: tools/test says which are which.
+test: $(VENV)/.cardan-dev page
 ifeq ($(strip $(PYTEST)),)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not realtime"
-	$(BIN)/python -m pytest -m realtime
+	TEST_WORKERS=$(TEST_WORKERS) REALTIME_WORKERS=$(REALTIME_WORKERS) tools/test $(BIN)/python
 else
 	$(BIN)/python -m pytest $(PYTEST)
 endif
@@ -56,14 +109,54 @@ test-kernel: $(VENV)/.cardan-dev
 	tools/debian-packages kernel
 	tools/kernel-vm
 
+# The same with the service under systemd as the machine's first process, which dies in every way.
+test-systemd: $(VENV)/.cardan-dev
+	tools/debian-packages kernel
+	KERNEL_VM_SECONDS=1500 tools/kernel-vm tests/kernel/systemd_restarts.py
+
 device-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.device_table
 
 fault-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.fault_table
 
+# Real processes and clocks: on a computer that has nothing else to do. What is found is kept in
+# build/faults.json after each case; FAULT_OPTIONS=--missing goes on with a run that was ended.
+fault-table-processes: $(VENV)/.cardan-dev
+	mkdir -p build
+	$(BIN)/python -m tests.process_faults --labs $(FAULT_LABS) --json build/faults.json --pages $(FAULT_OPTIONS)
+
+fault-table-network: $(VENV)/.cardan-dev
+	mkdir -p build
+	tools/debian-packages kernel
+	tools/kernel-vm tests/kernel/network_faults.py | tee build/network-faults.log
+	$(BIN)/python -m tests.process_faults --kernel build/network-faults.log --json build/faults.json --pages
+
+# Real clocks, too: on a computer that has nothing else to do.
+hold-table: $(VENV)/.cardan-dev
+	tools/console
+	$(BIN)/python -m tests.console.hold_table
+
+console-pictures: $(VENV)/.cardan-dev
+	tools/console
+	$(BIN)/python -m tests.console.pictures
+
 docs-tables: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.docs_tables
+
+docs-pictures: $(VENV)/.cardan-dev page
+	$(BIN)/python -m tests.docs_pictures
+
+demo-picture: $(VENV)/.cardan-dev
+	$(BIN)/python -m tests.demo_picture
+
+# A site without a warning, whose links lead somewhere; by packages that only this needs.
+docs: $(VENV)/.cardan-docs
+	$(BIN)/python tools/docs
+
+$(VENV)/.cardan-docs: $(VENV)/.cardan
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@touch $@
 
 lint: $(VENV)/.cardan-dev
 	$(BIN)/ruff check .
@@ -72,6 +165,7 @@ lint: $(VENV)/.cardan-dev
 
 types: $(VENV)/.cardan-dev
 	$(BIN)/mypy
+	$(call console-page,--check)
 
 check: lint types test
 
@@ -87,14 +181,47 @@ bench-thesis: $(VENV)/.cardan-dev
 bench-haptics: $(VENV)/.cardan-dev
 	$(BIN)/python -m bench haptics --pages --plots docs/images/haptics
 
+bench-network: $(VENV)/.cardan-dev
+	$(BIN)/python -m bench network --pages
+
+bench-console: $(VENV)/.cardan-dev
+	tools/console
+	$(BIN)/python -m bench console --pages
+
+bench-sessions: $(VENV)/.cardan-dev
+	$(BIN)/python -m bench sessions --pages
+
+# Minutes: Pinocchio's headers. What is built stays in build/peers.
+bench-peers: $(VENV)/.cardan-dev
+	tools/debian-packages peers
+	$(BIN)/python -m bench.native
+
+bench-servo: bench-peers
+	$(BIN)/python -m bench servo-tick --pages
+
+bench-kilohertz: $(VENV)/.cardan-dev
+	$(BIN)/python -m bench kilohertz --pages
+
+# Half an hour to an hour on a quiet machine; FUZZ has further options: FUZZ="egm.robot --seed 7".
+fuzz: $(VENV)/.cardan-dev
+	$(BIN)/python -m fuzz --inputs $(FUZZ_INPUTS) $(FUZZ)
+
+soak: $(VENV)/.cardan-dev
+	$(BIN)/python -m bench soak --hours $(HOURS) --seed $(SEED) \
+		--output soak/$$(date +%Y-%m-%dT%H%M%S)
+
 # The oldest and the newest Python the package promises, where the machine has them.
 test-pythons:
 	tools/test-pythons 3.10 3.13
 
-dist: $(VENV)/.cardan
+dist: $(VENV)/.cardan page
 	tools/dist $(BIN)/python dist
+
+release: $(VENV)/.cardan page
+	$(BIN)/python tools/release
 
 clean:
 	rm -rf $(VENV) .venv-3.* .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+	rm -rf console/node_modules cardan/gateway/faces/console/page docs/api
 	find cardan -name '*.so' -delete

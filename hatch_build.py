@@ -1,9 +1,11 @@
-"""Hatchling's build hook: compiles the C parts and adds the examples, so that an ordinary
-``pip install`` has them.
+"""Hatchling's build hook: compiles the C parts, builds the console's page and adds the examples, so
+that an ordinary ``pip install`` has them.
 
-The C parts know nothing of Python, so one wheel serves every version of it. Where there is no
-compiler the package is built without them, and says so when they are asked for: whoever has a
-SpaceMouse needs none.
+The C parts know nothing of Python but, in one place, its stable ABI, so one wheel serves every
+version of it. Where there is no compiler the package is built without them, and says so when they
+are asked for: whoever has a SpaceMouse needs none. The page is in the source archive, too, so that
+only who builds from a checkout needs npm; where there is none the package is built without it, and
+the console says so.
 """
 
 from __future__ import annotations
@@ -16,24 +18,47 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-LIBRARIES = ("cardan/drivers/omni/libcardan_omni.so", "cardan/sim_peers/omni/libHD.so")
-NO_COMPILER = 3
+LIBRARIES = (
+    "cardan/drivers/abb_egm/libcardan_egm.so",
+    "cardan/drivers/omni/libcardan_omni.so",
+    "cardan/gateway/servo/libcardan_servo.so",
+    "cardan/sim_peers/omni/libHD.so",
+)
+PAGE = "cardan/gateway/faces/console/page/*"
+NO_COMPILER = NO_NPM = 3
 
 
-class NativeParts(BuildHookInterface):  # type: ignore[type-arg]
-    """Runs tools/native and adds what it made, and the examples, to the wheel."""
+class BuiltParts(BuildHookInterface):  # type: ignore[type-arg]
+    """Runs tools/native and tools/console, and adds what they made, and the examples."""
 
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        if self.target_name == "wheel" and version == "standard":
+        if version == "editable":
+            self._add_native(build_data)  # The page is built by make, or by its own tool.
+            return
+        self._add_page(build_data)
+        if self.target_name == "wheel":
             # An editable install finds them beside the package.
             build_data["force_include"]["examples"] = "cardan/examples"
-        if self.target_name != "wheel" or not sys.platform.startswith("linux"):
+            self._add_native(build_data)
+
+    def _add_page(self, build_data: dict[str, Any]) -> None:
+        done = subprocess.run([sys.executable, Path(self.root, "tools", "console")], check=False)
+        if done.returncode == NO_NPM:
+            self.app.display_warning("cardan is built without the console's page")
+            return
+        done.check_returncode()
+        build_data["artifacts"].append(PAGE)
+
+    def _add_native(self, build_data: dict[str, Any]) -> None:
+        if not sys.platform.startswith("linux"):
             return
         done = subprocess.run([Path(self.root, "tools", "native")], check=False)
         if done.returncode == NO_COMPILER:
-            self.app.display_warning("cardan is built without the driver for haptic devices")
+            self.app.display_warning(
+                "cardan is built without the driver for haptic devices and the compiled servo"
+            )
             return
         done.check_returncode()
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
