@@ -46,6 +46,7 @@ MAY_IMPORT = {
     "gateway": {"gateway", "drivers", "bus", *LEAVES},
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
     "dissect": {"dissect", *LEAVES},
+    "conform": {"conform", "dissect", "drivers", "protocols", "sim_peers", *LEAVES},
     "api": {"drivers", "gateway", *LEAVES},
     **dict.fromkeys(LEAVES, LEAVES),
     "__init__": {"api"},
@@ -77,7 +78,7 @@ gateway serves spacenavd's protocol, rosbridge and Foxglove's itself, to program
 robot; the console reads cameras for its pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
-FREE_OF_CIRCLES = ("bus", "drivers", "protocols", "sim_peers", "dissect", "gateway")
+FREE_OF_CIRCLES = ("bus", "drivers", "protocols", "sim_peers", "dissect", "conform", "gateway")
 
 GATEWAY_ROOMS = {
     "common": set(),

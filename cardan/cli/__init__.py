@@ -32,6 +32,7 @@ from cardan.cli.common import (
     print_table,
     print_unusable,
 )
+from cardan.cli.conform import conform
 from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, service
 from cardan.cli.dissect import Dissect
 from cardan.cli.doctor import doctor
@@ -70,7 +71,7 @@ app = typer.Typer(
 app.add_typer(sim)
 app.add_typer(face)
 app.add_typer(service)
-for _command in (network, echo, hz, record, replay, plot, *DAEMON_COMMANDS, doctor):
+for _command in (network, echo, hz, record, replay, plot, *DAEMON_COMMANDS, doctor, conform):
     # Of an arm's verbs -0.1 is a number, and no option.
     _settings = {"ignore_unknown_options": _command is arm}
     app.command(epilog=EPILOG, context_settings=_settings)(_command)

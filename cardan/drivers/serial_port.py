@@ -71,6 +71,10 @@ class SerialPort:
         except (OSError, TerminalError) as error:
             raise _gone(error) from None
 
+    def fileno(self) -> int:
+        """What `select` waits for, where the system has serial ports as files."""
+        return int(self._port.fileno())
+
     def close(self) -> None:
         """Close the port, which takes a device's power. Never raises; twice is fine."""
         with contextlib.suppress(OSError, TerminalError):

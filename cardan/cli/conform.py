@@ -1,0 +1,189 @@
+"""``cardan conform``: judges a controller, a device or a driver by numbered requirements."""
+
+from __future__ import annotations
+
+import enum
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cardan.cli.common import EXIT_INCOMPLETE, check_seconds, print_table
+from cardan.errors import ConfigurationError
+from cardan.files import read_text
+from cardan.printable import printable
+
+if TYPE_CHECKING:
+    from cardan.conform import Level, Report, Suite
+
+
+class Form(str, enum.Enum):
+    """What a report is printed as."""
+
+    TEXT = "text"
+    MARKDOWN = "markdown"
+    JSON = "json"
+    JUNIT = "junit"
+
+
+_WARNINGS = {
+    1: "level 1 opens a session and holds: it sends messages, has the drives powered where the "
+    "protocol can, and lets the session time out; nothing is to move",
+    2: "level 2 moves: by 1 mm or 0.2 degrees at most, there and back",
+    3: "level 3 asks somebody to make faults by hand: to press the emergency stop, to pull a cable",
+}
+
+
+def conform(
+    protocol: Annotated[
+        str | None, typer.Argument(metavar="[PROTOCOL]", help="What is judged; see --list.")
+    ] = None,
+    target: Annotated[
+        str,
+        typer.Option(metavar="TARGET", help="The real thing; without it, its simulated peer."),
+    ] = "",
+    level: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=3,
+            help="0 listens, 1 holds, 2 moves by a millimetre, 3 has faults made by hand; "
+            "default: 0 at a target, else 3.",
+        ),
+    ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(callback=check_seconds, help="About how long a phase takes; 10 at a target."),
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=VALUE]",
+            help="A fault of the simulated peer (repeatable); `cardan sim PEER --list-faults`.",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated peer.")] = 0,
+    form: Annotated[
+        Form, typer.Option("--format", help="What the report is printed as.")
+    ] = Form.TEXT,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Leave the report in all forms, a capture and a record there."
+        ),
+    ] = None,
+    compare: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(metavar="A B", help="Compare two reports in JSON, then end."),
+    ] = None,
+    list_: Annotated[
+        bool, typer.Option("--list", help="Print what can be judged, then end.")
+    ] = False,
+    requirements: Annotated[
+        bool,
+        typer.Option("--requirements", help="Print the protocol's requirements, then end."),
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Do not ask before each level at a target.")
+    ] = False,
+    at_switch: Annotated[
+        bool,
+        typer.Option(
+            "--i-am-at-the-enable-switch", help="Somebody is: levels 2 and 3 at a target need it."
+        ),
+    ] = False,
+) -> None:
+    """Judge a controller, a device or a driver by numbered requirements: its simulated peer in
+    virtual time, or the real thing at --target. Level 0, the default there, only listens. Exit
+    code 4 where a requirement is not met."""
+    from cardan.conform import registry
+
+    if list_:
+        suites = [registry.load(name) for name in registry.names()]
+        rows = [(each.name, each.judges, each.speaks, each.target) for each in suites]
+        print_table(("protocol", "judges", "speaks", "target"), rows)
+        return
+    if compare is not None:
+        _compare(compare)
+        return
+    if protocol is None:
+        raise ConfigurationError("PROTOCOL", f"give one of: {', '.join(registry.names())}")
+    suite = registry.load(protocol)
+    if requirements:
+        for each in suite.requirements:
+            print(f"{each.id}  level {each.level:d}  {each.text}  [{each.source}]")
+        return
+    report, missing = _judged(
+        suite, target, level, seconds, fault or [], seed, yes, at_switch, save
+    )
+    forms = {
+        Form.TEXT: report.as_text,
+        Form.MARKDOWN: report.as_markdown,
+        Form.JSON: report.as_json,
+        Form.JUNIT: report.as_junit,
+    }
+    print(printable(forms[form](), "\n"), end="")
+    for line in missing:
+        print(f"cardan: not attached: {printable(line)}", file=sys.stderr)
+    if report.failed:
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def _judged(
+    suite: Suite[Any],
+    target: str,
+    level: int | None,
+    seconds: float | None,
+    fault: Sequence[str],
+    seed: int,
+    yes: bool,
+    at_switch: bool,
+    save: Path | None,
+) -> tuple[Report, list[str]]:
+    from cardan.conform import Level, run
+
+    if target:
+        if fault:
+            raise ConfigurationError("--fault, --target", "only a simulated peer has faults")
+        wanted = Level(level or 0)
+        _consent(wanted, yes, at_switch)
+
+        def told(instruction: str) -> None:
+            print(f">>> {instruction}", file=sys.stderr, flush=True)
+
+        report, timeline = run.at(suite, target, wanted, told, seconds or run.LIVE_S)
+    else:
+        wanted = suite.levels if level is None else Level(level)
+        faults = suite.faults(fault)
+        report, timeline = run.simulated(suite, wanted, faults, seed, seconds or None)
+    return (report, []) if save is None else run.save(save, suite, report, timeline)
+
+
+def _consent(level: Level, yes: bool, at_switch: bool) -> None:
+    if level >= 2 and not at_switch:
+        raise ConfigurationError(
+            "--level",
+            f"level {level:d} moves the arm: give --i-am-at-the-enable-switch, and be there",
+        )
+    for each in range(1, level + 1):
+        print(f"cardan: {_WARNINGS[each]}", file=sys.stderr)
+        if not yes:
+            typer.confirm("go on?", abort=True, err=True)
+
+
+def _compare(paths: tuple[Path, Path]) -> None:
+    from cardan.conform import comparison
+    from cardan.conform.report import read
+
+    found = []
+    for path in paths:
+        try:
+            text = read_text(path)
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise ConfigurationError("--compare", f"{path} cannot be read: {why}") from None
+        found.append(read(text, str(path)))
+    first, second = found
+    print(printable(comparison.as_text(first, second), "\n"), end="")

@@ -1,0 +1,159 @@
+"""A timeline as files for other programs: a capture (pcap) and a record (MCAP)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from cardan.conform.requirements import V
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.errors import CaptureError
+from cardan.extras import missing_extra
+
+PCAP_MAGIC_NS = 0xA1B23C4D
+LINK_RAW_IP, LINK_SOCKETCAN = 101, 227
+SNAP_BYTES = 262_144
+JUDGED, OURS = bytes((192, 0, 2, 1)), bytes((192, 0, 2, 2))
+"""Addresses in captures: of the network that RFC 5737 keeps for documentation."""
+FREE_PORT = 50_000
+"""The side without a known port has this one, or the one after for each further channel."""
+_UDP, _TCP = 17, 6
+_FIN, _SYN, _PUSH, _ACK = 0x01, 0x02, 0x08, 0x10
+_LONGEST_SEGMENT = 1400
+
+
+def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
+    """The capture, without real addresses; None where the protocol has no packets of a network.
+
+    `start_ns` is the wall time of the timeline's zero, ns since the epoch.
+    """
+    transport = suite.transport
+    if transport.kind == "other":
+        return None
+    link = LINK_SOCKETCAN if transport.kind == "can" else LINK_RAW_IP
+    parts = [struct.pack("<IHHiIII", PCAP_MAGIC_NS, 2, 4, 0, 0, SNAP_BYTES, link)]
+    writers = {"udp": _datagrams, "tcp": _segments, "can": _frames}
+    events = (suite.redacted(each) for each in timeline)
+    for time_s, packet in writers[transport.kind](transport, events):
+        time_ns = start_ns + round(time_s * 1e9)
+        seconds, ns = divmod(time_ns, 1_000_000_000)
+        parts.append(struct.pack("<IIII", seconds, ns, len(packet), len(packet)) + packet)
+    return b"".join(parts)
+
+
+_Packets = Iterator[tuple[float, bytes]]
+
+
+def _frames(_transport: Transport, events: Iterator[Event]) -> _Packets:
+    for event in events:
+        if event.kind is Kind.DATA:
+            yield event.time_s, event.data
+
+
+def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
+    """The judged one's port and ours."""
+    known = transport.ports.get(channel, 0)
+    digits = note.rpartition(":")[2]
+    free = int(digits) if digits.isdigit() and 0 < int(digits) < 65536 else 0
+    if not free:
+        names = sorted(transport.ports)
+        free = FREE_PORT + (names.index(channel) if channel in names else 0)
+    return (free, known) if transport.we_listen else (known, free)
+
+
+def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
+    theirs = ""
+    for event in events:
+        if event.kind is not Kind.DATA:
+            continue
+        if not event.sent:
+            theirs = event.note
+        judged, ours = _ports(transport, event.channel, theirs)
+        source, target = (ours, judged) if event.sent else (judged, ours)
+        udp = struct.pack(">HHHH", source, target, 8 + len(event.data), 0) + event.data
+        yield event.time_s, _ip(event.sent, _UDP, udp)
+
+
+def _segments(transport: Transport, events: Iterator[Event]) -> _Packets:
+    """TCP as it would have looked without loss: opened, acknowledged with data, closed."""
+    places: dict[str, list[int]] = {}
+    opened: dict[str, int] = {}
+
+    def segment(event: Event, from_us: bool, flags: int, data: bytes = b"") -> tuple[float, bytes]:
+        judged, ours = _ports(transport, event.channel, "")
+        ours += 16 * (opened.get(event.channel, 1) - 1)
+        source, target = (ours, judged) if from_us else (judged, ours)
+        sent, heard = (0, 1) if from_us else (1, 0)
+        place = places.setdefault(event.channel, [0, 0])
+        head = [source, target, place[sent], place[heard], 5 << 4, flags, 65535, 0, 0]
+        whole = struct.pack(">HHIIBBHHH", *head) + data
+        ends = (OURS, JUDGED) if from_us else (JUDGED, OURS)
+        head[7] = _checksum(b"".join(ends) + struct.pack(">HH", _TCP, len(whole)) + whole)
+        place[sent] += len(data) + bool(flags & (_SYN | _FIN))
+        packet = _ip(from_us, _TCP, struct.pack(">HHIIBBHHH", *head) + data)
+        return event.time_s, packet
+
+    for event in events:
+        if event.kind is Kind.OPENED:
+            places.pop(event.channel, None)
+            opened[event.channel] = opened.get(event.channel, 0) + 1
+            yield segment(event, True, _SYN)
+            yield segment(event, False, _SYN | _ACK)
+            yield segment(event, True, _ACK)
+        elif event.kind is Kind.CLOSED:
+            yield segment(event, event.sent, _FIN | _ACK)
+            yield segment(event, not event.sent, _FIN | _ACK)
+        elif event.kind is Kind.DATA:
+            for at in range(0, len(event.data), _LONGEST_SEGMENT):
+                piece = event.data[at : at + _LONGEST_SEGMENT]
+                yield segment(event, event.sent, _PUSH | _ACK, piece)
+
+
+def _ip(from_us: bool, protocol: int, payload: bytes) -> bytes:
+    ends = OURS + JUDGED if from_us else JUDGED + OURS
+    head = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(payload), 0, 0x4000, 64, protocol, 0) + ends
+    return head[:10] + struct.pack(">H", _checksum(head)) + head[12:] + payload
+
+
+def _checksum(data: bytes) -> int:
+    if len(data) % 2:
+        data += b"\0"
+    total: int = sum(struct.unpack(f">{len(data) // 2}H", data))
+    while total >> 16:
+        total = (total & 0xFFFF) + (total >> 16)
+    return ~total & 0xFFFF
+
+
+def write_mcap(path: Path, suite: Suite[V], timeline: Timeline, start_ns: int) -> None:
+    """Write the record: a channel for each wire and direction, with its bytes, and one for marks.
+
+    Raises ExtraMissingError without mcap, and CaptureError where `path` cannot be written.
+    """
+    try:
+        from mcap.writer import Writer
+    except ImportError as error:
+        raise missing_extra("a record", "mcap", "record", error) from error
+    try:
+        with path.open("wb") as file:
+            writer: Any = Writer(file)
+            writer.start("", "cardan conform")
+            channels: dict[str, int] = {}
+            for number, event in enumerate(map(suite.redacted, timeline)):
+                topic = f"/{suite.name}/" + "/".join(
+                    filter(None, (event.channel, "to" if event.sent else "from"))
+                )
+                data, encoding = event.data, "application/octet-stream"
+                if event.kind is not Kind.DATA:
+                    topic, encoding = f"/{suite.name}/events", "text/plain"
+                    words = (event.kind.value, event.channel, event.note)
+                    data = " ".join(filter(None, words)).encode()
+                if topic not in channels:
+                    channels[topic] = writer.register_channel(topic, encoding, 0)
+                time_ns = start_ns + round(event.time_s * 1e9)
+                writer.add_message(channels[topic], time_ns, data, time_ns, number)
+            writer.finish()
+    except OSError as error:
+        raise CaptureError(f"{path} cannot be written: {error.strerror or error}") from None

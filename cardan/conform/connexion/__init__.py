@@ -1,0 +1,1 @@
+"""Conformance of a 3Dconnexion device that speaks HID."""

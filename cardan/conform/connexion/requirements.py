@@ -1,0 +1,336 @@
+"""What a 3Dconnexion device that speaks HID must do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+
+from cardan.conform.connexion.second import readings_differ
+from cardan.conform.connexion.seen import ConnexionSeen, Report
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.protocols.connexion import (
+    Battery,
+    ButtonBits,
+    Family,
+    KeysDown,
+    Motion,
+    Rotation,
+    Translation,
+)
+from cardan.protocols.connexion.reports import (
+    BATTERY_ID,
+    HALF_BYTES,
+    KEY_ARRAY_BYTES,
+    KEYS_DOWN_ID,
+    LONG_PRESS_BITS_ID,
+    LONG_PRESS_ID,
+    LONGEST_BUTTONS_BYTES,
+    MOTION_BYTES,
+)
+from cardan.protocols.hid import UNKNOWN_ID, MalformedReport
+
+DESCRIPTOR = "report descriptors of the devices (docs/protocols/3dconnexion-hid.md)"
+SPACENAVD = "FreeSpacenav spacenavd, src/dev_usb_linux.c"
+RATE = "captures of SpaceNavigator and SpaceMouse Wireless"
+
+PERIOD_S = {Family.SPLIT: 0.008, Family.ONE: 0.016}
+PERIOD_TOLERANCE = 0.15
+LINK_LOST_S = 0.1
+"""Six periods: a driver takes a deflected device that is silent for so long to be gone."""
+LENGTHS = {
+    BATTERY_ID: {3},
+    KEYS_DOWN_ID: {KEY_ARRAY_BYTES},
+    LONG_PRESS_ID: {KEY_ARRAY_BYTES},
+    LONG_PRESS_BITS_ID: {5},
+    1: {HALF_BYTES, MOTION_BYTES},
+    2: {HALF_BYTES},
+    3: set(range(2, LONGEST_BUTTONS_BYTES + 1)),
+}
+LOW_PERCENT = 10
+ZEROS_AT_MOST = 8
+HELD = ("push-held", "twist-held")
+
+requires: Requirements[ConnexionSeen] = Requirements("HID3D")
+_NOTHING = "no reports came"
+
+
+def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
+    wrong = list(found)
+    if wrong:
+        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
+    return passed(good) if of else not_seen(nothing)
+
+
+@requires(1, "the system's HID driver")
+def it_can_be_opened(seen: ConnexionSeen) -> Verdict:
+    """The device can be opened to be read."""
+    return failed("it was refused", seen.refused) if seen.refused else passed("opened")
+
+
+@requires(2, RATE)
+def deflection_is_reported(seen: ConnexionSeen) -> Verdict:
+    """Deflected, it sends motion reports."""
+    if seen.refused or seen.phase("push-held") is None:
+        return not_seen("it was never deflected")
+    found = [each for each in seen.during("push", "push-held") if any(each.counts)]
+    return passed(f"{len(found)} reports") if found else failed("none came")
+
+
+@requires(3, DESCRIPTOR)
+def report_ids_are_known(seen: ConnexionSeen) -> Verdict:
+    """Reports have the ids 1, 2, 3, 16h, 17h, 1Ch and 1Dh, and no others."""
+    wrong = (
+        (each.number, f"id {each.value.report_id:#04x}")
+        for each in seen.reports
+        if isinstance(each.value, MalformedReport) and each.value.reason == UNKNOWN_ID
+    )
+    return _bad(wrong, len(seen.reports), f"{len(seen.reports)} reports")
+
+
+@requires(4, DESCRIPTOR)
+def reports_are_not_short(seen: ConnexionSeen) -> Verdict:
+    """No report is shorter than its id has it, and every value is one that it can have."""
+    wrong = (
+        (each.number, f"id {each.value.report_id:#04x}, {each.value.reason}")
+        for each in seen.reports
+        if isinstance(each.value, MalformedReport) and each.value.reason != UNKNOWN_ID
+    )
+    return _bad(wrong, len(seen.reports), f"{len(seen.reports)} reports")
+
+
+@requires(5, DESCRIPTOR)
+def reports_are_not_padded(seen: ConnexionSeen) -> Verdict:
+    """No report is longer than its id has it."""
+    wrong = (
+        (each.number, f"id {each.raw[0]:#04x} with {len(each.raw)} bytes")
+        for each in seen.reports
+        if each.raw and len(each.raw) > max(LENGTHS.get(each.raw[0], {len(each.raw)}))
+    )
+    return _bad(wrong, len(seen.reports), f"{len(seen.reports)} reports")
+
+
+@requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
+def the_family_is_one(seen: ConnexionSeen) -> Verdict:
+    """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
+    whole = [isinstance(each.value, Motion) for each in seen.motions]
+    if not whole:
+        return not_seen(_NOTHING)
+    odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
+    return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
+
+
+@requires(7, "device tables of spacenavd, Blender and PySpaceMouse")
+def the_family_is_the_models(seen: ConnexionSeen) -> Verdict:
+    """Motion comes as the model sends it, which its vendor and product id say."""
+    if seen.model is None:
+        return not_applicable("its model is not known")
+    if seen.family is None:
+        return not_seen(_NOTHING)
+    said = f"{seen.model.name}: {seen.family.value}"
+    return (
+        passed(said) if seen.family is seen.model.family else failed(said, [seen.motions[0].number])
+    )
+
+
+def _moving(seen: ConnexionSeen) -> list[list[Report]]:
+    """Motion reports of each time that it was held deflected."""
+    held = ([each for each in seen.during(name) if each.is_motion] for name in HELD)
+    return [each for each in held if len(each) > 1]
+
+
+@requires(8, f"{RATE}: one half every 8 ms, in turn")
+def halves_take_turns(seen: ConnexionSeen) -> Verdict:
+    """Translations and rotations come in turn, one of each."""
+    if seen.family is Family.ONE:
+        return not_applicable("motion comes whole")
+    wrong, count = [], 0
+    for motion in _moving(seen):
+        for one, other in pairwise(motion):
+            count += 1
+            if type(one.value) is type(other.value):
+                wrong.append((other.number, f"two {type(one.value).__name__.lower()}s in a row"))
+    return _bad(wrong, count, f"{count} in turn")
+
+
+@requires(9, RATE)
+def the_rate_is_the_families(seen: ConnexionSeen) -> Verdict:
+    """Held deflected, it sends a half every 8 ms, or a whole motion every 16 ms, to 15 %."""
+    moving, family = _moving(seen), seen.family
+    if not moving or family is None:
+        return not_seen(_NOTHING)
+    periods = [(m[-1].time_s - m[0].time_s) / (len(m) - 1) for m in moving]
+    worst = max(periods, key=lambda each: abs(each - PERIOD_S[family]))
+    said = f"{worst * 1e3:.2f} ms"
+    good = abs(worst / PERIOD_S[family] - 1.0) < PERIOD_TOLERANCE
+    return passed(said) if good else failed(said)
+
+
+@requires(10, f"{RATE}: while deflected the device keeps sending")
+def deflection_is_never_silent(seen: ConnexionSeen) -> Verdict:
+    """Held deflected, it is never silent for more than 100 ms."""
+    longest, wrong, count = 0.0, [], 0
+    for name in HELD:
+        phase = seen.phase(name)
+        if phase is None:
+            continue
+        found = [each for each in seen.during(name) if each.is_motion]
+        times = [phase.start_s, *(each.time_s for each in found), phase.end_s]
+        count += 1
+        for n, (a, b) in enumerate(pairwise(times)):
+            longest = max(longest, b - a)
+            if b - a > LINK_LOST_S:
+                at = found[min(n, len(found) - 1)].number if found else phase.first
+                wrong.append((at, f"{(b - a) * 1e3:.0f} ms"))
+    if wrong:
+        said = f"{len(wrong)} silences: {wrong[0][1]}"
+        return failed(said, (n for n, _ in wrong), longest * 1e3, "ms")
+    if not count:
+        return not_seen("it was never held deflected")
+    return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
+
+
+@requires(11, f"{RATE}: three zero pairs, then silence")
+def rest_is_silent(seen: ConnexionSeen) -> Verdict:
+    """Let go, it sends a few zeros, and then nothing."""
+    if seen.phase("push-rest") is None:
+        return not_seen("it was never let go")
+    talks = [
+        each.number for each in seen.during("rest", "push-rest", "twist-rest") if each.is_motion
+    ]
+    return failed(f"{len(talks)} motion reports at rest", talks) if talks else passed("silent")
+
+
+@requires(12, f"{RATE}: the last value of a motion is zero")
+def the_last_value_is_zero(seen: ConnexionSeen) -> Verdict:
+    """Of every motion the last reports say zero on all axes, and there are at most 8 of them."""
+    wrong, count = [], 0
+    for name in ("push", "twist"):
+        found = [each for each in seen.during(f"{name}-held", f"{name}-over") if each.is_motion]
+        if not any(any(each.counts) for each in found):
+            continue
+        count += 1
+        zeros = 0
+        for each in reversed(found):
+            if any(each.counts):
+                break
+            zeros += 1
+        least = 2 if seen.family is Family.SPLIT else 1
+        if not least <= zeros <= ZEROS_AT_MOST:
+            wrong.append((found[-1].number, f"{zeros} zeros at the end"))
+    return _bad(wrong, count, f"{count} motions", "it was never deflected")
+
+
+@requires(13, f"{DESCRIPTOR}: logical range -350 to 350")
+def counts_are_in_range(seen: ConnexionSeen) -> Verdict:
+    """No axis goes beyond the range that the descriptor declares, +-350."""
+    most = max((abs(c) for each in seen.motions for c in each.counts), default=0)
+    top = 350 if seen.model is None else seen.model.full_scale
+    wrong = [each.number for each in seen.motions if any(abs(c) > top for c in each.counts)]
+    said = f"{most} counts at most"
+    if wrong:
+        return failed(said, wrong, float(most), "counts")
+    return passed(said, float(most), "counts") if seen.motions else not_seen(_NOTHING)
+
+
+def _mean(found: list[Report], kind: type, at: int) -> list[float]:
+    rows = [each.counts for each in found if isinstance(each.value, kind)]
+    whole = [each.counts for each in found if isinstance(each.value, Motion)]
+    rows = [row[at : at + 3] for row in whole] if whole else rows
+    return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)] if rows else []
+
+
+@requires(14, "posted captures; spacenavd, Blender: +X is right, +Rz clockwise from above")
+def axes_have_their_signs(seen: ConnexionSeen) -> Verdict:
+    """Pushed to the right X is positive and the largest of the three; twisted clockwise, so is
+    Rz."""
+    if seen.model is not None and seen.model.serial_axes:
+        return not_applicable("the model has another frame")
+    push = _mean(seen.during("push-held"), Translation, 0)
+    twist = _mean(seen.during("twist-held"), Rotation, 3)
+    if not push or not twist:
+        return not_seen("it was not pushed and twisted")
+    said = f"X {push[0]:.0f}, Rz {twist[2]:.0f} counts"
+    good = push[0] == max(push, key=abs) > 0 and twist[2] == max(twist, key=abs) > 0
+    return passed(said) if good else failed(said)
+
+
+@requires(15, DESCRIPTOR)
+def buttons_are_told(seen: ConnexionSeen) -> Verdict:
+    """A button that is pressed is told at once, and again when it is let go."""
+    if seen.model is not None and not seen.model.buttons:
+        return not_applicable("the model has none")
+    if seen.phase("release") is None or seen.refused:
+        return not_seen("none was pressed")
+    down = _buttons(seen.during("press"))
+    up = _buttons(seen.during("release"))
+    if not down or not down[-1]:
+        return failed("pressing was not told")
+    if not up:
+        return failed("letting go was not told")
+    return passed("pressed and let go") if not up[-1] else failed("it stays down")
+
+
+def _buttons(found: list[Report]) -> list[bool]:
+    """Whether any is down, report by report."""
+    states = []
+    for each in found:
+        if isinstance(each.value, ButtonBits):
+            states.append(bool(each.value.mask))
+        elif isinstance(each.value, KeysDown):
+            states.append(bool(each.value.codes))
+    return states
+
+
+@requires(16, f"{DESCRIPTOR}, battery strength")
+def the_battery_is_not_empty(seen: ConnexionSeen) -> Verdict:
+    """The battery, where it is told of, has 10 % and more."""
+    found = [(e, e.value.percent) for e in seen.reports if isinstance(e.value, Battery)]
+    if not found:
+        return not_applicable("no battery was told of")
+    wrong = ((each.number, f"{percent} %") for each, percent in found if percent < LOW_PERCENT)
+    return _bad(wrong, len(found), f"{found[-1][1]} %")
+
+
+@requires(17, "the system's HID driver")
+def it_stays(seen: ConnexionSeen) -> Verdict:
+    """The device does not go while it is used."""
+    hand = seen.phase("unplug")
+    wrong = [index for index in seen.lost if hand is None or index < hand.first]
+    if seen.refused:
+        return not_seen("it was never opened")
+    return failed("it went", wrong) if wrong else passed("it stayed")
+
+
+@requires(18, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: ConnexionSeen) -> Verdict:
+    """A second reader, the scapy layers, sees the same axes and buttons."""
+    return readings_differ(seen)
+
+
+@requires(101, f"{SPACENAVD}: output report 4")
+def the_led_disturbs_nothing(seen: ConnexionSeen) -> Verdict:
+    """Told to switch its LED on and off, the device sends on as before."""
+    if seen.phase("push-again") is None or seen.refused:
+        return not_seen("it was not told")
+    if seen.model is not None and not seen.model.led:
+        return not_applicable("the model has no LED")
+    found = [each for each in seen.during("push-again") if any(each.counts)]
+    return passed(f"{len(found)} reports") if found else failed("nothing came afterwards")
+
+
+@requires(301, "the system's HID driver")
+def unplugging_is_told(seen: ConnexionSeen) -> Verdict:
+    """Unplugged, the device is told to be gone, and sends nothing more."""
+    phase = seen.phase("unplug")
+    gone = [] if phase is None else [index for index in seen.lost if index >= phase.first]
+    if not gone:
+        return not_seen("it was not unplugged")
+    after = [each.number for each in seen.reports if each.number > gone[0]]
+    return failed("reports come from what is gone", after) if after else passed("told")

@@ -1,0 +1,591 @@
+"""What a controller must do in Externally Guided Motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+
+from cardan.conform.egm.pilot import STEP_M, STEP_RAD
+from cardan.conform.egm.second import readings_differ
+from cardan.conform.egm.seen import EgmSeen, Robot, step
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.protocols.egm import MessageType, RapidState
+from cardan.protocols.egm.messages import EgmMotion
+from cardan.spatial import from_euler_zyx
+
+MANUAL = "ABB application manual 3HAC073318-001 (RobotWare 7.16)"
+SCHEMA = "ABB's egm.proto, RobotWare 6.08 to 7.16"
+LIBEGM = "ros-industrial/abb_libegm, src/egm_common_auxiliary.cpp"
+LAW = f"{MANUAL}, control law and latency"
+
+PERIODS_S = (0.004032, 0.004)
+"""Of a real and of a virtual controller."""
+PERIOD_TOLERANCE = 0.003
+JITTER_S = 0.0015
+JITTER_SHARE = 0.05
+"""More than this share of intervals may not be off by more than `JITTER_S`."""
+GAP_PERIODS = 12
+"""Longest time without a datagram, in periods; abb_libegm gives a controller up sooner or later."""
+CLOCK_STEP_S = 0.05
+ACTS_WITHIN_S = 0.06
+"""The manual's 20 ms from writing a reference until it affects the robot, 20 ms of the servo's lag,
+and the time in which half a millimetre begun at the default gain is more than noise."""
+LARGEST_BYTES = 1113
+HELD_WITHIN_M, HELD_WITHIN_RAD = 5e-4, math.radians(0.1)
+MOVED_M, MOVED_RAD = 2e-5, math.radians(4e-3)
+"""A motion is seen from here on, above an encoder's noise."""
+ENOUGH = 50
+"""Datagrams without which a rate says nothing."""
+
+requires: Requirements[EgmSeen] = Requirements("EGM")
+
+_NOTHING = "no datagrams of the controller"
+
+
+def _bad(
+    found: Iterable[tuple[int, str]], of: int, what: str, good: str, nothing: str = _NOTHING
+) -> Verdict:
+    """Failed with the first of `found`, which are numbers of events and words; of `of` in all."""
+    wrong = list(found)
+    if wrong:
+        return failed(f"{len(wrong)} of {of} {what}: {wrong[0][1]}", (n for n, _ in wrong))
+    return passed(good) if of else not_seen(nothing)
+
+
+@requires(1, f"{MANUAL}, UdpUc: the controller is the client")
+def datagrams_come(seen: EgmSeen) -> Verdict:
+    """The controller sends datagrams without having been sent any."""
+    first = next((a.time_s for a in seen.answers), math.inf)
+    before = [each for each in seen.robots if each.time_s < first]
+    return passed(f"{len(before)} datagrams") if before else failed("none came")
+
+
+@requires(2, SCHEMA)
+def datagrams_are_messages(seen: EgmSeen) -> Verdict:
+    """Every datagram is one whole EgmRobot, with nothing before, after or between."""
+    wrong = ((each.number, each.malformed.detail) for each in seen.refused)
+    count = len(seen.robots) + len(seen.refused)
+    return _bad(wrong, count, "datagrams are none", f"{count} datagrams")
+
+
+@requires(3, f"{SCHEMA}; {LIBEGM}")
+def headers_are_whole(seen: EgmSeen) -> Verdict:
+    """Every header has seqno, tm and the mtype DATA."""
+    wrong = []
+    for each in seen.robots:
+        header = each.message.header
+        if header is None or header.seqno is None or header.tm_ms is None:
+            wrong.append((each.number, "seqno or tm is missing"))
+        elif header.mtype != MessageType.DATA:
+            wrong.append((each.number, f"mtype {header.mtype:d}"))
+    return _bad(wrong, len(seen.robots), "headers", f"{len(seen.robots)} headers")
+
+
+def _sequence(seen: EgmSeen, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:
+    return _bad(wrong, sum(map(len, seen.sessions)), what, "every one", _NOTHING)
+
+
+@requires(4, f"{SCHEMA}, EgmHeader.seqno")
+def none_is_missing(seen: EgmSeen) -> Verdict:
+    """No sequence number is left out within a session."""
+    wrong = []
+    for session in seen.sessions:
+        numbers = {each.seqno: each.number for each in session}
+        first, last = session[0].seqno, max(session, key=lambda each: each.number).seqno
+        assert first is not None
+        assert last is not None
+        come = {step(first, number) for number in numbers if number is not None}
+        missing = set(range(min(come), max(come) + 1)) - come
+        wrong += [(session[-1].number, f"number {first + n} never came") for n in sorted(missing)]
+    return _sequence(seen, wrong, "are missing")
+
+
+@requires(5, f"{SCHEMA}, EgmHeader.seqno")
+def none_comes_twice(seen: EgmSeen) -> Verdict:
+    """No sequence number comes twice within a session."""
+    wrong = []
+    for session in seen.sessions:
+        had: set[int | None] = set()
+        for each in session:
+            if each.seqno in had:
+                wrong.append((each.number, f"number {each.seqno} again"))
+            had.add(each.seqno)
+    return _sequence(seen, wrong, "come twice")
+
+
+@requires(6, f"{SCHEMA}, EgmHeader.seqno")
+def they_come_in_order(seen: EgmSeen) -> Verdict:
+    """Datagrams arrive in the order of their sequence numbers."""
+    wrong = [
+        (other.number, f"{other.seqno} after {one.seqno}")
+        for one, other, n in seen.steps()
+        if n < 0
+    ]
+    return _sequence(seen, wrong, "were overtaken")
+
+
+def _long(seen: EgmSeen) -> Iterator[list[Robot]]:
+    return (each for each in seen.sessions if len(each) > ENOUGH)
+
+
+@requires(7, f"{MANUAL}: 4.032 ms, virtual about 4 ms; SampleRate its multiples")
+def the_period_is_a_controllers(seen: EgmSeen) -> Verdict:
+    """The mean period is 4.032 ms, or 4 ms of a virtual controller, times a whole number."""
+    found = []
+    for session in _long(seen):
+        first, last = session[0], session[-1]
+        assert first.seqno is not None
+        assert last.seqno is not None
+        cycles = step(first.seqno, last.seqno)
+        period_s = (last.time_s - first.time_s) / cycles if cycles > 0 else math.nan
+        found.append((period_s, last.number))
+    if not found:
+        return not_seen(f"no session of more than {ENOUGH} datagrams")
+    for period_s, index in found:
+        ratios = [period_s / each for each in PERIODS_S]
+        off = min(abs(r / max(1, round(r)) - 1.0) if r == r else 1.0 for r in ratios)
+        if off > PERIOD_TOLERANCE:
+            return failed(f"{period_s * 1e3:.3f} ms", [index], period_s * 1e3, "ms")
+    return passed(f"{found[0][0] * 1e3:.3f} ms in {len(found)} sessions")
+
+
+@requires(8, f"{MANUAL}: one datagram in each cycle of the motion task")
+def arrival_is_steady(seen: EgmSeen) -> Verdict:
+    """95 % of the datagrams arrive within 1.5 ms of their period after the one before."""
+    off = []
+    for session in _long(seen):
+        gaps = [(b.time_s - a.time_s, b.number) for a, b in pairwise(session)]
+        usual = sorted(gap for gap, _ in gaps)[len(gaps) // 2]
+        off += [(abs(gap - usual), index) for gap, index in gaps]
+    if not off:
+        return not_seen(f"no session of more than {ENOUGH} datagrams")
+    late = [index for error, index in off if error > JITTER_S]
+    ordered = sorted(error for error, _ in off)
+    figure = ordered[int(0.95 * (len(ordered) - 1))] * 1e3
+    said = f"95 % within {figure:.2f} ms"
+    if len(late) > JITTER_SHARE * len(off):
+        return failed(said, late, figure, "ms")
+    return passed(said, figure, "ms")
+
+
+@requires(9, f"{MANUAL}: one datagram in each cycle of the motion task")
+def there_are_no_pauses(seen: EgmSeen) -> Verdict:
+    """While a session lasts there is no silence of more than 12 periods."""
+    longest, wrong = 0.0, []
+    for one, other, n in seen.steps():
+        gap_s = other.time_s - one.time_s
+        longest = max(longest, gap_s)
+        if n > 0 and gap_s > GAP_PERIODS * PERIODS_S[0]:
+            wrong.append((other.number, f"{gap_s * 1e3:.0f} ms of silence"))
+    if wrong:
+        words = f"{len(wrong)} pauses: {wrong[0][1]}"
+        return failed(words, (n for n, _ in wrong), longest * 1e3, "ms")
+    said = f"longest {longest * 1e3:.1f} ms"
+    return passed(said, longest * 1e3, "ms") if seen.sessions else not_seen(_NOTHING)
+
+
+@requires(10, f"{MANUAL}, Local Port Number; the PC answers to the source of the datagram")
+def a_session_has_one_source(seen: EgmSeen) -> Verdict:
+    """All datagrams of a session come from one address and port."""
+    wrong = [
+        (other.number, f"{other.source} after {one.source}")
+        for one, other, _ in seen.steps()
+        if one.source != other.source
+    ]
+    return _sequence(seen, wrong, "come from elsewhere")
+
+
+@requires(11, f"{SCHEMA}, EgmHeader.tm")
+def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
+    """tm counts milliseconds: within a session it advances as time does, to 1 % and 10 ms."""
+    worst, wrong = 0.0, []
+    for session in _long(seen):
+        first, last = session[0], session[-1]
+        assert first.message.header is not None
+        assert last.message.header is not None
+        one, other = first.message.header.tm_ms, last.message.header.tm_ms
+        if one is None or other is None:
+            return failed("there is no tm", [first.number])
+        passed_s = last.time_s - first.time_s
+        off = abs(step(one, other) * 1e-3 - passed_s)
+        worst = max(worst, off)
+        if off > 0.01 * passed_s + 0.01:
+            wrong.append((last.number, f"{step(one, other)} ms in {passed_s:.3f} s"))
+    if not seen.sessions:
+        return not_seen(_NOTHING)
+    return _bad(wrong, len(seen.sessions), "sessions", f"off by {worst * 1e3:.1f} ms at most")
+
+
+@requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
+def the_wall_clock_runs(seen: EgmSeen) -> Verdict:
+    """The wall clock in feedBack.time advances as tm does; it never leaps."""
+    wrong, before, count = [], None, 0
+    for each in seen.robots:
+        header, back = each.message.header, each.message.feed_back
+        if header is None or header.tm_ms is None or back is None or back.time_us is None:
+            continue
+        count += 1
+        now = (header.tm_ms, back.time_us)
+        if before is not None and 0 <= step(before[0], now[0]) < 60_000:
+            leap_s = (now[1] - before[1]) * 1e-6 - step(before[0], now[0]) * 1e-3
+            if abs(leap_s) > CLOCK_STEP_S:
+                wrong.append((each.number, f"by {leap_s:.3f} s"))
+        before = now
+    return _bad(wrong, count, "clocks leap", f"{count} times", "no datagram has feedBack.time")
+
+
+def _complete(motion: EgmMotion | None, name: str) -> str:
+    """What `motion` lacks of what clients need; empty: nothing."""
+    if motion is None:
+        return f"no {name}"
+    if motion.joints is None or len(motion.joints) != 6:
+        return f"{name} without six joints"
+    pose = motion.cartesian
+    if pose is None or pose.pos is None or pose.orient is None:
+        return f"{name} without a pose of pos and orient"
+    return "" if motion.time_us is not None else f"{name} without time"
+
+
+@requires(13, LIBEGM)
+def both_motions_are_whole(seen: EgmSeen) -> Verdict:
+    """feedBack and planned each have six joints, a pose of pos and orient, and a time."""
+    wrong = []
+    for each in seen.robots:
+        m = each.message
+        lack = _complete(m.feed_back, "feedBack") or _complete(m.planned, "planned")
+        if lack:
+            wrong.append((each.number, lack))
+    return _bad(wrong, len(seen.robots), "datagrams", f"{len(seen.robots)} datagrams")
+
+
+@requires(14, LIBEGM)
+def the_states_are_there(seen: EgmSeen) -> Verdict:
+    """Every datagram has motorState, mciState, rapidExecState and mciConvergenceMet."""
+    wrong = []
+    for each in seen.robots:
+        m = each.message
+        found = (m.motor_state, m.mci_state, m.rapid_exec_state, m.mci_convergence_met)
+        if None in found:
+            wrong.append((each.number, "one of them is missing"))
+    return _bad(wrong, len(seen.robots), "datagrams", f"{len(seen.robots)} datagrams")
+
+
+def _poses(seen: EgmSeen) -> Iterator[tuple[Robot, EgmMotion]]:
+    for each in seen.robots:
+        for motion in (each.message.feed_back, each.message.planned):
+            if motion is not None and motion.cartesian is not None:
+                yield each, motion
+
+
+@requires(15, f"{SCHEMA}, EgmQuaternion")
+def quaternions_are_normal(seen: EgmSeen) -> Verdict:
+    """Every quaternion has the length 1, to 1e-3."""
+    wrong, count = [], 0
+    for each, motion in _poses(seen):
+        assert motion.cartesian is not None
+        orient = motion.cartesian.orient
+        if orient is not None:
+            count += 1
+            length = math.sqrt(sum(u * u for u in orient))
+            if abs(length - 1.0) > 1e-3:
+                wrong.append((each.number, f"length {length:.4f}"))
+    return _bad(wrong, count, "quaternions", f"{count} quaternions", "no quaternion came")
+
+
+@requires(16, f"{SCHEMA}, EgmEuler; {LIBEGM}")
+def euler_agrees(seen: EgmSeen) -> Verdict:
+    """Euler angles, where they are sent, are the quaternion's: R = Rz Ry Rx."""
+    wrong, count = [], 0
+    for each, motion in _poses(seen):
+        pose = motion.cartesian
+        assert pose is not None
+        if pose.euler is None or pose.orient is None:
+            continue
+        count += 1
+        same = from_euler_zyx(*pose.euler)
+        dot = abs(sum(a * b for a, b in zip(same, pose.orient, strict=True)))
+        if dot < 1.0 - 1e-6:
+            apart = math.degrees(2.0 * math.acos(min(1.0, dot)))
+            wrong.append((each.number, f"{apart:.2f} degrees apart"))
+    if not count:
+        return not_applicable("no Euler angles are sent")
+    return _bad(wrong, count, "poses", f"{count} poses")
+
+
+@requires(17, f"{SCHEMA}, EgmMeasuredForce in both layouts")
+def forces_have_six_values(seen: EgmSeen) -> Verdict:
+    """measuredForce, where it is sent, has six values."""
+    found = [(e.number, e.message.measured_force) for e in seen.robots]
+    forces = [(index, force) for index, force in found if force is not None]
+    if not forces:
+        return not_applicable("no force is sent")
+    wrong = ((i, f"{len(force.force)} values") for i, force in forces if len(force.force) != 6)
+    layouts = {force.fc_active is None for _, force in forces}
+    names = " and ".join("RobotWare 6" if old else "RobotWare 7" for old in sorted(layouts))
+    return _bad(wrong, len(forces), "forces", f"{len(forces)} forces in the layout of {names}")
+
+
+@requires(18, f"{SCHEMA}: fields since 6.10, 7.6, 7.7, 7.16")
+def fields_are_of_one_release(seen: EgmSeen) -> Verdict:
+    """A field of a later RobotWare comes only with those of the releases before it."""
+    wrong, release = [], ""
+    for each in seen.robots:
+        m = each.message
+        has = [
+            m.utilization_rate is not None,
+            m.move_index is not None,
+            m.rapid_from_robot is not None,
+            m.torque_ref is not None,
+        ]
+        known = sum(has)
+        if has != sorted(has, reverse=True) and not (has[:2] == [True, True] and known == 3):
+            # RAPID data are sent only where the program asks for them.
+            wrong.append((each.number, "a later field without an earlier one"))
+        release = ("6.08", "6.10", "7.6", "7.7", "7.16")[max(known, 4 if has[3] else 0)]
+    return _bad(wrong, len(seen.robots), "datagrams", f"as RobotWare {release} or later sends")
+
+
+@requires(19, f"{SCHEMA}: the longest message with every field")
+def datagrams_are_short(seen: EgmSeen) -> Verdict:
+    """No datagram is longer than 1113 bytes."""
+    lengths = [(len(seen.raw[each.number]), each.number) for each in seen.robots]
+    if not lengths:
+        return not_seen(_NOTHING)
+    longest, index = max(lengths)
+    said = f"{longest} B"
+    return failed(said, [index]) if longest > LARGEST_BYTES else passed(said)
+
+
+@requires(20, "cardan.dissect: a second description of the protocol, written from the schema")
+def both_descriptions_agree(seen: EgmSeen) -> Verdict:
+    """A second reader, the scapy layers, sees the same sequence numbers, clocks and joints."""
+    return readings_differ(seen)
+
+
+@requires(101, f"{MANUAL}: a run ends by convergence, EGMStop, a stop or an error, not by itself")
+def an_answered_session_lasts(seen: EgmSeen) -> Verdict:
+    """While every datagram is answered, no session ends and no other begins."""
+    phase, found = seen.phase("hold"), seen.during("hold")
+    if phase is None or not found:
+        return not_seen("nothing was held")
+    for session in seen.sessions:
+        if phase.first < session[0].number < phase.end and session[0].time_s > found[0].time_s:
+            return failed("a session began anew", [session[0].number])
+    silent_s = phase.end_s - found[-1].time_s
+    if silent_s > 0.25:
+        return failed(f"it ended {silent_s:.2f} s before the answers did", [found[-1].number])
+    return passed(f"{phase.end_s - found[0].time_s:.1f} s, {len(found)} datagrams")
+
+
+@requires(102, f"{MANUAL}, egmstate; {SCHEMA}, EgmMotorState, EgmMCIState")
+def holding_is_undisturbed(seen: EgmSeen) -> Verdict:
+    """Once guidance runs and is answered, the motors stay on and the MCI stays RUNNING."""
+    found = seen.during("hold")
+    began = next((n for n, each in enumerate(found) if each.running), None)
+    if began is None:
+        return not_seen("the MCI never ran")
+    wrong = []
+    for each in found[began:]:
+        if not each.motors_on:
+            wrong.append((each.number, "the motors went off"))
+        elif not each.running:
+            wrong.append((each.number, f"the MCI's state is {each.message.mci_state}"))
+    return _bad(wrong, len(found) - began, "datagrams", f"{len(found) - began} datagrams")
+
+
+@requires(103, f"{SCHEMA}, EgmRapidCtrlExecState; {LIBEGM}: UNDEFINED is a known defect")
+def the_program_is_said_to_run(seen: EgmSeen) -> Verdict:
+    """While the MCI is RUNNING, so is RAPID's execution state."""
+    running = [each for each in seen.robots if each.running]
+    wrong = (
+        (each.number, f"the state is {each.message.rapid_exec_state}")
+        for each in running
+        if each.message.rapid_exec_state != RapidState.RUNNING
+    )
+    return _bad(wrong, len(running), "datagrams", f"{len(running)} datagrams", "the MCI never ran")
+
+
+def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
+    return max((abs(a - b) for a, b in zip(one, other, strict=False)), default=0.0)
+
+
+@requires(104, LAW)
+def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
+    """Told its own position, the arm stays within 0.5 mm and 0.1 degrees of it."""
+    found = [each for each in seen.during("hold") if each.running]
+    if len(found) < ENOUGH:
+        return not_seen("the MCI ran too shortly")
+    first = found[0]
+    far_m = max(_apart(first.position, each.position) for each in found)
+    far_rad = max(_apart(first.joints, each.joints) for each in found)
+    said = f"{far_m * 1e3:.3f} mm, {math.degrees(far_rad):.3f} degrees"
+    if far_m > HELD_WITHIN_M or far_rad > HELD_WITHIN_RAD:
+        worst = max(found, key=lambda each: _apart(first.position, each.position))
+        return failed(said, [worst.number], far_m * 1e3, "mm")
+    return passed(said, far_m * 1e3, "mm")
+
+
+@requires(105, f"{MANUAL}, CommTimeout: event 41822")
+def silence_ends_the_run(seen: EgmSeen) -> Verdict:
+    """Without messages of the PC the run ends, after CommTimeout."""
+    phase = seen.phase("silence")
+    found = seen.during("silence")
+    if phase is None or not any(each.running for each in found):
+        return not_seen("no run was left alone")
+    last = max(each.time_s for each in found if each.running)
+    after_s = last - phase.start_s
+    if phase.end_s - last < 0.25 and found[-1].running:
+        return failed(f"it still runs after {after_s:.1f} s", [found[-1].number], after_s, "s")
+    return passed(f"after {after_s:.2f} s", after_s, "s")
+
+
+@requires(106, f"{MANUAL}: both directions are independent")
+def silence_does_not_slow_it(seen: EgmSeen) -> Verdict:
+    """Until then the controller sends on in its period, whether it is answered or not."""
+    found = [each for each in seen.during("silence") if each.running]
+    if len(found) < ENOUGH:
+        return not_seen("no run was left alone for long enough")
+    first, last = found[0].seqno, found[-1].seqno
+    assert first is not None
+    assert last is not None
+    cycles = max(1, step(first, last))
+    period_s = (found[-1].time_s - found[0].time_s) / cycles
+    off = min(abs(period_s / (n * p) - 1.0) for p in PERIODS_S for n in range(1, 25))
+    said = f"{period_s * 1e3:.3f} ms"
+    return failed(said, [found[-1].number]) if off > 0.01 else passed(said)
+
+
+@requires(107, "ros-industrial/abb_libegm: sequence number 0 is the start of a session")
+def a_new_run_counts_from_0(seen: EgmSeen) -> Verdict:
+    """A run after an earlier one counts its datagrams from 0 again."""
+    later = [session[0] for session in seen.sessions[1:]]
+    if not later:
+        return not_seen("there was one session only")
+    wrong = ((each.number, f"the first is {each.seqno}") for each in later if each.seqno)
+    return _bad(wrong, len(later), "sessions", f"{len(later)} sessions")
+
+
+@requires(108, "not documented by ABB: a controller is tried, docs/simulated-peers.md says ignored")
+def junk_changes_nothing(seen: EgmSeen) -> Verdict:
+    """Datagrams that are not EGM neither stop nor move the arm."""
+    found = seen.during("junk")
+    if not seen.junk or not found or not seen.during("hold"):
+        return not_seen("none were sent")
+    before = [each for each in seen.during("hold") if each.running]
+    if not before:
+        return not_seen("the MCI never ran")
+    stopped = [each.number for each in found if not each.running]
+    if stopped:
+        return failed("the run ended", stopped)
+    far_m = max(_apart(before[-1].position, each.position) for each in found)
+    said = f"{len(seen.junk)} datagrams, moved {far_m * 1e3:.3f} mm"
+    return failed(said, [found[-1].number]) if far_m > HELD_WITHIN_M else passed(said)
+
+
+def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]:
+    """How far each is from `still`, in shares of the step, along what moved."""
+    for each in found:
+        by_position = _apart(still.position, each.position) / STEP_M
+        by_joints = _apart(still.joints[5:6], each.joints[5:6]) / STEP_RAD
+        yield each, max(by_position, by_joints)
+
+
+def _stepped(seen: EgmSeen) -> tuple[Robot, list[Robot]] | None:
+    """The last datagram before the step, and those after it."""
+    found = [each for each in seen.during("step") if each.running]
+    before = [each for each in seen.robots if found and each.number < found[0].number]
+    return (before[-1], found) if before and len(found) > ENOUGH else None
+
+
+_NO_STEP = "no step was made"
+
+
+@requires(201, LAW)
+def a_reference_acts_soon(seen: EgmSeen) -> Verdict:
+    """A reference moves the arm within 60 ms of being sent, what it plans or what it measures."""
+    stepped, phase = _stepped(seen), seen.phase("step")
+    if stepped is None or phase is None:
+        return not_seen(_NO_STEP)
+    still, found = stepped
+    sent = next((a.time_s for a in seen.answers if a.number > phase.first), phase.start_s)
+    for each in found:
+        planned, was = each.message.planned, still.message.planned
+        moved = _apart(still.position, each.position) > MOVED_M
+        moved = moved or _apart(still.joints, each.joints) > MOVED_RAD
+        if planned is not None and was is not None:
+            pos, was_pos = planned.cartesian, was.cartesian
+            if pos and was_pos and pos.pos and was_pos.pos:
+                moved = moved or _apart(tuple(pos.pos), tuple(was_pos.pos)) > MOVED_M
+            moved = moved or _apart(planned.joints or (), was.joints or ()) > MOVED_RAD
+        if moved:
+            after_ms = (each.time_s - sent) * 1e3
+            said = f"after {after_ms:.1f} ms"
+            if after_ms > ACTS_WITHIN_S * 1e3:
+                return failed(said, [each.number], after_ms, "ms")
+            return passed(said, after_ms, "ms")
+    return failed("it never moved", [found[-1].number])
+
+
+@requires(202, LAW)
+def a_reference_is_reached(seen: EgmSeen) -> Verdict:
+    """The arm comes to within 15 % of a small step's end, in the time of five time constants."""
+    stepped = _stepped(seen)
+    if stepped is None:
+        return not_seen(_NO_STEP)
+    *_, (last, share) = _progress(stepped[1], stepped[0])
+    said = f"{100 * share:.0f} % of the step"
+    return passed(said) if abs(share - 1.0) < 0.15 else failed(said, [last.number])
+
+
+@requires(203, LAW)
+def a_step_does_not_overshoot(seen: EgmSeen) -> Verdict:
+    """On its way it goes no more than 20 % beyond the step's end."""
+    stepped = _stepped(seen)
+    if stepped is None:
+        return not_seen(_NO_STEP)
+    far, most = max(_progress(stepped[1], stepped[0]), key=lambda each: each[1])
+    said = f"{100 * most:.0f} % at most"
+    return passed(said) if most < 1.2 else failed(said, [far.number])
+
+
+@requires(204, LAW)
+def it_comes_back(seen: EgmSeen) -> Verdict:
+    """Told its old position, the arm comes back to within 15 % of the step."""
+    stepped = _stepped(seen)
+    back = [each for each in seen.during("back") if each.running]
+    if stepped is None or not back:
+        return not_seen(_NO_STEP)
+    *_, (last, share) = _progress(back, stepped[0])
+    said = f"{100 * share:.0f} % of the step is left"
+    return passed(said) if share < 0.15 else failed(said, [last.number])
+
+
+@requires(301, f"{SCHEMA}, EgmMotorState, EgmMCIState")
+def an_emergency_stop_is_told(seen: EgmSeen) -> Verdict:
+    """After an emergency stop no datagram says that motors are on and guidance runs."""
+    found = seen.during("estop")
+    stopped = next((n for n, each in enumerate(found) if not each.motors_on), None)
+    if stopped is None:
+        return not_seen("no datagram said that the motors went off")
+    wrong = [each.number for each in found[stopped:] if each.motors_on or each.running]
+    return failed("it says on or RUNNING again", wrong) if wrong else passed("off, not RUNNING")
+
+
+@requires(302, LAW)
+def it_goes_on_where_it_stood(seen: EgmSeen) -> Verdict:
+    """Guided again after an emergency stop, the arm is within 1 mm of where it stopped."""
+    before = seen.during("estop")
+    after = [each for each in seen.during("released") if each.running]
+    if not before or not after:
+        return not_seen("it was not started again")
+    far_m = max(_apart(before[-1].position, each.position) for each in after)
+    said = f"{far_m * 1e3:.3f} mm away"
+    return passed(said) if far_m < 1e-3 else failed(said, [after[-1].number])

@@ -1,0 +1,85 @@
+"""Conducts a pilot against a real target, in real time."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Callable
+
+from cardan.conform.conduct import Act, Conduct
+from cardan.conform.timeline import Kind
+from cardan.conform.wires import Wire, Wires
+from cardan.errors import DriverError
+
+
+def run(conduct: Conduct, wires: Wires, told: Callable[[str], None]) -> None:
+    """Until the pilot's script is over. `told` gets what somebody is to do by hand.
+
+    Raises AddressError or DeviceAccessError where the first wire cannot be opened; of later ones
+    the refusal is an event.
+    """
+    _Live(conduct, wires, told).run()
+
+
+class _Live:
+    def __init__(self, conduct: Conduct, wires: Wires, told: Callable[[str], None]) -> None:
+        self._conduct, self._wires, self._told = conduct, wires, told
+        self._open: dict[str, Wire] = {}
+        self._any = False
+        self._start_s = time.monotonic()
+
+    def _now(self) -> float:
+        return time.monotonic() - self._start_s
+
+    def run(self) -> None:
+        conduct = self._conduct
+        try:
+            while not conduct.over:
+                self._do(conduct.due(self._now()))
+                if conduct.over:
+                    break
+                timeout_s = max(0.0, conduct.next_s - self._now())
+                wires = {each.fileno(): name for name, each in self._open.items()}
+                ready, _, _ = select.select(list(wires), [], [], timeout_s)
+                for descriptor in ready:
+                    self._take(wires[descriptor])
+        finally:
+            for each in self._open.values():
+                each.close()
+
+    def _take(self, channel: str) -> None:
+        wire = self._open.get(channel)
+        if wire is None:
+            return
+        for data, source in wire.read():
+            self._do(self._conduct.heard(self._now(), channel, data, note=source))
+        if wire.ended and self._open.pop(channel, None) is not None:
+            wire.close()
+            self._do(self._conduct.heard(self._now(), channel, kind=Kind.CLOSED))
+
+    def _do(self, acts: list[Act]) -> None:
+        for act in acts:
+            if act.kind is Kind.DATA:
+                wire = self._open.get(act.channel)
+                if wire is not None:
+                    wire.write(act.data)
+            elif act.kind is Kind.OPENED:
+                self._do(self._opened(act.channel))
+            elif act.kind is Kind.CLOSED:
+                found = self._open.pop(act.channel, None)
+                if found is not None:
+                    found.close()
+            elif act.kind is Kind.ASKED:
+                self._told(act.note)
+
+    def _opened(self, channel: str) -> list[Act]:
+        try:
+            wire = self._wires.open(channel)
+        except DriverError as error:
+            if not self._any:
+                raise
+            now_s = self._now()
+            return self._conduct.heard(now_s, channel, kind=Kind.REFUSED, note=str(error))
+        self._any = True
+        self._open[channel] = wire
+        return self._conduct.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)

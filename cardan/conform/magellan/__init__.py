@@ -1,0 +1,1 @@
+"""Conformance of a serial device that speaks Magellan's protocol."""

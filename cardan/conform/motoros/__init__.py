@@ -1,0 +1,1 @@
+"""Conformance of a Motoman controller that runs MotoROS: trajectories, and the velocity mode."""

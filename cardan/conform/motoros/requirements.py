@@ -1,0 +1,741 @@
+"""What a controller with MotoROS must do on its three ports."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+
+from cardan.conform.motoros.pilot import STEP_RAD, STEP_S, UNKNOWN_TYPE
+from cardan.conform.motoros.second import readings_differ
+from cardan.conform.motoros.seen import Exchange, MotorosSeen
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.protocols.simple_message import (
+    CommType,
+    ControllerMode,
+    InvalidSubcode,
+    IoResult,
+    JointTrajPtFull,
+    JointVelocity,
+    MessageType as T,
+    MotionCommand as C,
+    MotionCtrl,
+    MotionResult as R,
+    NotReadySubcode as N,
+    ReadIoReply,
+    ReplyCode,
+    ValidFields,
+    VelocityInfo,
+)
+
+STATES = "motoman_driver 1.9.12, MotoPlus/StateServer.c"
+SERVER = "motoman_driver 1.9.12, MotoPlus/MotionServer.c"
+MESSAGES = "motoman_driver 1.9.12, MotoPlus/SimpleMessage.h"
+CONTROLLER = "motoman_driver 1.9.12, MotoPlus/Controller.c"
+GROUP = "motoman_driver 1.9.12, MotoPlus/CtrlGroup.c"
+IO = "motoman_driver 1.9.12, MotoPlus/IoServer.c"
+VELOCITY = "docs/protocols/motoros-velocity-mode.md"
+
+PERIOD_S, PERIOD_TOLERANCE_S = 0.025, 0.0005
+MISSED_S = 0.075
+"""Three state cycles."""
+WHOLE_WITHIN_S = 0.0005
+REPLY_WITHIN_S = 0.02
+"""Half a second is a client's time-out; 0.2 to 1.1 ms were measured on a controller."""
+STILL_RAD = 2e-3
+PLAYED_LATE_S = 0.06
+REACHED_SHARE = 0.2
+
+requires: Requirements[MotorosSeen] = Requirements("MOTO")
+
+
+def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str) -> Verdict:
+    wrong = list(found)
+    if wrong:
+        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
+    return passed(good) if of else not_seen(nothing)
+
+
+# -- level 0: the state port ----------------------------------------------------------------------
+
+
+@requires(1, f"{STATES}: nothing is ever read there")
+def states_come_unasked(seen: MotorosSeen) -> Verdict:
+    """The state port sends feedback and status to whoever connects."""
+    count, states = len(seen.feedback("listen")), len(seen.statuses("listen"))
+    said = f"{count} feedbacks, {states} statuses"
+    return passed(said) if count and states else failed(said)
+
+
+@requires(2, f"{MESSAGES}: prefix, header, body")
+def bytes_are_messages(seen: MotorosSeen) -> Verdict:
+    """All that comes on any port is whole messages with the right prefix, one after the other."""
+    wrong = ((each.number, f"{each.channel}: {each.reason}") for each in seen.unread)
+    count = len(seen.heard) + len(seen.unread)
+    return _bad(wrong, count, f"{count} messages", "nothing came")
+
+
+@requires(3, f"{STATES}: a cycle every 25 ms")
+def the_state_cycle_is_25_ms(seen: MotorosSeen) -> Verdict:
+    """The mean period of ROBOT_STATUS is 25 ms, to half a millisecond."""
+    times = [each.time_s for each, _ in seen.statuses("listen")]
+    if len(times) < 10:
+        return not_seen("fewer than 10 statuses")
+    period_s = (times[-1] - times[0]) / (len(times) - 1)
+    said = f"{period_s * 1e3:.2f} ms"
+    return passed(said) if abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S else failed(said)
+
+
+@requires(4, f"{STATES}; a client stops its stream after three missed cycles")
+def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
+    """From one ROBOT_STATUS to the next it is never more than 75 ms, whatever else is done."""
+    found = seen.statuses()
+    if not found:
+        return not_seen("no status came")
+    gaps = [(b.time_s - a.time_s, b.number) for (a, _), (b, _) in pairwise(found)]
+    last_phase = max(seen.phases.values(), key=lambda each: each.end)
+    gaps.append((last_phase.end_s - found[-1][0].time_s, found[-1][0].number))
+    longest, index = max(gaps)
+    said = f"longest {longest * 1e3:.0f} ms"
+    if longest > MISSED_S:
+        return failed(said, [index], longest * 1e3, "ms")
+    return passed(said, longest * 1e3, "ms")
+
+
+@requires(5, f"{STATES}: JOINT_FEEDBACK of each group, then ROBOT_STATUS")
+def a_cycle_has_its_order(seen: MotorosSeen) -> Verdict:
+    """In each cycle feedback of the groups comes in their order, and the status last."""
+    cycle: list[int] = []
+    wrong, count = [], 0
+    for each in seen.heard:
+        if each.channel != "state":
+            continue
+        if each.message.msg_type == T.JOINT_FEEDBACK:
+            cycle.append(each.message.body.group)  # type: ignore[union-attr]
+        elif each.message.msg_type == T.ROBOT_STATUS:
+            count += 1
+            if cycle != list(range(len(cycle))) or not cycle:
+                wrong.append((each.number, f"groups {cycle} before the status"))
+            cycle = []
+    return _bad(wrong, count, f"{count} cycles", "no status came")
+
+
+@requires(6, f"{MESSAGES}: TOPIC is 1, the reply code of topics 0")
+def states_are_topics(seen: MotorosSeen) -> Verdict:
+    """Messages of the state port are topics with the reply code 0."""
+    found = [each for each in seen.heard if each.channel == "state"]
+    wrong = (
+        (each.number, f"communication type {each.message.comm_type}")
+        for each in found
+        if each.message.comm_type != CommType.TOPIC or each.message.reply_code
+    )
+    return _bad(wrong, len(found), f"{len(found)} messages", "nothing came")
+
+
+@requires(7, f"{STATES}: POSITION, and VELOCITY where speed feedback is available")
+def feedback_says_what_is_valid(seen: MotorosSeen) -> Verdict:
+    """valid_fields of feedback are POSITION, or POSITION and VELOCITY; all values are finite."""
+    wrong, fields = [], set()
+    found = seen.feedback()
+    position = ValidFields.POSITION
+    for each, body in found:
+        fields.add(body.valid_fields)
+        if body.valid_fields not in (position, position | ValidFields.VELOCITY):
+            wrong.append((each.number, f"valid_fields {body.valid_fields}"))
+        elif not all(map(math.isfinite, (*body.pos, *body.vel))):
+            wrong.append((each.number, "a value that is not finite"))
+    said = f"valid_fields {' and '.join(map(str, sorted(fields)))}"
+    return _bad(wrong, len(found), said, "no feedback came")
+
+
+@requires(8, f"{STATES}: speed feedback since the API has it")
+def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
+    """Feedback has speeds, as of firmware that is not old."""
+    found = seen.feedback()
+    without = [each.number for each, body in found if not body.valid_fields & ValidFields.VELOCITY]
+    if without:
+        return failed("positions alone", without)
+    return passed(f"{len(found)} feedbacks") if found else not_seen("no feedback came")
+
+
+@requires(9, f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns")
+def statuses_are_plausible(seen: MotorosSeen) -> Verdict:
+    """Switches of a status are 0 or 1, and the mode is 1 (teach) or 2 (play)."""
+    wrong = []
+    found = seen.statuses()
+    for each, s in found:
+        switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
+        if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
+            wrong.append((each.number, f"switches {switches}"))
+        elif s.mode not in (ControllerMode.MANUAL, ControllerMode.AUTO):
+            wrong.append((each.number, f"mode {s.mode}"))
+    return _bad(wrong, len(found), f"{len(found)} statuses", "no status came")
+
+
+@requires(10, f"{STATES}: each message in one send()")
+def messages_are_not_torn(seen: MotorosSeen) -> Verdict:
+    """Of a message whose first bytes have come the rest is there within half a millisecond."""
+    torn = [
+        (each.number, f"{(each.time_s - each.begun_s) * 1e3:.1f} ms")
+        for each in seen.heard
+        if each.time_s - each.begun_s > WHOLE_WITHIN_S
+    ]
+    if len(torn) > 0.01 * len(seen.heard):
+        return _bad(torn, len(seen.heard), "", "")
+    said = f"{len(seen.heard)} messages, {len(torn)} in pieces"
+    return passed(said) if seen.heard else not_seen("nothing came")
+
+
+@requires(11, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: MotorosSeen) -> Verdict:
+    """A second reader, the scapy layers, sees the same types, groups and positions."""
+    return readings_differ(seen)
+
+
+# -- level 1: asked, and held ---------------------------------------------------------------------
+
+
+def _control(seen: MotorosSeen, command: C, phase: str = "") -> list[Exchange]:
+    found = seen.exchanges(phase) if phase else seen.asked
+    return [
+        each
+        for each in found
+        if each.request is not None
+        and isinstance(each.request.body, MotionCtrl)
+        and each.request.body.command == command
+    ]
+
+
+def _requests(seen: MotorosSeen) -> list[Exchange]:
+    """Those that every controller answers, one at a time."""
+    return [
+        each
+        for each in seen.asked
+        if each.request is not None and each.request.comm_type == CommType.SERVICE_REQUEST
+    ]
+
+
+@requires(101, f"{SERVER}: every request is answered, one at a time")
+def every_request_is_answered(seen: MotorosSeen) -> Verdict:
+    """Each request is answered on its connection before a client's time is out."""
+    found = _requests(seen)
+    ends = [event.time_s for _, event in seen.ended]
+    wrong = (
+        (each.number, "no answer")
+        for each in found
+        if each.reply is None and not any(each.time_s - 1.0 < end < each.time_s for end in ends)
+    )
+    return _bad(wrong, len(found), f"{len(found)} requests", "nothing was asked")
+
+
+@requires(102, "0.2 to 1.1 ms in a capture of a controller (2015)")
+def answers_are_quick(seen: MotorosSeen) -> Verdict:
+    """Nine of ten requests that start nothing are answered within 20 ms."""
+    times = sorted(
+        (each.reply.time_s - each.time_s, each.number)
+        for each in _control(seen, C.CHECK_QUEUE_CNT) + _control(seen, C.CHECK_MOTION_READY)
+        if each.reply is not None
+    )
+    if not times:
+        return not_seen("nothing was answered")
+    late_s, index = times[int(0.9 * (len(times) - 1))]
+    said = f"nine of ten within {late_s * 1e3:.1f} ms"
+    if late_s > REPLY_WITHIN_S:
+        return failed(said, [index], late_s * 1e3, "ms")
+    return passed(said, late_s * 1e3, "ms")
+
+
+@requires(103, f"{SERVER}: group, sequence and command are echoed")
+def answers_are_to_what_was_asked(seen: MotorosSeen) -> Verdict:
+    """The reply to an order has its command and its sequence."""
+    wrong, count = [], 0
+    for each in seen.asked:
+        body = None if each.request is None else each.request.body
+        if each.reply is None or not isinstance(body, MotionCtrl):
+            continue
+        count += 1
+        found = each.motion
+        if found is None or (found.command, found.sequence) != (body.command, body.sequence):
+            wrong.append((each.reply.number, f"not of {body.command}, {body.sequence}"))
+    return _bad(wrong, count, f"{count} replies", "nothing was answered")
+
+
+@requires(104, f"{MESSAGES}: SERVICE_REPLY is 3, the reply code SUCCESS even of errors")
+def replies_are_replies(seen: MotorosSeen) -> Verdict:
+    """A motion reply has the communication type 3 and the reply code 1."""
+    found = [each.reply for each in seen.asked if each.motion is not None and each.reply]
+    wrong = (
+        (each.number, f"type {each.message.comm_type}, code {each.message.reply_code}")
+        for each in found
+        if (each.message.comm_type, each.message.reply_code)
+        != (CommType.SERVICE_REPLY, ReplyCode.SUCCESS)
+    )
+    return _bad(wrong, len(found), f"{len(found)} replies", "nothing was answered")
+
+
+@requires(105, f"{SERVER}: PING is answered with PING")
+def ping_is_answered(seen: MotorosSeen) -> Verdict:
+    """PING on the motion port is answered with a PING of 16 bytes."""
+    found = [e for e in seen.exchanges("ask") if e.request and e.request.msg_type == T.PING]
+    if not found or found[0].reply is None:
+        return not_seen("no PING was answered")
+    reply = found[0].reply
+    good = reply.message.msg_type == T.PING and len(reply.raw) == 16
+    return passed("16 B") if good else failed(f"type {reply.message.msg_type}", [reply.number])
+
+
+def _refused(seen: MotorosSeen, msg_type: int, subcode: int) -> Verdict:
+    found = [
+        each
+        for each in seen.exchanges("ask")
+        if int.from_bytes(each.raw[4:8], _endian(seen)) == msg_type  # type: ignore[arg-type]
+        and (each.request is None or not isinstance(each.request.body, MotionCtrl))
+    ]
+    if not found or found[0].motion is None:
+        return not_seen("it was not answered by a motion reply")
+    reply = found[0].motion
+    said = f"result {reply.result}, subcode {reply.subcode}, command {reply.command}"
+    good = (reply.result, reply.subcode) == (R.INVALID, subcode)
+    return passed(said) if good else failed(said, [found[0].number])
+
+
+def _endian(seen: MotorosSeen) -> str:
+    return "big" if seen.order is not None and seen.order.value == ">" else "little"
+
+
+@requires(106, f"{SERVER}: INVALID, MSGTYPE, and the connection is kept")
+def unknown_types_are_refused(seen: MotorosSeen) -> Verdict:
+    """A type that nobody knows is answered INVALID with 3003."""
+    return _refused(seen, UNKNOWN_TYPE, InvalidSubcode.MSGTYPE)
+
+
+@requires(107, f"{SERVER}: INVALID, MSGSIZE")
+def short_messages_are_refused(seen: MotorosSeen) -> Verdict:
+    """An order with too short a body is answered INVALID with 3001."""
+    return _refused(seen, T.MOTO_MOTION_CTRL, InvalidSubcode.MSGSIZE)
+
+
+@requires(108, f"{SERVER}: NOT_READY before GROUPNO")
+def points_are_refused_before_the_start(seen: MotorosSeen) -> Verdict:
+    """A point before START_TRAJ_MODE, of a group that is not there, is refused and does nothing."""
+    found = [
+        each
+        for each in seen.exchanges("ask")
+        if each.request is not None and isinstance(each.request.body, JointTrajPtFull)
+    ]
+    if not found or found[0].motion is None:
+        return not_seen("it was not answered by a motion reply")
+    reply = found[0].motion
+    said = f"result {reply.result}, subcode {reply.subcode}"
+    good = reply.result in (R.NOT_READY, R.INVALID)
+    return passed(said) if good else failed(said, [found[0].number])
+
+
+@requires(109, f"{CONTROLLER}: the first NOT_READY reason that applies")
+def not_ready_has_a_reason(seen: MotorosSeen) -> Verdict:
+    """CHECK_MOTION_READY that is not TRUE is FALSE with a subcode of 5000 to 5099."""
+    found = _control(seen, C.CHECK_MOTION_READY)
+    refused = [
+        (e, e.motion) for e in found if e.motion is not None and e.motion.result != R.SUCCESS
+    ]
+    refused = [(e, m) for e, m in refused if m.command == C.CHECK_MOTION_READY]
+    wrong = (
+        (each.number, f"result {reply.result}, subcode {reply.subcode}")
+        for each, reply in refused
+        if reply.result != R.FAILURE or not N.UNSPECIFIED <= reply.subcode < N.UNSPECIFIED + 100
+    )
+    return _bad(wrong, len(refused), f"{len(refused)} reasons", "it was ready all the time")
+
+
+@requires(110, f"{IO}: results 0 and 1001")
+def inputs_and_outputs_are_read(seen: MotorosSeen) -> Verdict:
+    """The I/O port gives the bit 10010, and refuses the address 9 with 1001."""
+    found = [each for each in seen.exchanges("ask") if each.channel == "io"]
+    bodies = [e.reply.message.body for e in found if e.reply is not None]
+    replies = [each for each in bodies if isinstance(each, ReadIoReply)]
+    if len(replies) < 2:
+        return not_seen("the I/O port did not answer") if not bodies else failed("no such reply")
+    good, bad = replies[:2]
+    said = f"results {good.result} and {bad.result}"
+    right = (good.result, bad.result) == (IoResult.OK, IoResult.READ_ADDRESS_INVALID)
+    return passed(said) if right and good.value in (0, 1) else failed(said, [found[-1].number])
+
+
+@requires(111, "RFC 9293: TCP keeps no borders of messages; MotionServer.c loses torn ones")
+def torn_messages_are_understood(seen: MotorosSeen) -> Verdict:
+    """A PING that arrives in two pieces is answered as one that arrives whole."""
+    found = seen.exchanges("pieces")
+    if len(found) < 2:
+        return not_seen("none was sent")
+    replies = [each.reply for each in found if each.reply is not None]
+    if not replies:
+        return failed("no answer", [found[-1].number])
+    msg_type = replies[0].message.msg_type
+    said = f"answered with type {msg_type}"
+    return passed(said) if msg_type == T.PING else failed(said, [replies[0].number])
+
+
+@requires(112, f"{CONTROLLER}, START_TRAJ_MODE")
+def trajectory_mode_starts(seen: MotorosSeen) -> Verdict:
+    """START_TRAJ_MODE succeeds, or says with a subcode why not; then motion is possible."""
+    found = _control(seen, C.START_TRAJ_MODE, "start")
+    reply = found[0].motion if found else None
+    if reply is None:
+        return not_seen("it was not answered")
+    said = f"result {reply.result}, subcode {reply.subcode}"
+    if reply.result != R.SUCCESS:
+        return failed(said, [found[0].number])
+    after = seen.statuses("hold")
+    if after and after[0][1].motion_possible != 1:
+        return failed("motion is not possible after it", [after[0][0].number])
+    took_s = found[0].reply.time_s - found[0].time_s if found[0].reply else 0.0
+    return passed(f"after {took_s:.2f} s", took_s, "s")
+
+
+@requires(113, f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion")
+def holding_is_undisturbed(seen: MotorosSeen) -> Verdict:
+    """Held in trajectory mode, the drives have power, play is on, no stop or alarm, motion is
+    possible."""
+    found = seen.statuses("hold")
+    if not found or not any(s.motion_possible for _, s in found):
+        return not_seen("motion was never possible")
+    wrong = []
+    for each, s in found:
+        for bad, words in (
+            (s.e_stopped, "emergency stop"),
+            (s.in_error, f"alarm {s.error_code}"),
+            (s.mode != ControllerMode.AUTO, "not in play"),
+            (not s.drives_powered, "drives without power"),
+            (not s.motion_possible, "motion is not possible"),
+        ):
+            if bad:
+                wrong.append((each.number, words))
+                break
+    return _bad(wrong, len(found), f"{len(found)} statuses", "")
+
+
+@requires(114, f"{SERVER}: one client is served until it leaves")
+def connections_last(seen: MotorosSeen) -> Verdict:
+    """No connection is closed or refused by the controller while it is used."""
+    count = sum(1 for each in seen.phases if each != "listen")
+    wrong = ((n, f"{event.channel} {event.kind.value}") for n, event in seen.ended)
+    return _bad(wrong, max(count, len(seen.ended)), "none was", "")
+
+
+@requires(115, f"{GROUP}: 30 pulses around the command")
+def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
+    """Point 0 at the measured position is taken, and nothing moves."""
+    found = [
+        each
+        for each in seen.exchanges("hold")
+        if each.request is not None and isinstance(each.request.body, JointTrajPtFull)
+    ]
+    reply = found[0].motion if found else None
+    if reply is None or reply.command != T.JOINT_TRAJ_PT_FULL:
+        return not_seen("no point was answered")
+    if reply.result != R.SUCCESS:
+        return failed(f"result {reply.result}, subcode {reply.subcode}", [found[0].number])
+    feedback = [body.pos for _, body in seen.feedback("hold")]
+    far = max((abs(a - b) for pos in feedback for a, b in zip(pos, feedback[0], strict=True)))
+    said = f"{math.degrees(far):.4f} degrees at most"
+    return passed(said) if far < STILL_RAD else failed(said, [found[0].number])
+
+
+@requires(116, f"{GROUP}: the number of increments")
+def an_empty_queue_is_said_to_be(seen: MotorosSeen) -> Verdict:
+    """While nothing was commanded CHECK_QUEUE_CNT counts 0."""
+    found = _control(seen, C.CHECK_QUEUE_CNT, "hold")
+    counted = [(e, e.motion) for e in found if e.motion and e.motion.command == C.CHECK_QUEUE_CNT]
+    wrong = (
+        (each.number, f"result {reply.result}, {reply.subcode} increments")
+        for each, reply in counted
+        if (reply.result, reply.subcode) != (R.SUCCESS, 0)
+    )
+    return _bad(wrong, len(counted), f"{len(counted)} times", "it was not answered")
+
+
+def _velocities(seen: MotorosSeen, phase: str) -> list[Exchange]:
+    return [
+        each
+        for each in seen.exchanges(phase)
+        if each.request is not None
+        and isinstance(each.request.body, JointVelocity)
+        and each.request.comm_type == CommType.SERVICE_REQUEST
+    ]
+
+
+_NO_VELOCITY = "the controller has no velocity mode"
+
+
+def _info(seen: MotorosSeen) -> VelocityInfo | None:
+    for each in seen.exchanges("ask"):
+        if each.reply is not None and isinstance(each.reply.message.body, VelocityInfo):
+            return each.reply.message.body
+    return None
+
+
+@requires(121, f"{VELOCITY}, finding out")
+def the_velocity_mode_says_what_it_is(seen: MotorosSeen) -> Verdict:
+    """MOTO_VELOCITY_INFO gives version 1, a period, and limits of each axis above 0; or, without
+    the mode, INVALID with 3003."""
+    info = _info(seen)
+    if info is not None:
+        axes = range(min(info.axes, 10))
+        good = info.version == 1 and 500 <= info.ipc_us <= 20_000 and info.axes >= 1
+        good = good and all(info.v_max[n] > 0.0 and info.a_max[n] > 0.0 for n in axes)
+        good = good and all(info.pos_min[n] < info.pos_max[n] for n in axes)
+        said = f"version {info.version}, {info.ipc_us} us, {info.axes} axes"
+        return passed(said) if good else failed(said)
+    return _refused(seen, T.MOTO_VELOCITY_INFO, InvalidSubcode.MSGTYPE)
+
+
+def _in_velocity_mode(seen: MotorosSeen, phase: str) -> Verdict | None:
+    """Why nothing can be judged of it; None: it can."""
+    if seen.phase(phase) is None:
+        return not_seen("it was not tried")
+    if _info(seen) is None:
+        return not_applicable(_NO_VELOCITY)
+    found = _control(seen, C.START_VEL_MODE, phase)
+    reply = found[0].motion if found else None
+    if reply is None or reply.result != R.SUCCESS:
+        return not_seen("START_VEL_MODE did not succeed")
+    return None
+
+
+@requires(122, f"{VELOCITY}, the watchdog")
+def the_watchdog_latches(seen: MotorosSeen) -> Verdict:
+    """After a silence longer than the watchdog waits a velocity is answered NOT_READY with 5041."""
+    if (why := _in_velocity_mode(seen, "velocity")) is not None:
+        return why
+    found = _velocities(seen, "velocity")
+    reply = found[1].motion if len(found) > 1 else None
+    if reply is None:
+        return not_seen("it was not answered")
+    said = f"result {reply.result}, subcode {reply.subcode}"
+    good = (reply.result, reply.subcode) == (R.NOT_READY, N.VEL_WATCHDOG)
+    return passed(said) if good else failed(said, [found[1].number])
+
+
+@requires(123, f"{VELOCITY}, starting and stopping")
+def modes_exclude_each_other(seen: MotorosSeen) -> Verdict:
+    """In velocity mode a point is answered NOT_READY with 5042."""
+    if (why := _in_velocity_mode(seen, "velocity")) is not None:
+        return why
+    found = [
+        each
+        for each in seen.exchanges("velocity")
+        if each.request is not None and isinstance(each.request.body, JointTrajPtFull)
+    ]
+    reply = found[0].motion if found else None
+    if reply is None:
+        return not_seen("it was not answered")
+    said = f"result {reply.result}, subcode {reply.subcode}"
+    good = (reply.result, reply.subcode) == (R.NOT_READY, N.OTHER_MODE_ACTIVE)
+    return passed(said) if good else failed(said, [found[0].number])
+
+
+@requires(124, f"{VELOCITY}, sequence")
+def old_velocities_are_refused(seen: MotorosSeen) -> Verdict:
+    """A sequence that is not newer than the last is answered INVALID with 3040."""
+    if (why := _in_velocity_mode(seen, "velocity")) is not None:
+        return why
+    found = _velocities(seen, "velocity")
+    reply = found[-1].motion if len(found) >= 5 else None
+    if reply is None:
+        return not_seen("it was not answered")
+    said = f"result {reply.result}, subcode {reply.subcode}"
+    good = (reply.result, reply.subcode) == (R.INVALID, InvalidSubcode.VEL_SEQUENCE)
+    return passed(said) if good else failed(said, [found[-1].number])
+
+
+# -- level 2: micro-motion ------------------------------------------------------------------------
+
+
+def _point(seen: MotorosSeen, phase: str, sequence: int) -> Exchange | None:
+    for each in seen.exchanges(phase):
+        body = None if each.request is None else each.request.body
+        if isinstance(body, JointTrajPtFull) and body.sequence == sequence:
+            return each
+    return None
+
+
+@requires(201, f"{GROUP}, {SERVER}: SUCCESS at acceptance")
+def a_point_is_taken(seen: MotorosSeen) -> Verdict:
+    """A point that turns one axis by 0.2 degrees in 0.1 s is taken."""
+    if seen.phase("out") is None:
+        return not_seen("it was not tried")
+    found = _point(seen, "out", 1)
+    if found is None:
+        first = _point(seen, "out", 0)
+        reply = first.motion if first else None
+        words = "" if reply is None else f": result {reply.result}, subcode {reply.subcode}"
+        return failed(f"not even point 0 was{words}")
+    reply = found.motion
+    if reply is None:
+        return not_seen("it was not answered")
+    said = f"result {reply.result}, subcode {reply.subcode}"
+    return passed(said) if reply.result == R.SUCCESS else failed(said, [found.number])
+
+
+@requires(202, f"{GROUP}: one increment in each interpolation period")
+def a_trajectory_takes_its_time(seen: MotorosSeen) -> Verdict:
+    """The queue is empty 0.1 s after the point was taken, or no more than 60 ms later."""
+    point = _point(seen, "out", 1)
+    if point is None or point.motion is None or point.motion.result != R.SUCCESS:
+        return not_seen("no point was taken")
+    counts = [
+        (each.time_s, each.motion.subcode)
+        for each in _control(seen, C.CHECK_QUEUE_CNT, "out")
+        if each.motion
+        and each.motion.command == C.CHECK_QUEUE_CNT
+        and each.motion.result == R.SUCCESS
+    ]
+    filled = [time_s for time_s, count in counts if count > 0]
+    if not filled:
+        return not_seen("the queue was never seen to hold anything")
+    empty = [time_s for time_s, count in counts if not count and time_s > filled[-1]]
+    if not empty:
+        return failed("it never was", [point.number])
+    took_s = empty[0] - point.time_s
+    said = f"after {took_s:.3f} s"
+    if took_s > STEP_S + PLAYED_LATE_S:
+        return failed(said, [point.number], took_s, "s")
+    return passed(said, took_s, "s")
+
+
+def _turned(seen: MotorosSeen, phase: str) -> float | None:
+    """How far one axis turned during a phase, rad, the most of all."""
+    found = [body.pos for _, body in seen.feedback(phase)]
+    if len(found) < 2:
+        return None
+    return max(abs(b - a) for a, b in zip(found[0], found[-1], strict=True))
+
+
+@requires(203, f"{GROUP}: the last sample is the point itself")
+def a_point_is_reached(seen: MotorosSeen) -> Verdict:
+    """Half a second later the axis has turned by 0.2 degrees, to a fifth of it; and no error is
+    latched."""
+    taken = _point(seen, "out", 1)
+    far = _turned(seen, "out")
+    if taken is None or taken.motion is None or far is None:
+        return not_seen("no point was taken")
+    said = f"{math.degrees(far):.3f} degrees"
+    return (
+        passed(said) if abs(far / STEP_RAD - 1.0) < REACHED_SHARE else failed(said, [taken.number])
+    )
+
+
+@requires(204, f"{CONTROLLER}: motion stays possible after motion")
+def motion_stays_possible(seen: MotorosSeen) -> Verdict:
+    """While it moves and after, motion is possible and no alarm comes."""
+    found = seen.statuses("out") + seen.statuses("back")
+    if _point(seen, "out", 1) is None or not found:
+        return not_seen("no point was taken")
+    wrong = (
+        (each.number, f"motion_possible {s.motion_possible}, alarm {s.error_code}")
+        for each, s in found
+        if s.motion_possible != 1 or s.in_error
+    )
+    return _bad(wrong, len(found), f"{len(found)} statuses", "")
+
+
+@requires(205, f"{STATES}, in_motion")
+def it_says_that_it_moves(seen: MotorosSeen) -> Verdict:
+    """in_motion is 1 while the queue is played, and 0 again afterwards."""
+    taken = _point(seen, "out", 1)
+    found = [s.in_motion for _, s in seen.statuses("out")]
+    if taken is None or taken.motion is None or taken.motion.result != R.SUCCESS or not found:
+        return not_seen("no point was taken")
+    if 1 not in found:
+        return failed("it never was", [taken.number])
+    return passed("1, then 0") if found[-1] == 0 else failed("it still is", [taken.number])
+
+
+@requires(206, f"{GROUP}: a new point 0 at standstill")
+def it_comes_back(seen: MotorosSeen) -> Verdict:
+    """A second trajectory, from where the first ended, turns the axis back."""
+    taken = _point(seen, "back", 1)
+    far = _turned(seen, "back")
+    if taken is None or taken.motion is None or far is None:
+        return not_seen("no second point was taken")
+    said = f"{math.degrees(far):.3f} degrees"
+    return (
+        passed(said) if abs(far / STEP_RAD - 1.0) < REACHED_SHARE else failed(said, [taken.number])
+    )
+
+
+@requires(211, f"{VELOCITY}, law of one interpolation period")
+def velocities_move_it(seen: MotorosSeen) -> Verdict:
+    """0.1 s of velocities turn the axis, and by no more than 0.2 degrees."""
+    if (why := _in_velocity_mode(seen, "stream")) is not None:
+        return why
+    before = [body.pos for _, body in seen.feedback("stream")]
+    after = [body.pos for _, body in seen.feedback("deserted")]
+    if not before or not after:
+        return not_seen("no feedback came")
+    far = max(abs(b - a) for a, b in zip(before[0], after[-1], strict=True))
+    said = f"{math.degrees(far):.3f} degrees"
+    good = 0.2 * STEP_RAD < far < 1.2 * STEP_RAD
+    return passed(said) if good else failed(said)
+
+
+@requires(212, f"{VELOCITY}, the watchdog")
+def silence_stops_it(seen: MotorosSeen) -> Verdict:
+    """Without further velocities the axis stands within 0.3 s, and the watchdog is latched."""
+    if (why := _in_velocity_mode(seen, "stream")) is not None:
+        return why
+    phase, found = seen.phase("deserted"), seen.feedback("deserted")
+    asked = _velocities(seen, "deserted")
+    if phase is None or not found or not asked:
+        return not_seen("it was not tried")
+    late = [body.pos for each, body in found if each.time_s > phase.start_s + 0.3]
+    if not late:
+        return not_seen("no feedback came")
+    far = max(abs(b - a) for pos in late for a, b in zip(late[0], pos, strict=True))
+    reply = asked[0].motion
+    latched = reply is not None and reply.subcode == N.VEL_WATCHDOG
+    said = f"{math.degrees(far):.4f} degrees more, {'' if latched else 'not '}latched"
+    return passed(said) if far < STEP_RAD / 50 and latched else failed(said, [asked[0].number])
+
+
+# -- level 3: by hand -----------------------------------------------------------------------------
+
+
+@requires(301, f"{STATES}, ROBOT_STATUS; {CONTROLLER}")
+def an_emergency_stop_is_told(seen: MotorosSeen) -> Verdict:
+    """After an emergency stop e_stopped is 1 and motion is not possible."""
+    found = [(each, s) for each, s in seen.statuses("estop") if s.e_stopped == 1]
+    if not found:
+        return not_seen("no status told of one")
+    wrong = [each.number for each, s in found[2:] if s.motion_possible]
+    return failed("motion is still possible", wrong) if wrong else passed("told")
+
+
+@requires(302, f"{CONTROLLER}: the order of the reasons")
+def an_emergency_stop_is_the_reason(seen: MotorosSeen) -> Verdict:
+    """CHECK_MOTION_READY then is FALSE with 5003, or with an alarm or an error, which come before
+    it."""
+    found = _control(seen, C.CHECK_MOTION_READY, "estop")
+    reply = found[0].motion if found else None
+    if reply is None:
+        return not_seen("it was not answered")
+    said = f"result {reply.result}, subcode {reply.subcode}"
+    good = reply.result == R.FAILURE and reply.subcode in (N.ALARM, N.ERROR, N.ESTOP)
+    return passed(said) if good else failed(said, [found[0].number])
+
+
+@requires(303, f"{CONTROLLER}: START_TRAJ_MODE is needed again")
+def release_starts_nothing(seen: MotorosSeen) -> Verdict:
+    """When the emergency stop is released motion is not possible by itself."""
+    found = [(each, s) for each, s in seen.statuses("released") if s.e_stopped == 0]
+    if not found:
+        return not_seen("it was not released")
+    wrong = [each.number for each, s in found if s.motion_possible]
+    return failed("motion is possible", wrong) if wrong else passed(f"{len(found)} statuses")

@@ -1,0 +1,159 @@
+"""What judges of MotoROS look at: the messages of a timeline, and which reply answers what."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.conform.timeline import Event, Kind, Phase, Timeline
+from cardan.protocols.simple_message import (
+    ByteOrder,
+    FrameReader,
+    JointFeedback,
+    Malformed,
+    Message,
+    MotionReply,
+    RobotStatus,
+    wire,
+)
+
+
+class Heard(NamedTuple):
+    """A message of the controller."""
+
+    number: int
+    """Of the event that completed it."""
+    begun_s: float
+    time_s: float
+    channel: str
+    message: Message
+    raw: bytes
+
+
+class Unread(NamedTuple):
+    """Bytes of the controller that are no message."""
+
+    number: int
+    channel: str
+    reason: str
+
+
+class Exchange(NamedTuple):
+    """A request of ours, and what came next on its wire."""
+
+    number: int
+    time_s: float
+    channel: str
+    request: Message | None
+    """None: what was sent on purpose is no message, or a piece of one."""
+    raw: bytes
+    reply: Heard | None
+
+    @property
+    def motion(self) -> MotionReply | None:
+        """The reply, where it is one of motion."""
+        body = None if self.reply is None else self.reply.message.body
+        return body if isinstance(body, MotionReply) else None
+
+
+class MotorosSeen:
+    """The messages of a timeline."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self.phases = timeline.phases()
+        self.heard: list[Heard] = []
+        self.unread: list[Unread] = []
+        self.asked: list[Exchange] = []
+        self.ended: list[tuple[int, Event]] = []
+        """Connections that the controller closed or refused."""
+        self.order: ByteOrder | None = None
+        readers: dict[str, FrameReader] = {}
+        begun: dict[str, float] = {}
+        open_requests: dict[str, tuple[int, Event]] = {}
+        for index, event in enumerate(timeline):
+            channel = event.channel
+            if event.kind in (Kind.CLOSED, Kind.REFUSED) and not event.sent:
+                self.ended.append((index, event))
+            if event.kind is Kind.OPENED:
+                readers.pop(channel, None)
+            if event.kind is not Kind.DATA:
+                continue
+            if event.sent:
+                self._unanswered(open_requests.pop(channel, None))
+                open_requests[channel] = index, event
+                continue
+            reader = readers.setdefault(channel, FrameReader())
+            if not reader.pending_bytes:
+                begun[channel] = event.time_s
+            reader.feed(event.data)
+            while (frame := reader.take()) is not None:
+                self._take(index, event, begun[channel], reader, frame, open_requests)
+                begun[channel] = event.time_s
+            if reader.failure:
+                self.unread.append(Unread(index, channel, reader.failure))
+                del readers[channel]
+        for left in open_requests.values():
+            self._unanswered(left)
+        self.asked.sort()
+
+    def _take(
+        self,
+        index: int,
+        event: Event,
+        begun_s: float,
+        reader: FrameReader,
+        frame: bytes,
+        open_requests: dict[str, tuple[int, Event]],
+    ) -> None:
+        order = reader.byte_order or ByteOrder.LITTLE
+        self.order = self.order or order
+        message = wire(order).decode(frame)
+        if isinstance(message, Malformed):
+            self.unread.append(Unread(index, event.channel, message.reason))
+            return
+        heard = Heard(index, begun_s, event.time_s, event.channel, message, frame)
+        self.heard.append(heard)
+        asked = open_requests.pop(event.channel, None)
+        if asked is not None:
+            self._exchange(asked, heard)
+
+    def _unanswered(self, asked: tuple[int, Event] | None) -> None:
+        if asked is not None:
+            self._exchange(asked, None)
+
+    def _exchange(self, asked: tuple[int, Event], reply: Heard | None) -> None:
+        number, sent = asked
+        request = wire(self.order or ByteOrder.LITTLE).decode(sent.data)
+        known = None if isinstance(request, Malformed) else request
+        self.asked.append(Exchange(number, sent.time_s, sent.channel, known, sent.data, reply))
+
+    def phase(self, name: str) -> Phase | None:
+        """The phase of that name, if the pilot came to it."""
+        return self.phases.get(name)
+
+    def inside(self, name: str, index: int) -> bool:
+        """Whether an event is one of a phase."""
+        phase = self.phases.get(name)
+        return phase is not None and phase.first <= index < phase.end
+
+    def exchanges(self, phase: str) -> list[Exchange]:
+        """What was asked in a phase."""
+        return [each for each in self.asked if self.inside(phase, each.number)]
+
+    def statuses(self, phase: str = "") -> list[tuple[Heard, RobotStatus]]:
+        """Those of a phase; empty: all."""
+        return [
+            (each, each.message.body)
+            for each in self.heard
+            if isinstance(each.message.body, RobotStatus)
+            and (not phase or self.inside(phase, each.number))
+        ]
+
+    def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, JointFeedback]]:
+        """That of a group in a phase; empty: all."""
+        return [
+            (each, each.message.body)
+            for each in self.heard
+            if isinstance(each.message.body, JointFeedback)
+            and each.message.body.group == group
+            and (not phase or self.inside(phase, each.number))
+        ]

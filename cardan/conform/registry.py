@@ -1,0 +1,33 @@
+"""Finds suites by name."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from cardan.conform.suite import Suite
+from cardan.errors import ConfigurationError
+
+SUITES = {
+    "3dconnexion": "cardan.conform.connexion.suite:Connexion",
+    "egm": "cardan.conform.egm.suite:Egm",
+    "magellan": "cardan.conform.magellan.suite:Magellan",
+    "motoros": "cardan.conform.motoros.suite:Motoros",
+}
+"""Module and class of each. Imported when it is asked for: each brings its simulated peer along."""
+
+
+def names() -> tuple[str, ...]:
+    """The names of all suites, sorted."""
+    return tuple(sorted(SUITES))
+
+
+def load(name: str) -> Suite[Any]:
+    """The suite of that name; ConfigurationError names those there are."""
+    if name not in SUITES:
+        raise ConfigurationError(
+            "PROTOCOL", f"there is no {name!r}; there are: {', '.join(names())}"
+        )
+    module, _, attribute = SUITES[name].partition(":")
+    suite: Suite[Any] = getattr(importlib.import_module(module), attribute)()
+    return suite

@@ -1,0 +1,277 @@
+"""A report: the verdict on each requirement; as text, Markdown, JSON and JUnit."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+from xml.etree import ElementTree
+
+from cardan.conform.redaction import Redaction
+from cardan.conform.requirements import Level, Outcome, V, Verdict, not_seen
+from cardan.conform.suite import Suite
+from cardan.conform.timeline import Kind, Timeline
+from cardan.errors import ConfigurationError
+
+FORM = 1
+"""Of the JSON; another number for a form that a reader of this one would misread."""
+_BYTES_SHOWN = 16
+_MARKS = {
+    Outcome.PASSED: "pass",
+    Outcome.FAILED: "FAIL",
+    Outcome.NOT_APPLICABLE: "n/a",
+    Outcome.NOT_SEEN: "-",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """One requirement of a report."""
+
+    id: str
+    level: int
+    source: str
+    text: str
+    outcome: Outcome
+    said: str
+    evidence: tuple[str, ...] = ()
+    """Events of the timeline in words."""
+    figure: float | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What came of judging one target once."""
+
+    suite: str
+    judges: str
+    target: str
+    """Redacted; "simulated" with its faults, where there was none."""
+    simulated: bool
+    level: int
+    seconds: float
+    """From the first event to the last."""
+    events: int
+    version: str
+    """Of Cardan."""
+    results: tuple[Result, ...]
+    attached: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file beside the report, by its name."""
+
+    @property
+    def counts(self) -> Counter[Outcome]:
+        """How many requirements have each outcome."""
+        return Counter(each.outcome for each in self.results)
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Ids of the requirements that are not met."""
+        return tuple(each.id for each in self.results if each.outcome is Outcome.FAILED)
+
+    def as_text(self) -> str:
+        """For a terminal: a line a requirement, evidence below those that are not met."""
+        lines = [self._title()]
+        for each in self.results:
+            lines.append(f"{_MARKS[each.outcome]:4} {each.id:12} {each.text}")
+            lines.append(f"     {'':12} {each.said}")
+            if each.outcome is Outcome.FAILED:
+                lines.append(f"     {'':12} source: {each.source}")
+                lines += [f"     {'':12} {line}" for line in each.evidence]
+        return "\n".join([*lines, self._sum()]) + "\n"
+
+    def as_markdown(self) -> str:
+        """For people: a table, and the evidence below it."""
+        lines = [
+            f"# {self._title()}\n",
+            f"Cardan {self.version}, level {self.level}, {self.seconds:.1f} s, "
+            f"{self.events} events.\n",
+            "| requirement | verdict | seen | text | source |",
+            "|---|---|---|---|---|",
+        ]
+        for each in self.results:
+            cells = (each.id, each.outcome.value, each.said, each.text, each.source)
+            lines.append(f"| {' | '.join(map(_cell, cells))} |")
+        for each in self.results:
+            if each.evidence:
+                lines += [f"\n{each.id}\n", *(f"    {line}" for line in each.evidence)]
+        if self.attached:
+            lines.append("")
+            lines += [f"- `{name}`: SHA-256 {digest}" for name, digest in self.attached.items()]
+        return "\n".join([*lines, "", self._sum()]) + "\n"
+
+    def as_json(self) -> str:
+        """For programs, and for `read`."""
+        values = {
+            "form": FORM,
+            "suite": self.suite,
+            "judges": self.judges,
+            "target": self.target,
+            "simulated": self.simulated,
+            "level": self.level,
+            "seconds": round(self.seconds, 6),
+            "events": self.events,
+            "version": self.version,
+            "attached": dict(self.attached),
+            "results": [
+                {
+                    "id": each.id,
+                    "level": each.level,
+                    "source": each.source,
+                    "text": each.text,
+                    "outcome": each.outcome.value,
+                    "said": each.said,
+                    "evidence": list(each.evidence),
+                    "figure": each.figure,
+                    "unit": each.unit,
+                }
+                for each in self.results
+            ],
+        }
+        return json.dumps(values, indent=1, ensure_ascii=False) + "\n"
+
+    def as_junit(self) -> str:
+        """For continuous integration: a test case a requirement."""
+        counts = self.counts
+        skipped = counts[Outcome.NOT_SEEN] + counts[Outcome.NOT_APPLICABLE]
+        root = ElementTree.Element(
+            "testsuite",
+            name=f"cardan conform {self.suite}",
+            tests=str(len(self.results)),
+            failures=str(counts[Outcome.FAILED]),
+            errors="0",
+            skipped=str(skipped),
+            time=f"{self.seconds:.3f}",
+        )
+        for each in self.results:
+            case = ElementTree.SubElement(
+                root, "testcase", classname=f"conform.{self.suite}", name=f"{each.id} {each.text}"
+            )
+            if each.outcome is Outcome.FAILED:
+                failure = ElementTree.SubElement(case, "failure", message=each.said)
+                failure.text = "\n".join((f"source: {each.source}", *each.evidence))
+            elif each.outcome is not Outcome.PASSED:
+                why = f"{each.outcome.value}: {each.said}"
+                ElementTree.SubElement(case, "skipped", message=why)
+        ElementTree.indent(root)
+        return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
+
+    def _title(self) -> str:
+        return f"{self.suite}: {self.judges} at {self.target}"
+
+    def _sum(self) -> str:
+        return ", ".join(f"{self.counts[each]} {each.value}" for each in Outcome)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def judged(
+    suite: Suite[V],
+    timeline: Timeline,
+    level: Level,
+    *,
+    target: str = "",
+    faults: Mapping[str, float] | None = None,
+    version: str = "",
+    redaction: Redaction | None = None,
+) -> Report:
+    """The report on `timeline`, which was made on `level` at `target` (empty: simulated, with
+    `faults`). Without `redaction` nothing is taken out."""
+    clean = redaction or str
+    seen = suite.see(timeline)
+    results = []
+    for each in suite.requirements:
+        if each.level > level:
+            verdict: Verdict = not_seen(f"level {each.level:d} was not run")
+        else:
+            verdict = each.judge(seen)
+        evidence = tuple(clean(line) for line in _evidence(suite, timeline, verdict))
+        results.append(
+            Result(
+                each.id,
+                int(each.level),
+                each.source,
+                each.text,
+                verdict.outcome,
+                clean(verdict.said),
+                evidence,
+                verdict.figure,
+                verdict.unit,
+            )
+        )
+    simulated = f"simulated {suite.peer}"
+    if faults:
+        simulated += f" with {', '.join(f'{name}={value:g}' for name, value in faults.items())}"
+    return Report(
+        suite.name,
+        suite.judges,
+        clean(target) if target else simulated,
+        not target,
+        int(level),
+        timeline.end_s,
+        len(timeline),
+        version,
+        tuple(results),
+    )
+
+
+def _evidence(suite: Suite[V], timeline: Timeline, verdict: Verdict) -> list[str]:
+    lines = []
+    for number in verdict.evidence:
+        event = suite.redacted(timeline.events[number])
+        way = "to" if event.sent else "from"
+        words = f"#{number} at {event.time_s:.4f} s {event.kind.value} {way} it"
+        if event.channel:
+            words += f" on {event.channel}"
+        if event.kind is Kind.DATA:
+            more = " ..." if len(event.data) > _BYTES_SHOWN else ""
+            words += f", {len(event.data)} B: {event.data[:_BYTES_SHOWN].hex(' ')}{more}"
+        if event.note:
+            words += f" ({event.note})"
+        lines.append(words)
+    return lines
+
+
+def read(text: str, name: str) -> Report:
+    """A report that `as_json` wrote. ConfigurationError says what is wrong with it; `name` is the
+    file's."""
+    try:
+        values: dict[str, Any] = json.loads(text)
+        if values["form"] != FORM:
+            raise ConfigurationError(name, f"a report of form {values['form']}; this reads {FORM}")
+        results = tuple(
+            Result(
+                str(each["id"]),
+                int(each["level"]),
+                str(each["source"]),
+                str(each["text"]),
+                Outcome(each["outcome"]),
+                str(each["said"]),
+                tuple(map(str, each["evidence"])),
+                None if each["figure"] is None else float(each["figure"]),
+                str(each["unit"]),
+            )
+            for each in values["results"]
+        )
+        return Report(
+            str(values["suite"]),
+            str(values["judges"]),
+            str(values["target"]),
+            bool(values["simulated"]),
+            int(values["level"]),
+            float(values["seconds"]),
+            int(values["events"]),
+            str(values["version"]),
+            results,
+            {str(key): str(value) for key, value in values["attached"].items()},
+        )
+    except ConfigurationError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ConfigurationError(
+            name, f"no report of `cardan conform --format json`: {type(error).__name__} {error}"
+        ) from None

@@ -1,0 +1,119 @@
+"""A numbered requirement, and the verdict on it."""
+
+from __future__ import annotations
+
+import enum
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Generic, NamedTuple, TypeVar
+
+V = TypeVar("V")
+"""What a suite makes of a timeline for its judges to look at."""
+
+
+class Level(enum.IntEnum):
+    """How much is asked of what is judged; each level includes those below it."""
+
+    LISTEN = 0
+    """Nothing is sent that could change anything."""
+    HOLD = 1
+    """The session is up, and nothing moves."""
+    MOVE = 2
+    """Motions of at most 1 mm or 0.2 degrees; somebody is at the enable switch."""
+    BY_HAND = 3
+    """Somebody makes faults by hand, from a list."""
+
+
+class Outcome(enum.Enum):
+    """What became of a requirement."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    NOT_APPLICABLE = "not applicable"
+    """It does not concern what is judged."""
+    NOT_SEEN = "not seen"
+    """What it is about did not happen, or not on this level."""
+
+
+class Verdict(NamedTuple):
+    """What a judge says of a timeline."""
+
+    outcome: Outcome
+    said: str
+    """What was seen, in a few words, with its numbers."""
+    evidence: tuple[int, ...] = ()
+    """Numbers of the timeline's events that show it, at most a few."""
+    figure: float | None = None
+    """What was measured, where that is one number; the lower, the easier for the other side."""
+    unit: str = ""
+
+
+EVIDENCE_AT_MOST = 5
+
+
+def passed(said: str, figure: float | None = None, unit: str = "") -> Verdict:
+    """It is met; `figure` where something was measured."""
+    return Verdict(Outcome.PASSED, said, (), figure, unit)
+
+
+def failed(
+    said: str, evidence: Iterable[int] = (), figure: float | None = None, unit: str = ""
+) -> Verdict:
+    """It is not met; the first few of `evidence` are kept."""
+    return Verdict(Outcome.FAILED, said, tuple(evidence)[:EVIDENCE_AT_MOST], figure, unit)
+
+
+def not_seen(said: str) -> Verdict:
+    """What it is about did not happen."""
+    return Verdict(Outcome.NOT_SEEN, said)
+
+
+def not_applicable(said: str) -> Verdict:
+    """It does not concern what is judged."""
+    return Verdict(Outcome.NOT_APPLICABLE, said)
+
+
+@dataclass(frozen=True)
+class Requirement(Generic[V]):
+    """One thing that the other side must do."""
+
+    id: str
+    """As EGM-104: never given anew to another one. The hundreds are the level."""
+    level: Level
+    source: str
+    text: str
+    judge: Callable[[V], Verdict]
+
+
+class Requirements(Generic[V]):
+    """The requirements of a suite, in order. A judge's docstring is the requirement's text."""
+
+    def __init__(self, prefix: str) -> None:
+        self._prefix = prefix
+        self._found: dict[int, Requirement[V]] = {}
+
+    def __call__(
+        self, number: int, source: str
+    ) -> Callable[[Callable[[V], Verdict]], Callable[[V], Verdict]]:
+        """Decorates the judge of requirement `number`, whose hundreds are its level."""
+
+        def enter(judge: Callable[[V], Verdict]) -> Callable[[V], Verdict]:
+            if number in self._found:
+                raise ValueError(f"{self._prefix}-{number:03} is there already")
+            text = " ".join((inspect.getdoc(judge) or "").split())
+            self._found[number] = Requirement(
+                f"{self._prefix}-{number:03}", Level(number // 100), source, text, judge
+            )
+            return judge
+
+        return enter
+
+    def all(self) -> tuple[Requirement[V], ...]:
+        """In the order of their numbers."""
+        return tuple(self._found[number] for number in sorted(self._found))
+
+
+ID = re.compile(r"[A-Z0-9]+-[0-3]\d\d")
+"""What every requirement's id looks like."""

@@ -1,0 +1,105 @@
+"""Runs a suite: against its simulated peer in virtual time, or against a target; and keeps what
+came of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from cardan import __version__
+from cardan.conform import live
+from cardan.conform.attachments import pcap, write_mcap
+from cardan.conform.conduct import Conduct
+from cardan.conform.redaction import Redaction
+from cardan.conform.report import Report, judged
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import host_and_port
+from cardan.errors import CaptureError, ExtraMissingError
+
+LIVE_S = 10.0
+"""Default length of a phase at a target."""
+
+
+def simulated(
+    suite: Suite[Any],
+    level: Level,
+    faults: Mapping[str, float] | None = None,
+    seed: int = 0,
+    seconds: float | None = None,
+) -> tuple[Report, Timeline]:
+    """Judge the suite's simulated peer, in virtual time."""
+    conduct = Conduct(suite.pilot(level, suite.seconds if seconds is None else seconds))
+    suite.simulate(conduct, faults or {}, seed)
+    report = judged(suite, conduct.timeline, level, faults=faults, version=__version__)
+    return report, conduct.timeline
+
+
+def at(
+    suite: Suite[Any],
+    target: str,
+    level: Level,
+    told: Callable[[str], None],
+    seconds: float = LIVE_S,
+) -> tuple[Report, Timeline]:
+    """Judge what is at `target`. `told` gets what somebody is to do by hand.
+
+    Raises ConfigurationError for a wrong target, AddressError or DeviceAccessError where it cannot
+    be opened.
+    """
+    wires = suite.wires(target)
+    redaction = Redaction()
+    if "/" not in target:
+        redaction.hide(host_and_port(target, "--target", 0)[0])
+    conduct = Conduct(suite.pilot(level, seconds))
+    live.run(conduct, wires, told)
+    report = judged(
+        suite,
+        conduct.timeline,
+        level,
+        target=target,
+        version=__version__,
+        redaction=redaction,
+    )
+    return report, conduct.timeline
+
+
+def save(
+    folder: Path, suite: Suite[Any], report: Report, timeline: Timeline
+) -> tuple[Report, list[str]]:
+    """Write the report in all forms, the capture and the record into `folder`; the report with
+    their hashes, and what could not be attached and why. Raises CaptureError.
+
+    Simulated runs are stamped as of the epoch's zero, so that the same run gives the same bytes.
+    """
+    missing = []
+    start_ns = 0 if report.simulated else time.time_ns() - round(timeline.end_s * 1e9)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        capture = pcap(suite, timeline, start_ns)
+        if capture is None:
+            missing.append("capture.pcap: the protocol has no packets of a network")
+        else:
+            (folder / "capture.pcap").write_bytes(capture)
+        try:
+            write_mcap(folder / "record.mcap", suite, timeline, start_ns)
+        except ExtraMissingError as error:
+            missing.append(f"record.mcap: {error}")
+        names = [name for name in ("capture.pcap", "record.mcap") if (folder / name).exists()]
+        hashes = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
+        report = dataclasses.replace(report, attached=hashes)
+        for name, text in (
+            ("report.txt", report.as_text()),
+            ("report.md", report.as_markdown()),
+            ("report.json", report.as_json()),
+            ("report.xml", report.as_junit()),
+        ):
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CaptureError(f"{folder} cannot be written: {error.strerror or error}") from None
+    return report, missing

@@ -1,0 +1,82 @@
+"""What went over a wire, and when."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from typing import NamedTuple
+
+
+class Kind(enum.Enum):
+    """What an event is."""
+
+    DATA = "data"
+    OPENED = "opened"
+    CLOSED = "closed"
+    """By the other side, or by us where it was `sent`."""
+    REFUSED = "refused"
+    """What was to be opened could not be."""
+    MARK = "mark"
+    """A phase of the pilot begins; `note` is its name."""
+    ASKED = "asked"
+    """Somebody was asked to do `note` by hand."""
+
+
+class Event(NamedTuple):
+    """One thing that happened."""
+
+    time_s: float
+    """Since the start."""
+    kind: Kind
+    sent: bool = False
+    """By us, not by what is judged."""
+    channel: str = ""
+    """Which of its wires: a port's name, a pipe."""
+    data: bytes = b""
+    note: str = ""
+    """Of data, where it came from where that can change; of others, words."""
+
+
+class Phase(NamedTuple):
+    """Events from one mark to the next."""
+
+    name: str
+    first: int
+    end: int
+    """Number of the event after its last one."""
+    start_s: float
+    end_s: float
+
+
+class Timeline:
+    """Events in their order. Numbers of events count from 0."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+
+    def __iter__(self) -> Iterator[Event]:
+        return iter(self.events)
+
+    def __len__(self) -> int:
+        return len(self.events)
+
+    def add(self, event: Event) -> None:
+        """Append what happened next."""
+        self.events.append(event)
+
+    @property
+    def end_s(self) -> float:
+        """When the last event was; 0 for an empty one."""
+        return self.events[-1].time_s if self.events else 0.0
+
+    def phases(self) -> dict[str, Phase]:
+        """By name; of two of one name the later."""
+        marks = [(n, each) for n, each in enumerate(self.events) if each.kind is Kind.MARK]
+        found = {}
+        for index, (first, event) in enumerate(marks):
+            if index + 1 < len(marks):
+                end, end_s = marks[index + 1][0], marks[index + 1][1].time_s
+            else:
+                end, end_s = len(self.events), self.end_s
+            found[event.note] = Phase(event.note, first, end, event.time_s, end_s)
+        return found

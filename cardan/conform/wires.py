@@ -1,0 +1,274 @@
+"""Wires to a real target, for `cardan.conform.live`: sockets, device files, serial lines."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from cardan.drivers.serial_port import SerialPort
+from cardan.errors import AddressError, ConfigurationError, DeviceAccessError
+from cardan.sockets import opened, waiting
+
+LARGEST_READ = 65535
+CONNECT_S = 5.0
+
+
+class Wire(ABC):
+    """An open wire. `ended` once the other side has closed it."""
+
+    ended = False
+    identity = ""
+    """What the system says it is, where it says so: vendor and product as 046d:c626."""
+
+    @abstractmethod
+    def fileno(self) -> int:
+        """What `select` waits for."""
+
+    @abstractmethod
+    def read(self) -> Iterator[tuple[bytes, str]]:
+        """What is there already, each with where it came from. Never raises."""
+
+    @abstractmethod
+    def write(self, data: bytes) -> None:
+        """Send. What cannot be sent is lost: a silent other side is a finding."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Never raises."""
+
+
+class Wires(ABC):
+    """The wires of one target, by their channels."""
+
+    @abstractmethod
+    def open(self, channel: str) -> Wire:
+        """Raises AddressError or DeviceAccessError, which say what to do."""
+
+
+class _Listening(Wire):
+    """A UDP port of ours; what is sent goes to whom was heard last."""
+
+    def __init__(self, host: str, port: int) -> None:
+        problem = f"cannot listen on {host}:{port}"
+        self._socket = opened(host, port, socket.SOCK_DGRAM, socket.socket.bind, problem)
+        self._peer: Any = None
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> Iterator[tuple[bytes, str]]:
+        for data, source in waiting(self._socket, LARGEST_READ):
+            self._peer = source
+            yield data, f"{source[0]}:{source[1]}"
+
+    def write(self, data: bytes) -> None:
+        if self._peer is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, self._peer)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Datagrams(Wire):
+    """A UDP socket that is connected to one address."""
+
+    def __init__(self, host: str, port: int) -> None:
+        problem = f"cannot send to {host}:{port}"
+        join = socket.socket.connect
+        self._socket = opened(host, port, socket.SOCK_DGRAM, join, problem)
+        self._source = f"{host}:{port}"
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> Iterator[tuple[bytes, str]]:
+        for data, _ in waiting(self._socket, LARGEST_READ):
+            yield data, self._source
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            self._socket.send(data)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class StreamWire(Wire):
+    """A connected stream socket."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
+        connection.setblocking(False)
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> Iterator[tuple[bytes, str]]:
+        while not self.ended:
+            try:
+                data = self._socket.recv(LARGEST_READ)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self.ended = True
+                return
+            yield data, ""
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            self._socket.sendall(data)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class FileWire(Wire):
+    """A device file whose every read is one report, or a serial line's bytes."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        os.set_blocking(descriptor, False)
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def read(self) -> Iterator[tuple[bytes, str]]:
+        while not self.ended:
+            try:
+                data = os.read(self._descriptor, LARGEST_READ)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self.ended = True
+                return
+            yield data, ""
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            os.write(self._descriptor, data)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            os.close(self._descriptor)
+
+
+class _Serial(Wire):
+    """A serial line."""
+
+    def __init__(self, port: SerialPort) -> None:
+        self._port = port
+
+    def fileno(self) -> int:
+        return self._port.fileno()
+
+    def read(self) -> Iterator[tuple[bytes, str]]:
+        try:
+            data = self._port.read(wait=False)
+        except OSError:
+            self.ended = True
+            return
+        if data:
+            yield data, ""
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            self._port.write(data)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class SerialLine(Wires):
+    """A serial port; opening it powers the device."""
+
+    def __init__(self, path: str, baud: int, stop_bits: int = 1) -> None:
+        self._path, self._baud, self._stop_bits = path, baud, stop_bits
+
+    def open(self, channel: str) -> Wire:
+        return _Serial(SerialPort(self._path, self._baud, stop_bits=self._stop_bits))
+
+
+class Listen(Wires):
+    """One UDP port of ours, for a client that sends to it."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._address = host, port
+
+    def open(self, channel: str) -> Wire:
+        return _Listening(*self._address)
+
+
+class SendTo(Wires):
+    """One UDP address of the target's."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._address = host, port
+
+    def open(self, channel: str) -> Wire:
+        return _Datagrams(*self._address)
+
+
+class TcpPorts(Wires):
+    """Ports of a host, each a channel by name."""
+
+    def __init__(self, host: str, ports: dict[str, int]) -> None:
+        self._host, self._ports = host, ports
+
+    def open(self, channel: str) -> Wire:
+        host, port = self._host, self._ports[channel]
+        try:
+            found = socket.create_connection((host, port), CONNECT_S)
+            found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        except (OSError, UnicodeError) as error:
+            raise AddressError(f"cannot connect to {host}:{port}: {error}") from None
+        return StreamWire(found)
+
+
+class DeviceFile(Wires):
+    """A device node that is read report by report, as /dev/hidraw0."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+
+    def open(self, channel: str) -> Wire:
+        try:
+            descriptor = os.open(self._path, os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY)
+        except OSError as error:
+            raise DeviceAccessError(
+                f"{self._path} cannot be opened: {error.strerror}; `cardan doctor` says why"
+            ) from None
+        wire = FileWire(descriptor)
+        wire.identity = _hid_identity(self._path)
+        return wire
+
+
+def _hid_identity(path: str) -> str:
+    """Vendor and product of a hidraw node, as the kernel's uevent has them; empty: unknown."""
+    uevent = Path("/sys/class/hidraw") / Path(path).name / "device" / "uevent"
+    try:
+        text = uevent.read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
+    found = re.search(r"^HID_ID=[0-9A-F]+:([0-9A-F]{8}):([0-9A-F]{8})$", text, re.MULTILINE)
+    return "" if found is None else ":".join(each[4:].lower() for each in found.groups())
+
+
+def host_and_port(target: str, key: str, port: int) -> tuple[str, int]:
+    """HOST, HOST:PORT or :PORT as it stands in `target`; ConfigurationError."""
+    host, colon, digits = target.rpartition(":")
+    if not colon:
+        return target, port
+    if not digits.isdigit() or not 0 < int(digits) < 65536:
+        raise ConfigurationError(key, f"{target!r} has no port of 1 to 65535 after its colon")
+    return host, int(digits)
