@@ -199,6 +199,11 @@ PAGES = {
             ),
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
             Part(
+                "Conformance",
+                ("conform",),
+                "`cardan conform --list`; [conformance](../conformance.md)",
+            ),
+            Part(
                 "Protocols",
                 ("protocols",),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",

@@ -56,6 +56,9 @@ def ask(what: str, instruction: str) -> Act:
 
 Script = Iterator["Act | Wait"]
 
+END = "end"
+"""The phase after the script, which is empty: its mark says how long the last one was."""
+
 LOOK_S = 0.02
 """How often a script looks at what it waits for, where nothing comes."""
 
@@ -128,6 +131,7 @@ class Conduct:
             step = next(self._script, None)
             if step is None:
                 self.over = True
+                self._keep(now_s, [mark(END)])
             elif isinstance(step, Wait):
                 self._wait, self._until_s = step, now_s + step.seconds
             else:

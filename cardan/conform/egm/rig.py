@@ -18,7 +18,8 @@ class EgmRig:
     """Runs the controller's cycles, carries datagrams both ways, and does what is asked by hand."""
 
     def __init__(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        options = EgmControllerOptions(faults=faults, seed=seed)
+        # Its program runs EGM again by itself, as many do: nobody is there to start it.
+        options = EgmControllerOptions(script="teleop-retry", faults=faults, seed=seed)
         self._conduct = conduct
         self._core = EgmController(options)
         self._period_s = options.period_s

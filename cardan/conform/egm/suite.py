@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
 from cardan.conform.egm.pilot import EgmPilot
@@ -27,7 +28,14 @@ class Egm(Suite[EgmSeen]):
     peer = "abb-gofa"
     requirements = requires.all()
     transport = Transport("udp", {"": PORT}, we_listen=True)
-    seconds = 5.5
+    seconds = 3.0
+    # While it is held.
+    tried_with: ClassVar[Mapping[str, float]] = {
+        "pause": 0.9,
+        "restart": 3.0,
+        "estop": 3.0,
+        "motors-off": 3.0,
+    }
 
     def see(self, timeline: Timeline) -> EgmSeen:
         return EgmSeen(timeline, robot_sends=False)

@@ -1,0 +1,87 @@
+"""A capture that readers of captures take, and a record with every byte."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+
+from cardan.conform import Event, Kind, Level, Timeline, registry
+from cardan.conform.attachments import pcap
+from cardan.conform.run import save, simulated
+from cardan.dissect import dissect_file
+
+
+@pytest.mark.parametrize(("suite", "said"), [("motoros", "ROBOT_STATUS"), ("egm", "EgmRobot")])
+def test_the_capture_is_dissected_without_a_remark_of_damage(suite, said, tmp_path):
+    found = registry.load(suite)
+    report, timeline = simulated(found, Level.LISTEN, seconds=1.0)
+    save(tmp_path, found, report, timeline)
+    out = io.StringIO()
+    dissect_file(tmp_path / "capture.pcap", out, summary=False)
+    text = out.getvalue()
+    assert said in text
+    assert ", 0 malformed; 0 others" in text
+    assert "192.0.2.1" in text
+
+
+def test_tcp_of_the_capture_is_whole(tmp_path):
+    from scapy.layers.inet import IP, TCP
+    from scapy.utils import rdpcap
+
+    found = registry.load("motoros")
+    report, timeline = simulated(found, Level.HOLD, seconds=1.0)
+    save(tmp_path, found, report, timeline)
+    packets = rdpcap(str(tmp_path / "capture.pcap"))
+    sent = b"".join(bytes(p[TCP].payload) for p in packets if p[TCP].dport == 50240)
+    asked = b"".join(e.data for e in timeline if e.sent and e.channel == "motion")
+    assert sent == asked != b""
+    for packet in packets[:50]:
+        checked = IP(bytes(packet))
+        sums = checked.chksum, checked[TCP].chksum
+        del checked.chksum, checked[TCP].chksum
+        again = IP(bytes(checked))
+        assert (again.chksum, again[TCP].chksum) == sums
+
+
+def test_the_record_has_every_event(tmp_path):
+    from mcap.reader import make_reader
+
+    found = registry.load("3dconnexion")
+    report, timeline = simulated(found, Level.HOLD)
+    report, missing = save(tmp_path, found, report, timeline)
+    assert missing == ["capture.pcap: the protocol has no packets of a network"]
+    with (tmp_path / "record.mcap").open("rb") as file:
+        messages = [
+            (channel.topic, message.data) for _, channel, message in make_reader(file).iter_messages()
+        ]
+    assert len(messages) == len(timeline)
+    came = [data for topic, data in messages if topic == "/3dconnexion/from"]
+    assert came == [e.data for e in timeline if e.kind is Kind.DATA and not e.sent]
+    assert ("/3dconnexion/events", b"mark push") in messages
+    kept = json.loads((tmp_path / "report.json").read_text())
+    assert [*kept["attached"]] == ["record.mcap"]
+    assert {each.name for each in tmp_path.iterdir()} == {
+        "record.mcap",
+        "report.json",
+        "report.md",
+        "report.txt",
+        "report.xml",
+    }
+
+
+def test_a_simulated_run_saved_twice_gives_the_same_bytes(tmp_path):
+    found = registry.load("motoros")
+    for name in "ab":
+        save(tmp_path / name, found, *simulated(found, Level.LISTEN, seconds=1.0))
+    for each in ("capture.pcap", "report.json", "report.md"):
+        assert (tmp_path / "a" / each).read_bytes() == (tmp_path / "b" / each).read_bytes()
+
+
+def test_real_addresses_do_not_get_into_a_capture():
+    timeline = Timeline()
+    timeline.add(Event(0.5, Kind.DATA, False, "", b"\x01", "10.9.8.7:49000"))
+    data = pcap(registry.load("egm"), timeline, 0)
+    assert bytes((10, 9, 8, 7)) not in data
+    assert (49000).to_bytes(2, "big") in data

@@ -1,0 +1,58 @@
+"""Suites against simulated peers over real sockets."""
+
+from __future__ import annotations
+
+import pytest
+
+from cardan.conform import Level, registry, run
+from cardan.errors import AddressError, ConfigurationError, DeviceAccessError
+from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
+
+
+@pytest.mark.once
+@pytest.mark.realtime
+def test_a_controller_is_judged_over_tcp():
+    told = []
+    with MotorosControllerPeer(MotorosControllerOptions(base_port=0)) as peer:
+        ports = {"motion": peer.motion_port, "state": peer.state_port, "io": peer.io_port}
+        suite = registry.load("motoros")
+        from cardan.conform.wires import TcpPorts
+
+        suite.wires = lambda target: TcpPorts(target, ports)
+        report, timeline = run.at(suite, "127.0.0.1", Level.LISTEN, told.append, seconds=1.5)
+    assert timeline.end_s >= 0.5
+    outcomes = {each.id: each.outcome.value for each in report.results}
+    # Not those of times: this computer may stand still at any moment.
+    for requirement in ("MOTO-001", "MOTO-002", "MOTO-005", "MOTO-006", "MOTO-007", "MOTO-009"):
+        assert outcomes[requirement] == "passed", report.as_text()
+    assert not report.simulated
+    assert told == []
+
+
+def test_a_target_that_is_not_there_is_an_error():
+    with pytest.raises(AddressError, match="cannot connect to 127.0.0.1:"):
+        run.at(registry.load("motoros"), "127.0.0.1:1", Level.LISTEN, print)
+    with pytest.raises(DeviceAccessError, match=r"nothing-here cannot be opened"):
+        run.at(registry.load("3dconnexion"), "/dev/nothing-here", Level.LISTEN, print)
+
+
+@pytest.mark.parametrize("target", ["host:none", "host:0", "host:65536", "host:"])
+def test_a_target_without_a_port_after_its_colon_is_refused(target):
+    with pytest.raises(ConfigurationError, match="no port of 1 to 65535"):
+        registry.load("motoros").wires(target)
+
+
+def test_a_device_file_is_read_report_by_report(tmp_path):
+    import os
+
+    from cardan.conform.wires import FileWire
+
+    reading, writing = os.pipe()
+    wire = FileWire(reading)
+    assert list(wire.read()) == []
+    os.write(writing, b"\x01\x02")
+    assert list(wire.read()) == [(b"\x01\x02", "")]
+    os.close(writing)
+    assert list(wire.read()) == []
+    assert wire.ended
+    wire.close()

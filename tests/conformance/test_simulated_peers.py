@@ -1,0 +1,77 @@
+"""Every simulated peer meets the requirements of its protocol, and every fault of it is caught."""
+
+from __future__ import annotations
+
+import pytest
+
+from cardan.conform import Level, Outcome, registry
+from cardan.conform.requirements import ID
+from cardan.conform.run import simulated
+from tests import conformance_tables as tables
+
+pytestmark = pytest.mark.once
+SUITES = registry.names()
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_a_peer_without_faults_meets_every_requirement(suite):
+    report = tables.sound(suite)
+    assert report.failed == ()
+    unseen = [each.id for each in report.results if each.outcome is Outcome.NOT_SEEN]
+    assert unseen == [], "a requirement that nothing ever meets holds nobody to anything"
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_every_fault_is_caught_by_a_requirement_or_is_off_the_wire(suite):
+    for each in tables.tried(suite):
+        assert bool(each.caught) != bool(each.why_not), each
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_what_is_said_of_faults_is_said_of_faults_that_there_are(suite):
+    found = registry.load(suite)
+    switches = {each.name for each in found.switches()}
+    assert {*found.tried_with, *found.off_the_wire} <= switches
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_the_page_has_the_tables_as_they_are(suite):
+    text = tables.PAGE.read_text(encoding="utf-8")
+    for name, made in (
+        (f"requirements of {suite}", tables.requirements_table(suite)),
+        (f"faults of {suite}", tables.faults_table(suite)),
+    ):
+        if "faults" in name and not tables.tried(suite):
+            continue
+        now = tables.replaced(text, name, made)
+        assert now == text, "`python -m tests.conformance_tables` writes it anew"
+
+
+def test_the_page_lists_every_protocol():
+    text = tables.PAGE.read_text(encoding="utf-8")
+    assert tables.replaced(text, "protocols", tables._summary()) == text
+
+
+def test_ids_are_of_one_form_and_belong_to_one_requirement():
+    ids = [each.id for name in SUITES for each in registry.load(name).requirements]
+    assert all(ID.fullmatch(each) for each in ids)
+    assert len(set(ids)) == len(ids)
+    for name in SUITES:
+        for each in registry.load(name).requirements:
+            assert each.text.endswith(".")
+            assert each.source
+            assert each.level == int(each.id[-3])
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_level_0_sends_nothing(suite):
+    report, timeline = simulated(registry.load(suite), Level.LISTEN)
+    assert report.failed == ()
+    assert not [each for each in timeline if each.sent and each.data]
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_the_same_run_gives_the_same_events(suite):
+    found = registry.load(suite)
+    first, again = (simulated(found, Level.HOLD, seconds=1.0)[1] for _ in range(2))
+    assert list(first) == list(again)

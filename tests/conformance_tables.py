@@ -1,0 +1,124 @@
+"""Writes the two tables of docs/conformance.md: requirement x peer, and fault x requirement.
+
+tests/conformance holds them current. To write them anew: ``python -m tests.conformance_tables``.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+from cardan.conform import Level, Outcome, Report, registry
+from cardan.conform.run import simulated
+from tests.docs_tables import END, ROOT, markdown
+
+PAGE = ROOT / "docs" / "conformance.md"
+WORDS = {
+    Outcome.PASSED: "met",
+    Outcome.FAILED: "NOT met",
+    Outcome.NOT_APPLICABLE: "does not apply",
+    Outcome.NOT_SEEN: "not seen",
+}
+
+
+def begin(name: str) -> str:
+    """The line before the table of that name."""
+    return f"<!-- made by tests/conformance_tables.py: {name} -->\n"
+
+
+def replaced(page: str, name: str, made: str) -> str:
+    """`page` with `made` in the place of the table of that name."""
+    head, found, rest = page.partition(begin(name))
+    _, ended, tail = rest.partition(END)
+    if not (found and ended):
+        raise ValueError(f"there is no {begin(name).strip()} ... {END.strip()}")
+    return f"{head}{begin(name)}\n{made}\n{END}{tail}"
+
+
+@functools.cache
+def sound(suite: str) -> Report:
+    """The report on a simulated peer without faults, on all levels."""
+    return simulated(registry.load(suite), Level.BY_HAND)[0]
+
+
+class Tried(NamedTuple):
+    """One fault of a simulated peer, and what became of it."""
+
+    name: str
+    value: float
+    what: str
+    caught: tuple[str, ...]
+    """Requirements that are not met with it, on the lowest level from 1 on with any."""
+    why_not: str
+    """Why none can catch it, where that is said."""
+
+
+@functools.cache
+def tried(suite_name: str) -> tuple[Tried, ...]:
+    """Each fault switch of a suite's simulated peer."""
+    suite = registry.load(suite_name)
+    switches = {each.name: each for each in suite.switches()}
+    found = []
+    for switch in switches.values():
+        faults = {switch.name: suite.tried_with.get(switch.name, switch.default)}
+        if switch.after:
+            first = switches[switch.after]
+            faults[first.name] = suite.tried_with.get(first.name, first.default)
+        # Most are caught while it is held, and that takes less time.
+        for level in (Level.HOLD, Level.MOVE):
+            caught = simulated(suite, level, faults)[0].failed
+            if caught:
+                break
+        why_not = suite.off_the_wire.get(switch.name, "")
+        found.append(Tried(switch.name, faults[switch.name], switch.help, caught, why_not))
+    return tuple(found)
+
+
+def requirements_table(suite: str) -> str:
+    """Each requirement of a suite, and what the simulated peer does about it."""
+    rows = [
+        (each.id, str(each.level), each.text, each.source, WORDS[each.outcome])
+        for each in sound(suite).results
+    ]
+    return markdown(("id", "level", "requirement", "source", "simulated peer"), rows)
+
+
+def faults_table(suite: str) -> str:
+    """Each fault of a suite's simulated peer, and the requirements that catch it."""
+    rows = [
+        (f"`{each.name}`", f"{each.value:g}", each.what, ", ".join(each.caught) or each.why_not)
+        for each in tried(suite)
+    ]
+    return markdown(("fault", "tried with", "what happens", "not met then"), rows)
+
+
+def _summary() -> str:
+    rows = []
+    for name in registry.names():
+        suite = registry.load(name)
+        levels = ", ".join(map(str, sorted({int(each.level) for each in suite.requirements})))
+        count = str(len(suite.requirements))
+        target = suite.target.replace("|", "\\|")
+        rows.append((f"[`{name}`](#{name})", suite.judges, suite.speaks, count, levels, target))
+    return markdown(
+        ("protocol", "judges", "speaks", "requirements", "levels", "`--target` takes"), rows
+    )
+
+
+def page(text: str) -> str:
+    """The page, with every table as it is now."""
+    text = replaced(text, "protocols", _summary())
+    for name in registry.names():
+        text = replaced(text, f"requirements of {name}", requirements_table(name))
+        if tried(name):
+            text = replaced(text, f"faults of {name}", faults_table(name))
+    return text
+
+
+def main() -> None:
+    """Write the tables into their page."""
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
