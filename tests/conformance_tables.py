@@ -65,7 +65,8 @@ def tried(suite_name: str) -> tuple[Tried, ...]:
             first = switches[switch.after]
             faults[first.name] = suite.tried_with.get(first.name, first.default)
         # Most are caught while it is held, and that takes less time.
-        for level in (Level.HOLD, Level.MOVE):
+        levels = (Level.HOLD, Level.MOVE)
+        for level in [suite.tried_on[switch.name]] if switch.name in suite.tried_on else levels:
             caught = simulated(suite, level, faults)[0].failed
             if caught:
                 break

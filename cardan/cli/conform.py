@@ -50,7 +50,7 @@ def conform(
             min=0,
             max=3,
             help="0 listens, 1 holds, 2 moves by a millimetre, 3 has faults made by hand; "
-            "default: 0 at a target, else 3.",
+            "default: at a target the highest that can do no harm, else 3.",
         ),
     ] = None,
     seconds: Annotated[
@@ -147,8 +147,8 @@ def _judged(
     if target:
         if fault:
             raise ConfigurationError("--fault, --target", "only a simulated peer has faults")
-        wanted = Level(level or 0)
-        _consent(wanted, yes, at_switch)
+        wanted = suite.harmless if level is None else Level(level)
+        _consent(suite.harmless, wanted, yes, at_switch)
 
         def told(instruction: str) -> None:
             print(f">>> {instruction}", file=sys.stderr, flush=True)
@@ -161,13 +161,13 @@ def _judged(
     return (report, []) if save is None else run.save(save, suite, report, timeline)
 
 
-def _consent(level: Level, yes: bool, at_switch: bool) -> None:
-    if level >= 2 and not at_switch:
+def _consent(harmless: Level, level: Level, yes: bool, at_switch: bool) -> None:
+    if level >= 2 and harmless == 0 and not at_switch:
         raise ConfigurationError(
             "--level",
             f"level {level:d} moves the arm: give --i-am-at-the-enable-switch, and be there",
         )
-    for each in range(1, level + 1):
+    for each in range(harmless + 1, level + 1):
         print(f"cardan: {_WARNINGS[each]}", file=sys.stderr)
         if not yes:
             typer.confirm("go on?", abort=True, err=True)

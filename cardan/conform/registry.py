@@ -11,6 +11,7 @@ from cardan.errors import ConfigurationError
 SUITES = {
     "3dconnexion": "cardan.conform.connexion.suite:Connexion",
     "egm": "cardan.conform.egm.suite:Egm",
+    "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
     "magellan": "cardan.conform.magellan.suite:Magellan",
     "motoros": "cardan.conform.motoros.suite:Motoros",
 }

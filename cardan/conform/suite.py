@@ -42,11 +42,15 @@ class Suite(ABC, Generic[V]):
     """What is judged without a target: a simulated peer's name, or a driver's."""
     levels: ClassVar[Level] = Level.BY_HAND
     """The highest level that has requirements."""
+    harmless: ClassVar[Level] = Level.LISTEN
+    """The highest level that needs nobody's consent, and the default at a target."""
     requirements: tuple[Requirement[V], ...]
     transport: ClassVar[Transport]
     tried_with: ClassVar[Mapping[str, float]] = {}
     """Values of fault switches with which a fault shows within the short time of a simulated run;
     of the others it is the switch's own."""
+    tried_on: ClassVar[Mapping[str, Level]] = {}
+    """Fault switches that only show on this level."""
     off_the_wire: ClassVar[Mapping[str, str]] = {}
     """Fault switches that no requirement can catch, and why."""
 

@@ -54,7 +54,8 @@ def test_the_record_has_every_event(tmp_path):
     assert missing == ["capture.pcap: the protocol has no packets of a network"]
     with (tmp_path / "record.mcap").open("rb") as file:
         messages = [
-            (channel.topic, message.data) for _, channel, message in make_reader(file).iter_messages()
+            (channel.topic, message.data)
+            for _, channel, message in make_reader(file).iter_messages()
         ]
     assert len(messages) == len(timeline)
     came = [data for topic, data in messages if topic == "/3dconnexion/from"]

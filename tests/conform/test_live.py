@@ -30,7 +30,7 @@ def test_a_controller_is_judged_over_tcp():
 
 
 def test_a_target_that_is_not_there_is_an_error():
-    with pytest.raises(AddressError, match="cannot connect to 127.0.0.1:"):
+    with pytest.raises(AddressError, match=r"cannot connect to 127\.0\.0\.1:"):
         run.at(registry.load("motoros"), "127.0.0.1:1", Level.LISTEN, print)
     with pytest.raises(DeviceAccessError, match=r"nothing-here cannot be opened"):
         run.at(registry.load("3dconnexion"), "/dev/nothing-here", Level.LISTEN, print)

@@ -1,0 +1,1 @@
+"""Conformance of a driver that guides a controller over EGM: we are the controller."""

@@ -1,0 +1,380 @@
+"""What a driver must do that guides a controller over EGM."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+from cardan.conform.egm.seen import Answer, EgmSeen, Robot, step
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
+from cardan.protocols.egm.messages import EgmMotion
+
+MANUAL = "ABB application manual 3HAC073318-001 (RobotWare 7.16)"
+SCHEMA = "ABB's egm.proto, RobotWare 6.08 to 7.16"
+LIBEGM = "ros-industrial/abb_libegm, src/egm_base_interface.cpp"
+LAW = f"{MANUAL}: every reference acts at once; there is no path planner"
+
+ANSWERED_SHARE = 0.95
+ANSWER_WITHIN_S = 0.004
+NEAR_M, NEAR_RAD = 5e-4, math.radians(0.05)
+LEAP_M, LEAP_RAD = 0.004, math.radians(1.0)
+"""Of one cycle: 1 m/s and 250 degrees a second."""
+SPEED_M_S, SPEED_RAD_S = 1e-6, 1e-6
+FAREWELLS = 3
+SILENT_AFTER_S = 0.1
+
+requires: Requirements[EgmSeen] = Requirements("EGMPC")
+_NOTHING = "no answers came"
+
+
+class Pair(NamedTuple):
+    """A datagram of ours, and what came before the next one."""
+
+    robot: Robot
+    answers: list[Answer]
+
+
+def _pairs(seen: EgmSeen, *phases: str) -> list[Pair]:
+    """Those of the phases; junk and old datagrams are none."""
+    found = []
+    answers = iter(seen.answers)
+    answer = next(answers, None)
+    ends = [*(each.number for each in seen.robots[1:]), math.inf]
+    for robot, end in zip(seen.robots, ends, strict=True):
+        own = []
+        while answer is not None and answer.number < end:
+            if answer.number > robot.number:
+                own.append(answer)
+            answer = next(answers, None)
+        found.append(Pair(robot, own))
+    if not phases:
+        return found
+    inside = [seen.phases[name] for name in phases if name in seen.phases]
+    return [p for p in found if any(i.first <= p.robot.number < i.end for i in inside)]
+
+
+def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
+    wrong = list(found)
+    if wrong:
+        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
+    return passed(good) if of else not_seen(nothing)
+
+
+def _planned(answer: Answer) -> EgmMotion | None:
+    message = answer.message
+    return message.planned if isinstance(message, EgmSensor) else None
+
+
+def _far(one: Iterable[float] | None, other: Iterable[float] | None) -> float:
+    if one is None or other is None:
+        return 0.0
+    return max((abs(a - b) for a, b in zip(one, other, strict=False)), default=0.0)
+
+
+def _apart(motion: EgmMotion, robot: Robot) -> tuple[float, float]:
+    """How far a reference is from what was measured: m, rad."""
+    pos = motion.cartesian.pos if motion.cartesian is not None else None
+    joints = motion.joints[:6] if motion.joints is not None else None
+    return _far(pos, robot.position), _far(joints, robot.joints)
+
+
+def _speed(answer: Answer) -> float:
+    """The largest part of its speed reference, m/s or rad/s."""
+    speed = answer.message.speed_ref if isinstance(answer.message, EgmSensor) else None
+    if speed is None:
+        return 0.0
+    return max(map(abs, (*(speed.cartesians or ()), *(speed.joints or ()), 0.0)))
+
+
+@requires(101, f"{MANUAL}: the PC answers to the source of the datagram")
+def the_run_is_answered(seen: EgmSeen) -> Verdict:
+    """Once it has begun to answer, it answers 95 % of the datagrams of a run."""
+    found = _pairs(seen, "run")
+    began = next((n for n, each in enumerate(found) if each.answers), None)
+    if began is None:
+        return failed("none came") if found else not_seen("nothing was sent")
+    share = sum(bool(each.answers) for each in found[began:-1]) / max(1, len(found[began:-1]))
+    said = f"{100 * share:.1f} %"
+    return passed(said) if share >= ANSWERED_SHARE else failed(said)
+
+
+@requires(102, SCHEMA)
+def answers_are_messages(seen: EgmSeen) -> Verdict:
+    """Every answer is one whole EgmSensor or EgmSensorPathCorr, all of whose numbers are finite."""
+    count = len(seen.answers) + len(seen.refused)
+    wrong = ((each.number, each.malformed.detail) for each in seen.refused)
+    return _bad(wrong, count, f"{count} answers")
+
+
+@requires(103, f"{SCHEMA}, EgmHeader.mtype")
+def answers_have_their_type(seen: EgmSeen) -> Verdict:
+    """mtype is CORRECTION, or PATH_CORRECTION of a path correction."""
+    wrong = []
+    for each in seen.answers:
+        path = isinstance(each.message, EgmSensorPathCorr)
+        wanted = MessageType.PATH_CORRECTION if path else MessageType.CORRECTION
+        mtype = None if each.message.header is None else each.message.header.mtype
+        if mtype != wanted:
+            wrong.append((each.number, f"mtype {mtype}"))
+    return _bad(wrong, len(seen.answers), f"{len(seen.answers)} answers")
+
+
+@requires(104, f"{SCHEMA}, EgmHeader.seqno")
+def answers_count_up_by_one(seen: EgmSeen) -> Verdict:
+    """seqno goes up by one from message to message; it may begin anew with a run."""
+    wrong, count = [], 0
+    starts = {session[0].number for session in seen.sessions}
+    for one, other in pairwise(seen.answers):
+        a, b = one.message.header, other.message.header
+        if a is None or b is None or a.seqno is None or b.seqno is None:
+            return failed("there is no seqno", [other.number])
+        if any(one.number < start < other.number for start in starts):
+            continue
+        count += 1
+        if step(a.seqno, b.seqno) != 1:
+            wrong.append((other.number, f"{b.seqno} after {a.seqno}"))
+    return _bad(wrong, count, f"{count} messages")
+
+
+@requires(105, f"{MANUAL}: the controller takes one message in a cycle, oldest first")
+def one_answer_is_enough(seen: EgmSeen) -> Verdict:
+    """To a datagram there is one answer: more would wait in the controller and make it lag."""
+    found = _pairs(seen, "run", "started")
+    wrong = [
+        (each.answers[1].number, f"{len(each.answers)} answers")
+        for each in found
+        if len(each.answers) > 1
+    ]
+    # An answer that was just late stands beside the next one.
+    if len(wrong) <= 0.01 * len(found):
+        wrong = []
+    return _bad(wrong, sum(bool(e.answers) for e in found), f"{len(found)} datagrams")
+
+
+@requires(106, f"{MANUAL}: the controller reads what is there in its next cycle")
+def answers_are_in_time(seen: EgmSeen) -> Verdict:
+    """99 of 100 answers come within the cycle of 4 ms."""
+    times = []
+    newest: Robot | None = None
+    robots = {each.number: each for each in seen.robots}
+    by_tm = {each.message.header.tm_ms: each for each in seen.robots if each.message.header}
+    last = max((*robots, *(each.number for each in seen.answers)), default=-1)
+    answers = {each.number: each for each in seen.answers}
+    run = seen.phase("run")
+    for number in range(last + 1):
+        newest = robots.get(number, newest)
+        answer = answers.get(number)
+        if answer is None or newest is None or run is None or not run.first <= number < run.end:
+            continue
+        header = answer.message.header
+        echoed = by_tm.get(header.tm_ms) if header is not None and header.tm_ms else None
+        asked = echoed if echoed is not None and echoed.number < number else newest
+        times.append((answer.time_s - asked.time_s, number))
+    if not times:
+        return not_seen(_NOTHING)
+    times.sort()
+    late_s, number = times[int(0.99 * (len(times) - 1))]
+    said = f"99 of 100 within {late_s * 1e3:.2f} ms"
+    if late_s > ANSWER_WITHIN_S:
+        return failed(said, [number], late_s * 1e3, "ms")
+    return passed(said, late_s * 1e3, "ms")
+
+
+@requires(107, f"{SCHEMA}; {MANUAL}: planned or speedRef of the mode, else the last one counts")
+def every_answer_has_a_reference(seen: EgmSeen) -> Verdict:
+    """Every answer has a position or a speed, in joints or of the TCP, or a path correction."""
+    wrong = []
+    for each in seen.answers:
+        m = each.message
+        if isinstance(m, EgmSensorPathCorr):
+            continue
+        position = m.planned is not None and (m.planned.joints or m.planned.cartesian)
+        speed = m.speed_ref is not None and (m.speed_ref.joints or m.speed_ref.cartesians)
+        if not position and not speed:
+            wrong.append((each.number, "neither position nor speed"))
+    return _bad(wrong, len(seen.answers), f"{len(seen.answers)} answers")
+
+
+@requires(108, f"{SCHEMA}, EgmQuaternion")
+def quaternions_are_normal(seen: EgmSeen) -> Verdict:
+    """Every quaternion has the length 1, to 1e-3."""
+    wrong, count = [], 0
+    for each in seen.answers:
+        motion = _planned(each)
+        orient = motion.cartesian.orient if motion and motion.cartesian else None
+        if orient is not None:
+            count += 1
+            length = math.sqrt(sum(u * u for u in orient))
+            if abs(length - 1.0) > 1e-3:
+                wrong.append((each.number, f"length {length:.4f}"))
+    if seen.answers and not count:
+        return not_applicable("no quaternion is sent")
+    return _bad(wrong, count, f"{count} quaternions")
+
+
+def _first_answers(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
+    """The first answer of each session, and the datagram before it."""
+    pairs = _pairs(seen)
+    for session in seen.sessions:
+        numbers = {each.number for each in session}
+        for pair in pairs:
+            if pair.robot.number in numbers and pair.answers:
+                yield pair.robot, pair.answers[0]
+                break
+
+
+@requires(109, f"{LAW}; a stale target after a restart is a jump")
+def a_session_begins_where_the_arm_is(seen: EgmSeen) -> Verdict:
+    """The first answer of every session is the measured position, with no speed."""
+    wrong, count = [], 0
+    for robot, answer in _first_answers(seen):
+        motion = _planned(answer)
+        count += 1
+        if motion is not None:
+            far_m, far_rad = _apart(motion, robot)
+            if far_m > NEAR_M or far_rad > NEAR_RAD:
+                wrong.append((answer.number, f"{far_m * 1e3:.2f} mm away"))
+        if _speed(answer) > SPEED_M_S:
+            wrong.append((answer.number, f"with a speed of {_speed(answer):.3g}"))
+    return _bad(wrong, count, f"{count} sessions")
+
+
+@requires(110, LAW)
+def references_do_not_leap(seen: EgmSeen) -> Verdict:
+    """From answer to answer the reference goes no further than 4 mm and 1 degree."""
+    wrong, count = [], 0
+    starts = {session[0].number for session in seen.sessions}
+    for one, other in pairwise(seen.answers):
+        a, b = _planned(one), _planned(other)
+        if a is None or b is None or any(one.number < s < other.number for s in starts):
+            continue
+        count += 1
+        pos = [m.cartesian.pos if m.cartesian is not None else None for m in (a, b)]
+        far_m, far_rad = _far(*pos), _far(a.joints, b.joints)
+        if far_m > LEAP_M or far_rad > LEAP_RAD:
+            wrong.append((other.number, f"{far_m * 1e3:.1f} mm"))
+    return _bad(wrong, count, f"{count} steps")
+
+
+@requires(111, f"{LAW}; {LIBEGM} repeats its last reference there")
+def it_follows_while_commands_do_not_act(seen: EgmSeen) -> Verdict:
+    """While the MCI is not RUNNING, answers are the measured position without speed, so that
+    going on is no jump."""
+    wrong, count = [], 0
+    # The first ones may have been on their way.
+    for pair in _pairs(seen, "stopped")[25:]:
+        for answer in pair.answers:
+            if pair.robot.running:
+                continue
+            count += 1
+            motion = _planned(answer)
+            far_m, far_rad = (0.0, 0.0) if motion is None else _apart(motion, pair.robot)
+            if far_m > NEAR_M or far_rad > NEAR_RAD or _speed(answer) > SPEED_M_S:
+                wrong.append((answer.number, f"{far_m * 1e3:.2f} mm away"))
+    return _bad(wrong, count, f"{count} answers", "it did not answer while commands do not act")
+
+
+@requires(112, f"{SCHEMA}: whatever comes to a UDP port; ABBRobotEGM ended at it")
+def junk_does_not_end_it(seen: EgmSeen) -> Verdict:
+    """Datagrams that are not EGM end nothing: it goes on answering."""
+    found = _pairs(seen, "junk")
+    if not found or not seen.junk or not any(e.answers for e in _pairs(seen, "run")):
+        return not_seen("none were sent, or it never answered")
+    share = sum(bool(each.answers) for each in found) / len(found)
+    said = f"{len(seen.junk)} of them; {100 * share:.1f} % answered"
+    return passed(said) if share > 0.9 else failed(said, [seen.junk[0][0]])
+
+
+@requires(113, f"{SCHEMA}, EgmHeader.seqno: old datagrams are none to act on")
+def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
+    """A datagram that is old, or comes again, is not answered."""
+    phase = seen.phase("old")
+    if phase is None or not any(e.answers for e in _pairs(seen, "old")):
+        return not_seen("none were sent, or it did not answer")
+    sent = Counter(each.message.header for each in seen.robots)
+    again = {header.tm_ms for header, count in sent.items() if count > 1 and header is not None}
+    echoed = Counter(each.message.header.tm_ms for each in seen.answers if each.message.header)
+    inside = [each for each in seen.answers if phase.first <= each.number < phase.end]
+    if set(echoed) & again:
+        # It echoes tm, which tells what it answers, however late.
+        wrong = [
+            each.number
+            for each in inside
+            if each.message.header
+            and each.message.header.tm_ms in again
+            and echoed[each.message.header.tm_ms] > 1
+        ]
+        said = f"{len(wrong)} answers to what came twice"
+        if wrong:
+            return failed(said, wrong)
+    fresh = len({each.seqno for each in seen.during("old")})
+    said = f"{len(inside)} answers to {fresh} new datagrams"
+    # The last answer before may have been late.
+    return failed(said, [inside[-1].number]) if len(inside) > fresh + 1 else passed(said)
+
+
+@requires(114, f"{MANUAL}: what is sent waits in the controller for its next run")
+def silence_is_not_answered(seen: EgmSeen) -> Verdict:
+    """While the controller is silent it is sent no more than three messages."""
+    phase = seen.phase("silence")
+    if phase is None or not any(e.answers for e in _pairs(seen, "run")):
+        return not_seen("there was no silence, or it never answered")
+    found = [
+        each.number
+        for each in seen.answers
+        if phase.first <= each.number < phase.end and each.time_s > phase.start_s + SILENT_AFTER_S
+    ]
+    said = f"{len(found)} messages"
+    return failed(said, found) if len(found) > FAREWELLS else passed(said)
+
+
+@requires(115, f"{MANUAL}, Local Port Number: 0 is any, and another one after a restart")
+def a_new_port_is_followed(seen: EgmSeen) -> Verdict:
+    """After a restart of the controller, which has another port then, that one is answered."""
+    found = _pairs(seen, "restarted")
+    if len(found) < 25 or not any(e.answers for e in _pairs(seen, "run")):
+        return not_seen("there was no restart, or it never answered")
+    share = sum(bool(each.answers) for each in found[10:-1]) / len(found[10:-1])
+    said = f"{100 * share:.1f} % of its datagrams are answered"
+    return passed(said) if share > 0.9 else failed(said, [found[-1].robot.number])
+
+
+@requires(116, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: EgmSeen) -> Verdict:
+    """A second reader, the scapy layers, finds nothing wrong in the answers either."""
+    try:
+        from cardan.dissect.egm import EgmFromPc, malformed
+    except ImportError:
+        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    if not seen.answers:
+        return not_seen(_NOTHING)
+    chosen = seen.answers[:: max(1, len(seen.answers) // 30)]
+    for each in chosen:
+        wrong = malformed(EgmFromPc(seen.raw[each.number]))
+        if wrong is not None:
+            return failed(f"the layers refuse it: {wrong}", [each.number])
+    return passed(f"{len(chosen)} answers read twice")
+
+
+@requires(301, f"{MANUAL}: the controller goes on at the last speed until CommTimeout")
+def it_leaves_without_speed(seen: EgmSeen) -> Verdict:
+    """When the driver's program ends, the last message says no speed."""
+    phase = seen.phase("ended")
+    if phase is None or not seen.answers:
+        return not_seen("it was not ended")
+    last = seen.answers[-1]
+    if phase.end_s - last.time_s < 0.5:
+        return not_seen("it still answers")
+    said = f"{_speed(last):.3g} m/s or rad/s"
+    return passed(said) if _speed(last) <= SPEED_M_S else failed(said, [last.number])
