@@ -102,6 +102,7 @@ GATEWAY_ROOMS = {
 ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.arm_libraries",
+    "cardan.conform.joint_stream.rig",
     "cardan.gateway.arm.activities.",
     "cardan.gateway.arm.arm_body",
     "cardan.gateway.arm.device",

@@ -82,4 +82,8 @@ class _Live:
             return self._conduct.heard(now_s, channel, kind=Kind.REFUSED, note=str(error))
         self._any = True
         self._open[channel] = wire
-        return self._conduct.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)
+        acts = self._conduct.heard(self._now(), channel, kind=Kind.OPENED, note=wire.identity)
+        self._do(acts)
+        # What came with the opening makes no `select` wake up.
+        self._take(channel)
+        return []

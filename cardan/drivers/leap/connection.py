@@ -67,6 +67,10 @@ class Connection:
             self._socket.close()
             raise
 
+    def fileno(self) -> int:
+        """What `select` waits for. Messages may be there already: `receive` them first."""
+        return self._socket.fileno()
+
     def receive(self, timeout_s: float) -> list[bytes]:
         """All text messages that have come, waiting `timeout_s` for the first bytes."""
         if not self._messages:

@@ -1,0 +1,1 @@
+"""Conformance of an arm that speaks the joint stream."""

@@ -1,0 +1,424 @@
+"""What an arm must do that speaks the joint stream."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable
+from itertools import pairwise
+
+from cardan.conform.joint_stream.pilot import SPEED_RAD_S, STEP_RAD
+from cardan.conform.joint_stream.seen import JointStreamSeen, State
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.protocols.joint_stream import ControlMode
+
+PAGE = "docs/protocols/joint-stream.md"
+RULES = f"{PAGE}, rules"
+STATE = f"{PAGE}, state"
+
+PERIOD_SHARE = 0.02
+JITTER_SHARE_OF_PERIOD = 0.4
+JITTER_SHARE = 0.05
+GAP_PERIODS = 12
+ACK_PERIODS, ACK_S = 3.0, 0.01
+HELD_RAD = math.radians(0.6)
+"""A servo without integral action sags under gravity when it takes over."""
+STANDING_RAD = math.radians(0.003)
+REACHED = 0.3
+FORGOTTEN_S = 1.2
+STOPPED_S = 0.3
+COMMANDED = (
+    "idle",
+    "settle",
+    "hold",
+    "junk",
+    "foreign",
+    "beyond",
+    "before",
+    "out",
+    "back",
+    "speed",
+)
+
+requires: Requirements[JointStreamSeen] = Requirements("JS")
+_NOTHING = "no states came"
+
+
+def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
+    wrong = list(found)
+    if wrong:
+        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
+    return passed(good) if of else not_seen(nothing)
+
+
+@requires(1, f"{RULES} 1: the client begins")
+def nothing_comes_unasked(seen: JointStreamSeen) -> Verdict:
+    """The arm sends nothing before it is greeted."""
+    found = [each.number for each in seen.during("listen")]
+    return failed(f"{len(found)} states", found) if found else passed("nothing came")
+
+
+@requires(101, f"{RULES} 1")
+def a_greeting_is_answered(seen: JointStreamSeen) -> Verdict:
+    """A hold with session 0 is answered with states."""
+    if seen.phase("greet") is None:
+        return not_seen("it was not greeted")
+    count = len(seen.during("greet", "idle"))
+    return passed(f"{count} states") if count else failed("none came")
+
+
+@requires(102, f"{RULES} 6")
+def datagrams_are_states(seen: JointStreamSeen) -> Verdict:
+    """Every datagram is one whole state: no other length, mode or number of joints, all finite."""
+    return _bad(seen.refused, len(seen.states) + len(seen.refused), f"{len(seen.states)} states")
+
+
+def _gaps(seen: JointStreamSeen) -> list[tuple[State, State]]:
+    """Neighbours in a session in phases in which the arm is commanded."""
+    found = []
+    for session in seen.sessions:
+        numbers = {each.number for each in seen.during(*COMMANDED)}
+        found += [
+            (a, b) for a, b in pairwise(session) if a.number in numbers and b.number in numbers
+        ]
+    return found
+
+
+@requires(103, f"{PAGE}, header: sequence")
+def none_is_missing(seen: JointStreamSeen) -> Verdict:
+    """Within a session no sequence number is left out."""
+    wrong, count = [], 0
+    for session in seen.sessions:
+        numbers = {each.value.sequence for each in session}
+        count += len(session)
+        missing = max(numbers) - min(numbers) + 1 - len(numbers)
+        if missing:
+            wrong.append((session[-1].number, f"{missing} of a session"))
+    return _bad(wrong, count, "every one")
+
+
+@requires(104, f"{PAGE}, header: sequence")
+def they_come_once_and_in_order(seen: JointStreamSeen) -> Verdict:
+    """Sequence numbers go up: none comes twice, none is overtaken."""
+    wrong = [
+        (b.number, f"{b.value.sequence} after {a.value.sequence}")
+        for session in seen.sessions
+        for a, b in pairwise(session)
+        if b.value.sequence <= a.value.sequence
+    ]
+    return _bad(wrong, len(seen.states), "every one")
+
+
+@requires(105, f"{STATE}: the controller's cycle")
+def the_period_is_the_one_told(seen: JointStreamSeen) -> Verdict:
+    """States come in the period that they tell, to 2 % in the mean."""
+    found = seen.during("hold")
+    if len(found) < 50:
+        return not_seen("too few states")
+    cycles = found[-1].value.sequence - found[0].value.sequence
+    period_s = (found[-1].time_s - found[0].time_s) / max(1, cycles)
+    told_s = found[0].value.period_s
+    said = f"{period_s * 1e3:.3f} ms, told {told_s * 1e3:.3f}"
+    good = abs(period_s / told_s - 1.0) < PERIOD_SHARE
+    return passed(said) if good else failed(said)
+
+
+@requires(106, f"{STATE}: one state in each cycle")
+def arrival_is_steady(seen: JointStreamSeen) -> Verdict:
+    """95 % of the states arrive within 0.4 periods of when they are due."""
+    found = _gaps(seen)
+    if len(found) < 50:
+        return not_seen("too few states")
+    off = [(abs(b.time_s - a.time_s - a.value.period_s) / a.value.period_s, b) for a, b in found]
+    late = [b.number for error, b in off if error > JITTER_SHARE_OF_PERIOD]
+    figure = sorted(error for error, _ in off)[int(0.95 * (len(off) - 1))]
+    said = f"95 % within {figure:.2f} periods"
+    if len(late) > JITTER_SHARE * len(off):
+        return failed(said, late, figure, "periods")
+    return passed(said, figure, "periods")
+
+
+@requires(107, f"{RULES} 1: a state in each of its cycles")
+def there_are_no_pauses(seen: JointStreamSeen) -> Verdict:
+    """While it is commanded there is no silence of more than 12 periods."""
+    wrong, longest = [], 0.0
+    for one, other in _gaps(seen):
+        gap = (other.time_s - one.time_s) / one.value.period_s
+        longest = max(longest, gap)
+        if gap > GAP_PERIODS:
+            wrong.append((other.number, f"{gap:.0f} periods"))
+    hold = seen.phase("hold")
+    found = seen.during("hold")
+    if hold is not None and found and hold.end_s - found[-1].time_s > 0.1:
+        wrong.append((found[-1].number, f"{hold.end_s - found[-1].time_s:.2f} s at the end"))
+    return _bad(wrong, len(seen.states), f"longest {longest:.1f} periods")
+
+
+@requires(108, f"{RULES} 2: a restart is a new session")
+def the_session_lasts(seen: JointStreamSeen) -> Verdict:
+    """While it is commanded, the session stays the same."""
+    if not seen.states:
+        return not_seen(_NOTHING)
+    later = [session[0].number for session in seen.sessions[1:]]
+    return failed(f"{len(later)} more sessions", later) if later else passed("one session")
+
+
+@requires(109, f"{STATE}: sequence of the newest command taken")
+def commands_are_acknowledged_soon(seen: JointStreamSeen) -> Verdict:
+    """A command is acknowledged within three periods and 10 ms."""
+    found = seen.during("hold")
+    sent = {
+        each.value.sequence: each.time_s
+        for each in seen.sent_during("settle", "hold")
+        if each.value is not None
+    }
+    if len(found) < 50 or not sent:
+        return not_seen("too few states")
+    delays, before = [], -1
+    for each in found:
+        acknowledged = each.value.acknowledged
+        if acknowledged != before and acknowledged in sent:
+            delays.append((each.time_s - sent[acknowledged], each.number))
+        before = acknowledged
+    if not delays:
+        return failed("none was", [found[-1].number])
+    delays.sort()
+    late_s, number = delays[len(delays) // 2]
+    said = f"{late_s * 1e3:.1f} ms in the median"
+    if late_s > ACK_PERIODS * found[0].value.period_s + ACK_S:
+        return failed(said, [number], late_s * 1e3, "ms")
+    return passed(said, late_s * 1e3, "ms")
+
+
+@requires(110, f"{STATE}: why commands do not act; empty when they do")
+def holding_is_undisturbed(seen: JointStreamSeen) -> Verdict:
+    """Held by commands of positions, it says so, and no reason why it would not."""
+    found = seen.during("hold")
+    wrong = [
+        (each.number, each.value.reason or f"mode {each.value.mode.name}")
+        for each in found
+        if each.value.reason or each.value.mode is not ControlMode.POSITION
+    ]
+    return _bad(wrong, len(found), f"{len(found)} states", "it was not held")
+
+
+@requires(111, f"{RULES} 4")
+def an_arm_that_is_held_stays(seen: JointStreamSeen) -> Verdict:
+    """Told the position that it had, every joint stays within 0.6 degrees of it."""
+    idle, found = seen.during("idle"), seen.during("hold")
+    if not idle or not found:
+        return not_seen("it was not held")
+    was = idle[-1].value.positions
+    far, number = max(
+        (max(abs(a - b) for a, b in zip(was, each.value.positions, strict=True)), each.number)
+        for each in found
+    )
+    said = f"{math.degrees(far):.3f} degrees"
+    if far > HELD_RAD:
+        return failed(said, [number], math.degrees(far), "degrees")
+    return passed(said, math.degrees(far), "degrees")
+
+
+@requires(112, f"{STATE}: positions")
+def an_arm_that_is_held_stands(seen: JointStreamSeen) -> Verdict:
+    """Held, what is measured of a joint varies by less than 0.003 degrees (standard deviation)."""
+    found = seen.during("hold")[-100:]
+    if len(found) < 50:
+        return not_seen("it was not held for long enough")
+    rows = zip(*(each.value.positions for each in found), strict=True)
+    most = max(statistics.pstdev(joint) for joint in rows)
+    said = f"{math.degrees(most):.5f} degrees"
+    if most > STANDING_RAD:
+        return failed(said, [found[-1].number], math.degrees(most), "degrees")
+    return passed(said, math.degrees(most), "degrees")
+
+
+@requires(113, f"{RULES} 6: malformed as a whole, and changes nothing")
+def junk_changes_nothing(seen: JointStreamSeen) -> Verdict:
+    """What is no command changes nothing."""
+    found = seen.during("junk")
+    if not found:
+        return not_seen("none was sent")
+    wrong = [(e.number, e.value.reason) for e in found if e.value.reason]
+    return _bad(wrong, len(found), f"{len(found)} states")
+
+
+@requires(114, f"{RULES} 2: the arm ignores other sessions")
+def another_session_is_ignored(seen: JointStreamSeen) -> Verdict:
+    """Commands of another session are not acknowledged and move nothing."""
+    phase = seen.phase("foreign")
+    if phase is None or not seen.during("foreign"):
+        return not_seen("none was sent")
+    own = {each.value.session for each in seen.states}
+    foreign = {
+        each.value.sequence
+        for each in seen.sent_during("foreign")
+        if each.value is not None and each.value.session not in own
+    }
+    wrong = [
+        (each.number, f"{each.value.acknowledged} is acknowledged")
+        for each in seen.during("foreign", "beyond")
+        if each.value.acknowledged in foreign or each.value.mode is ControlMode.VELOCITY
+    ]
+    return _bad(wrong, len(seen.during("foreign")), f"{len(foreign)} commands")
+
+
+@requires(115, f"{RULES} 5: refused, the arm holds, and the reason is in the states")
+def what_is_out_of_range_is_refused(seen: JointStreamSeen) -> Verdict:
+    """Positions outside of the joints' ranges are refused with a reason, and nothing moves."""
+    found = seen.during("beyond")
+    if not found:
+        return not_seen("none was sent")
+    reasons = [each.value.reason for each in found if each.value.reason]
+    if not reasons:
+        return failed("there is no reason", [found[-1].number])
+    was = found[0].value.positions
+    far = max(abs(a - b) for each in found for a, b in zip(was, each.value.positions, strict=True))
+    return passed(reasons[0]) if far < HELD_RAD else failed(f"it moved by {far:.3f} rad")
+
+
+@requires(116, f"{RULES} 1: a client that is silent for 1 s is forgotten")
+def a_silent_client_is_forgotten(seen: JointStreamSeen) -> Verdict:
+    """A second after the last command nothing comes any more."""
+    phase = seen.phase("quiet")
+    if phase is None or not seen.during("hold"):
+        return not_seen("it was not left alone")
+    found = [each.number for each in seen.during("quiet")]
+    return failed(f"{len(found)} states", found) if found else passed("nothing came")
+
+
+@requires(117, f"{RULES} 4: without a command for 0.1 s the arm brakes and holds")
+def silence_makes_it_hold(seen: JointStreamSeen) -> Verdict:
+    """Without commands its mode is hold after a tenth of a second and a few cycles."""
+    phase = seen.phase("silence")
+    if phase is None:
+        return not_seen("it was not left alone")
+    late = [each for each in seen.during("silence") if each.time_s > phase.start_s + STOPPED_S]
+    wrong = [
+        (each.number, f"mode {each.value.mode.name}")
+        for each in late
+        if each.value.mode is not ControlMode.HOLD
+    ]
+    return _bad(wrong, len(late), f"{len(late)} states")
+
+
+@requires(118, f"{STATE}: unit quaternion, norm within 0.001 of 1")
+def figures_are_plausible(seen: JointStreamSeen) -> Verdict:
+    """The stamp goes up with the sequence, by the period that is told."""
+    wrong, count = [], 0
+    for session in seen.sessions:
+        for a, b in pairwise(session):
+            cycles = b.value.sequence - a.value.sequence
+            if cycles <= 0:
+                continue
+            count += 1
+            off = b.value.stamp_s - a.value.stamp_s - cycles * a.value.period_s
+            # A forgotten client gets no states, and no sequence is used up.
+            if off < -0.5 * a.value.period_s:
+                wrong.append((b.number, f"{off * 1e3:.2f} ms off"))
+    return _bad(wrong, count, f"{count} states")
+
+
+@requires(119, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
+    """A second reader, the scapy layers, sees the same states."""
+    try:
+        from cardan.dissect.joint_stream import JointStream, malformed
+    except ImportError:
+        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    if not seen.states:
+        return not_seen(_NOTHING)
+    chosen = seen.states[:: max(1, len(seen.states) // 30)]
+    for each in chosen:
+        layer = JointStream(seen.raw[each.number])
+        wrong = malformed(layer)
+        if wrong is not None:
+            return failed(f"the layers refuse it: {wrong}", [each.number])
+        if (layer.session, layer.sequence) != (each.value.session, each.value.sequence):
+            return failed("another session or sequence", [each.number])
+        if tuple(layer.positions) != each.value.positions:
+            return failed("other positions", [each.number])
+    return passed(f"{len(chosen)} states read twice")
+
+
+def _moved(seen: JointStreamSeen, before: str, after: str) -> tuple[list[float], int] | None:
+    """How far each joint went from the end of one phase to that of another, rad."""
+    one, other = seen.during(before), seen.during(after)
+    if not one or not other:
+        return None
+    a, b = one[-1].value.positions, other[-1].value.positions
+    return [y - x for x, y in zip(a, b, strict=True)], other[-1].number
+
+
+_NOT_MOVED = "it was not moved"
+
+
+@requires(201, f"{RULES} 4")
+def a_step_is_made_by_every_joint(seen: JointStreamSeen) -> Verdict:
+    """Told to, every joint turns by 0.02 degrees, to 30 %, within half a second."""
+    found = _moved(seen, "before", "out")
+    if found is None:
+        return not_seen(_NOT_MOVED)
+    shares = [each / STEP_RAD for each in found[0]]
+    worst = max(range(len(shares)), key=lambda n: abs(shares[n] - 1.0))
+    said = f"joint {worst + 1} by {100 * shares[worst]:.0f} % of it"
+    return passed(said) if abs(shares[worst] - 1.0) < REACHED else failed(said, [found[1]])
+
+
+@requires(202, f"{RULES} 4")
+def it_comes_back(seen: JointStreamSeen) -> Verdict:
+    """Told its old position, every joint comes back to it, to 30 % of the step."""
+    found = _moved(seen, "before", "back")
+    if found is None:
+        return not_seen(_NOT_MOVED)
+    left = max(map(abs, found[0])) / STEP_RAD
+    said = f"{100 * left:.0f} % of the step is left"
+    return passed(said) if left < REACHED else failed(said, [found[1]])
+
+
+@requires(203, f"{PAGE}, command: velocity")
+def a_speed_is_reached(seen: JointStreamSeen) -> Verdict:
+    """Told a speed of 0.002 rad/s, every joint reaches it, to 30 %."""
+    found = seen.during("speed")
+    if len(found) < 10:
+        return not_seen(_NOT_MOVED)
+    last = found[-1].value.velocities
+    worst = max(last, key=lambda v: abs(v / SPEED_RAD_S - 1.0))
+    said = f"{100 * worst / SPEED_RAD_S:.0f} % of it at worst"
+    good = abs(worst / SPEED_RAD_S - 1.0) < REACHED
+    return passed(said) if good else failed(said, [found[-1].number])
+
+
+@requires(204, f"{RULES} 4: without a command for 0.1 s the arm brakes and holds")
+def a_deserted_motion_ends(seen: JointStreamSeen) -> Verdict:
+    """Moved by speeds that cease to come, it stands after 0.3 s."""
+    phase, found = seen.phase("deserted"), seen.during("deserted")
+    if phase is None or not found:
+        return not_seen(_NOT_MOVED)
+    late = [each for each in found if each.time_s > phase.start_s + 0.05 + STOPPED_S]
+    if not late:
+        return not_seen("no states came")
+    wrong = [
+        (each.number, f"{max(map(abs, each.value.velocities)):.2g} rad/s")
+        for each in late
+        if max(map(abs, each.value.velocities)) > 0.2 * SPEED_RAD_S
+    ]
+    return _bad(wrong, len(late), f"{len(late)} states")
+
+
+@requires(301, f"{RULES} 5: in an emergency stop the reason says so")
+def an_emergency_stop_is_told(seen: JointStreamSeen) -> Verdict:
+    """In an emergency stop states say why commands do not act, and the mode is hold."""
+    found = [each for each in seen.during("estop") if each.value.reason]
+    if not found:
+        return not_seen("no state told of one")
+    wrong = [e.number for e in found[3:] if e.value.mode is not ControlMode.HOLD]
+    said = found[0].value.reason
+    return failed("the mode is not hold", wrong) if wrong else passed(said)

@@ -1,0 +1,77 @@
+"""What judges of the joint stream look at: states and commands, decoded once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.protocols.joint_stream import (
+    ArmCommand,
+    ArmState,
+    Malformed,
+    decode_command,
+    decode_state,
+)
+
+
+class State(NamedTuple):
+    """A state of the arm."""
+
+    number: int
+    time_s: float
+    value: ArmState
+
+
+class Command(NamedTuple):
+    """A command of ours; None where it was none on purpose."""
+
+    number: int
+    time_s: float
+    value: ArmCommand | None
+
+
+class JointStreamSeen:
+    """The datagrams of a timeline."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self.phases = timeline.phases()
+        self.states: list[State] = []
+        self.commands: list[Command] = []
+        self.refused: list[tuple[int, str]] = []
+        self.raw: dict[int, bytes] = {}
+        for number, event in enumerate(timeline):
+            if event.kind is not Kind.DATA:
+                continue
+            if event.sent:
+                command = decode_command(event.data)
+                known = None if isinstance(command, Malformed) else command
+                self.commands.append(Command(number, event.time_s, known))
+                continue
+            state = decode_state(event.data)
+            if isinstance(state, Malformed):
+                self.refused.append((number, state.reason))
+            else:
+                self.states.append(State(number, event.time_s, state))
+                self.raw[number] = event.data
+
+    def phase(self, name: str) -> Phase | None:
+        """The phase of that name, if the pilot came to it."""
+        return self.phases.get(name)
+
+    def during(self, *names: str) -> list[State]:
+        """The states of these phases."""
+        found = [self.phases[name] for name in names if name in self.phases]
+        return [s for s in self.states if any(p.first <= s.number < p.end for p in found)]
+
+    def sent_during(self, *names: str) -> list[Command]:
+        """The commands of these phases."""
+        found = [self.phases[name] for name in names if name in self.phases]
+        return [s for s in self.commands if any(p.first <= s.number < p.end for p in found)]
+
+    @property
+    def sessions(self) -> list[list[State]]:
+        """The states, session by session."""
+        found: dict[int, list[State]] = {}
+        for each in self.states:
+            found.setdefault(each.value.session, []).append(each)
+        return list(found.values())
