@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "gateway": {"gateway", "drivers", "bus", *LEAVES},
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
     "dissect": {"dissect", *LEAVES},
-    "conform": {"conform", "dissect", "drivers", "protocols", "sim_peers", *LEAVES},
+    "conform": {"bus", "conform", "dissect", "drivers", "protocols", "sim_peers", *LEAVES},
     "api": {"drivers", "gateway", *LEAVES},
     **dict.fromkeys(LEAVES, LEAVES),
     "__init__": {"api"},
@@ -103,6 +103,7 @@ ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.arm_libraries",
     "cardan.conform.joint_stream.rig",
+    "cardan.conform.ros2_arm.rig",
     "cardan.gateway.arm.activities.",
     "cardan.gateway.arm.arm_body",
     "cardan.gateway.arm.device",

@@ -46,6 +46,7 @@ class _Live:
         finally:
             for each in self._open.values():
                 each.close()
+            self._wires.close()
 
     def _take(self, channel: str) -> None:
         wire = self._open.get(channel)

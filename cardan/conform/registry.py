@@ -17,6 +17,7 @@ SUITES = {
     "leap": "cardan.conform.leap.suite:Leap",
     "magellan": "cardan.conform.magellan.suite:Magellan",
     "motoros": "cardan.conform.motoros.suite:Motoros",
+    "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }
 """Module and class of each. Imported when it is asked for: each brings its simulated peer along."""

@@ -50,6 +50,9 @@ class Wires(ABC):
     def open(self, channel: str) -> Wire:
         """Raises AddressError or DeviceAccessError, which say what to do."""
 
+    def close(self) -> None:  # noqa: B027
+        """Let go of what the wires share, after all of them are closed. Never raises."""
+
 
 class _Listening(Wire):
     """A UDP port of ours; what is sent goes to whom was heard last."""

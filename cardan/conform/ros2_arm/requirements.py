@@ -1,0 +1,318 @@
+"""What an arm under ros2_control must do on the network."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.conform.ros2_arm.pilot import STEP_RAD
+from cardan.conform.ros2_arm.seen import RosArmSeen, State
+
+BROADCASTER = "ros2_controllers, joint_state_broadcaster"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+FORWARD = "ros2_controllers, forward_command_controller"
+DESCRIPTION = "robot_state_publisher, robot_description"
+ZENOH = "rmw_zenoh, attachment of every message"
+
+RATE_HZ = (10.0, 1100.0)
+SILENT_PERIODS = 10
+JITTER = 0.4
+JITTER_SHARE = 0.05
+FAR_RAD = 100.0
+STAMP_LEAP_S = 1.0
+HELD_RAD = math.radians(0.6)
+REACHED = 0.3
+ACTS_PERIODS = 3.0
+
+requires: Requirements[RosArmSeen] = Requirements("ROS2ARM")
+_NOTHING = "no joint states came"
+
+
+def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
+    wrong = list(found)
+    if wrong:
+        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
+    return passed(good) if of else not_seen(nothing)
+
+
+@requires(1, f"{BROADCASTER}: /joint_states")
+def states_come(seen: RosArmSeen) -> Verdict:
+    """Joint states come unasked, 10 to 1100 a second."""
+    found = seen.during("listen")
+    if len(found) < 5:
+        return failed(f"{len(found)} of them")
+    rate = (len(found) - 1) / (found[-1].time_s - found[0].time_s)
+    said = f"{rate:.1f} a second"
+    return passed(said) if RATE_HZ[0] <= rate <= RATE_HZ[1] else failed(said)
+
+
+@requires(2, JOINT_STATE)
+def messages_are_whole(seen: RosArmSeen) -> Verdict:
+    """Every message is one of its type, with a position for each name, and no name twice."""
+    wrong = [*seen.malformed]
+    wrong += [(e.number, "names and positions do not fit") for e in seen.states if not e.whole]
+    return _bad(wrong, len(seen.states) + len(seen.malformed), f"{len(seen.states)} states")
+
+
+@requires(3, JOINT_STATE)
+def positions_are_numbers(seen: RosArmSeen) -> Verdict:
+    """Every position is a finite number."""
+    wrong = [
+        (each.number, f"{name} is {value}")
+        for each in seen.states
+        for name, value in each.positions.items()
+        if not math.isfinite(value)
+    ]
+    return _bad(wrong, len(seen.states), f"{len(seen.states)} states")
+
+
+@requires(4, f"{JOINT_STATE}: rad or m")
+def positions_are_plausible(seen: RosArmSeen) -> Verdict:
+    """No position is beyond 100 rad or m."""
+    wrong = [
+        (each.number, f"{name} at {value:.3g}")
+        for each in seen.states
+        for name, value in each.positions.items()
+        if math.isfinite(value) and abs(value) > FAR_RAD
+    ]
+    return _bad(wrong, len(seen.states), f"{len(seen.states)} states")
+
+
+@requires(5, f"{BROADCASTER}: the joints of its parameters, in one order")
+def names_stay(seen: RosArmSeen) -> Verdict:
+    """Each publisher names the same joints in every message."""
+    wrong = []
+    for found in seen.publishers().values():
+        first = set(found[0].positions)
+        wrong += [
+            (each.number, f"{', '.join(sorted(first ^ set(each.positions)))}")
+            for each in found
+            if set(each.positions) != first
+        ]
+    return _bad(sorted(wrong), len(seen.states), f"{len(seen.states)} states")
+
+
+@requires(6, f"{DESCRIPTION}; {BROADCASTER}")
+def names_are_those_of_the_description(seen: RosArmSeen) -> Verdict:
+    """Every joint that moves in the description is named, and no other."""
+    if seen.described is None:
+        return not_seen("no description came")
+    if not seen.states:
+        return not_seen(_NOTHING)
+    named = {name for each in seen.states for name in each.positions}
+    odd = sorted(named ^ set(seen.described))
+    said = f"{len(named)} joints"
+    return (
+        failed(f"not in both: {', '.join(odd)}", [seen.states[0].number]) if odd else passed(said)
+    )
+
+
+@requires(7, f"{BROADCASTER}: one of them publishes an arm's states")
+def there_is_one_publisher(seen: RosArmSeen) -> Verdict:
+    """All joint states come from one publisher, from the beginning to the end."""
+    found = seen.publishers()
+    if not found:
+        return not_seen(_NOTHING)
+    others = [states[0].number for states in found.values()][1:]
+    said = f"{len(found)} publishers"
+    return failed(said, others) if others else passed("one")
+
+
+def _sequences(seen: RosArmSeen) -> list[tuple[State, State, int]]:
+    return [
+        (a, b, b.sequence - a.sequence)
+        for found in seen.publishers().values()
+        for a, b in pairwise(found)
+        if a.sequence is not None and b.sequence is not None
+    ]
+
+
+@requires(8, f"{ZENOH}: sequence number")
+def none_is_missing(seen: RosArmSeen) -> Verdict:
+    """No message of a publisher is missing."""
+    found = _sequences(seen)
+    if seen.states and not found:
+        return not_applicable("the transport does not count")
+    wrong = ((b.number, f"{n - 1} are missing") for _, b, n in found if n > 1)
+    return _bad(wrong, len(found), f"{len(found)} messages")
+
+
+@requires(9, f"{ZENOH}: sequence number")
+def they_come_once_and_in_order(seen: RosArmSeen) -> Verdict:
+    """No message comes twice, or after a later one."""
+    found = _sequences(seen)
+    if seen.states and not found:
+        return not_applicable("the transport does not count")
+    wrong = ((b.number, f"{b.sequence} after {a.sequence}") for a, b, n in found if n <= 0)
+    return _bad(wrong, len(found), f"{len(found)} messages")
+
+
+def _usual(found: list[State]) -> float:
+    gaps = sorted(b.time_s - a.time_s for a, b in pairwise(found))
+    return gaps[len(gaps) // 2] if gaps else math.nan
+
+
+@requires(10, f"{BROADCASTER}: one message in each cycle of the controller manager")
+def arrival_is_steady(seen: RosArmSeen) -> Verdict:
+    """95 % of the messages arrive within 0.4 periods of when they are due."""
+    found = seen.during("listen")
+    if len(found) < 50:
+        return not_seen("too few states")
+    usual = _usual(found)
+    if not usual:
+        return failed("several come at once", [found[1].number])
+    off = [(abs(b.time_s - a.time_s - usual) / usual, b.number) for a, b in pairwise(found)]
+    late = [number for error, number in off if error > JITTER]
+    figure = sorted(error for error, _ in off)[int(0.95 * (len(off) - 1))]
+    said = f"95 % within {figure:.2f} periods"
+    if len(late) > JITTER_SHARE * len(off):
+        return failed(said, late, figure, "periods")
+    return passed(said, figure, "periods")
+
+
+@requires(11, f"{BROADCASTER}: one message in each cycle of the controller manager")
+def there_are_no_pauses(seen: RosArmSeen) -> Verdict:
+    """It is never silent for more than 10 periods."""
+    hand = seen.phase("gone")
+    found = [e for e in seen.states if hand is None or e.number < hand.first]
+    if len(found) < 10:
+        return not_seen(_NOTHING)
+    usual = _usual(found)
+    gaps = [(b.time_s - a.time_s, b.number) for a, b in pairwise(found)]
+    last = max(seen.phases.values(), key=lambda each: each.end_s)
+    gaps.append(((hand or last).start_s - found[-1].time_s, found[-1].number))
+    longest, number = max(gaps)
+    said = f"longest {longest * 1e3:.0f} ms"
+    if longest > SILENT_PERIODS * usual:
+        return failed(said, [number], longest * 1e3, "ms")
+    return passed(said, longest * 1e3, "ms")
+
+
+@requires(12, f"{JOINT_STATE}, header.stamp: when it was recorded")
+def states_are_stamped(seen: RosArmSeen) -> Verdict:
+    """Every message has a stamp."""
+    # A gripper's node may leave it out: that is another publisher.
+    found = seen.states
+    wrong = ((each.number, "it is zero") for each in found if not each.stamp_s)
+    return _bad(wrong, len(found), f"{len(found)} states")
+
+
+@requires(13, f"{JOINT_STATE}, header.stamp")
+def stamps_go_up(seen: RosArmSeen) -> Verdict:
+    """From message to message of a publisher the stamp goes up."""
+    pairs = [p for found in seen.publishers().values() for p in pairwise(found)]
+    stamped = [(a, b) for a, b in pairs if a.stamp_s and b.stamp_s]
+    wrong = [
+        (b.number, f"by {b.stamp_s - a.stamp_s:.3f} s")
+        for a, b in stamped
+        if b.stamp_s <= a.stamp_s
+    ]
+    return _bad(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
+
+
+@requires(14, f"{JOINT_STATE}, header.stamp; REP 103: ROS time")
+def stamps_do_not_leap(seen: RosArmSeen) -> Verdict:
+    """Stamps advance as time does, to a second from message to message."""
+    pairs = [p for found in seen.publishers().values() for p in pairwise(found)]
+    stamped = [(a, b) for a, b in pairs if a.stamp_s and b.stamp_s]
+    wrong = []
+    for a, b in stamped:
+        leap_s = (b.stamp_s - a.stamp_s) - (b.time_s - a.time_s)
+        if abs(leap_s) > STAMP_LEAP_S:
+            wrong.append((b.number, f"by {leap_s:.0f} s"))
+    return _bad(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
+
+
+_NOT_HELD = "it was not held"
+
+
+def _far(one: State, other: State) -> float:
+    names = one.positions.keys() & other.positions.keys()
+    values = [abs(other.positions[n] - one.positions[n]) for n in names]
+    return max((v for v in values if math.isfinite(v)), default=0.0)
+
+
+@requires(101, f"{FORWARD}: what comes is passed on at once")
+def an_arm_that_is_held_stays(seen: RosArmSeen) -> Verdict:
+    """Commanded to be where it is, every joint stays within 0.6 degrees."""
+    before, found = seen.during("listen"), seen.during("hold")
+    if not before or not found or not seen.commands:
+        return not_seen(_NOT_HELD)
+    far, number = max((_far(before[-1], each), each.number) for each in found)
+    said = f"{math.degrees(far):.3f} degrees"
+    if far > HELD_RAD:
+        return failed(said, [number], math.degrees(far), "degrees")
+    return passed(said, math.degrees(far), "degrees")
+
+
+def _last(seen: RosArmSeen, phase: str) -> dict[str, float] | None:
+    """The last position of each joint of the description in a phase."""
+    found: dict[str, float] = {}
+    for each in seen.during(phase):
+        found.update(each.positions)
+    wanted = [name for name in seen.described or () if name in found]
+    return {name: found[name] for name in wanted} if wanted else None
+
+
+@requires(201, f"{FORWARD}: positions in the order of its joints")
+def a_step_is_made_by_every_joint(seen: RosArmSeen) -> Verdict:
+    """Commanded to, every joint turns by 0.02 degrees, to 30 %, within 0.6 s."""
+    before, after = _last(seen, "hold"), _last(seen, "out")
+    if before is None or after is None:
+        return not_seen("it was not moved")
+    shares = {n: (after[n] - before[n]) / STEP_RAD for n in before if n in after}
+    worst = max(shares, key=lambda name: abs(shares[name] - 1.0))
+    said = f"{worst} by {100 * shares[worst]:.0f} % of it"
+    good = abs(shares[worst] - 1.0) < REACHED
+    return passed(said) if good else failed(said, [seen.during("out")[-1].number])
+
+
+@requires(202, FORWARD)
+def it_comes_back(seen: RosArmSeen) -> Verdict:
+    """Commanded back, every joint is where it was, to 30 % of the step."""
+    before, after = _last(seen, "hold"), _last(seen, "back")
+    if before is None or after is None:
+        return not_seen("it was not moved")
+    left = max(abs(after[n] - before[n]) for n in before if n in after) / STEP_RAD
+    said = f"{100 * left:.0f} % of the step is left"
+    return passed(said) if left < REACHED else failed(said, [seen.during("back")[-1].number])
+
+
+@requires(203, f"{FORWARD}: in the next cycle of the controller manager")
+def a_command_acts_soon(seen: RosArmSeen) -> Verdict:
+    """A step shows in the joint states within three periods of its being sent."""
+    phase, found, held = seen.phase("out"), seen.during("out"), seen.during("hold")
+    if phase is None or not found or not held:
+        return not_seen("it was not moved")
+    sent = next(
+        (time_s for number, time_s in seen.commands if number >= phase.first), phase.start_s
+    )
+    moved = [each for each in found if _far(held[-1], each) > 0.05 * STEP_RAD]
+    if not moved:
+        return failed("it never did", [found[-1].number])
+    after_s = moved[0].time_s - sent
+    said = f"after {after_s * 1e3:.0f} ms"
+    if after_s > ACTS_PERIODS * _usual(held):
+        return failed(said, [moved[0].number], after_s * 1e3, "ms")
+    return passed(said, after_s * 1e3, "ms")
+
+
+@requires(301, f"{BROADCASTER}: states end with their node")
+def what_has_ended_is_silent(seen: RosArmSeen) -> Verdict:
+    """Its nodes ended, no more joint states come."""
+    phase = seen.phase("gone")
+    if phase is None:
+        return not_seen("they were not ended")
+    found = seen.during("gone")
+    quiet_s = phase.end_s - (found[-1].time_s if found else phase.start_s)
+    said = f"silent for the last {quiet_s:.1f} s"
+    return passed(said) if quiet_s > 0.3 else failed(said, [found[-1].number])

@@ -1,0 +1,80 @@
+"""What judges of a ROS 2 arm look at: its messages, decoded once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.conform.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
+from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+
+
+class State(NamedTuple):
+    """A joint state."""
+
+    number: int
+    time_s: float
+    publisher: str
+    sequence: int | None
+    """As the publisher counts; None where the transport does not say."""
+    stamp_s: float
+    positions: dict[str, float]
+    whole: bool
+    """As many positions as names."""
+
+
+class RosArmSeen:
+    """The messages of a timeline."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self.phases = timeline.phases()
+        self.states: list[State] = []
+        self.malformed: list[tuple[int, str]] = []
+        self.commands: list[tuple[int, float]] = []
+        self.described: tuple[str, ...] | None = None
+        codec = codec_of(TOPICS[STATES][1])
+        text = codec_of(TOPICS[DESCRIPTION][1])
+        for number, event in enumerate(timeline):
+            if event.kind is not Kind.DATA:
+                continue
+            if event.channel == COMMANDS:
+                self.commands.append((number, event.time_s))
+            elif event.channel == DESCRIPTION:
+                said = text.decode(event.data)
+                if not isinstance(said, Malformed):
+                    self.described = joints_of(said["data"])
+            elif event.channel == STATES:
+                message = codec.decode(event.data)
+                if isinstance(message, Malformed):
+                    self.malformed.append((number, message.reason))
+                    continue
+                publisher, _, digits = event.note.partition(":")
+                stamp = message["header"]["stamp"]
+                names, positions = list(message["name"]), list(message["position"])
+                self.states.append(
+                    State(
+                        number,
+                        event.time_s,
+                        publisher,
+                        int(digits) if digits.isdigit() else None,
+                        stamp["sec"] + 1e-9 * stamp["nanosec"],
+                        dict(zip(names, positions, strict=False)),
+                        len(names) == len(positions) == len(set(names)),
+                    )
+                )
+
+    def phase(self, name: str) -> Phase | None:
+        """The phase of that name, if the pilot came to it."""
+        return self.phases.get(name)
+
+    def during(self, *names: str) -> list[State]:
+        """The states of these phases."""
+        found = [self.phases[name] for name in names if name in self.phases]
+        return [s for s in self.states if any(p.first <= s.number < p.end for p in found)]
+
+    def publishers(self) -> dict[str, list[State]]:
+        """The states of each publisher."""
+        found: dict[str, list[State]] = {}
+        for each in self.states:
+            found.setdefault(each.publisher, []).append(each)
+        return found

@@ -1,0 +1,53 @@
+"""The suite of an arm under ros2_control."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.ros2_arm.pilot import RosArmPilot
+from cardan.conform.ros2_arm.requirements import requires
+from cardan.conform.ros2_arm.seen import RosArmSeen
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import Wires
+
+
+class Ros2Arm(Suite[RosArmSeen]):
+    """An arm under ros2_control: joint_state_broadcaster and forward_command_controller."""
+
+    name = "ros2-arm"
+    judges = "the arm"
+    speaks = "ROS 2 messages (CDR) on rmw_zenoh"
+    target = "the Zenoh router to meet it by, as tcp/127.0.0.1:7447"
+    peer = "ros2-arm"
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 2.6
+    tried_with: ClassVar[Mapping[str, float]] = {
+        "restart": 1.5,
+        "stale": 1.5,
+        "wrong-names": 1.5,
+        "missing": 1.5,
+        "inactive": 1.5,
+    }
+
+    def see(self, timeline: Timeline) -> RosArmSeen:
+        return RosArmSeen(timeline)
+
+    def pilot(self, level: Level, seconds: float) -> RosArmPilot:
+        return RosArmPilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        # The simulated arm needs the extra cardan[arm]; a real one does not.
+        from cardan.conform.ros2_arm.rig import RosArmRig
+
+        RosArmRig(conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        # Zenoh comes with the extra cardan[network].
+        from cardan.conform.ros2_arm.wire import ArmOnTheBus
+
+        return ArmOnTheBus(target)
