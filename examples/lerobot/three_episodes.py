@@ -34,7 +34,9 @@ def free_port(kind: socket.SocketKind) -> int:
 @contextlib.contextmanager
 def served(*words: str) -> Iterator[None]:
     """A simulated peer, until the end."""
-    with subprocess.Popen([*CARDAN, "sim", *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+    with subprocess.Popen(
+        [*CARDAN, "sim", *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
         try:
             assert process.stdout is not None
             if not process.stdout.readline().startswith("READY"):

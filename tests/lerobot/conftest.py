@@ -17,7 +17,7 @@ collect_ignore = [] if interface.is_installed() else ["test_interface.py", "test
 
 
 def forget():
-    """Their modules are imported anew the next time."""
+    """Their modules are imported anew the next time, with another stand-in."""
     for name in [*sys.modules]:
         if name.partition(".")[0] in {folder.name for folder in FOLDERS}:
             del sys.modules[name]
@@ -44,7 +44,6 @@ def plugins(lerobot, monkeypatch):
     """The distributions' modules, and LeRobot's."""
     for folder in FOLDERS:
         monkeypatch.syspath_prepend(folder)
-    forget()
     yield SimpleNamespace(
         teleoperator=importlib.import_module("lerobot_teleoperator_cardan"),
         robot=importlib.import_module("lerobot_robot_cardan"),

@@ -59,18 +59,27 @@ def test_it_finds_the_installed_distributions_and_makes_devices_of_them(tmp_path
         assert type(made).__name__ == config.__name__.removesuffix("Config")
 
 
-def test_options_come_through_its_command_line(tmp_path):
+def test_options_come_through_its_command_line():
+    """As `lerobot-teleoperate --teleop.type=cardan ...` parses it."""
     draccus = importlib.import_module("draccus")
-    importlib.import_module("lerobot_teleoperator_cardan")
-    config = importlib.import_module("lerobot.teleoperators").TeleoperatorConfig
+    for name in ("lerobot_teleoperator_cardan", "lerobot_robot_cardan"):
+        importlib.import_module(name)
+    teleop = importlib.import_module("lerobot.teleoperators").TeleoperatorConfig
+    robot = importlib.import_module("lerobot.robots").RobotConfig
+    program = dataclasses.make_dataclass("Program", [("teleop", teleop), ("robot", robot)])
     parsed = draccus.parse(
-        config,
+        program,
         args=[
-            "--type=cardan",
-            "--driver=spacemouse",
-            '--options={"transport": "socket", "path": "spacemouse.sock", "curve": 0.5}',
-            '--mapping={"deadman": "left", "scale": [1, 1, 1, 0, 0, 0]}',
+            "--teleop.type=cardan",
+            "--teleop.driver=spacemouse",
+            '--teleop.options={"transport": "socket", "path": "a.sock", "curve": 0.5}',
+            '--teleop.mapping={"deadman": "left", "scale": [1, 1, 1, 0.5, 0.5, 0.5]}',
+            "--robot.type=cardan",
+            "--robot.session=session.toml",
+            "--robot.action=pose",
         ],
     )
-    assert parsed.options == {"transport": "socket", "path": "spacemouse.sock", "curve": 0.5}
-    assert parsed.mapping == {"deadman": "left", "scale": [1, 1, 1, 0, 0, 0]}
+    assert parsed.teleop.options == {"transport": "socket", "path": "a.sock", "curve": 0.5}
+    assert parsed.teleop.mapping == {"deadman": "left", "scale": [1, 1, 1, 0.5, 0.5, 0.5]}
+    assert (parsed.robot.session, parsed.robot.action) == ("session.toml", "pose")
+    assert parsed.robot.cameras == {}
