@@ -332,11 +332,33 @@ def test_a_silent_robot_is_not_connected(robot, plugins):
     assert robot.opened_arm.opened == 0
     robot.world.link = RobotLink.LIVE
     robot.connect()
+    robot.world.link, robot.config.silence_timeout_s = RobotLink.LOST, 0.0
+    with pytest.raises(error, match="silent"):
+        robot.get_observation()
+    robot.world.link = RobotLink.LIVE
     robot.opened_arm.ended = "the session has ended: killed"
     nothing = dict.fromkeys(robot.action_features, 0.0)
     for call in (robot.get_observation, lambda: robot.send_action(nothing)):
         with pytest.raises(error, match="killed"):
             call()
+
+
+def test_a_robot_that_falls_silent_for_a_moment_is_waited_for(robot, monkeypatch, caplog):
+    robot.connect()
+    robot.world.link = RobotLink.LOST
+    looks = []
+
+    def look(_seconds):
+        looks.append(1)
+        if len(looks) == 5:
+            robot.world.link = RobotLink.LIVE
+
+    monkeypatch.setattr(sys.modules["lerobot_robot_cardan.robot"].time, "sleep", look)
+    assert list(robot.get_observation()) == list(robot.observation_features)
+    assert len(looks) == 5
+    assert [each.message for each in caplog.records if "silent" in each.message] == [
+        "cardan: stat: the robot is silent, and what was measured is old"
+    ]
 
 
 class Camera:

@@ -112,6 +112,7 @@ def _lerobot() -> tuple[Any, str]:
     """The module with LeRobot's class of data sets; or None, and why it is not used."""
     try:
         importlib.import_module("lerobot")
+        package = importlib.import_module("lerobot.datasets")
         module = importlib.import_module("lerobot.datasets.lerobot_dataset")
     except Exception as error:  # What it imports in turn may be broken in any way.
         if shortage(error):
@@ -119,9 +120,10 @@ def _lerobot() -> tuple[Any, str]:
         missing = isinstance(error, ModuleNotFoundError) and error.name == "lerobot"
         why = "LeRobot is not installed" if missing else f"LeRobot cannot be imported: {error}"
         return None, why
-    version = getattr(module, "CODEBASE_VERSION", "an unknown version")
+    # 0.4 has it in the module, 0.6 in the package.
+    version = getattr(module, "CODEBASE_VERSION", getattr(package, "CODEBASE_VERSION", None))
     if version != CODEBASE_VERSION:
-        return None, f"the LeRobot that is installed writes {version}"
+        return None, f"the LeRobot that is installed writes version {version}"
     return module, ""
 
 

@@ -37,5 +37,8 @@ class CardanRobotConfig(RobotConfig):
     """Whether the arm at `address` has a gripper."""
     ready_timeout_s: float = 10.0
     """Longest wait for the robot's first measurement."""
+    silence_timeout_s: float = 5.0
+    """Longest wait for a robot that falls silent: an observation takes as long, and is never an old
+    one."""
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
     """LeRobot's, by name: observed beside the arm."""

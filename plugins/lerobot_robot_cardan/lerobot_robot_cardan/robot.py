@@ -86,7 +86,7 @@ class CardanRobot(Robot):
         arm.open()
         actions = ArmActions(arm, made.joints, made.kind, made.mapping, made.gripper)
         try:
-            self._await(actions)
+            self._observed(actions, self.config.ready_timeout_s)
             for camera in self.cameras.values():
                 camera.connect()
         except BaseException:
@@ -94,16 +94,25 @@ class CardanRobot(Robot):
             raise
         self._arm, self._actions, self._said = arm, actions, ""
 
-    def _await(self, actions: ArmActions) -> None:
-        end_s = time.monotonic() + self.config.ready_timeout_s
+    def _observed(self, actions: ArmActions, timeout_s: float) -> dict[str, float]:
+        end_s = time.monotonic() + timeout_s
         while True:
             try:
-                actions.observe()
-                return
+                return actions.observe()
             except MotionRefusedError as error:
                 if time.monotonic() >= end_s:
                     raise DeviceNotConnectedError(f"{self}: {error}") from error
+                self._say(str(error))
+            except MotionLoopError as error:
+                raise DeviceNotConnectedError(f"{self}: {error}") from error
             time.sleep(LOOK_S)
+
+    def _say(self, words: str) -> None:
+        """Log what is new."""
+        if words != self._said:
+            self._said = words
+            if words:
+                logger.warning("%s: %s", self.name, words)
 
     def calibrate(self) -> None:
         """Nothing is to be done."""
@@ -112,12 +121,10 @@ class CardanRobot(Robot):
         """Nothing is to be done: the configuration has it all."""
 
     def get_observation(self) -> dict[str, Any]:
-        """What is measured now, and each camera's newest picture. Raises DeviceNotConnectedError
-        while the robot is silent."""
-        try:
-            observed: dict[str, Any] = dict(self._opened().observe())
-        except (MotionRefusedError, MotionLoopError) as error:
-            raise DeviceNotConnectedError(f"{self}: {error}") from error
+        """What is measured now, and each camera's newest picture. A robot that is silent is waited
+        for; DeviceNotConnectedError where it stays so."""
+        actions = self._opened()
+        observed: dict[str, Any] = dict(self._observed(actions, self.config.silence_timeout_s))
         for name, camera in self.cameras.items():
             observed[name] = camera.async_read()
         return observed
@@ -134,10 +141,7 @@ class CardanRobot(Robot):
             sent = actions.act(action, time.monotonic())
         except (MotionRefusedError, MotionLoopError) as error:
             raise DeviceNotConnectedError(f"{self}: {error}") from error
-        if actions.why_not != self._said:
-            self._said = actions.why_not
-            if self._said:
-                logger.warning("%s: %s", self.name, self._said)
+        self._say(actions.why_not)
         return sent
 
     def disconnect(self) -> None:

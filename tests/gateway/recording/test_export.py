@@ -87,12 +87,14 @@ class Dataset:
         self.final = True
 
 
-def installed(monkeypatch, version="v3.0"):
+MODULE, PACKAGE = "lerobot.datasets.lerobot_dataset", "lerobot.datasets"
+
+
+def installed(monkeypatch, version="v3.0", home=MODULE):
     names = ("lerobot", "lerobot.datasets", "lerobot.datasets.lerobot_dataset", "torch")
     modules = {name: types.ModuleType(name) for name in names}
     modules["lerobot"].__version__ = "0.6.1"
-    there = modules["lerobot.datasets.lerobot_dataset"]
-    there.CODEBASE_VERSION, there.LeRobotDataset = version, Dataset
+    modules[home].CODEBASE_VERSION, modules[MODULE].LeRobotDataset = version, Dataset
     modules["torch"].tensor = lambda row, dtype: (dtype, row)
     modules["torch"].float32 = "float32"
     for name, module in modules.items():
@@ -100,8 +102,9 @@ def installed(monkeypatch, version="v3.0"):
     monkeypatch.setattr(Dataset, "made", ())
 
 
-def test_lerobots_own_program_writes_where_it_is_there(record, tmp_path, monkeypatch):
-    installed(monkeypatch)
+@pytest.mark.parametrize("home", [MODULE, PACKAGE])  # of LeRobot 0.4, and 0.6
+def test_lerobots_own_program_writes_where_it_is_there(record, tmp_path, monkeypatch, home):
+    installed(monkeypatch, home=home)
     report = export_lerobot([record, record], tmp_path / "set", fps=10, task="lift it")
     (made,) = Dataset.made
     assert made.given["repo_id"] == "cardan/set"
@@ -120,7 +123,10 @@ def test_a_lerobot_of_another_version_is_not_used_and_that_is_told(record, tmp_p
     installed(monkeypatch, "v2.1")
     report = export_lerobot([record], tmp_path / "set", fps=10)
     assert Dataset.made == ()
-    assert "written by Cardan (the LeRobot that is installed writes v2.1)" in report.lines()[-1]
+    assert (
+        "written by Cardan (the LeRobot that is installed writes version v2.1)"
+        in report.lines()[-1]
+    )
 
 
 def test_a_lerobot_that_cannot_be_imported_is_told(record, tmp_path, monkeypatch):
