@@ -13,6 +13,7 @@ from bench.sessions.crowd import Crowd, Played, compiler, template
 from bench.sessions.lab import Row
 from cardan.protocols.connexion import decode_input
 from cardan.protocols.egm import decode_robot, encode_joint_reply
+from cardan.protocols.egm.reader import FeedbackReader
 from cardan.robots import load_arm
 
 PLAYED = Played(1000, 0, 0, 900, 0, 0.5e-3, 1e-3, 1e-5, 1e-4)
@@ -81,7 +82,7 @@ def test_it_has_its_place_in_the_page():
 
 
 def test_the_template_is_a_robot_at_its_home():
-    data, (sequence, clock, measured, planned) = template()
+    data, (sequence, clock, measured, planned, *clocks) = template()
     robot = decode_robot(data)
     home = load_arm("gofa_crb15000_5").home
     assert robot.feed_back.joints == pytest.approx(home)
@@ -89,6 +90,21 @@ def test_the_template_is_a_robot_at_its_home():
     assert data[sequence - 1] == 0x08
     assert data[clock - 1] == 0x10
     assert data[measured - 1] == data[planned - 1] == 0x09
+    for each in clocks:
+        assert data[each - 1] == 0x08
+        assert data[each + 5] == 0x10
+
+
+def test_sessions_read_it_the_short_way():
+    # As what a controller sends: joints, pose and clock. What lacks one goes the long way.
+    reader = FeedbackReader()
+    data, (*_, clock, _) = template()
+    first = reader.read(data)
+    reader.learn()
+    assert reader._unlearned is None
+    a_second_before = data[: clock + 8] + b"\0" + data[clock + 9 :]
+    assert reader.read(a_second_before).time_us < first.time_us
+    assert reader._unlearned is None
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")

@@ -4,7 +4,8 @@
 
    One robot for each port: it sends TEMPLATE, an EGM datagram in hexadecimal digits, to
    127.0.0.1:PORT every 4 ms, with its own counters and joints at PLACES (offsets in bytes: sequence
-   number, tm, joints of feedBack, joints of planned), and is at once where the answer says. One
+   number, tm, joints of feedBack, joints of planned, their clocks), and is at once where the answer
+   says; its pose stays. One
    SpaceMouse for each at FOLDER/N.mouse, a packet socket whose packets are HID reports; PRESSED and
    RELEASED are its button reports. Its hand holds the dead-man and moves in circles.
 
@@ -39,6 +40,7 @@ enum {
     JOINT_STRIDE = 9, /* A tag, and a double. */
     DATAGRAM = 1400,
     FIRST_TM_MS = 1000000,
+    FIRST_S = 1700000000,
     KEPT = 64, /* Instants of a robot that an answer may still be to. */
 };
 
@@ -76,7 +78,7 @@ static struct mouse mice[MOST];
 static int count;
 static uint8_t template[DATAGRAM], pressed[16], released[16];
 static size_t template_bytes, pressed_bytes, released_bytes;
-static int at_sequence, at_tm, at_measured, at_planned;
+static int at_sequence, at_tm, at_measured, at_planned, at_measured_clock, at_planned_clock;
 static double start[AXES];
 
 static struct {
@@ -114,12 +116,18 @@ static size_t from_hex(const char *text, uint8_t *to, size_t room) {
     return bytes;
 }
 
-/* A varint in the five bytes that the template has for it. */
-static void put_number(uint8_t *to, uint32_t value) {
-    for (int i = 0; i < 5; i++) {
-        to[i] = (uint8_t)((value & 0x7f) | (i < 4 ? 0x80 : 0));
+/* A varint in the bytes that the template has for it. */
+static void put_number(uint8_t *to, int bytes, uint32_t value) {
+    for (int i = 0; i < bytes; i++) {
+        to[i] = (uint8_t)((value & 0x7f) | (i < bytes - 1 ? 0x80 : 0));
         value >>= 7;
     }
+}
+
+/* Seconds, a tag, and microseconds. */
+static void put_clock(uint8_t *to, uint32_t ms) {
+    put_number(to, 5, FIRST_S + ms / 1000);
+    put_number(to + 6, 3, ms % 1000 * 1000);
 }
 
 static bool get_number(const uint8_t **from, const uint8_t *end, uint64_t *value) {
@@ -246,8 +254,10 @@ static void instant(int index, int64_t late_ns) {
             figures.missed_of[index]++;
         }
     }
-    put_number(template + at_sequence, robot->sequence);
-    put_number(template + at_tm, FIRST_TM_MS + 4 * robot->sequence);
+    put_number(template + at_sequence, 5, robot->sequence);
+    put_number(template + at_tm, 5, FIRST_TM_MS + 4 * robot->sequence);
+    put_clock(template + at_measured_clock, 4 * robot->sequence);
+    put_clock(template + at_planned_clock, 4 * robot->sequence);
     for (int axis = 0; axis < AXES; axis++) {
         memcpy(template + at_measured + JOINT_STRIDE * axis, &robot->joints[axis], 8);
         memcpy(template + at_planned + JOINT_STRIDE * axis, &robot->joints[axis], 8);
@@ -432,7 +442,8 @@ static const char *ask_for_real_time(void) {
 int main(int argc, char **argv) {
     count = argc - 6;
     if (count < 1 || count > MOST ||
-        sscanf(argv[3], "%d,%d,%d,%d", &at_sequence, &at_tm, &at_measured, &at_planned) != 4) {
+        sscanf(argv[3], "%d,%d,%d,%d,%d,%d", &at_sequence, &at_tm, &at_measured, &at_planned,
+               &at_measured_clock, &at_planned_clock) != 6) {
         fprintf(stderr, "crowd FOLDER TEMPLATE PLACES PRESSED RELEASED PORT...\n");
         return 2;
     }

@@ -11,9 +11,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
+import numpy as np
+
+from bench.arms import kinematics
 from cardan.errors import DriverError
+from cardan.gateway.kinematics.base import to_pose
 from cardan.protocols.connexion import encode_buttons
-from cardan.protocols.egm import EgmHeader, EgmMotion, EgmRobot, encode_robot
+from cardan.protocols.egm import EgmHeader, EgmMotion, EgmPose, EgmRobot, encode_robot
 from cardan.robots import load_arm
 
 ARM = "gofa_crb15000_5"
@@ -27,6 +31,9 @@ NUMBER = 0xFFFF_FFFF
 """Stands for the sequence number and the clock: as long as a number of EGM's header can be."""
 
 AS_VARINT = b"\xff\xff\xff\xff\x0f"
+
+TIME_US = NUMBER * 1_000_000 + 999_999
+"""Stands for the clock of a measurement, likewise."""
 
 
 class Played(NamedTuple):
@@ -55,10 +62,12 @@ class Played(NamedTuple):
         return self.missed / self.sent if self.sent else 0.0
 
 
-def template() -> tuple[bytes, tuple[int, int, int, int]]:
-    """What a robot at its home sends, and where in it the sequence number, the clock, the measured
-    and the planned joints stand."""
-    home = EgmMotion(tuple(load_arm(ARM).home))
+def template() -> tuple[bytes, tuple[int, int, int, int, int, int]]:
+    """What a robot at its home sends, and where in it the sequence number, the header's clock, the
+    measured and the planned joints, and their clocks stand."""
+    joints = tuple(load_arm(ARM).home)
+    pose = to_pose(kinematics(ARM).forward(np.array(joints)))
+    home = EgmMotion(joints, EgmPose(pose.position, pose.orientation), time_us=TIME_US)
     data = encode_robot(
         EgmRobot(
             header=EgmHeader(NUMBER, NUMBER, 2),
@@ -76,7 +85,10 @@ def template() -> tuple[bytes, tuple[int, int, int, int]]:
     # Field joints of 54 bytes, in it joints of 9 bytes each: a tag, and a double.
     measured = data.index(b"\x0a\x36\x09") + 3
     planned = data.index(b"\x0a\x36\x09", measured) + 3
-    return data, (sequence, clock, measured, planned)
+    # Field time: its seconds, a tag, its microseconds.
+    measured_clock = data.index(AS_VARINT, measured)
+    planned_clock = data.index(AS_VARINT, planned)
+    return data, (sequence, clock, measured, planned, measured_clock, planned_clock)
 
 
 def compiler() -> str | None:
