@@ -1,4 +1,5 @@
-"""The example of docs/lerobot.md: by LeRobot where it is installed, else by records."""
+"""The example of docs/lerobot.md, by LeRobot where it is installed, else by records; and what is
+said where LeRobot cannot be installed."""
 
 import json
 import re
@@ -10,7 +11,8 @@ import pytest
 
 from tests.lerobot import interface
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "lerobot" / "three_episodes.py"
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "lerobot" / "three_episodes.py"
 
 
 @pytest.mark.once
@@ -30,3 +32,15 @@ def test_the_example_records_and_loads(tmp_path):
     info = json.loads((folder / "dataset/meta/info.json").read_text())
     assert (info["total_episodes"], info["total_frames"]) == (1, int(frames))
     assert info["features"]["observation.state"]["names"][6:9] == ["ee.x", "ee.y", "ee.z"]
+
+
+def test_a_python_without_lerobot_is_said_aloud(tmp_path):
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\nexit 1\n")
+    python.chmod(0o755)
+    done = subprocess.run(
+        [ROOT / "tools/lerobot", python], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0
+    assert f"SKIPPED: {python} is none that LeRobot" in done.stdout
+    assert "nothing was tested against LeRobot" in done.stdout

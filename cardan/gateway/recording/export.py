@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from cardan.errors import CaptureError, OptionError
+from cardan.gateway.recording.arms import NS
 from cardan.gateway.recording.dataset import (
     CODEBASE_VERSION,
     Rows,
     vector_feature,
     write_dataset,
 )
-from cardan.gateway.recording.frames import NS, Frames, read_frames
+from cardan.gateway.recording.frames import Frames, read_frames
 from cardan.shortage import shortage
 
 OBSERVATION, ACTION = "observation.state", "action"

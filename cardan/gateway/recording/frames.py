@@ -25,6 +25,15 @@ from cardan.gateway.learning.features import (
     observation_names,
     six_of,
 )
+from cardan.gateway.recording.arms import (
+    NS,
+    POSE,
+    SNAPSHOT,
+    STATUS,
+    TARGET,
+    choose_arm,
+    stamped_ns,
+)
 from cardan.gateway.recording.mcap_file import RecordedMessage, RecordReader
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError
@@ -38,18 +47,14 @@ from cardan.spatial import (
 )
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
-NS = 10**9
-
 LONGEST_GAP_NS = NS // 5
 """Between two states: a longer gap is told, and what was before it holds until its end."""
 
 FEWEST_FRAMES = 2
 """Of an episode: shorter ones are left out, and told."""
 
-POSE, TARGET = "/state/pose", "/state/target"
-STATUS, SNAPSHOT = "/state/status", "/state/snapshot"
 JOINTS = "/joint_states"
-"""Ends of topics' names: after the node's name; joints after its namespace."""
+"""End of its name, after the node's namespace."""
 
 
 class Gap(NamedTuple):
@@ -248,7 +253,7 @@ def _read(path: Path, arm: str) -> tuple[ArmTracks, str]:
         for end, take in _TAKEN.items():
             if name.endswith(end):
                 _take(found.setdefault(name.removesuffix(end), ArmTracks()), take, message)
-    node = _choose({name for name, each in found.items() if each.poses.values}, arm, path)
+    node = choose_arm({name for name, each in found.items() if each.poses.values}, arm, path)
     tracks = found[node]
     namespace = node.rpartition("/")[0]
     for message in joints:
@@ -260,20 +265,6 @@ def _read(path: Path, arm: str) -> tuple[ArmTracks, str]:
     return tracks, reader.cut_off
 
 
-def _choose(nodes: set[str], arm: str, path: Path) -> str:
-    if not nodes:
-        raise CaptureError(f"{path} has no state of an arm, such as NODE{POSE}")
-    names = ", ".join(sorted(nodes))
-    if arm:
-        node = f"/{arm.strip('/')}"
-        if node not in nodes:
-            raise OptionError("--arm", arm, f"one of {names}")
-        return node
-    if len(nodes) > 1:
-        raise OptionError("--arm", arm, f"one of {names}, as {path} has several")
-    return next(iter(nodes))
-
-
 _Take = Callable[[ArmTracks, Message, int], None]
 
 
@@ -281,14 +272,9 @@ def _take(tracks: ArmTracks, take: _Take, message: RecordedMessage) -> None:
     try:
         decoded = codec_of(message.topic.type_name).decode(message.data)
         if not isinstance(decoded, Malformed):
-            take(tracks, decoded, message.log_ns)
+            take(tracks, decoded, message.publish_ns)
     except (ValueError, KeyError, TypeError, InterfaceError):
         return  # Another node's topic of that name.
-
-
-def _stamp_ns(message: Message) -> int:
-    stamp = message["header"]["stamp"]
-    return int(stamp["sec"]) * NS + int(stamp["nanosec"])
 
 
 def _placed(message: Message) -> tuple[float, ...]:
@@ -297,27 +283,27 @@ def _placed(message: Message) -> tuple[float, ...]:
     return tuple(map(float, numbers))
 
 
-def _take_pose(tracks: ArmTracks, message: Message, _log_ns: int) -> None:
-    tracks.poses.add(_stamp_ns(message), _placed(message))
+def _take_pose(tracks: ArmTracks, message: Message, _published_ns: int) -> None:
+    tracks.poses.add(stamped_ns(message), _placed(message))
 
 
-def _take_target(tracks: ArmTracks, message: Message, _log_ns: int) -> None:
-    tracks.targets.add(_stamp_ns(message), _placed(message))
+def _take_target(tracks: ArmTracks, message: Message, _published_ns: int) -> None:
+    tracks.targets.add(stamped_ns(message), _placed(message))
 
 
-def _take_status(tracks: ArmTracks, message: Message, _log_ns: int) -> None:
-    tracks.authority.add(_stamp_ns(message), str(message["authority"]))
+def _take_status(tracks: ArmTracks, message: Message, _published_ns: int) -> None:
+    tracks.authority.add(stamped_ns(message), str(message["authority"]))
 
 
-def _take_snapshot(tracks: ArmTracks, message: Message, log_ns: int) -> None:
+def _take_snapshot(tracks: ArmTracks, message: Message, published_ns: int) -> None:
     closed = json.loads(message["data"])["gripper_closed"]
-    tracks.gripper.add(log_ns, "closed" if closed else "open")
+    tracks.gripper.add(published_ns, "closed" if closed else "open")
 
 
-def _take_joints(tracks: ArmTracks, message: Message, _log_ns: int) -> None:
+def _take_joints(tracks: ArmTracks, message: Message, _published_ns: int) -> None:
     if not tracks.names:
         tracks.names = tuple(map(str, message["name"]))
-    tracks.joints.add(_stamp_ns(message), tuple(map(float, message["position"])))
+    tracks.joints.add(stamped_ns(message), tuple(map(float, message["position"])))
 
 
 _TAKEN: Mapping[str, _Take] = {
