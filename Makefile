@@ -28,7 +28,8 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo page test test-kernel test-systemd device-table fault-table \
 	fault-table-processes fault-table-network hold-table console-pictures docs-tables \
 	docs-pictures demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
-	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons dist clean
+	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons \
+	test-lerobot dist clean
 
 help:
 	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
@@ -38,6 +39,7 @@ help:
 	@echo "make test-systemd  the service under systemd, which is reloaded, killed and stopped, in that machine"
 	@echo "make check   lint, types and tests (also make lint, make types)"
 	@echo "make test-pythons  most tests under the oldest and the newest Python"
+	@echo "make test-lerobot  the plug-ins and data sets against LeRobot, in an environment of its own"
 	@echo "make fuzz    10^7 damaged inputs for everything that reads foreign bytes (FUZZ_INPUTS=$(FUZZ_INPUTS))"
 	@echo "make device-table  the table of judges in docs/devices.md, from the tests' marks"
 	@echo "make fault-table  the tables of docs/faults.md: what each robot does when something fails"
@@ -213,6 +215,10 @@ soak: $(VENV)/.cardan-dev
 # The oldest and the newest Python the package promises, where the machine has them.
 test-pythons:
 	tools/test-pythons 3.10 3.13
+
+# Gigabytes where pip finds no PyTorch for processors alone; said aloud where it cannot be installed.
+test-lerobot: $(VENV)/.cardan
+	tools/lerobot $(BIN)/python
 
 dist: $(VENV)/.cardan page
 	tools/dist $(BIN)/python dist

@@ -156,7 +156,7 @@ PAGES = {
     "network": Page(
         "Messages of the network, the daemon and records",
         "Of sessions with `[network]`, of faces and programs that meet them, of `cardan serve`, and of "
-        "`cardan record`, `replay` and `plot`.",
+        "`cardan record`, `replay`, `plot` and `export`.",
         (
             Part(
                 "The daemon",
@@ -166,7 +166,12 @@ PAGES = {
             Part(
                 "Records",
                 ("gateway/recording",),
-                "[recording and replay](../recording.md)",
+                "[recording and replay](../recording.md), [data sets](../lerobot.md#records-as-data-sets)",
+            ),
+            Part(
+                "Robot learning",
+                ("gateway/learning",),
+                "[LeRobot](../lerobot.md)",
             ),
             Part(
                 "Commands from the network",

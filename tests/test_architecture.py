@@ -93,11 +93,12 @@ GATEWAY_ROOMS = {
     "faces": {"common", "arm"},
     "daemon": {"session", "arm", "faces"},
     "doctor": {"daemon", "session", "faces", "hand", "common"},
-    "recording": {"session", "bus", "arm", "common", "faces"},
+    "learning": {"session", "bus", "arm", "hand", "force", "motion"},
+    "recording": {"session", "bus", "arm", "common", "faces", "learning"},
     "session": {"bus", "arm", "hand", "force", "spnav", "motion", "kinematics", "servo", "common"},
 }
 """What each room of the gateway may import, besides itself. Nobody imports `recording` and
-`doctor`: only commands use them."""
+`doctor`: only commands use them; `learning` is for recording and for plugins/."""
 
 ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (

@@ -150,6 +150,20 @@ def test_both_have_the_consoles_page_and_its_sources_are_in_the_archive_alone(
     assert not [name for name in inside if "node_modules" in name]
 
 
+def test_the_distributions_for_lerobot_are_in_the_archive_alone(wheel: Path, sdist: Path) -> None:
+    sources = {
+        str(path.relative_to(ROOT))
+        for path in (ROOT / "plugins").rglob("*")
+        if path.suffix in (".py", ".toml")
+    }
+    assert len(sources) == 8
+    with zipfile.ZipFile(wheel) as archive:
+        assert not [name for name in archive.namelist() if "plugins/" in name]
+        assert "cardan/examples/lerobot/three_episodes.py" in archive.namelist()
+    with tarfile.open(sdist) as archive_:
+        assert {member.name.partition("/")[2] for member in archive_} >= sources
+
+
 def test_its_page_needs_nothing_of_the_checkout(light: Installation) -> None:
     program = (
         "from cardan.gateway.faces.console.site import Site;"

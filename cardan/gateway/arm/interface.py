@@ -45,7 +45,8 @@ class CartesianArm(Openable):
     # -- requests --------------------------------------------------------------------------------
 
     def stat(self) -> Stat:
-        """Measured pose of the TCP in the base, state code, time of the measurement."""
+        """Measured pose of the TCP in the base, state code, time of the measurement; measured
+        joints, and where the TCP is commanded to be."""
         stat: Stat = self._ask("stat")
         return stat
 

@@ -71,6 +71,14 @@ class Stat(NamedTuple):
     state: State
     stamp_s: float
     """Local monotonic time of the measurement."""
+    joints: tuple[float, ...] = ()
+    """Measured, rad or m."""
+    target: Six | None = None
+    """Where the TCP is commanded to be, likewise; None before anything was commanded."""
+    twist: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """How it is commanded to move: m/s and rad/s, base axes."""
+    heard: bool = True
+    """Whether the robot is; else what is measured is old."""
 
 
 class ControllerStatus(NamedTuple):

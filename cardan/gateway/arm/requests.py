@@ -469,7 +469,16 @@ def result_of(verb: str, result: Any) -> Any:
 
 
 def _stat(table: Mapping[str, Any]) -> Stat:
-    return Stat(_floats(table["pose"]), State(table["state"]), table["stamp_s"])
+    target = table.get("target")
+    return Stat(
+        _floats(table["pose"]),
+        State(table["state"]),
+        table["stamp_s"],
+        _floats(table.get("joints", ())),
+        None if target is None else _floats(target),
+        _floats(table.get("twist", (0.0,) * 6)),
+        bool(table.get("heard", True)),
+    )
 
 
 def _rehearsal(table: Mapping[str, Any]) -> Rehearsal:

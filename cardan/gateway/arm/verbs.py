@@ -65,6 +65,7 @@ from cardan.types import (
     CommandKind,
     Frame,
     RobotCapabilities,
+    RobotLink,
     RobotState,
     Twist,
     Vector3,
@@ -300,11 +301,23 @@ class ArmVerbs:
     # -- requests --------------------------------------------------------------------------------
 
     def stat(self) -> Stat:
-        """Measured pose of the TCP in the base, state and time of the measurement."""
+        """Where the TCP and the joints are measured, and where the TCP is commanded to be."""
         with self.controller.lock, self._counted():
             robot = self._require_joints("stat")
             pose = to_pose(self.plans.measuring.forward(np.array(robot.joints)))
-            return Stat(six_of(pose), self.state, robot.stamp_s)
+            body, target = self.body, None
+            if self.controller.engaged:
+                target = six_of(body.pose)
+            linear, angular, _frame = body.twist
+            return Stat(
+                six_of(pose),
+                self.state,
+                robot.stamp_s,
+                robot.joints,
+                target,
+                (*linear, *angular),
+                robot.link is RobotLink.LIVE,
+            )
 
     def inv(self, xd: Target) -> tuple[float, ...]:
         """Joint positions (rad, m) that put the TCP at `xd`, on the branch nearest to now.

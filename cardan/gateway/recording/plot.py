@@ -11,14 +11,19 @@ from typing import Any, NamedTuple
 
 from cardan.errors import CaptureError, OptionError
 from cardan.extras import missing_extra
+from cardan.gateway.recording.arms import (
+    POSE,
+    RAW_ROBOT,
+    SNAPSHOT,
+    TARGET,
+    WRENCH,
+    choose_arm,
+    stamped_ns,
+)
 from cardan.gateway.recording.mcap_file import RecordedMessage, RecordReader
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 
 ENDINGS = (".png", ".svg", ".pdf")
-
-POSE, TARGET, WRENCH = "/state/pose", "/state/target", "/state/wrench"
-SNAPSHOT, RAW_ROBOT = "/state/snapshot", "/raw/robot"
-"""Ends of the names of an arm's topics, after its node's name."""
 
 LONGEST_ANSWER_S = 1.0
 """A datagram that leaves later than this after the one before it is no answer to it."""
@@ -69,9 +74,7 @@ class Series:
 
 
 def _placed(message: Message, vector: Mapping[str, float]) -> Placed:
-    stamp = message["header"]["stamp"]
-    stamp_ns = stamp["sec"] * 10**9 + stamp["nanosec"]
-    return Placed(stamp_ns, vector["x"], vector["y"], vector["z"])
+    return Placed(stamped_ns(message), vector["x"], vector["y"], vector["z"])
 
 
 def _take_pose(series: Series, message: Message, _log_ns: int) -> None:
@@ -96,14 +99,13 @@ def _take_snapshot(series: Series, message: Message, log_ns: int) -> None:
 
 
 def _take_raw(series: Series, message: Message, _log_ns: int) -> None:
-    stamp = message["header"]["stamp"]
-    stamp_ns = stamp["sec"] * 10**9 + stamp["nanosec"]
+    at_ns = stamped_ns(message)
     if not message["direction"]:
-        series._received_ns = stamp_ns
+        series._received_ns = at_ns
     elif series._received_ns:
-        took_s = 1e-9 * (stamp_ns - series._received_ns)
+        took_s = 1e-9 * (at_ns - series._received_ns)
         if took_s < LONGEST_ANSWER_S:
-            series.answers.append((stamp_ns, took_s))
+            series.answers.append((at_ns, took_s))
         series._received_ns = 0
 
 
@@ -128,16 +130,7 @@ def read_series(path: Path, arm: str = "") -> tuple[str, Series]:
                 node = message.topic.name.removesuffix(end)
                 _take(found.setdefault(node, Series()), take, message)
     found = {node: series for node, series in found.items() if series.begin_ns}
-    if not found:
-        raise CaptureError(f"{path} has no state of an arm, such as NODE{POSE}")
-    names = ", ".join(sorted(found))
-    if arm:
-        arm = f"/{arm.strip('/')}"
-        if arm not in found:
-            raise OptionError("--arm", arm, f"one of {names}")
-    elif len(found) > 1:
-        raise OptionError("--arm", arm, f"one of {names}, as the record has several")
-    node = arm or next(iter(found))
+    node = choose_arm(found, arm, path)
     return node, found[node]
 
 
@@ -201,9 +194,9 @@ def _draw_path(axes: Any, series: Series, across: str, up: str) -> None:
 def _draw_error(axes: Any, series: Series) -> None:
     error = series.following_error()
     axes.plot(_seconds(series, error), [1e3 * each[1] for each in error], "C3-", lw=1.0)
-    for number, stamp_ns in enumerate(series.trips):
+    for number, at_ns in enumerate(series.trips):
         label = "disengaged" if number == 0 else None
-        axes.axvline(1e-9 * (stamp_ns - series.begin_ns), color="k", ls=":", label=label)
+        axes.axvline(1e-9 * (at_ns - series.begin_ns), color="k", ls=":", label=label)
     axes.set(xlabel="time [s]", ylabel="distance [mm]", title="following error of the TCP")
     _finish(axes, bool(error), "nothing was commanded", legend=bool(series.trips))
 

@@ -386,8 +386,13 @@ def test_what_is_impossible_is_refused_with_its_numbers(arm):
 def test_answers_are_of_the_same_types(arm):
     stat, status = arm.stat(), arm.status()
     assert type(stat) is Stat
-    assert [type(each) for each in stat] == [tuple, State, float]
-    assert [type(each) for each in stat.pose] == [float] * 6
+    measured, commanded = stat[:4], (stat.twist, stat.heard)
+    assert [type(each) for each in measured] == [tuple, State, float, tuple]
+    assert [type(each) for each in commanded] == [tuple, bool]
+    for six in (stat.pose, stat.joints, stat.twist, stat.target or stat.pose):
+        assert type(six) is tuple
+        assert [type(each) for each in six] == [float] * 6
+    assert stat.heard
     assert [type(each) for each in arm.inv(stat.pose)] == [float] * 6
     assert type(status) is ControllerStatus
     motion = arm.movj([*(stat.pose[:2]), stat.pose[2] - 0.01, *stat.pose[3:]])

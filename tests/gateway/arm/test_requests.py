@@ -229,6 +229,10 @@ def result(verb, value):
 def test_results_come_as_they_were():
     stat = Stat((0.1, 0.2, 0.3, 0.0, 0.0, 3.0), State.MOVL, 12.5)
     assert result("stat", stat) == stat
+    stat = stat._replace(joints=(0.1, -0.2), target=stat.pose, twist=(0.1, 0, 0, 0, 0, 0.2))
+    assert result("stat", stat) == stat
+    stat = stat._replace(heard=False)
+    assert result("stat", stat) == stat
     assert result("inv", (0.1, 0.2)) == (0.1, 0.2)
     assert result("wait", True) is True
     assert result("twist", "why not") == "why not"

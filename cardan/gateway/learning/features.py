@@ -1,0 +1,118 @@
+"""Names of what is observed and what is asked for, and how orientations are written.
+
+Names are LeRobot's where it has some: those of its gamepad (``delta_*``), of its phone
+(``target_*``), of its kinematics (``ee.*``), and of joints (``*.pos``).
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping, Sequence
+
+from cardan.errors import OptionError
+from cardan.spatial import from_rotation_vector, normalized, to_rotation_vector
+from cardan.types import Frame, Pose, Vector3
+
+AXES = ("x", "y", "z", "wx", "wy", "wz")
+
+
+class ActionKind(enum.Enum):
+    """What the numbers of an action mean."""
+
+    DELTA = "delta"
+    """How fast the TCP moves, as shares of full speed."""
+    TARGET = "target"
+    """Where the TCP is to be, counted from where it was when the hand took hold of it."""
+    POSE = "pose"
+    """Where the TCP is to be, in the arm's base."""
+
+
+CLOSE, STAY, OPEN = 0.0, 1.0, 2.0
+"""Of "gripper": what it does now."""
+
+CLOSING, OPENING = -1.0, 1.0
+"""Of "gripper_vel"; 0: it stays."""
+
+CLOSED, WIDE = 0.0, 100.0
+"""Of "gripper.pos" and "ee.gripper_pos"."""
+
+MOTIONS: Mapping[ActionKind, tuple[str, ...]] = {
+    ActionKind.DELTA: tuple(f"delta_{axis}" for axis in AXES),
+    ActionKind.TARGET: ("enabled", *(f"target_{axis}" for axis in AXES)),
+    ActionKind.POSE: tuple(f"ee.{axis}" for axis in AXES),
+}
+"""Names of what an action says of the TCP."""
+
+GRIPPERS: Mapping[ActionKind, str] = {
+    ActionKind.DELTA: "gripper",
+    ActionKind.TARGET: "gripper_vel",
+    ActionKind.POSE: "ee.gripper_pos",
+}
+"""Name of what an action says of the gripper."""
+
+GRIPPER = "gripper.pos"
+"""Of an observation."""
+
+
+def action_kind(name: str, allowed: Sequence[ActionKind]) -> ActionKind:
+    """The kind of this name. Raises OptionError."""
+    for each in allowed:
+        if each.value == name:
+            return each
+    raise OptionError("action", name, f"one of {', '.join(each.value for each in allowed)}")
+
+
+def action_names(kind: ActionKind, gripper: bool) -> tuple[str, ...]:
+    """Names of the numbers of an action, in order."""
+    return (*MOTIONS[kind], GRIPPERS[kind]) if gripper else MOTIONS[kind]
+
+
+def observation_names(joints: Sequence[str], gripper: bool) -> tuple[str, ...]:
+    """Names of the numbers of an observation, in order: measured joints (rad, or m where they
+    slide), the measured TCP in the base (m, rotation vector in rad), the gripper."""
+    names = (*(f"{joint}.pos" for joint in joints), *MOTIONS[ActionKind.POSE])
+    return (*names, GRIPPER) if gripper else names
+
+
+def pose_of(six: Sequence[float]) -> Pose:
+    """The pose of a position in m and a rotation vector in rad."""
+    return Pose(Vector3(*six[:3]), from_rotation_vector(Vector3(*six[3:])), Frame.BASE)
+
+
+def six_of(pose: Pose) -> tuple[float, ...]:
+    """Position in m and rotation vector in rad of a pose."""
+    return (*pose.position, *to_rotation_vector(normalized(pose.orientation)))
+
+
+LONG_RAD = 2.0
+"""A first rotation vector of more than this is written with its largest number above 0: a tool
+that points down turns by about pi, where both signs mean nearly the same."""
+
+
+class Continuous:
+    """Writes rotation vectors so that they do not jump where a turn passes pi.
+
+    The same orientation is w and w - 2 pi w/|w|: the one nearer to the first one is taken. What is
+    written depends on the orientation and the first one alone, not on what was between.
+    """
+
+    def __init__(self) -> None:
+        self._first: Vector3 | None = None
+
+    def of(self, six: Sequence[float]) -> tuple[float, ...]:
+        """Position and rotation vector of a pose, the latter rewritten."""
+        turn = Vector3(*six[3:])
+        angle = math.hypot(*turn)
+        if self._first is None:
+            if angle > LONG_RAD and max(turn, key=abs) < 0.0:
+                turn = _other(turn, angle)
+            self._first = turn
+        elif angle > 0.0:
+            turn = min(turn, _other(turn, angle), key=lambda each: math.dist(each, self._first))  # type: ignore[arg-type]
+        return (*six[:3], *turn)
+
+
+def _other(turn: Vector3, angle: float) -> Vector3:
+    factor = (angle - 2.0 * math.pi) / angle
+    return Vector3(turn.x * factor, turn.y * factor, turn.z * factor)

@@ -1,0 +1,86 @@
+"""Goes to goals that come a few dozen times a second, from where the arm is commanded to be.
+
+The first goal, and one that is far, is approached slowly: however wrong it is, the arm does not
+leap. From there on each goal is handed on as it is; the arm's own limits hold in any case.
+"""
+
+from __future__ import annotations
+
+from cardan.gateway.hand.mapping import MappingOptions
+from cardan.spatial import (
+    add,
+    from_rotation_vector,
+    limit_norm,
+    multiply,
+    norm,
+    normalized,
+    rotation_between,
+    subtract,
+)
+from cardan.types import Frame, Pose
+
+ARRIVED_M, ARRIVED_RAD = 0.002, 0.01
+"""Distance to its goal at which the arm has arrived."""
+
+LONGEST_STEP_S = 0.1
+"""Time that was lost beyond this is lost."""
+
+
+class Approach:
+    """Where the arm is sent, on its way to a goal. Knows no clock."""
+
+    def __init__(self, options: MappingOptions) -> None:
+        """`options`: their approach speeds, and how far a goal may be before it is approached."""
+        self._options = options
+        self._at: Pose | None = None
+        self.arrived = False
+        """Whether goals are handed on as they are."""
+
+    @property
+    def engaged(self) -> bool:
+        """Whether it has begun."""
+        return self._at is not None
+
+    def engage(self, tcp: Pose) -> None:
+        """Begin where the TCP is commanded to be."""
+        self._at, self.arrived = tcp, False
+
+    def release(self) -> None:
+        """The next goal is a first one."""
+        self._at, self.arrived = None, False
+
+    def step(self, goal: Pose, tcp: Pose, dt_s: float) -> Pose:
+        """Where to send the arm now; `tcp`: where it is commanded to be."""
+        assert self._at is not None
+        options, dt_s = self._options, min(max(dt_s, 0.0), LONGEST_STEP_S)
+        if apart(tcp, goal, options.slip_m, options.slip_rad):
+            if self.arrived:
+                self._at = tcp
+            self.arrived = False
+        at = self._at
+        if not self.arrived:
+            way = limit_norm(
+                subtract(goal.position, at.position), options.approach_speed_m_s * dt_s
+            )
+            turn = limit_norm(
+                rotation_between(at.orientation, goal.orientation),
+                options.approach_speed_rad_s * dt_s,
+            )
+            ahead = Pose(
+                add(at.position, way),
+                normalized(multiply(from_rotation_vector(turn), at.orientation)),
+                Frame.BASE,
+            )
+            if not apart(tcp, ahead, options.slip_m, options.slip_rad):
+                at = ahead  # An arm that does not follow is waited for.
+            self.arrived = not apart(at, goal, ARRIVED_M, ARRIVED_RAD)
+        self._at = goal if self.arrived else at
+        return self._at
+
+
+def apart(a: Pose, b: Pose, most_m: float, most_rad: float) -> bool:
+    """Whether two poses are farther apart than that."""
+    return (
+        norm(subtract(b.position, a.position)) > most_m
+        or norm(rotation_between(a.orientation, b.orientation)) > most_rad
+    )

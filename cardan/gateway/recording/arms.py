@@ -1,0 +1,38 @@
+"""Which arm of a record is meant, and what its topics have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+from cardan.errors import CaptureError, OptionError
+from cardan.protocols.ros2.cdr import Message
+
+NS = 10**9
+
+POSE, TARGET = "/state/pose", "/state/target"
+STATUS, SNAPSHOT = "/state/status", "/state/snapshot"
+WRENCH, RAW_ROBOT = "/state/wrench", "/raw/robot"
+"""Ends of the names of an arm's topics, after its node's name."""
+
+
+def choose_arm(nodes: Collection[str], arm: str, path: Path) -> str:
+    """Full name of the node of `arm`; empty: of the only one that there is. Raises CaptureError,
+    OptionError."""
+    if not nodes:
+        raise CaptureError(f"{path} has no state of an arm, such as NODE{POSE}")
+    names = ", ".join(sorted(nodes))
+    if arm:
+        node = f"/{arm.strip('/')}"
+        if node not in nodes:
+            raise OptionError("--arm", arm, f"one of {names}")
+        return node
+    if len(nodes) > 1:
+        raise OptionError("--arm", arm, f"one of {names}, as {path} has several")
+    return next(iter(nodes))
+
+
+def stamped_ns(message: Message) -> int:
+    """The stamp in a message's header, ns since the epoch."""
+    stamp = message["header"]["stamp"]
+    return int(stamp["sec"]) * NS + int(stamp["nanosec"])

@@ -1,0 +1,163 @@
+"""LeRobot's class of a robot on top of Cardan's arms."""
+
+import logging
+import time
+from typing import Any
+
+from lerobot.cameras import make_cameras_from_configs
+from lerobot.robots import Robot
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+from cardan.errors import MotionLoopError, MotionRefusedError
+from cardan.gateway.arm.interface import CartesianArm
+from cardan.gateway.learning.arm import ArmActions
+from cardan.gateway.learning.features import action_names, observation_names
+from cardan.gateway.learning.setup import make_arm
+from lerobot_robot_cardan.config_cardan import CardanRobotConfig
+
+logger = logging.getLogger(__name__)
+
+LOOK_S = 0.05
+"""How often `connect` looks whether the robot is heard."""
+
+
+class CardanRobot(Robot):
+    """An arm, whose session runs at the robot's rate in a process of its own. An action asks; the
+    session decides, within its limits, and brakes when no more actions come."""
+
+    config_class = CardanRobotConfig
+    name = "cardan"
+
+    def __init__(self, config: CardanRobotConfig) -> None:
+        """Opens nothing. Raises Cardan's ConfigurationError, which is a ValueError."""
+        self._arm: CartesianArm | None = None
+        self._actions: ArmActions | None = None
+        super().__init__(config)
+        self.config = config
+        self.cameras: dict[str, Any] = make_cameras_from_configs(config.cameras)
+        self._made = make_arm(
+            session=config.session,
+            driver=config.driver,
+            options=config.options,
+            model=config.model,
+            mapping=config.mapping,
+            gripper=config.gripper,
+            limits=config.limits,
+            address=config.address,
+            network_gripper=config.network_gripper,
+            action=config.action,
+        )
+        self._said = ""
+
+    @property
+    def observation_features(self) -> dict[str, type | tuple[int | None, ...]]:
+        """By name: joints (rad, m), the TCP in the base (m, rotation vector in rad), the gripper;
+        of cameras the shape of a picture."""
+        made = self._made
+        numbers = dict.fromkeys(observation_names(made.joints, made.gripper), float)
+        pictures = {
+            name: (camera.height, camera.width, 3) for name, camera in self.config.cameras.items()
+        }
+        return {**numbers, **pictures}
+
+    @property
+    def action_features(self) -> dict[str, type]:
+        """By name."""
+        return dict.fromkeys(action_names(self._made.kind, self._made.gripper), float)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the arm and the cameras are open."""
+        opened = all(camera.is_connected for camera in self.cameras.values())
+        return self._arm is not None and opened
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Always: there is nothing to calibrate."""
+        return True
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the arm and the cameras; nothing moves. Raises Cardan's errors where it cannot be
+        opened, and DeviceNotConnectedError where the robot is not heard in time."""
+        if self._arm is not None:
+            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
+        made = self._made
+        arm = made.make()
+        arm.open()
+        actions = ArmActions(arm, made.joints, made.kind, made.mapping, made.gripper)
+        try:
+            self._observed(actions, self.config.ready_timeout_s)
+            for camera in self.cameras.values():
+                camera.connect()
+        except BaseException:
+            self._close(arm)
+            raise
+        self._arm, self._actions, self._said = arm, actions, ""
+
+    def _observed(self, actions: ArmActions, timeout_s: float) -> dict[str, float]:
+        end_s = time.monotonic() + timeout_s
+        while True:
+            try:
+                return actions.observe()
+            except MotionRefusedError as error:
+                if time.monotonic() >= end_s:
+                    raise DeviceNotConnectedError(f"{self}: {error}") from error
+                self._say(str(error))
+            except MotionLoopError as error:
+                raise DeviceNotConnectedError(f"{self}: {error}") from error
+            time.sleep(LOOK_S)
+
+    def _say(self, words: str) -> None:
+        """Log what is new."""
+        if words != self._said:
+            self._said = words
+            if words:
+                logger.warning("%s: %s", self.name, words)
+
+    def calibrate(self) -> None:
+        """Nothing is to be done."""
+
+    def configure(self) -> None:
+        """Nothing is to be done: the configuration has it all."""
+
+    def get_observation(self) -> dict[str, Any]:
+        """What is measured now, and each camera's newest picture. A robot that is silent is waited
+        for; DeviceNotConnectedError where it stays so."""
+        actions = self._opened()
+        observed: dict[str, Any] = dict(self._observed(actions, self.config.silence_timeout_s))
+        for name, camera in self.cameras.items():
+            observed[name] = camera.async_read()
+        return observed
+
+    def send_action(self, action: dict[str, Any]) -> dict[str, float]:
+        """Do what is asked for, within the arm's limits; what was really sent. The first action
+        begins where the arm is; what is far is approached slowly.
+
+        Where nothing can be sent now, the log says why, and what is given back is an arm that
+        holds. Raises Cardan's CommandError for numbers that are missing or none.
+        """
+        actions = self._opened()
+        try:
+            sent = actions.act(action, time.monotonic())
+        except (MotionRefusedError, MotionLoopError) as error:
+            raise DeviceNotConnectedError(f"{self}: {error}") from error
+        self._say(actions.why_not)
+        return sent
+
+    def disconnect(self) -> None:
+        """Brake to rest, and close the arm and the cameras."""
+        self._opened()
+        arm, self._arm, self._actions = self._arm, None, None
+        assert arm is not None
+        self._close(arm)
+
+    def _close(self, arm: CartesianArm) -> None:
+        arm.close()
+        for camera in self.cameras.values():
+            if camera.is_connected:
+                camera.disconnect()
+
+    def _opened(self) -> ArmActions:
+        if self._actions is None:
+            raise DeviceNotConnectedError(f"{self} is not connected: call connect() first.")
+        return self._actions

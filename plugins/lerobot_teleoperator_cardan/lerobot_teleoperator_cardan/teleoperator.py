@@ -1,0 +1,137 @@
+"""LeRobot's class of a teleoperator on top of Cardan's devices."""
+
+import logging
+import time
+from typing import Any
+
+from lerobot.teleoperators import Teleoperator
+from lerobot.teleoperators.utils import TeleopEvents
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+from cardan.gateway.learning.features import action_names
+from cardan.gateway.learning.hand import EventButtons
+from cardan.gateway.learning.setup import make_hand
+from cardan.types import DeviceFeedback
+from lerobot_teleoperator_cardan.config_cardan import CardanTeleopConfig
+
+logger = logging.getLogger(__name__)
+
+
+class CardanTeleop(Teleoperator):
+    """A hand-held device. What is asked for while nothing is held, or the device is lost, is rest:
+    the dead-man's rules are those of Cardan's sessions."""
+
+    config_class = CardanTeleopConfig
+    name = "cardan"
+
+    def __init__(self, config: CardanTeleopConfig) -> None:
+        """Opens nothing. Raises Cardan's ConfigurationError, which is a ValueError."""
+        self._connected = False
+        super().__init__(config)
+        self.config = config
+        self._device, self._actions = make_hand(
+            session=config.session,
+            driver=config.driver,
+            options=config.options,
+            mapping=config.mapping,
+            gripper=config.gripper,
+            action=config.action,
+            buttons=EventButtons(
+                config.success_button, config.failure_button, config.rerecord_button
+            ),
+        )
+        self._said = ""
+
+    @property
+    def action_features(self) -> dict[str, type]:
+        """By name; the gripper's is always among them."""
+        return dict.fromkeys(action_names(self._actions.kind, gripper=True), float)
+
+    @property
+    def feedback_features(self) -> dict[str, type]:
+        """What the device gives to the hand, of: "rumble" (0 to 1), "led" (0 or 1)."""
+        able = self._device.capabilities.feedback
+        return {name: float for name in ("rumble", "led") if name in able}
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the device is open; one that is unplugged meanwhile still is, and asks for
+        rest."""
+        return self._connected
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Always: there is nothing to calibrate."""
+        return True
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the device. Raises Cardan's DriverError where there is none."""
+        if self._connected:
+            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
+        self._device.open()
+        self._connected = True
+        self._said = ""
+
+    def calibrate(self) -> None:
+        """Nothing is to be done."""
+
+    def configure(self) -> None:
+        """Nothing is to be done: the configuration has it all."""
+
+    def get_action(self) -> dict[str, float]:
+        """What the hand asks for now."""
+        self._update()
+        return self._actions.action()
+
+    def get_teleop_events(self) -> dict[TeleopEvents, bool]:
+        """Whether the hand intervenes, and what buttons have said of the episode since the last
+        call."""
+        if not self._connected:
+            return dict.fromkeys(
+                (
+                    TeleopEvents.IS_INTERVENTION,
+                    TeleopEvents.TERMINATE_EPISODE,
+                    TeleopEvents.SUCCESS,
+                    TeleopEvents.RERECORD_EPISODE,
+                ),
+                False,
+            )
+        self._update()
+        told = self._actions.events()
+        return {
+            TeleopEvents.IS_INTERVENTION: told.intervenes,
+            TeleopEvents.TERMINATE_EPISODE: told.ends,
+            TeleopEvents.SUCCESS: told.succeeded,
+            TeleopEvents.RERECORD_EPISODE: told.again,
+        }
+
+    def _update(self) -> None:
+        self._require_connected()
+        events = self._device.button_events()
+        self._actions.update(self._device.state(), events, time.monotonic())
+        if (advice := self._actions.advice()) != self._said:
+            self._said = advice
+            if advice:
+                logger.info("%s: %s", self.name, advice)
+
+    def send_feedback(self, feedback: dict[str, Any]) -> None:
+        """Give what `feedback_features` names to the hand. Raises Cardan's CommandError for what
+        the device has not."""
+        self._require_connected()
+        rumble, led = feedback.get("rumble"), feedback.get("led")
+        self._device.feedback(
+            DeviceFeedback(
+                led=None if led is None else float(led) >= 0.5,
+                rumble=None if rumble is None else min(max(float(rumble), 0.0), 1.0),
+            )
+        )
+
+    def disconnect(self) -> None:
+        """Close the device."""
+        self._require_connected()
+        self._connected = False
+        self._device.close()
+
+    def _require_connected(self) -> None:
+        if not self._connected:
+            raise DeviceNotConnectedError(f"{self} is not connected: call connect() first.")
