@@ -46,6 +46,15 @@ MAY_IMPORT = {
     "gateway": {"gateway", "drivers", "bus", *LEAVES},
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
     "dissect": {"dissect", *LEAVES},
+    "evaluation": {
+        "evaluation",
+        "gateway",
+        "drivers",
+        "bus",
+        "protocols",
+        "sim_peers",
+        *LEAVES,
+    },
     "api": {"drivers", "gateway", *LEAVES},
     **dict.fromkeys(LEAVES, LEAVES),
     "__init__": {"api"},
@@ -77,7 +86,9 @@ gateway serves spacenavd's protocol, rosbridge and Foxglove's itself, to program
 robot; the console reads cameras for its pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
-FREE_OF_CIRCLES = ("bus", "drivers", "protocols", "sim_peers", "dissect", "gateway")
+FREE_OF_CIRCLES = (
+    "bus", "drivers", "protocols", "sim_peers", "dissect", "gateway", "evaluation",
+)  # fmt: skip
 
 GATEWAY_ROOMS = {
     "common": set(),
@@ -101,6 +112,12 @@ GATEWAY_ROOMS = {
 ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.arm_libraries",
+    "cardan.evaluation.cartesian.",
+    "cardan.evaluation.haptics.",
+    "cardan.evaluation.metrics",
+    "cardan.evaluation.motoros.",
+    "cardan.evaluation.plotting",
+    "cardan.evaluation.thesis.",
     "cardan.gateway.arm.activities.",
     "cardan.gateway.arm.arm_body",
     "cardan.gateway.arm.device",

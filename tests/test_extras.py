@@ -21,7 +21,7 @@ NEEDED = [
     ("mcap", "record", "from cardan.gateway.recording.mcap_file import _installed; _installed()"),
     (
         "matplotlib",
-        "bench",
+        "evaluate",
         "from pathlib import Path; from cardan.gateway.recording.plot import plot; "
         "plot(Path('a.mcap'), Path('a.png'))",
     ),

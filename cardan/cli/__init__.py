@@ -35,6 +35,7 @@ from cardan.cli.common import (
 from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, service
 from cardan.cli.dissect import Dissect
 from cardan.cli.doctor import doctor
+from cardan.cli.evaluate import evaluate
 from cardan.cli.face import face
 from cardan.cli.recording import plot, record, replay
 from cardan.cli.sim import sim
@@ -70,7 +71,7 @@ app = typer.Typer(
 app.add_typer(sim)
 app.add_typer(face)
 app.add_typer(service)
-for _command in (network, echo, hz, record, replay, plot, *DAEMON_COMMANDS, doctor):
+for _command in (network, echo, hz, record, replay, plot, *DAEMON_COMMANDS, doctor, evaluate):
     # Of an arm's verbs -0.1 is a number, and no option.
     _settings = {"ignore_unknown_options": _command is arm}
     app.command(epilog=EPILOG, context_settings=_settings)(_command)
