@@ -56,8 +56,8 @@ def compare(old: Report, new: Report) -> list[Compared]:
             continue
         theirs = {figure.name: figure for figure in before[part.name].figures}
         ours = {figure.name: figure for figure in part.figures}
-        for name in dict.fromkeys((*ours, *theirs)):
-            found.append(_compared(part.name, theirs.get(name), ours.get(name)))
+        names = dict.fromkeys((*ours, *theirs))
+        found += [_compared(part.name, theirs.get(each), ours.get(each)) for each in names]
     return found
 
 
@@ -101,13 +101,17 @@ def differences(old: Report, new: Report) -> list[str]:
         words = ["--quick" if report.quick else "whole" for report in (old, new)]
         found.append(f"**length: {words[0]}, then {words[1]}: figures differ for that alone**")
     loads = {part.name: part.load for part in old.parts}
-    for part in new.parts:
-        if part.name in loads:
-            found.append(f"load before {part.name}: {loads[part.name]:.1f}, then {part.load:.1f}")
-    for which, report in (("old", old), ("new", new)):
-        for part in report.parts:
-            if part.missing or part.failed:
-                found.append(f"{part.name} is not in the {which} report")
+    found += [
+        f"load before {part.name}: {loads[part.name]:.1f}, then {part.load:.1f}"
+        for part in new.parts
+        if part.name in loads
+    ]
+    found += [
+        f"{part.name} was not measured in the {which} report"
+        for which, report in (("old", old), ("new", new))
+        for part in report.parts
+        if part.missing or part.failed
+    ]
     return found
 
 

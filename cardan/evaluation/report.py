@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -102,8 +103,12 @@ def _run(study: Study, quick: bool, folder: Path, report: Report) -> Part:
         found = study.run(quick)
     except ExtraMissingError as error:
         part.missing = str(error)
-    except (CardanError, OSError, RuntimeError, ValueError) as error:
-        part.failed = str(error) or type(error).__name__
+    except CardanError as error:
+        part.failed = str(error)
+    except Exception as error:
+        # What the others measured is kept.
+        logging.getLogger(__name__).exception("%s broke off", study.name)
+        part.failed = f"{type(error).__name__}: {error}"
     else:
         part.how = found.how
         part.seeds, part.shortened = list(found.seeds), list(found.shortened)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from cardan.arm_libraries import np
 from cardan.evaluation.cartesian.command import Delays
 from cardan.evaluation.plotting import plt
 from cardan.evaluation.result import Drawn
 
 
-def draw(found: dict[str, Delays]) -> list[Drawn]:
+def draw(found: dict[str, Delays]) -> Iterator[Drawn]:
     """How many commands have moved the robot after which time."""
     figure, axes = plt.subplots(figsize=(7.0, 3.4), layout="constrained")
     for name, each in found.items():
@@ -22,4 +24,4 @@ def draw(found: dict[str, Delays]) -> list[Drawn]:
     axes.set(xlabel="from publishing to the robot's datagram, ms", ylabel="commands, %")
     axes.set_xlim(0.0, 25.0)
     axes.legend(fontsize=8, loc="center right")
-    return [Drawn("delays", "From a topic to the robot's datagram", figure)]
+    yield Drawn("delays", "From a topic to the robot's datagram", figure)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 from cardan.evaluation.cartesian import command
 from cardan.evaluation.cartesian.rig import PERIOD_S, quantile
 from cardan.evaluation.result import Drawn, Figure, Result, Table, spread_of, table_of
 
-TRIALS, QUICK_TRIALS = 300, 30
+TRIALS, QUICK_TRIALS = 300, 20
 BLOCKS = 5
 """Of the trials of one transport: the quantiles of the blocks say how much they vary."""
 
 HOW = (
     "Real time, everything on this computer. A session of a GoFa over EGM, its robot asking every "
     f"4 ms, is commanded by twists on `{command.TOPIC}` (100 a second, most of them zero), by each "
-    "transport: ROS 2's Zenoh, rosbridge as a web page speaks it, and ROS 2's DDS. A delay is from the call that publishes to the datagram that moves the robot: half a cycle of "
-    "the robot, 2 ms on average, is in it. The paper gives no latencies; its application sends 50 "
+    "transport: ROS 2's Zenoh, rosbridge as a web page speaks it, and ROS 2's DDS. A delay is from "
+    "the call that publishes to the datagram that moves the robot: half a cycle of the robot, 2 ms "
+    "on average, is in it. The paper gives no latencies; its application sends 50 "
     "commands a second, which alone makes a hand's motion 10 ms old on average and 20 ms at most."
 )
 
@@ -25,7 +27,7 @@ def run(quick: bool) -> Result:
     """Measure."""
     found = command.measure(QUICK_TRIALS if quick else TRIALS)
 
-    def draw() -> list[Drawn]:
+    def draw() -> Iterator[Drawn]:
         from cardan.evaluation.cartesian import plots
 
         return plots.draw(found)

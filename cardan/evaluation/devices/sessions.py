@@ -105,7 +105,8 @@ def table(found: Sequence[Driven]) -> Table:
 
 _NOTE = (
     "The paper's table 1 has commands and frames, and no figures. The way is what each device's "
-    "scripted hand asks for. Problems are what `cardan demo` would name."
+    "scripted hand asks for. Mice are silent at rest, which makes their newest report old, and the "
+    "simulated arm sags under its weight. Problems are what `cardan demo` would name."
 )
 
 

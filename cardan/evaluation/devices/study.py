@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from cardan.evaluation.devices import arms, sessions
 from cardan.evaluation.result import Drawn, Result
 
 SECONDS, TURNS = 15.0, 2
-QUICK_S = 5.0
+QUICK_S = 3.0
 QUICK_ARMS = ("asibot", "amor", "teo_right_arm")
 
 HOW = (
@@ -25,7 +27,7 @@ def run(quick: bool) -> Result:
     else:
         driven = sessions.measure((*sessions.PUBLISHED, *sessions.OTHERS), SECONDS, TURNS)
 
-    def draw() -> list[Drawn]:
+    def draw() -> Iterator[Drawn]:
         from cardan.evaluation.devices import plots
 
         return plots.draw(driven)

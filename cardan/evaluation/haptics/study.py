@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from cardan.arm_libraries import np
 from cardan.evaluation.haptics import drawing, faults, stability, timing, zwidth
 from cardan.evaluation.haptics.stability import HELD, LIGHTLY, PUSHES, Compared, Push
-from cardan.evaluation.result import Figure, Result, Table, known, table_of
+from cardan.evaluation.result import Drawn, Figure, Result, Table, known, table_of
 
 DRAWING_S, QUICK_DRAWING_S = 30.0, 10.0
 
@@ -74,7 +75,7 @@ def run(quick: bool) -> Result:
         except (OSError, subprocess.CalledProcessError) as error:
             left_out.append(f"timing of the tick, which needs a C compiler: {error}")
 
-    def draw() -> object:
+    def draw() -> Iterator[Drawn]:
         from cardan.evaluation.haptics import plots
 
         return plots.draw_pushes() if more is None else plots.draw(*more)
@@ -88,7 +89,7 @@ def run(quick: bool) -> Result:
         HOW,
         tuple(_tables(pushed, drawn, more, ticks)),
         tuple(_figures(pushed, drawn, more, ticks)),
-        draw,  # type: ignore[arg-type]
+        draw,
         ("the channel's delays and losses: 1",),
         shortened if quick else (),
         tuple(left_out),

@@ -64,11 +64,12 @@ class Result(NamedTuple):
 
 def analyse(recording: Recording) -> Result:
     """Every phase of `recording`. ValueError when the joint did not follow a push."""
-    return Result(
-        recording.mode,
-        recording.plant,
-        tuple(_phase(recording, start_s) for start_s in recording.pushes),
-    )
+    try:
+        phases = tuple(_phase(recording, start_s) for start_s in recording.pushes)
+    except ValueError as error:
+        last = recording.snapshot
+        raise ValueError(f"{error} ({last.hold_reason or last.message})") from None
+    return Result(recording.mode, recording.plant, phases)
 
 
 def _phase(recording: Recording, start_s: float) -> Phase:
@@ -105,7 +106,7 @@ def _phase(recording: Recording, start_s: float) -> Phase:
 def _normalised(signal: Array) -> Array:
     travel = signal[-1] - signal[0]
     if abs(travel) < 0.01:
-        raise ValueError(f"the joint moved {travel:.4f} rad in a push; see the session's messages")
+        raise ValueError(f"the joint moved {travel:.4f} rad in a push")
     found: Array = (signal - signal[0]) / travel
     return found
 

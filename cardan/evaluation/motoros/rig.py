@@ -152,7 +152,8 @@ def session_tables(mouse: Path, port: int, mode: str, **robot: Any) -> dict[str,
 
 
 def record(mode: str, plant: str, pushes: int = 6) -> Recording:
-    """Run one session and bring everything onto one grid of times."""
+    """Run one session and bring everything onto one grid of times. ValueError: on a machine that
+    was too busy not all of it ran."""
     goals: list[tuple[float, float]] = []
     with tempfile.TemporaryDirectory(prefix="cardan-") as name:
         directory = Path(name)
@@ -173,7 +174,7 @@ def record(mode: str, plant: str, pushes: int = 6) -> Recording:
             finally:
                 tap.close()
         rows = read_log(log)
-    return _on_a_grid(mode, plant, session.snapshot, tap.reports, goals, rows)
+    return _on_a_grid(mode, plant, session.snapshot, tap.reports, goals, rows, pushes)
 
 
 def watch_goals(session: Session, goals: list[tuple[float, float]]) -> None:
@@ -207,7 +208,10 @@ def _on_a_grid(
     reports: list[tuple[float, float]],
     goals: list[tuple[float, float]],
     rows: dict[str, Array],
+    pushes: int,
 ) -> Recording:
+    if not goals or not reports or not len(rows["monotonic_s"]):
+        raise ValueError("the session, the mouse or the controller said nothing")
     goal_s, goal = np.array(goals).T
     device_s, deflection = np.array(reports).T
     logged_s = rows["monotonic_s"]
@@ -218,6 +222,9 @@ def _on_a_grid(
     held[times_s < device_s[0]] = 0.0
     away = np.abs(deflection) > 0.02
     starts = device_s[1:][away[1:] & ~away[:-1]]
+    starts = starts[starts > goal_s[0] + 1.0]
+    if len(starts) < pushes:
+        raise ValueError(f"{len(starts)} pushes were seen, of {pushes}")
     return Recording(
         mode,
         plant,
@@ -226,6 +233,6 @@ def _on_a_grid(
         np.interp(times_s, goal_s, goal),
         np.interp(times_s, logged_s, rows[f"command_{JOINT}"]),
         np.interp(times_s, logged_s, rows[f"measured_{JOINT}"]),
-        starts[starts > goal_s[0] + 1.0] if len(starts) else starts,
+        starts,
         snapshot,
     )

@@ -53,6 +53,8 @@ def _driving(rig: Rig, shaped: bool) -> Streams | Shaped:
 class Turning(NamedTuple):
     """More than ten turns of the wrist about its own axis."""
 
+    asked: float
+    """Turns, without a sign."""
     turns: float
     """Of the TCP, as measured."""
     refusals: int
@@ -99,6 +101,7 @@ def turning(drive: Drive, sign: float, shaped: bool, turns: float = TURNS) -> Tu
     stops = stop_phases(trace.times_s, wanted, done)
     speeds = np.abs(np.gradient(trace.joints, DT_S, axis=0))
     return Turning(
+        turns,
         float(done[-1, 0] / (2.0 * math.pi)),
         len(driving.refusals),
         driving.refusals[0] if driving.refusals else "",
@@ -237,8 +240,8 @@ def rows(name: str, ideal: Result, dynamic: Result) -> list[Row]:
                     left,
                     right,
                 ),
-                "> 10, 0, 0",
-                abs(left.turns) > 10.0 and left.refusals == 0 and left.stops == 0,
+                f"> {left.asked - 0.5:g}, 0, 0",
+                abs(left.turns) > left.asked - 0.5 and left.refusals == 0 and left.stops == 0,
             )
         )
     return found

@@ -57,7 +57,9 @@ def _line(straight: Sequence[line.Result], published: line.Line) -> Any:
     for one, colour, label in shown:
         middle.plot(sent_s, 1e3 * one.delays.per_command_s, colour, label=label)
     middle.axhline(1e3 * line.PUBLISHED_S, color=PUBLISHED, ls="--", lw=1)
-    middle.text(2.0, 1e3 * line.PUBLISHED_S + 9, "published: 350 ms", color=PUBLISHED, fontsize=8)
+    height, place = 1e3 * line.PUBLISHED_S + 9, middle.get_yaxis_transform()
+    words = "published: 350 ms"
+    middle.text(0.4, height, words, color=PUBLISHED, fontsize=8, transform=place)
     middle.set(
         xlabel="time of the command, s", ylabel="delay, ms", ylim=(0, 560), title="per command"
     )
@@ -183,7 +185,9 @@ def _arbitrary(free: dict[bool, list[arbitrary.Result]]) -> Any:
         wander = result.wander
         right.plot(wander.sent_s[::4], 1e3 * wander.delays_s[::4], color=colour, lw=1, label=label)
     right.axhline(500, color=PUBLISHED, ls="--", lw=1)
-    right.text(2, 515, "published: about 500 ms, outliers to 6 s", color=PUBLISHED, fontsize=8)
+    words = "published: about 500 ms, outliers to 6 s"
+    place = right.get_yaxis_transform()
+    right.text(0.03, 515, words, color=PUBLISHED, fontsize=8, transform=place)
     right.set(xlabel="time of the command, s", ylabel="delay, ms", ylim=(0, 600))
     right.set_title("per command")
     right.legend(fontsize=8, loc="center right")

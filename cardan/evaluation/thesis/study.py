@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from cardan.arm_libraries import np
-from cardan.evaluation.result import Figure, Result, Table, known
+from cardan.evaluation.result import Drawn, Figure, Result, Table, known
 from cardan.evaluation.thesis import arbitrary, collision, eight, faults, line
 from cardan.evaluation.thesis.rig import DRIVES, DT_S, Array, Row
 
@@ -82,7 +82,7 @@ def run(quick: bool) -> Result:
     """Measure."""
     found = measure(quick)
 
-    def draw() -> object:
+    def draw() -> Iterator[Drawn]:
         from cardan.evaluation.thesis import plots
 
         return plots.draw(*found)
@@ -91,7 +91,7 @@ def run(quick: bool) -> Result:
         HOW,
         tuple(_table(title, rows) for title, rows in tables(found)),
         figures(found),
-        draw,  # type: ignore[arg-type]
+        draw,
         (f"eight-course's camera: {eight.SEED}", f"free motion: {arbitrary.SEED}"),
         _shortened() if quick else (),
     )
@@ -113,10 +113,18 @@ def _table(title: str, rows: list[Row]) -> Table:
         title,
         ("", "published", "ours, ideal", "ours, dynamic", "aim", "on the ideal drive"),
         tuple(
-            (*(str(cell) for cell in row[:5]), verdicts[None if row.met is None else bool(row.met)])
+            (
+                _indented(row.what),
+                *(str(cell) for cell in row[1:5]),
+                verdicts[None if row.met is None else bool(row.met)],
+            )
             for row in rows
         ),
     )
+
+
+def _indented(words: str) -> str:
+    return f"– {words.strip()}" if words.startswith(" ") else words
 
 
 def figures(found: Measured) -> tuple[Figure, ...]:
