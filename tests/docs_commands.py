@@ -83,6 +83,8 @@ RUN = {
     r"cardan replay": "tests/gateway/recording/test_replay.py::test_topics_can_be_chosen",
     r"cardan plot": "tests/gateway/recording/test_plot.py::test_a_picture",
     r"cardan dissect": "tests/dissect",
+    r"cardan evaluate --compare": "tests/evaluation/test_command.py::test_two_reports_are_compared",
+    r"cardan evaluate": "tests/evaluation/test_command.py::test_a_study_becomes_a_report_with_pictures",
     r"cardan force": "tests/gateway/force/test_service.py",
     r"cardan spnav": "tests/gateway/spnav/test_server.py",
     r"cardan sim \S+ .*--keyboard": "tests/sim_peers",

@@ -70,7 +70,8 @@ def _compared(study: str, old: Figure | None, new: Figure | None) -> Compared:
         if figure is not None and spread is not None:
             spread = None if figure.spread is None else max(spread, figure.spread)
     verdict = _verdict(before, after, spread, one)
-    return Compared(study, one.name, one.unit, one.published, before, after, spread, verdict)
+    published = next((x.published for x in (new, old) if x and x.published is not None), None)
+    return Compared(study, one.name, one.unit, published, before, after, spread, verdict)
 
 
 def _verdict(old: float | None, new: float | None, spread: float | None, figure: Figure) -> Verdict:

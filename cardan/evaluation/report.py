@@ -101,20 +101,19 @@ def _run(study: Study, quick: bool, folder: Path, report: Report) -> Part:
     began_s = time.monotonic()
     try:
         found = study.run(quick)
-    except ExtraMissingError as error:
-        part.missing = str(error)
-    except CardanError as error:
-        part.failed = str(error)
-    except Exception as error:
-        # What the others measured is kept.
-        logging.getLogger(__name__).exception("%s broke off", study.name)
-        part.failed = f"{type(error).__name__}: {error}"
-    else:
         part.how = found.how
         part.seeds, part.shortened = list(found.seeds), list(found.shortened)
         part.left_out = list(found.left_out)
         part.tables, part.figures = list(found.tables), list(found.figures)
         part.pictures = _pictures(study, found, folder, report)
+    except ExtraMissingError as error:
+        part.missing = str(error)
+    except CardanError as error:
+        part.failed = str(error)
+    except Exception as error:
+        # What was measured is kept.
+        logging.getLogger(__name__).exception("%s broke off", study.name)
+        part.failed = f"{type(error).__name__}: {error}"
     part.seconds = time.monotonic() - began_s
     return part
 
@@ -203,8 +202,9 @@ def _part(part: Part) -> list[Block]:
     if part.missing:
         return [*found, Paragraph(f"**Not measured here:** {part.missing}")]
     if part.failed:
-        return [*found, Paragraph(f"**It broke off:** {part.failed}")]
-    found.append(Paragraph(part.how))
+        found.append(Paragraph(f"**It broke off:** {part.failed}"))
+    if part.how:
+        found.append(Paragraph(part.how))
     notes = [f"shortened by --quick: {words}" for words in part.shortened]
     notes += [f"**left out here:** {words}" for words in part.left_out]
     notes += [f"seed of {words}" for words in part.seeds]

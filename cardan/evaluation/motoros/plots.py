@@ -30,9 +30,13 @@ def draw(found: list[tuple[Recording, Result]]) -> Iterator[Drawn]:
 
 def _motion(recording: Recording) -> Any:
     """Displacement of the first axis, whole and with two phases zoomed (figures 2 and 7)."""
-    figure, (whole, fifth, sixth) = plt.subplots(
-        1, 3, figsize=(11.0, 3.4), layout="constrained", width_ratios=(1.7, 1.0, 1.0)
+    shown = range(len(recording.pushes))[-2:]
+    ratios = (1.7, *(1.0 for _ in shown))
+    size = (3.0 * sum(ratios), 3.4)
+    figure, panels = plt.subplots(
+        1, len(ratios), figsize=size, layout="constrained", width_ratios=ratios
     )
+    whole, *zoomed = panels
     origin_s = recording.pushes[0] - 1.0
     every = slice(None, None, 4)
     times_s = recording.times_s[every] - origin_s
@@ -43,7 +47,7 @@ def _motion(recording: Recording) -> Any:
         (recording.goal, GOAL, "goal"),
         (recording.measured, MEASURED, "measured"),
     )
-    for axes in (whole, fifth, sixth):
+    for axes in panels:
         for values, colour, label in signals:
             axes.plot(times_s, np.degrees(values[every]), colour, lw=1.2, label=label)
         axes.set(xlabel="time, s")
@@ -53,12 +57,9 @@ def _motion(recording: Recording) -> Any:
     end_s = recording.pushes[-1] - origin_s + PUSH_S
     whole.set(ylabel="joint 1, deg", xlim=(0.0, end_s), title=WORDS[recording.mode])
     figure.legend(*whole.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    shown = range(len(recording.pushes))[-2:]
-    for axes, index in zip((fifth, sixth), shown, strict=False):
+    for axes, index in zip(zoomed, shown, strict=True):
         start_s = recording.pushes[index] - origin_s
         axes.set(xlim=(start_s - 0.2, start_s - 0.2 + ZOOMED_S), title=f"phase {index + 1}")
-    for axes in (fifth, sixth)[len(shown) :]:
-        axes.remove()
     return figure
 
 

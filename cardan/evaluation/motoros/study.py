@@ -159,13 +159,16 @@ def figures(runs: list[Run]) -> tuple[Figure, ...]:
     """What reports are compared by."""
     made = []
     for one in runs:
-        name = f"{WORDS[one.mode]}, {one.plant} plant"
+        name, once = f"{WORDS[one.mode]}, {one.plant} plant", len(one.phases) == 1
         mean = PUBLISHED[one.mode][2] if one.mode in PUBLISHED and one.plant == "paper" else None
         for index, stage in enumerate(STAGES):
-            spread = spread_of((delays[index] for delays in one.delays), SPREAD_S)
+            spread_ms = None
+            if not once:
+                values = (delays[index] for delays in one.delays)
+                spread_ms = 1e3 * spread_of(values, SPREAD_S)
             published = None if mean is None else 1e3 * mean[index]
             value = 1e3 * one.mean[index]
-            made.append(Figure(f"{name}: {stage}", value, "ms", "less", 1e3 * spread, published))
-        per_push = one.stops / len(one.phases)
-        made.append(Figure(f"{name}: stops of a push", per_push, "", "less", 1.0))
+            made.append(Figure(f"{name}: {stage}", value, "ms", "less", spread_ms, published))
+        per_push, spread = one.stops / len(one.phases), None if once else 1.0
+        made.append(Figure(f"{name}: stops of a push", per_push, "", "less", spread))
     return tuple(made)
