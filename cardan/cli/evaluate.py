@@ -47,7 +47,7 @@ def evaluate(
 ) -> None:
     """Repeat the measurements of the papers that Cardan follows, with simulated devices and robots,
     and write one report: published figures beside ours, pictures, machine, versions, load and
-    seeds. It takes about twenty minutes on a quiet machine, with --quick one."""
+    seeds. What is in real time needs a quiet machine."""
     if compare is not None:
         if quick or only:
             raise ConfigurationError("--compare", "measures nothing: leave --quick and --only out")

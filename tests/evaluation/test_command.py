@@ -47,7 +47,7 @@ def test_a_study_becomes_a_report_with_pictures(evaluated, capsys):
     text = (folder / "report.md").read_text("utf-8")
     for name in pictures:
         assert (f"({name})" in text) is name.endswith(".png")
-    assert "of 0.1 m instead of 0.5 m" in text
+    assert "of 0.05 m instead of 0.5 m" in text
     assert (folder / "report.html").read_text("utf-8").count("data:image/svg+xml") == 5
     (part,) = read(folder).parts
     assert part.seeds[0] == "eight-course's camera: 2020"

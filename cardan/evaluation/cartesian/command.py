@@ -189,7 +189,7 @@ def left_out() -> str:
 
 def measure(trials: int = TRIALS) -> dict[str, Delays]:
     """A session for each transport, all in one run."""
-    with ExitStack() as stack:
+    with ExitStack() as sockets, ExitStack() as stack:
         there: dict[str, Trial] = {}
         robots: list[Robot] = []
         arms: list[RemoteCartesianDevice] = []
@@ -200,7 +200,7 @@ def measure(trials: int = TRIALS) -> dict[str, Delays]:
                 port, endpoint = free_ports(), free_endpoint()
                 stack.enter_context(session(port, MODEL + network_table(endpoint)))
                 robot = Robot(port)
-                stack.callback(robot.close)
+                sockets.callback(robot.close)
                 there[name] = Trial(robot)
                 robots.append(robot)
                 there[name].put = stack.enter_context(transport(endpoint))
@@ -212,6 +212,8 @@ def measure(trials: int = TRIALS) -> dict[str, Delays]:
                     arm.set_parameter(Parameter.STREAM, Stream.TWIST)
             with as_a_controller():
                 _run(list(there.values()), trials)
+        with kept_alive(robots):  # So that no session loses its robot while it ends.
+            stack.close()
         return {
             name: Delays(each.delays_s, each.datagrams, each.lost) for name, each in there.items()
         }

@@ -51,10 +51,9 @@ FELT = (
 )
 
 
-def draw_pushes() -> Iterator[Drawn]:
-    """The pictures that run what they show."""
+def draw_pair() -> Iterator[Drawn]:
+    """The one that says most; it runs what it shows."""
     yield Drawn("pair", "An unstable and a stable loop", _pair())
-    yield Drawn("energy", "Energy given to the hand", _energy())
 
 
 def draw(
@@ -67,7 +66,8 @@ def draw(
     """All pictures."""
     yield Drawn("map", "Stability over stiffness and delay", _map(grids))
     yield Drawn("channel", "Jitter, loss and sampling", _channel(channel, sampling))
-    yield from draw_pushes()
+    yield from draw_pair()
+    yield Drawn("energy", "Energy given to the hand", _energy())
     yield Drawn("zwidth", "Z-width", _zwidth(widths))
     yield Drawn("faults", "Faults as the hand feels them", _faults(felt))
 

@@ -15,6 +15,7 @@ from cardan.arm_libraries import np
 from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
 from cardan.evaluation.haptics.loop import TICK_S, Array, Rig, Trace
 from cardan.evaluation.haptics.remote import Link, RemoteWall, Wall
+from cardan.evaluation.side_by_side import side_by_side
 from cardan.haptics import HapticCommand, Plane
 from cardan.sim_peers.omni.settings import HandMotion, OmniSettings, Waypoint
 from cardan.types import ZERO3, Vector3
@@ -269,7 +270,8 @@ GRID_DELAYS_S = (0.0, 0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1)
 
 def grid(hand: Hand) -> list[Compared]:
     """Both loops over stiffness and delay, stiffness by stiffness."""
-    return [compare(hand, k, Link(d)) for k in GRID_STIFFNESSES for d in GRID_DELAYS_S]
+    calls = [(hand, k, Link(d)) for k in GRID_STIFFNESSES for d in GRID_DELAYS_S]
+    return side_by_side(compare, calls)
 
 
 JITTERS_S = (0.0, 0.01, 0.02, 0.05, 0.1)
@@ -285,20 +287,22 @@ SAMPLED_STIFFNESSES = (500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0)
 
 def channel_grid() -> list[Compared]:
     """Both loops, lightly held, over loss and jitter, loss by loss."""
-    return [
-        compare(LIGHTLY, CHANNEL_STIFFNESS_N_M, Link(CHANNEL_DELAY_S, jitter, loss))
+    calls = [
+        (LIGHTLY, CHANNEL_STIFFNESS_N_M, Link(CHANNEL_DELAY_S, jitter, loss))
         for loss in LOSSES
         for jitter in JITTERS_S
     ]
+    return side_by_side(compare, calls)
 
 
 def sampling_grid() -> list[Compared]:
     """Both loops, held, over stiffness and sampling, stiffness by stiffness; no delay."""
-    return [
-        compare(HELD, stiffness, Link(period_s=period))
+    calls = [
+        (HELD, stiffness, Link(period_s=period))
         for stiffness in SAMPLED_STIFFNESSES
         for period in PERIODS_S
     ]
+    return side_by_side(compare, calls)
 
 
 def link_words(link: Link) -> str:

@@ -78,7 +78,7 @@ def run(quick: bool) -> Result:
     def draw() -> Iterator[Drawn]:
         from cardan.evaluation.haptics import plots
 
-        return plots.draw_pushes() if more is None else plots.draw(*more)
+        return plots.draw_pair() if more is None else plots.draw(*more)
 
     shortened = (
         f"{QUICK_DRAWING_S:g} s of drawing instead of {DRAWING_S:g} s",

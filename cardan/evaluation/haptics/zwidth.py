@@ -23,6 +23,7 @@ from cardan.evaluation.haptics.stability import (
     judge,
     local,
 )
+from cardan.evaluation.side_by_side import side_by_side
 
 VISCOUS_N_S_M = 0.1
 """Of the simulated device."""
@@ -111,7 +112,7 @@ def _width(damping_n_s_m: float) -> Width:
 
 def measure(dampings: tuple[float, ...] = DAMPINGS_N_S_M) -> list[Width]:
     """All of them."""
-    return [_width(damping) for damping in dampings]
+    return side_by_side(_width, [(damping,) for damping in dampings])
 
 
 def table(found: list[Width]) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 from cardan.evaluation.motoros.analysis import Result as Run, analyse
 from cardan.evaluation.motoros.published import (
@@ -17,6 +15,7 @@ from cardan.evaluation.motoros.published import (
 )
 from cardan.evaluation.motoros.rig import MODES, PLANTS, Recording, record
 from cardan.evaluation.result import Drawn, Figure, Result, Table, spread_of
+from cardan.evaluation.side_by_side import side_by_side
 
 PUSHES = 6
 TRIES = 3
@@ -59,20 +58,16 @@ def recorded(mode: str, plant: str, pushes: int) -> tuple[Recording, Run]:
     raise AssertionError
 
 
-def measure_at_once(runs: Sequence[tuple[str, str]], pushes: int) -> list[tuple[Recording, Run]]:
-    """The same, each run in a process of its own and all at the same time."""
-    # A child of a fork would have the locks of this process's threads.
-    with ProcessPoolExecutor(len(runs), get_context("spawn")) as pool:
-        modes, plants = zip(*runs, strict=True)
-        return list(pool.map(recorded, modes, plants, [pushes] * len(runs)))
-
-
 EVERY = tuple((mode, plant) for plant in PLANTS for mode in MODES)
 
 
 def run(quick: bool) -> Result:
     """Measure."""
-    found = measure_at_once(QUICK, 1) if quick else measure(EVERY)
+    if quick:
+        calls = [(mode, plant, 1) for mode, plant in QUICK]
+        found = side_by_side(recorded, calls, len(calls))
+    else:
+        found = measure(EVERY)
 
     def draw() -> Iterator[Drawn]:
         from cardan.evaluation.motoros import plots

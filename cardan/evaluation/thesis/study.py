@@ -7,13 +7,14 @@ from typing import NamedTuple
 
 from cardan.arm_libraries import np
 from cardan.evaluation.result import Drawn, Figure, Result, Table, known
+from cardan.evaluation.side_by_side import side_by_side
 from cardan.evaluation.thesis import arbitrary, collision, eight, faults, line
-from cardan.evaluation.thesis.rig import DRIVES, DT_S, Array, Row
+from cardan.evaluation.thesis.rig import DRIVES, DT_S, Array, Drive, Row
 
-QUICK_LENGTH_M = 0.1
-QUICK_EIGHT_S = 6.0
+QUICK_LENGTH_M = 0.05
+QUICK_EIGHT_S = 5.0
 QUICK_TURNS = 1.0
-QUICK_WANDER_S = 5.0
+QUICK_WANDER_S = 4.0
 
 SMALLEST_M = 1e-4
 """Of what is compared: less is no difference."""
@@ -41,23 +42,47 @@ class Measured(NamedTuple):
     """Empty: left out."""
 
 
-def measure(quick: bool = False) -> Measured:
-    """All of it; `quick`: shorter ways, one axis, no disturbed stream, no shaper alone."""
+class _Driven(NamedTuple):
+    """Of one drive."""
+
+    straight: line.Result
+    course: eight.Result
+    hits: collision.Result
+    free: dict[bool, arbitrary.Result]
+    broken: tuple[faults.Fault, ...]
+
+
+def _one(drive: Drive, quick: bool) -> _Driven:
     length_m, axes = (QUICK_LENGTH_M, 1) if quick else (0.5, 3)
-    eight_s = QUICK_EIGHT_S if quick else eight.DURATION_S + eight.TAIL_S
     turns = QUICK_TURNS if quick else arbitrary.TURNS
     wander_s = QUICK_WANDER_S if quick else arbitrary.WANDER_S
-    return Measured(
-        [line.measure(drive, length_m, axes) for drive in DRIVES],
-        line.simulated(length_m),
-        [eight.measure(drive, eight_s) for drive in DRIVES],
-        eight.mechanism(eight_s),
-        [collision.measure(drive) for drive in DRIVES],
+    return _Driven(
+        line.measure(drive, length_m, axes),
+        eight.measure(drive, _eight_s(quick)),
+        collision.measure(drive),
         {
-            shaped: [arbitrary.measure(drive, shaped, turns, wander_s) for drive in DRIVES]
+            shaped: arbitrary.measure(drive, shaped, turns, wander_s)
             for shaped in ((False,) if quick else (False, True))
         },
-        [] if quick else [faults.measure(drive) for drive in DRIVES],
+        () if quick else faults.measure(drive),
+    )
+
+
+def _eight_s(quick: bool) -> float:
+    return QUICK_EIGHT_S if quick else eight.DURATION_S + eight.TAIL_S
+
+
+def measure(quick: bool = False) -> Measured:
+    """All of it; `quick`: shorter ways, one axis, no disturbed stream, no shaper alone."""
+    found = side_by_side(_one, [(drive, quick) for drive in DRIVES])
+    return Measured(
+        [each.straight for each in found],
+        line.simulated(QUICK_LENGTH_M if quick else 0.5),
+        [each.course for each in found],
+        eight.mechanism(_eight_s(quick)),
+        [each.hits for each in found],
+        {shaped: [each.free[shaped] for each in found] for shaped in found[0].free},
+        [] if quick else [each.broken for each in found],
     )
 
 
