@@ -28,7 +28,17 @@ from cardan.gateway.session.examples import free_ports
 
 SECONDS = 12.0
 SAMPLES_KEPT = 100_000
-SITUATIONS = ("cardan-session", "session with model", "session with model, holding")
+INTERPRETED = "session with model, nothing compiled"
+"""As it is where no C compiler was: servo, reading and answering in Python."""
+SITUATIONS = {
+    "cardan-session": "cardan-session",
+    "session with model": "session with model",
+    "session with model, holding": "session with model, holding",
+    INTERPRETED: "session with model",
+}
+"""The columns, and which of the sessions they are of."""
+
+_LIBRARIES = ("cardan.gateway.servo.native", "cardan.drivers.abb_egm.compiled")
 
 _CONTROLLER = "cardan.gateway.arm.controller:ArmController"
 _EGM = "cardan.drivers.abb_egm"
@@ -48,6 +58,7 @@ PARTS = (
     ("- command and gate", f"{_CONTROLLER}._command"),
     ("send", f"{_EGM}.driver:AbbEgm.send"),
     ("- reply", f"{_EGM}.session:EgmSession.reply"),
+    ("- handed to the system", f"{_EGM}.driver:AbbEgm._say"),
     ("figures (answer has left)", "cardan.gateway.session.session:Session._update_figures"),
     ("feedback", "cardan.gateway.session.session:Session._send_feedback"),
     ("snapshot, 10 a second", "cardan.gateway.session.session:Session._publish"),
@@ -85,11 +96,16 @@ def _wrap_parts() -> dict[str, list[int]]:
     return kept
 
 
-def run_session(path: str) -> None:
-    """Run the session of a file until its time is over, and print the samples as JSON."""
+def run_session(path: str, *flags: str) -> None:
+    """Run the session of a file until its time is over, and print the samples as JSON; with a flag
+    `INTERPRETED`, as where nothing was compiled."""
     from cardan.gateway.session.assembly import load_config
     from cardan.gateway.session.session import make_session
 
+    if INTERPRETED in flags:
+        for name in _LIBRARIES:
+            module: Any = import_module(name)
+            module.library_path = lambda: Path(path).with_suffix(".so")
     kept = _wrap_parts()
     session = make_session(load_config(Path(path)))
     print("READY", flush=True)
@@ -104,7 +120,8 @@ def run_session(path: str) -> None:
 
 
 @contextlib.contextmanager
-def _session(port: int, more: str, script: str) -> Iterator[subprocess.Popen[str]]:
+def _session(port: int, situation: str) -> Iterator[subprocess.Popen[str]]:
+    more, script = SESSIONS[SITUATIONS[situation]]
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         hid_path, played = str(Path(folder) / "hid"), Path(folder) / "script"
         played.write_text(script)
@@ -118,7 +135,7 @@ def _session(port: int, more: str, script: str) -> Iterator[subprocess.Popen[str
             '[mapping]\ndeadman = "left"\n'
         )
         process = subprocess.Popen(
-            [sys.executable, "-m", "bench.cycle_profile", str(config)],
+            [sys.executable, "-m", "bench.cycle_profile", str(config), situation],
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -133,7 +150,7 @@ def measure(situation: str) -> dict[str, Any]:
     """What the session's process measured while it was asked once in every period."""
     port = free_ports()
     with (
-        _session(port, *SESSIONS[situation]) as process,
+        _session(port, situation) as process,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock,
     ):
         assert process.stdout is not None
@@ -179,4 +196,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    run_session(sys.argv[1])
+    run_session(*sys.argv[1:])

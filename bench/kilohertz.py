@@ -5,7 +5,8 @@
 The session is the process of ``cardan run``: a simulated UR5 in it at 1 kHz, the arm's model with
 at least 35 pairs of bodies, and a SpaceMouse (simulated, in a process of its own) whose hand moves
 the arm in circles. It runs by itself, beside a process that computes all the time, and beside one
-on every processor, each for a minute. `--pages` writes the table into docs/measurements.md.
+on every processor, each for a minute; a loop in C that only waits does so after it, in each case:
+that is what this computer can do. `--pages` writes the table into docs/measurements.md.
 
 Lateness is how long after its instant, on an absolute schedule, a cycle begins; an instant is
 missed when the next one is due by then. The answer leaves the later by what the cycle takes.
@@ -14,6 +15,7 @@ missed when the next one is due by then. The answer leaves the later by what the
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
@@ -22,7 +24,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench import pages
+from bench import native, pages
 from bench.arms import shapes_as_tables
 from cardan.gateway.daemon.usage import processor_time_s
 from cardan.gateway.session.assembly import make_controller, make_robot
@@ -65,6 +67,16 @@ BESIDE = {
 """How many processes compute meanwhile, with ordinary scheduling."""
 
 
+class Floor(NamedTuple):
+    """A loop in C that only waits for its instants."""
+
+    instants: int
+    missed: int
+    p50_ns: int
+    """Of its lateness."""
+    p99_ns: int
+
+
 class Row(NamedTuple):
     """What was measured beside something."""
 
@@ -81,6 +93,7 @@ class Row(NamedTuple):
     moving: float
     """Share of the time in which the arm moved."""
     scheduling: str
+    floor: Floor
 
 
 def configuration(mouse: str, drive: str = "dynamic") -> SessionConfig:
@@ -130,6 +143,7 @@ def measure(config: SessionConfig, beside: str, seconds: float) -> Row:
     with busy(BESIDE[beside]):
         process = SessionProcess(config, WARM_UP_S + seconds)
         outcome = process.follow(take)
+        floor = measure_floor(seconds)
     if outcome.exit_code or not first:
         raise RuntimeError(f"the session ended: {outcome.last.error or outcome.last.ending}")
     (begin, used_s), (end, used_till_s) = first[0], last[0]
@@ -146,22 +160,32 @@ def measure(config: SessionConfig, beside: str, seconds: float) -> Row:
         (used_till_s - used_s) / took_s,
         (end.moving_s - begin.moving_s) / took_s,
         end.scheduling,
+        floor,
     )
+
+
+def measure_floor(seconds: float) -> Floor:
+    """The loop in C, for so long."""
+    command = (native.built(native.TIMER), f"{1e6 * PERIOD_S:.0f}", f"{seconds}")
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return Floor(**json.loads(done.stdout))
 
 
 def table(rows: list[Row], conditions: str) -> str:
     """As docs/measurements.md has it."""
     lines = [
         "| beside | lateness, median / p99 | answer after, median / p99 | missed "
-        "| CPU of the session | moving | aim |",
-        "|---|---|---|---|---|---|---|",
+        "| CPU of the session | moving | aim | bare loop in C: lateness | missed |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         late = f"{row.late_p50_s * 1e6:.0f} / {row.late_p99_s * 1e6:.0f}"
         met = "met" if row.late_p99_s <= LATE_P99_S and row.missed == 0 else "missed"
         lines.append(
             f"| {row.beside} | {late} µs | {row.tick_p50_s * 1e6:.0f} / {row.tick_p99_s * 1e6:.0f} "
-            f"µs | {row.missed} of {row.instants} | {row.used:.1%} | {row.moving:.0%} | {met} |"
+            f"µs | {row.missed} of {row.instants} | {row.used:.1%} | {row.moving:.0%} | {met} "
+            f"| {row.floor.p50_ns / 1e3:.0f} / {row.floor.p99_ns / 1e3:.0f} µs "
+            f"| {row.floor.missed} of {row.floor.instants} |"
         )
     return "\n".join(lines) + "\n\n" + conditions
 

@@ -15,6 +15,10 @@ from cardan.sim_peers.base import SimulatedPeer
 
 _P = TypeVar("_P", bound=SimulatedPeer)
 
+PATIENT = {"device_age_s": 0.5, "stall_s": 0.5, "heartbeat_s": 0.5}
+"""Watchdogs of a session in a thread of the tests, whatever else this computer does: by default it
+ends motions when it stood still for 0.1 s. For `parse_config` with `from_file=False`."""
+
 ARM_SESSION = """
 [robot]
 driver = "sim_arm"

@@ -147,11 +147,14 @@ def _daqp(folder: Path) -> Path:
     return sources
 
 
-KERNEL, ECHO, KDL, PINOCCHIO_DAQP = "kernel.so", "echo", "kdl.so", "pinocchio_daqp.so"
+KERNEL, ECHO, TIMER, KDL, PINOCCHIO_DAQP = (
+    "kernel.so", "echo", "timer", "kdl.so", "pinocchio_daqp.so",
+)  # fmt: skip
 
 PARTS: dict[str, tuple[tuple[str, ...], Callable[[Path], None]]] = {
     KERNEL: (("kernel.c", "peer.h"), _c("kernel.c", "-shared")),
     ECHO: (("echo.c",), _c("echo.c")),
+    TIMER: (("timer.c",), _c("timer.c")),
     KDL: (("kdl.cpp", "peer.h"), _kdl),
     PINOCCHIO_DAQP: (("pinocchio_daqp.cpp", "peer.h"), _pinocchio_daqp),
 }

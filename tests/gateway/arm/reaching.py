@@ -12,7 +12,7 @@ from cardan.gateway.bus.remote import RemoteCartesianDevice
 from cardan.gateway.session.assembly import make_driver
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.session import make_session
-from tests.serving import free_endpoint
+from tests.serving import PATIENT, free_endpoint
 
 TIMEOUT_S = 20.0
 
@@ -26,7 +26,8 @@ class Place(NamedTuple):
 
 def config_of(robot: dict[str, Any], tables: dict[str, Any]) -> SessionConfig:
     robot = {"driver": "sim_arm", "drive": "ideal", **robot, **tables.pop("robot", {})}
-    return parse_config({"robot": robot, "arm": {"model": "ur5"}, **tables})
+    merged = {"robot": robot, "arm": {"model": "ur5"}, "watchdogs": PATIENT, **tables}
+    return parse_config(merged, from_file=False)
 
 
 class Here:

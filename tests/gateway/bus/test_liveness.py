@@ -20,7 +20,7 @@ from cardan.gateway.session.session import make_session
 from cardan.protocols.ros2.cdr import codec_of
 from tests.bus.dds.rig import OPTIONS
 from tests.gateway.bus.asker import SERVICE, slow_twist
-from tests.serving import free_endpoint, served as router
+from tests.serving import PATIENT, free_endpoint, served as router
 
 pytestmark = pytest.mark.once
 
@@ -42,7 +42,9 @@ class Served:
                     "robot": {"driver": "sim_arm", "robot": "ur5", "drive": "ideal"},
                     "arm": {"model": "ur5"},
                     "network": network or {"router": "", "listen": [endpoint]},
-                }
+                    "watchdogs": PATIENT,
+                },
+                from_file=False,
             )
         )
         self.results, self.changed = [], threading.Condition()

@@ -25,6 +25,7 @@ from cardan.protocols.ros2.type_hash import type_hash
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse
+from tests.serving import PATIENT
 from tests.waiting import until
 
 NODE = "/cartesian_control_server_ros2"
@@ -148,10 +149,11 @@ def live_session(endpoint: str, **tables):
         "robot": {"driver": "sim_arm", "robot": "ur5", "period_s": 0.004},
         "arm": {"model": "ur5"},
         "network": {"router": endpoint, "listen": ["tcp/127.0.0.1:0"]},
+        "watchdogs": PATIENT,
     }
     for key, table in tables.items():
         merged[key] = {**merged.get(key, {}), **table}
-    session = make_session(parse_config(merged))
+    session = make_session(parse_config(merged, from_file=False))
     failed: list[BaseException] = []
 
     def run() -> None:

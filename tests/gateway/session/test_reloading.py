@@ -15,6 +15,7 @@ from cardan.gateway.session.reloading import ANSWER, Found, Reloading, ReloadOrd
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
 from cardan.types import DeviceLink, DeviceState
+from tests.serving import PATIENT
 from tests.waiting import until
 
 BASE = {"robot": {"driver": "sim_arm", "robot": "ur5"}, "arm": {"model": "ur5"}}
@@ -146,8 +147,7 @@ class Running:
             "robot": {"driver": "sim_arm", "robot": "ur5", "period_s": 0.004},
             "arm": {"model": "ur5"},
             "mapping": {"deadman": "go"},
-            # Whatever else this computer does.
-            "watchdogs": {"device_age_s": 0.5, "stall_s": 0.5, "heartbeat_s": 0.5},
+            "watchdogs": PATIENT,
         } | tables
         self.channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.theirs = theirs

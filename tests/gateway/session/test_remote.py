@@ -40,7 +40,7 @@ from cardan.gateway.session.supervisor import Outcome as SessionOutcome, Session
 from cardan.robots import load_arm
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
-from tests.serving import in_a_thread
+from tests.serving import PATIENT, in_a_thread
 from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
@@ -135,7 +135,8 @@ def in_thread(monkeypatch):
     monkeypatch.setattr(Hand, "buttons", frozenset())
 
     def make(source="verbs", **tables):
-        return RemoteArm(parse_config({**TABLE, **tables}), source=source)
+        config = parse_config({**TABLE, "watchdogs": PATIENT, **tables}, from_file=False)
+        return RemoteArm(config, source=source)
 
     return make
 
