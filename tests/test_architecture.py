@@ -113,6 +113,7 @@ ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.arm_libraries",
     "cardan.evaluation.cartesian.",
+    "cardan.evaluation.devices.",
     "cardan.evaluation.haptics.",
     "cardan.evaluation.metrics",
     "cardan.evaluation.motoros.",

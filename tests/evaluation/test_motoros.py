@@ -148,3 +148,23 @@ def test_the_tables_say_so(results):
     assert "average" in table
     assert "0.445" in table
     assert len(yaskawa.overview(list(results.values())).splitlines()) > 8
+
+
+def test_a_recording_that_misses_a_push_is_none():
+    times_s = np.arange(0.0, 12.0, GRID_S)
+    rows = {"monotonic_s": times_s, "command_joint_1_s": times_s, "measured_joint_1_s": times_s}
+    goals = [(float(t), float(t)) for t in times_s]
+
+    def on_a_grid(start_s, pushes=1):
+        reports = [(0.0, 0.0), (start_s, 0.8), (start_s + 2.0, 0.0)]
+        snapshot = Snapshot()
+        return study._on_a_grid("velocity", "ideal", snapshot, reports, goals, rows, pushes)
+
+    assert on_a_grid(3.0).pushes == pytest.approx([3.0])
+    with pytest.raises(ValueError, match="0 pushes were seen, of 1"):
+        on_a_grid(0.5)
+    with pytest.raises(ValueError, match="1 pushes were seen, of 2"):
+        on_a_grid(3.0, 2)
+    goals = []
+    with pytest.raises(ValueError, match="said nothing"):
+        on_a_grid(3.0)

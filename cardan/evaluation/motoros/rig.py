@@ -222,7 +222,7 @@ def _on_a_grid(
     held[times_s < device_s[0]] = 0.0
     away = np.abs(deflection) > 0.02
     starts = device_s[1:][away[1:] & ~away[:-1]]
-    starts = starts[starts > goal_s[0] + 1.0]
+    starts = starts[starts > begin_s + 1.0]
     if len(starts) < pushes:
         raise ValueError(f"{len(starts)} pushes were seen, of {pushes}")
     return Recording(
