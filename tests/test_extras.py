@@ -25,6 +25,7 @@ NEEDED = [
         "from pathlib import Path; from cardan.gateway.recording.plot import plot; "
         "plot(Path('a.mcap'), Path('a.png'))",
     ),
+    ("matplotlib.pyplot", "evaluate", "import cardan.evaluation.plotting"),
     (
         "can",
         "can",
