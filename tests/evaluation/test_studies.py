@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from pathlib import Path
 
 import pytest
 
@@ -18,7 +20,9 @@ from cardan.evaluation.motoros.published import STANDARD, STANDARD_MEAN, VELOCIT
 from cardan.evaluation.studies import STUDIES
 from cardan.evaluation.thesis import study as thesis
 from cardan.evaluation.thesis.line import simulated
+from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+from cardan.gateway.session.supervisor import Outcome
 
 pytestmark = pytest.mark.once
 
@@ -154,6 +158,25 @@ def test_a_device_is_shown_by_its_last_run():
     assert found["Leap Motion: disengaged"].value == 1.0
     once = [sessions.Driven(leap, "position, base", (last,), ())]
     assert by_name(sessions.figures(once))["Leap Motion: answer, median"].spread is None
+
+
+def test_a_device_moves_for_as_long_as_its_demo_needs(monkeypatch):
+    lengths = []
+
+    def supervise(config, seconds, **_):
+        lengths.append(seconds)
+        return Outcome(0, Snapshot(cycles=1, path_m=0.1))
+
+    @contextlib.contextmanager
+    def hardware(demo, seconds):
+        yield parse_config(demo.prepare(Path("nowhere"))[0]), ()
+
+    monkeypatch.setattr(sessions, "supervise", supervise)
+    monkeypatch.setattr(sessions, "simulated_hardware", hardware)
+    found = sessions.measure((sessions.PUBLISHED[1], sessions.Device("x", "spnav-ur5")), 5.0, 1)
+    assert lengths == [5.0, 20.0]
+    assert [each.commands for each in found] == ["position, base", "velocity, base"]
+    assert [each.problems for each in found] == [(), ()]
 
 
 # -- the Cartesian interface -------------------------------------------------------------------

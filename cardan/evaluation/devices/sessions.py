@@ -31,7 +31,6 @@ OTHERS = (
     Device("gamepad", "gamepad-ur5"),
     Device("keyboard", "keyboard-ur5"),
     Device("serial 3Dconnexion device", "spacemouse-serial"),
-    Device("spacenavd", "spnav-ur5"),
 )
 
 COMMANDS = {Mode.RATE: "velocity", Mode.POSITION: "position", Mode.ABSOLUTE: "absolute position"}
@@ -49,12 +48,15 @@ class Driven(NamedTuple):
 
 
 def measure(devices: Sequence[Device], seconds: float, turns: int) -> list[Driven]:
-    """Each device for so long, so many times; all devices, and then all again."""
+    """Each device for so long, or as long as its demo needs, so many times; all devices, and then
+    all again."""
     found: dict[Device, Driven] = {}
     for _ in range(turns):
         for device in devices:
-            with simulated_hardware(choose_demo(device.demo), seconds) as (config, through):
-                last = supervise(config, seconds, through=through).last
+            demo = choose_demo(device.demo)
+            length_s = max(seconds, demo.shortest_s)
+            with simulated_hardware(demo, length_s) as (config, through):
+                last = supervise(config, length_s, through=through).last
             mapping = config.mapping
             words = f"{COMMANDS[mapping.mode]}, {mapping.frame.value}"
             before = found.get(device, Driven(device, words, (), ()))
