@@ -17,6 +17,7 @@ FUZZ_INPUTS ?= 10000000
 FUZZ ?=
 FAULT_LABS ?= 2
 FAULT_OPTIONS ?=
+EVALUATE ?=
 BIN := $(VENV)/bin
 C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h cardan/*/*/*/*.c cardan/*/*/*/*.h \
 	cardan/*/*/*/*/*.c cardan/*/*/*/*/*.h)
@@ -27,7 +28,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo page test test-kernel test-systemd device-table fault-table \
 	fault-table-processes fault-table-network hold-table console-pictures docs-tables \
-	docs-pictures demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
+	docs-pictures docs-evaluation demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
 	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons \
 	test-lerobot dist clean
 
@@ -49,6 +50,7 @@ help:
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make docs-tables  the tables of drivers, simulated peers and demos, from their declarations"
 	@echo "make docs-pictures  the pictures of the console's page, by its demo and a browser"
+	@echo "make docs-evaluation  the report of docs/evaluation.md, EVALUATE=--quick for a short one"
 	@echo "make demo-picture  the moving picture of the README, from the demo"
 	@echo "make docs    the documentation as a site, in build/docs/site"
 	@echo "make release  what would be released, checked; nothing is uploaded and no tag is made"
@@ -148,6 +150,11 @@ docs-tables: $(VENV)/.cardan-dev
 
 docs-pictures: $(VENV)/.cardan-dev page
 	$(BIN)/python -m tests.docs_pictures
+
+# On a computer that has nothing else to do.
+docs-evaluation: $(VENV)/.cardan-dev
+	$(BIN)/cardan evaluate $(EVALUATE) --output build/evaluation
+	$(BIN)/python -m tests.docs_evaluation build/evaluation
 
 demo-picture: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.demo_picture

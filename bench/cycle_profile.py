@@ -21,7 +21,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from bench.egm_latency import ANSWER_WITHIN_S, PERIOD_S, SESSIONS, START, datagram, obeyed
+from bench.egm_latency import ANSWER_WITHIN_S, PERIOD_S, SESSIONS
+from cardan.evaluation.cartesian.controller import START, datagram, obeyed
 from cardan.gateway.session.demo import launched
 from cardan.gateway.session.examples import free_ports
 

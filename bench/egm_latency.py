@@ -10,37 +10,18 @@ everybody wakes up with cold caches, and once without any pause. The session is 
 from __future__ import annotations
 
 import contextlib
-import functools
 import gc
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
-from pathlib import Path
-
-import numpy as np
 
 from bench import native
-from bench.arms import kinematics
 from bench.figures import Aim, Figures
 from bench.responders import C_ECHO, KINDS
-from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import to_pose
-from cardan.gateway.session.demo import launched
+from cardan.evaluation.cartesian.controller import START, datagram, obeyed, session
 from cardan.gateway.session.examples import free_ports
-from cardan.protocols.egm import (
-    EgmHeader,
-    EgmMeasuredForce,
-    EgmMotion,
-    EgmPose,
-    EgmRobot,
-    EgmSensor,
-    decode_from_pc,
-    encode_robot,
-)
-from cardan.types import Quaternion, Vector3
 
 CYCLES = 5000
 WARM_UP_TURNS = 30
@@ -96,46 +77,6 @@ AIMS = (
 ADDED = {"cardan-driver": 12e-6, "cardan-joints": 12e-6}
 """Most that our driver's medians may be above echo's, s."""
 
-START = EgmMotion(
-    (0.0, 0.0, 0.0, 0.0, 0.5235987755982988, 0.0),
-    EgmPose(Vector3(0.5975, 0.0, 0.83775), Quaternion(0.5, 0.0, 0.8660254037844386, 0.0)),
-)
-
-
-def datagram(cycle: int, at: EgmMotion = START, force: EgmMeasuredForce | None = None) -> bytes:
-    """What a RobotWare 7 controller sends in this cycle (joints, pose, clock, states)."""
-    motion = at._replace(time_us=1_700_000_000_000_000 + cycle * 4000)
-    header = EgmHeader(seqno=cycle, tm_ms=1_000_000 + cycle * 4, mtype=2)
-    return encode_robot(
-        EgmRobot(
-            header=header,
-            feed_back=motion,
-            planned=motion,
-            motor_state=1,
-            mci_state=3,
-            mci_convergence_met=False,
-            rapid_exec_state=2,
-            measured_force=force,
-            utilization_rate=12.5,
-        )
-    )
-
-
-@functools.cache
-def _gofa() -> ArmKinematics:
-    return kinematics("gofa_crb15000_5")
-
-
-def obeyed(answer: bytes, before: EgmMotion) -> EgmMotion:
-    """Where a robot is that does at once what it is told; the TCP of joints is that of the GoFa."""
-    told = decode_from_pc(answer)
-    if not isinstance(told, EgmSensor) or told.planned is None:
-        return before
-    if told.planned.joints is not None:
-        pose = to_pose(_gofa().forward(np.array(told.planned.joints)))
-        return EgmMotion(told.planned.joints, EgmPose(pose.position, pose.orientation))
-    return before._replace(cartesian=told.planned.cartesian)
-
 
 @contextlib.contextmanager
 def responder(kind: str, port: int) -> Iterator[None]:
@@ -151,35 +92,6 @@ def responder(kind: str, port: int) -> Iterator[None]:
     finally:
         process.terminate()
         process.communicate()
-
-
-@contextlib.contextmanager
-def session(port: int, more: str, script: str = "") -> Iterator[None]:
-    """``cardan run`` with a simulated SpaceMouse that plays `script`; without one, with no operator
-    device. `more`: tables, of which the first lines are the robot's."""
-    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
-        tables = f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n{more}\n'
-        if script:
-            hid_path, played = str(Path(folder) / "hid"), Path(folder) / "script"
-            tables += (
-                f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{hid_path}"\n'
-                '[mapping]\ndeadman = "left"\n'
-            )
-            played.write_text(script)
-            words = ("sim", "spacemouse", "--hid", hid_path, "--script", str(played))
-            stack.enter_context(launched(*words))
-        config = Path(folder) / "bench.toml"
-        config.write_text(tables)
-        process = subprocess.Popen(
-            [sys.executable, "-m", "cardan", "run", str(config)], stdout=subprocess.PIPE
-        )
-        try:
-            assert process.stdout is not None
-            process.stdout.readline()  # its first view: the loop runs
-            yield
-        finally:
-            process.terminate()
-            process.communicate()
 
 
 def _kinds() -> list[str]:

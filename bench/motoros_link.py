@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.figures import Figures
-from bench.yaskawa.rig import FIRST_PUSH_S, Array, peers, read_log, session_tables
+from cardan.evaluation.motoros.rig import FIRST_PUSH_S, Array, peers, read_log, session_tables
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot

@@ -87,6 +87,8 @@ RUN = {
     r"cardan conform --(list|compare)": "tests/test_conform_command.py",
     r"cardan conform \w+ --target": "tests/conform/test_live.py",
     r"cardan conform \w+": "tests/test_conform_command.py",
+    r"cardan evaluate --compare": "tests/evaluation/test_command.py::test_two_reports_are_compared",
+    r"cardan evaluate": "tests/evaluation/test_command.py::test_a_study_becomes_a_report_with_pictures",
     r"cardan force": "tests/gateway/force/test_service.py",
     r"cardan spnav": "tests/gateway/spnav/test_server.py",
     r"cardan sim \S+ .*--keyboard": "tests/sim_peers",

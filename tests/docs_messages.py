@@ -81,6 +81,11 @@ PAGES = {
                 "`cardan COMMAND --help`; [exit codes](../first-ten-minutes.md#ctrl-c-and-exit-codes)",
             ),
             Part(
+                "Evaluation",
+                ("evaluation",),
+                "[evaluation](../evaluation.md); a quiet machine",
+            ),
+            Part(
                 "What is not installed",
                 ("extras.py", "arm_libraries.py", "native.py"),
                 "[installing](../installing.md)",
@@ -303,7 +308,7 @@ SAID = re.compile(
 """Names of tables and constants whose texts are messages."""
 WRONG = re.compile(r"_?(wrong|error|refusal)")
 """Functions that make an error of their text."""
-RAISED_ONLY = ("sim_peers", "dissect", "protocols", "cli")
+RAISED_ONLY = ("sim_peers", "dissect", "protocols", "cli", "evaluation")
 """Parts of which only errors are messages: their other texts are output, reports and scripts."""
 FEWEST_WORDS = 3
 

@@ -47,6 +47,15 @@ MAY_IMPORT = {
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
     "dissect": {"dissect", *LEAVES},
     "conform": {"bus", "conform", "dissect", "drivers", "protocols", "sim_peers", *LEAVES},
+    "evaluation": {
+        "evaluation",
+        "gateway",
+        "drivers",
+        "bus",
+        "protocols",
+        "sim_peers",
+        *LEAVES,
+    },
     "api": {"drivers", "gateway", *LEAVES},
     **dict.fromkeys(LEAVES, LEAVES),
     "__init__": {"api"},
@@ -78,7 +87,9 @@ gateway serves spacenavd's protocol, rosbridge and Foxglove's itself, to program
 robot; the console reads cameras for its pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
-FREE_OF_CIRCLES = ("bus", "drivers", "protocols", "sim_peers", "dissect", "conform", "gateway")
+FREE_OF_CIRCLES = (
+    "bus", "drivers", "protocols", "sim_peers", "dissect", "conform", "gateway", "evaluation",
+)  # fmt: skip
 
 GATEWAY_ROOMS = {
     "common": set(),
@@ -105,6 +116,13 @@ ARM_MODEL = (
     "cardan.arm_libraries",
     "cardan.conform.joint_stream.rig",
     "cardan.conform.ros2_arm.rig",
+    "cardan.evaluation.cartesian.",
+    "cardan.evaluation.devices.",
+    "cardan.evaluation.haptics.",
+    "cardan.evaluation.metrics",
+    "cardan.evaluation.motoros.",
+    "cardan.evaluation.plotting",
+    "cardan.evaluation.thesis.",
     "cardan.gateway.arm.activities.",
     "cardan.gateway.arm.arm_body",
     "cardan.gateway.arm.device",

@@ -6,9 +6,10 @@ pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[net
 pytest.importorskip("websockets", reason='websockets is not installed: "cardan[network]"')
 
 from bench import network, pages
-from bench.egm_latency import START
-from bench.network import clients, command, publication, session
-from bench.network.rig import Robot
+from bench.network import clients, publication, session
+from cardan.evaluation.cartesian import command
+from cardan.evaluation.cartesian.controller import START
+from cardan.evaluation.cartesian.rig import Robot
 
 
 def test_each_part_has_its_place_in_the_page():

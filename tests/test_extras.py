@@ -21,10 +21,11 @@ NEEDED = [
     ("mcap", "record", "from cardan.gateway.recording.mcap_file import _installed; _installed()"),
     (
         "matplotlib",
-        "bench",
+        "evaluate",
         "from pathlib import Path; from cardan.gateway.recording.plot import plot; "
         "plot(Path('a.mcap'), Path('a.png'))",
     ),
+    ("matplotlib.pyplot", "evaluate", "import cardan.evaluation.plotting"),
     (
         "can",
         "can",

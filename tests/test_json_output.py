@@ -24,6 +24,7 @@ WITHOUT = {
     "record": "writes a file, and says in words what is missing",
     "replay": "likewise",
     "plot": "writes a file",
+    "evaluate": "writes its report as JSON, too",
     "dissect": "prints captures field by field, for people",
     "service": "show prints a file; the others do what their lines say",
 }

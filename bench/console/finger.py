@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.egm_latency import session
 from bench.network.clients import face
-from bench.network.rig import (
+from cardan.evaluation.cartesian.controller import session
+from cardan.evaluation.cartesian.rig import (
     MODEL,
     PERIOD_S,
     Robot,

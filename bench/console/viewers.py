@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 
-from bench.egm_latency import session
 from bench.network.audience import Place
 from bench.network.clients import Load, face, load
-from bench.network.rig import MODEL, Robot, free_endpoint, kept_alive, network_table, quantile
+from cardan.evaluation.cartesian.controller import session
+from cardan.evaluation.cartesian.rig import (
+    MODEL,
+    Robot,
+    free_endpoint,
+    kept_alive,
+    network_table,
+    quantile,
+)
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.session.examples import free_ports
 

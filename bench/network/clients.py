@@ -10,9 +10,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import NamedTuple
 
-from bench.egm_latency import session
 from bench.network.audience import Place, audience
-from bench.network.rig import (
+from cardan.bus.options import BusOptions
+from cardan.evaluation.cartesian.controller import session
+from cardan.evaluation.cartesian.rig import (
     MODEL,
     PERIOD_S,
     Robot,
@@ -24,7 +25,6 @@ from bench.network.rig import (
     quantile,
     resident_bytes,
 )
-from cardan.bus.options import BusOptions
 from cardan.gateway.arm.codes import Parameter, Stream
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.bus.remote import RemoteCartesianDevice

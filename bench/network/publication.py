@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from bench.network.rig import PERIOD_S, as_a_controller, free_endpoint, listener, quantile
+from bench.network.listening import listener
 from cardan.bus.node import Publisher
+from cardan.evaluation.cartesian.rig import PERIOD_S, as_a_controller, free_endpoint, quantile
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.session import make_session

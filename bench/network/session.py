@@ -8,14 +8,15 @@ import itertools
 import time
 from typing import NamedTuple
 
-from bench.egm_latency import MOVE, TOUCH, session
-from bench.network.rig import (
+from bench.egm_latency import MOVE, TOUCH
+from bench.network.listening import listener
+from cardan.evaluation.cartesian.controller import session
+from cardan.evaluation.cartesian.rig import (
     MODEL,
     PERIOD_S,
     Robot,
     as_a_controller,
     free_endpoint,
-    listener,
     network_table,
     quantile,
 )

@@ -36,6 +36,7 @@ from cardan.cli.conform import conform
 from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, service
 from cardan.cli.dissect import Dissect
 from cardan.cli.doctor import doctor
+from cardan.cli.evaluate import evaluate
 from cardan.cli.face import face
 from cardan.cli.recording import export, plot, record, replay
 from cardan.cli.sim import sim
@@ -72,7 +73,7 @@ app.add_typer(sim)
 app.add_typer(face)
 app.add_typer(service)
 for _command in (
-    network, echo, hz, record, replay, plot, export, *DAEMON_COMMANDS, doctor, conform,
+    network, echo, hz, record, replay, plot, export, *DAEMON_COMMANDS, doctor, conform, evaluate,
 ):  # fmt: skip
     # Of an arm's verbs -0.1 is a number, and no option.
     _settings = {"ignore_unknown_options": _command is arm}

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from bench.haptics.loop import Rig
 from cardan import spatial
 from cardan.drivers import registry
 from cardan.drivers.omni.limits import TickLimits
+from cardan.evaluation.haptics.loop import Rig
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.haptics import HapticCommand

@@ -156,7 +156,7 @@ def plot(path: Path, picture: Path, arm: str = "") -> Path:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise missing_extra("a picture", "matplotlib", "bench", error) from error
+        raise missing_extra("a picture", "matplotlib", "evaluate", error) from error
     node, series = read_series(path, arm)
     figure = Figure(figsize=(15.0, 9.0), layout="constrained")
     FigureCanvasAgg(figure)

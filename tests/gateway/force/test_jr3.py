@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.haptics.loop import Rig
 from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.jr3_can import Jr3Options
 from cardan.drivers.omni.limits import TickLimits
+from cardan.evaluation.haptics.loop import Rig
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.haptics.loop import Rig
 from cardan.drivers import registry
 from cardan.drivers.omni.limits import TickLimits
+from cardan.evaluation.haptics.loop import Rig
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.sim_peers.omni.library import available

@@ -1,0 +1,27 @@
+"""The picture of the Cartesian interface's latencies. Needs matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from cardan.arm_libraries import np
+from cardan.evaluation.cartesian.command import Delays
+from cardan.evaluation.plotting import plt
+from cardan.evaluation.result import Drawn
+
+
+def draw(found: dict[str, Delays]) -> Iterator[Drawn]:
+    """How many commands have moved the robot after which time."""
+    figure, axes = plt.subplots(figsize=(7.0, 3.4), layout="constrained")
+    for name, each in found.items():
+        ordered = 1e3 * np.sort(np.array(each.delays_s))
+        share = 100.0 * np.arange(1, len(ordered) + 1) / max(1, len(ordered))
+        axes.step(ordered, share, where="post", label=name)
+    axes.axvspan(0.0, 20.0, color="tab:red", alpha=0.08, lw=0)
+    axes.text(
+        19.7, 3.0, "published: a hand's motion\nwaits up to 20 ms (50 Hz)", ha="right", fontsize=8
+    )
+    axes.set(xlabel="from publishing to the robot's datagram, ms", ylabel="commands, %")
+    axes.set_xlim(0.0, 25.0)
+    axes.legend(fontsize=8, loc="center right")
+    yield Drawn("delays", "From a topic to the robot's datagram", figure)

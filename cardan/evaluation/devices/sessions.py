@@ -1,0 +1,132 @@
+"""Each low-cost device through the one controller: sessions with simulated devices, as the demos
+have them, in real time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from cardan.evaluation.result import Figure, Table, known, spread_of
+from cardan.gateway.hand.mapping import Mode
+from cardan.gateway.session.demo import choose_demo, find_problems, simulated_hardware
+from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+from cardan.gateway.session.supervisor import supervise
+
+
+class Device(NamedTuple):
+    """A device, and the demo that has it."""
+
+    name: str
+    demo: str
+    published: str = ""
+    """Commands and frame, as the paper has them; empty: it has no such device."""
+
+
+PUBLISHED = (
+    Device("SpaceNavigator, SpaceMouse", "spacemouse-ur5", "velocity, base"),
+    Device("Leap Motion", "leap-ur5", "position, base"),
+    Device("Wii Remote", "wiimote-ur5", "velocity, tool"),
+)
+OTHERS = (
+    Device("gamepad", "gamepad-ur5"),
+    Device("keyboard", "keyboard-ur5"),
+    Device("serial 3Dconnexion device", "spacemouse-serial"),
+)
+
+COMMANDS = {Mode.RATE: "velocity", Mode.POSITION: "position", Mode.ABSOLUTE: "absolute position"}
+
+
+class Driven(NamedTuple):
+    """What became of one device's sessions."""
+
+    device: Device
+    commands: str
+    """And the frame."""
+    runs: tuple[Snapshot, ...]
+    """The last snapshot of each."""
+    problems: tuple[str, ...]
+
+
+def measure(devices: Sequence[Device], seconds: float, turns: int) -> list[Driven]:
+    """Each device for so long, or as long as its demo needs, so many times; all devices, and then
+    all again."""
+    found: dict[Device, Driven] = {}
+    for _ in range(turns):
+        for device in devices:
+            demo = choose_demo(device.demo)
+            length_s = max(seconds, demo.shortest_s)
+            with simulated_hardware(demo, length_s) as (config, through):
+                last = supervise(config, length_s, through=through).last
+            mapping = config.mapping
+            words = f"{COMMANDS[mapping.mode]}, {mapping.frame.value}"
+            before = found.get(device, Driven(device, words, (), ()))
+            problems = (*before.problems, *find_problems(last))
+            found[device] = Driven(device, words, (*before.runs, last), problems)
+    return list(found.values())
+
+
+def age_s(last: Snapshot) -> float | None:
+    """Mean age of the newest report in a control instant."""
+    return last.input_age_sum_s / last.inputs if last.inputs else None
+
+
+def within(last: Snapshot) -> list[tuple[float, float]]:
+    """Ages, s, and the share of the control instants whose newest report was no older."""
+    counts = last.input_age_within
+    return [(b, n / last.inputs) for b, n in zip(BOUNDS_S, counts, strict=False) if last.inputs]
+
+
+def table(found: Sequence[Driven]) -> Table:
+    """A row for each device, by its last run."""
+    rows = []
+    for each in found:
+        last, age = each.runs[-1], age_s(each.runs[-1])
+        rows.append(
+            (
+                each.device.name,
+                each.device.published or "–",
+                each.commands,
+                f"{1e3 * last.path_m:.0f} mm",
+                f"{1e3 * last.error_rms_m:.2f} / {1e3 * last.error_max_m:.2f} mm",
+                "–" if age is None else f"{1e3 * age:.1f} ms",
+                f"{1e6 * last.tick_p50_s:.0f} / {1e6 * last.tick_p99_s:.0f} µs",
+                f"{last.missed_cycles} of {last.cycles}",
+                str(last.trips),
+                "; ".join(dict.fromkeys(each.problems)) or "none",
+            )
+        )
+    columns = (
+        *("device", "published: commands, frame", "ours", "way of the reference"),
+        *("arm off it, RMS / most", "age of the newest report, mean", "answer, median / p99"),
+        *("cycles missed", "disengaged", "problems"),
+    )
+    return Table(
+        "Each device through the one controller, simulated UR5", columns, tuple(rows), _NOTE
+    )
+
+
+_NOTE = (
+    "The paper's table 1 has commands and frames, and no figures. The way is what each device's "
+    "scripted hand asks for. Mice are silent at rest, which makes their newest report old, and the "
+    "simulated arm sags under its weight. Problems are what `cardan demo` would name."
+)
+
+
+def figures(found: Sequence[Driven]) -> list[Figure]:
+    """What reports are compared by: means of the runs."""
+    made = []
+    for each in found:
+        name = each.device.name
+        columns = (
+            ("arm off its reference, RMS", "mm", [1e3 * last.error_rms_m for last in each.runs]),
+            ("answer, median", "µs", [1e6 * last.tick_p50_s for last in each.runs]),
+            ("answer, p99", "µs", [1e6 * last.tick_p99_s for last in each.runs]),
+            ("age of the newest report", "ms", [1e3 * (age_s(x) or 0.0) for x in each.runs]),
+        )
+        for what, unit, values in columns:
+            spread = spread_of(values) if len(values) > 1 else None
+            mean = known(sum(values) / len(values))
+            made.append(Figure(f"{name}: {what}", mean, unit, "less", spread))
+        trips = sum(last.trips for last in each.runs)
+        made.append(Figure(f"{name}: disengaged", float(trips), "", "less", 0.0))
+    return made

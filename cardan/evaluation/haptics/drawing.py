@@ -1,0 +1,33 @@
+"""The drawing task of 2026: a stylus moves a robot's pen, and the hand feels the board."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.gateway.session.assembly import make_device
+from cardan.gateway.session.demo import choose_demo, find_problems, simulated_hardware
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import supervise
+
+DEMO = "omni"
+
+
+class Drawing(NamedTuple):
+    """What became of it."""
+
+    last: Snapshot
+    budget_j: float
+    """What passivity allows in one engagement."""
+    problems: tuple[str, ...]
+
+
+def measure(seconds: float) -> Drawing:
+    """Run the demo for so long. RuntimeError: its session failed."""
+    with simulated_hardware(choose_demo(DEMO), seconds) as (config, through):
+        outcome = supervise(config, seconds, through=through)
+        options = make_device(config).options
+    if not outcome.last.cycles:
+        raise RuntimeError(f"the drawing did not run: {outcome.last.error or 'nothing was heard'}")
+    return Drawing(
+        outcome.last, options.energy_budget_j, tuple(find_problems(outcome.last, options))
+    )

@@ -1,0 +1,207 @@
+"""Whether what went before a contact lets the tick give more in it.
+
+A loop that keeps books of energy may be fed in advance: what it took in while nothing was touched
+would hide an unstable contact for as long. Here a hand stirs in free air, or leans on a wall that
+returns what it is given, before it meets a wall that is far away.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import random
+from typing import NamedTuple
+
+from cardan.arm_libraries import np
+from cardan.drivers.omni.limits import TickLimits
+from cardan.evaluation.haptics.loop import TICK_S, Rig, Trace
+from cardan.evaluation.haptics.remote import Link, RemoteWall, Wall
+from cardan.evaluation.haptics.stability import (
+    HELD,
+    LIGHTLY,
+    OURS,
+    PLAIN,
+    RESTLESS_M_S,
+    Hand,
+    hidden_j,
+    link_words,
+)
+from cardan.haptics import HapticCommand
+from cardan.sim_peers.omni.settings import HandMotion, Waypoint
+from cardan.types import ZERO3, Vector3
+
+SURPLUS_J = 0.05
+"""The most that the tick keeps of what it took in; by cardan/drivers/omni/tick.h."""
+STIR_M_S = 0.2
+"""RMS speed in free air."""
+STIR_M = 0.05
+FREE_M = 0.06
+"""Height over the wall meanwhile."""
+CONTACT_S = 4.0
+"""How long the contact is watched."""
+PASSIVE = (100.0, Link())
+"""Stiffness, N/m, and link of a wall that returns what it is given."""
+LEAN_N = 1.9
+"""18 mJ in that wall's spring."""
+LEAN_S = 2.0
+
+
+class Before(NamedTuple):
+    """What goes before."""
+
+    name: str
+    stir_s: float = 0.0
+    noise_n: float = 0.0
+    """RMS of the measured force's, of all three axes together, all the time."""
+    leans: bool = False
+    """Onto the passive wall."""
+    keeps: bool = False
+    """The wall becomes a late one under the hand, which then leans less."""
+
+
+class Contact(NamedTuple):
+    """The wall then."""
+
+    hand: Hand
+    stiffness_n_m: float
+    link: Link
+
+
+BEFORES = (
+    Before("nothing"),
+    Before("stirs for 40 s", 40.0),
+    Before("stirs for 40 s, noise 0.05 N", 40.0, 0.05),
+    Before("stirs for 40 s, noise 0.35 N", 40.0, 0.35),
+    Before("leans on a wall that is not late, leaves it", leans=True),
+    Before("leans on a wall that becomes late", leans=True, keeps=True),
+)
+CONTACTS = (Contact(LIGHTLY, 400.0, Link(0.01)), Contact(HELD, 400.0, Link(0.05)))
+
+
+class Found(NamedTuple):
+    """What became of one contact. Energies are the simulation's own."""
+
+    before: Before
+    contact: Contact
+    given_j: float
+    """Most net energy given to the hand since the contact began, at any time."""
+    surplus_j: float
+    """What the tick had on its books when the contact began."""
+    bound_j: float
+    """What it may be: the budget, a surplus, and what the sensors hid since, at that time."""
+    margin_j: float
+    """Least of bound less energy since."""
+    restless_m_s: float
+    """RMS speed in the last half second."""
+
+
+def _motion(before: Before, hand: Hand) -> tuple[list[tuple[float, Vector3]], float]:
+    """Where the hand wants the stylus by time, in HDAPI's frame: y is up; and when the contact
+    begins."""
+    points = [(0.0, Vector3(0.0, FREE_M, 0.0))]
+    turn_s = 2.0 * math.pi * STIR_M / (math.sqrt(2.0) * STIR_M_S)
+    turns = round(before.stir_s / turn_s)
+    for count in range(int(turns * turn_s / 0.01)):
+        angle = 2.0 * math.pi * count * 0.01 / turn_s
+        points.append((0.3 + 0.01 * count, Vector3(STIR_M * math.sin(angle), FREE_M, 0.0)))
+    time_s = 0.3 + turns * turn_s
+    points.append((time_s, Vector3(0.0, FREE_M, 0.0)))
+    if before.leans:
+        deep = Vector3(0.0, -LEAN_N * (1.0 / PASSIVE[0] + 1.0 / hand.stiffness_n_m), 0.0)
+        points.append((time_s + 0.6, deep))
+        time_s += 0.6 + LEAN_S
+        points.append((time_s, deep))
+        if before.keeps:
+            points.append((time_s + 0.3, Vector3(0.0, -hand.depth_m, 0.0)))
+            return points, time_s
+    points.append((time_s + 0.3, Vector3(0.0, 0.005, 0.0)))
+    points.append((time_s + 0.6, Vector3(0.0, 0.005, 0.0)))
+    points.append((time_s + 0.9, Vector3(0.0, -hand.depth_m, 0.0)))
+    return points, time_s + 0.6
+
+
+def run(limits: TickLimits, before: Before, contact: Contact) -> tuple[Trace, int]:
+    """The whole of it, and the first tick of the contact."""
+    hand = contact.hand
+    points, begins_s = _motion(before, hand)
+    stiff = Vector3(hand.stiffness_n_m, hand.stiffness_n_m, hand.stiffness_n_m)
+    motion = HandMotion(tuple(Waypoint(t, p, gripped=True, stiffness_n_m=stiff) for t, p in points))
+    settings = dataclasses.replace(hand.settings, motion=motion)
+    chance = random.Random(1)
+    axis_n = before.noise_n / math.sqrt(3.0)
+
+    def wall(stiffness_n_m: float, link: Link, start: Vector3) -> RemoteWall:
+        return RemoteWall(
+            Wall(ZERO3, Vector3(0.0, 0.0, 1.0), stiffness_n_m), link, link, start=start
+        )
+
+    with Rig(limits, settings) as rig:
+        rig.tick.enable()
+        first_k, first_link = PASSIVE if before.leans else contact[1:]
+        far = wall(first_k, first_link, Vector3(0.0, 0.0, FREE_M))
+        sequence = 0
+
+        def each(now_s: float) -> None:
+            nonlocal sequence
+            sequence += 1
+            measured = far.cycle(rig.position, now_s)
+            if measured is not None and axis_n:
+                force = Vector3(*(f + chance.gauss(0.0, axis_n) for f in measured.force))
+                measured = measured._replace(force=force)
+            rig.tick.command(HapticCommand(sequence, now_s, True, measured=measured))
+
+        begins = 4 * round(begins_s / (4.0 * TICK_S))
+        rig.run(begins * TICK_S, each)
+        if before.leans:
+            far = wall(*contact[1:], rig.position)
+        rig.run(CONTACT_S, each)
+        return rig.trace, begins
+
+
+def find(limits: TickLimits, before: Before, contact: Contact) -> Found:
+    """Run it and see what the contact gave."""
+    trace, begins = run(limits, before, contact)
+    surplus_j = float(trace.surplus_j[begins - 1])
+    # What the books have at the beginning is of the motion until a tick before it.
+    given, hidden = trace.given_j[begins - 2 : -1], hidden_j(trace)[begins - 2 : -1]
+    given, hidden = given - given[0], hidden - hidden[0]
+    bound = limits.energy_budget_j + max(0.0, surplus_j) + np.maximum(0.0, hidden)
+    speed = np.linalg.norm(trace.velocity_m_s[-500:], axis=1)
+    worst = int(np.argmax(given))
+    return Found(
+        before,
+        contact,
+        float(given[worst]),
+        surplus_j,
+        float(bound[worst]),
+        float((bound - given).min()),
+        float(np.sqrt((speed**2).mean())),
+    )
+
+
+def table(found: list[tuple[Found, Found]]) -> str:
+    """Markdown: plain and ours, contact by contact."""
+    lines = [
+        "| before | then | K, N/m | there and back | plain: energy, speed | ours "
+        "| surplus on the books | its bound |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for plain, ours in found:
+        hand, stiffness, link = ours.contact
+        mark = "**" if plain.margin_j < 0.0 or plain.restless_m_s > RESTLESS_M_S else ""
+        lines.append(
+            f"| {ours.before.name} | {hand.name} | {stiffness:.0f} | {link_words(link)} "
+            f"| {mark}{1e3 * plain.given_j:.1f} mJ, {1e3 * plain.restless_m_s:.0f} mm/s{mark} "
+            f"| {1e3 * ours.given_j:.1f} mJ, {1e3 * ours.restless_m_s:.0f} mm/s "
+            f"| {1e3 * max(0.0, ours.surplus_j):.1f} mJ | {1e3 * ours.bound_j:.1f} mJ |"
+        )
+    return "\n".join(lines)
+
+
+def measure() -> list[tuple[Found, Found]]:
+    """Plain and ours in all of them."""
+    return [
+        (find(PLAIN, before, contact), find(OURS, before, contact))
+        for contact in CONTACTS
+        for before in BEFORES
+    ]

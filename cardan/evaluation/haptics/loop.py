@@ -1,0 +1,167 @@
+"""The closed loop in virtual time: simulated Omni, its libHD, the compiled tick, an environment.
+
+Everything is the real thing but the device and the time: the tick's callback is called by libHD's
+scheduler, in each tick, through the function table; only the scheduler steps when it is told to.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import NamedTuple
+
+from cardan.arm_libraries import np, npt
+from cardan.drivers.omni import library as libhd
+from cardan.drivers.omni.limits import TickLimits
+from cardan.drivers.omni.native import kinematics
+from cardan.drivers.omni.servo import Servo
+from cardan.drivers.omni.tick import Tick
+from cardan.haptics import OperatingState
+from cardan.protocols.hdapi.constants import Capability
+from cardan.sim_peers.omni.library import SimulatedOmni
+from cardan.sim_peers.omni.settings import OmniSettings
+from cardan.types import ZERO3, Vector3
+
+Array = npt.NDArray[np.float64]
+
+TICK_S = 0.001
+JOINT_QUANTUM_RAD = 2.0 * np.pi / 15000
+
+
+def _misplaced_m() -> float:
+    """How far from the truth encoders can put the tip, in the middle of the workspace: no joint is
+    more than half a quantum off, and the worst of the eight corners counts."""
+    jacobian = np.array(kinematics(Vector3(0.0, 0.7420, 0.5531))[1]).reshape(3, 3)
+    corners = [
+        jacobian @ (0.5 * JOINT_QUANTUM_RAD * np.array(signs))
+        for signs in itertools.product((-1.0, 1.0), repeat=3)
+    ]
+    return max(float(np.linalg.norm(corner)) for corner in corners)
+
+
+MISPLACED_M = _misplaced_m()
+
+
+class Trace(NamedTuple):
+    """What happened, a row a tick; hand frame, true values."""
+
+    times_s: Array
+    position_m: Array
+    velocity_m_s: Array
+    sent_n: Array
+    """Force in the frame that ended last."""
+    felt_n: Array
+    """What the motors exert."""
+    measured_m: Array
+    """The position as the tick was told it."""
+    given_j: Array
+    """Work of the motors on the stylus so far, by the simulation."""
+    believed_j: Array
+    """The same by the tick's own books."""
+    surplus_j: Array
+    """What the tick has on its books, for it to give back; below 0: given."""
+    damping_n_s_m: Array
+    """Of the passivity controller."""
+    states: list[tuple[OperatingState, str]]
+    """And the reason why the force is not as commanded."""
+
+
+class Rig:
+    """A simulated Omni whose force the tick makes. Time passes in `run` alone."""
+
+    def __init__(
+        self,
+        limits: TickLimits,
+        settings: OmniSettings | None = None,
+        replace: Mapping[str, int] | None = None,
+    ) -> None:
+        """`replace`: addresses that stand in for libHD's functions of those names."""
+        chosen = settings if settings is not None else OmniSettings()
+        self.sim = SimulatedOmni(dataclasses.replace(chosen, virtual=True))
+        self.tick = Tick(limits)
+        self._replace = dict(replace or {})
+        self._servo: Servo | None = None
+        self._rows: list[tuple[float, ...]] = []
+        self._states: list[tuple[OperatingState, str]] = []
+
+    def __enter__(self) -> Rig:
+        self._hd = libhd.load(str(self.sim.path))
+        self._handle = self._hd.init_device("")
+        self._hd.enable(self._handle, Capability.FORCE_OUTPUT, True)
+        self._servo = Servo(
+            self.tick,
+            {**self._hd.functions, **self._replace},
+            self._handle,
+            clock=self.sim.address("simNow"),
+            realtime=False,
+        )
+        self._scheduled = self._hd.schedule(self._servo.callback, self._servo.user, self._handle)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        assert self._servo is not None
+        self._hd.unschedule(self._scheduled, self._handle)
+        self._hd.disable_device(self._handle)
+        self._servo.close()
+        self.tick.close()
+
+    @property
+    def now_s(self) -> float:
+        """The virtual time."""
+        return self.sim.now_s
+
+    @property
+    def position(self) -> Vector3:
+        """The stylus's, as the tick knows it."""
+        pose = self.tick.snapshot().pose
+        return pose.position if pose is not None else ZERO3
+
+    def run(self, seconds: float, each: Callable[[float], None] | None, every: int = 4) -> None:
+        """So long; `each` is called with the time before every `every` ticks."""
+        step, truth, tick, add = self.sim.step, self.sim.truth, self.tick, self._rows.append
+        for count in range(round(seconds / TICK_S)):
+            if each is not None and count % every == 0:
+                each(self.sim.now_s)
+            step(1)
+            now, state = truth(), tick.snapshot()
+            self._states.append((state.state, state.reason))
+            add(
+                (
+                    now.time_s,
+                    *now.position_m,
+                    *now.velocity_m_s,
+                    *now.commanded_n,
+                    *now.delivered_n,
+                    *(state.pose.position if state.pose is not None else ZERO3),
+                    now.delivered_j,
+                    state.delivered_j,
+                    state.energy_j,
+                    state.passivity_damping_n_s_m,
+                )
+            )
+
+    @property
+    def trace(self) -> Trace:
+        """Everything so far."""
+        rows = np.array(self._rows)
+        position, velocity, sent, felt, measured = (rows[:, k : k + 3] for k in (1, 4, 7, 10, 13))
+        return Trace(
+            rows[:, 0],
+            position,
+            velocity,
+            sent,
+            felt,
+            measured,
+            rows[:, 16],
+            rows[:, 17],
+            rows[:, 18],
+            rows[:, 19],
+            self._states,
+        )

@@ -1,0 +1,117 @@
+"""Delays and stops of a recording, phase by phase as in the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from cardan.arm_libraries import np
+from cardan.evaluation.metrics import delay_by_correlation, delay_by_least_error, stop_phases
+from cardan.evaluation.motoros.published import Delays, mean
+from cardan.evaluation.motoros.rig import GRID_S, HOLD_S, PUSH_S, RAMP_S, Array, Recording
+
+LONGEST_S = 1.2
+"""No stage is later than this."""
+BEFORE_S = 0.1
+LEAD_S = 0.06
+"""A goal may be ahead of the mouse: a stream's is where the joint shall be a spacing later."""
+Find = Callable[[float, Array, Array, float], float]
+
+
+class Phase(NamedTuple):
+    """One push."""
+
+    delays: Delays
+    device_to_command_s: float
+    goal_to_command_s: float
+    correlated_total_s: float
+    """Device to measured by the correlation of velocities, for comparison."""
+    stops: int
+    stopped_s: float
+
+
+class Result(NamedTuple):
+    """One run."""
+
+    mode: str
+    plant: str
+    phases: tuple[Phase, ...]
+
+    @property
+    def delays(self) -> tuple[Delays, ...]:
+        """Of each phase."""
+        return tuple(phase.delays for phase in self.phases)
+
+    @property
+    def mean(self) -> Delays:
+        """Over the phases."""
+        return mean(self.delays)
+
+    def average(self, name: str) -> float:
+        """The mean of one of Phase's figures."""
+        return float(sum(getattr(phase, name) for phase in self.phases) / len(self.phases))
+
+    @property
+    def stops(self) -> int:
+        """In all phases together."""
+        return sum(phase.stops for phase in self.phases)
+
+    @property
+    def stopped_s(self) -> float:
+        """In all phases together."""
+        return sum(phase.stopped_s for phase in self.phases)
+
+
+def analyse(recording: Recording) -> Result:
+    """Every phase of `recording`. ValueError when the joint did not follow a push."""
+    try:
+        phases = tuple(_phase(recording, start_s) for start_s in recording.pushes)
+    except ValueError as error:
+        last = recording.snapshot
+        raise ValueError(f"{error} ({last.hold_reason or last.message})") from None
+    return Result(recording.mode, recording.plant, phases)
+
+
+def _phase(recording: Recording, start_s: float) -> Phase:
+    first = int(np.searchsorted(recording.times_s, start_s - BEFORE_S))
+    last = int(np.searchsorted(recording.times_s, start_s - BEFORE_S + PUSH_S))
+    window = slice(first, last)
+    lead = round(LEAD_S / GRID_S)
+    early = slice(first - lead, last - lead)
+
+    def late(one: Array, two: Array, find: Find = delay_by_least_error) -> float:
+        """The shift that fits best is that of the shape: gain and curve of the mouse are none."""
+        a, b = _normalised(one[window])[:, None], _normalised(two[early])[:, None]
+        return find(GRID_S, a, b, LONGEST_S + LEAD_S) - LEAD_S
+
+    device, goal = recording.device, recording.goal
+    command, measured = recording.command, recording.measured
+
+    pushed = slice(first, first + round((BEFORE_S + RAMP_S + HOLD_S) / GRID_S))
+    stops = stop_phases(
+        recording.times_s[pushed],
+        goal[pushed, None],
+        _delayed(measured, pushed, late(goal, measured))[:, None],
+    )
+    return Phase(
+        Delays(late(device, goal), late(goal, measured), late(device, measured)),
+        late(device, command),
+        late(goal, command),
+        late(device, measured, delay_by_correlation),
+        stops.count,
+        stops.total_s,
+    )
+
+
+def _normalised(signal: Array) -> Array:
+    travel = signal[-1] - signal[0]
+    if abs(travel) < 0.01:
+        raise ValueError(f"the joint moved {travel:.4f} rad in a push")
+    found: Array = (signal - signal[0]) / travel
+    return found
+
+
+def _delayed(signal: Array, window: slice, delay_s: float) -> Array:
+    """`signal` in `window`, moved back by its delay, so that its own start is no stop."""
+    shift = round(delay_s / GRID_S)
+    return signal[window.start + shift : window.stop + shift]

@@ -1,0 +1,238 @@
+"""A session that drives a simulated GP8's first axis from a simulated SpaceMouse, recorded.
+
+Mouse and controller are processes of their own, over a Unix socket and over TCP; the session is
+the one of ``cardan run``. What the mouse says is recorded where it arrives on its socket, the goal
+where the session hands it to the driver, the command and the joint in each interpolation period by
+the controller. All clocks are this machine's monotonic one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cardan.arm_libraries import np, npt
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.examples import free_ports
+from cardan.gateway.session.launched import launched
+from cardan.gateway.session.session import Session, make_session
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.protocols.connexion import Motion, Translation, decode_input
+from cardan.types import JointCommand
+
+Array = npt.NDArray[np.float64]
+
+MODES = ("standard", "stream", "velocity")
+PLANTS = ("paper", "ideal")
+LAGS_S = {"standard": 1.2, "stream": 0.4, "velocity": 0.4}
+"""What each mode may be behind in good order."""
+
+MODEL = "spacemouse-pro"
+DEFLECTION = 0.8
+"""Of the puck in a push."""
+JOINT = "joint_1_s"
+JOINT_SPEED_RAD_S = 0.4
+FIRST_PUSH_S = 5.0
+"""Drives and job take a second and a half from when the session begins."""
+RAMP_S, HOLD_S, REST_S = 0.15, 1.6, 1.9
+PUSH_S = 2.0 * RAMP_S + HOLD_S + REST_S
+TAIL_S = 0.5
+GRID_S = 0.004
+LARGEST_REPORT = 64
+
+
+def hand_script(pushes: int) -> str:
+    """Touch, let go, grip, then push forward and backward in turn."""
+    lines = ["1.0 axes 0.3 0 0 0 0 0", "1.2 neutral", f"{FIRST_PUSH_S - 0.8} press ctrl"]
+    for push in range(pushes):
+        start_s = FIRST_PUSH_S + push * PUSH_S
+        deflection = DEFLECTION if push % 2 == 0 else -DEFLECTION
+        lines.append(f"{start_s:.3f} axes {deflection} 0 0 0 0 0 over {RAMP_S}")
+        lines.append(f"{start_s + RAMP_S + HOLD_S:.3f} axes 0 0 0 0 0 0 over {RAMP_S}")
+    return "\n".join(lines) + "\n"
+
+
+class Recording(NamedTuple):
+    """One run on one grid of times, GRID_S apart; joint 1 in rad."""
+
+    mode: str
+    plant: str
+    times_s: Array
+    device: Array
+    """What the mouse asked for so far: its deflection, integrated, times the joint's speed."""
+    goal: Array
+    """What the session told the driver."""
+    command: Array
+    """Where the controller commanded its drives."""
+    measured: Array
+    """Where the joint was."""
+    pushes: Array
+    """Beginning of each push as it arrived from the mouse, s."""
+    snapshot: Snapshot
+    """The session's last."""
+
+
+class _Tap:
+    """Records the reports of a simulated mouse as one more of its clients."""
+
+    def __init__(self, path: Path) -> None:
+        self.reports: list[tuple[float, float]] = []
+        """Time of arrival and deflection along x, -1..1."""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.connect(str(path))
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        with contextlib.suppress(OSError):
+            while report := self._socket.recv(LARGEST_REPORT):
+                now_s = time.monotonic()
+                found = decode_input(report)
+                if isinstance(found, (Motion, Translation)):
+                    # Counts towards the operator; 350 is full deflection.
+                    self.reports.append((now_s, -found.y / 350.0))
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join(1.0)
+        self._socket.close()
+
+
+@contextlib.contextmanager
+def peers(
+    directory: Path, script: str, *controller: str, velocity_mode: bool = True
+) -> Iterator[tuple[Path, int, Path]]:
+    """A mouse and a controller; gives the mouse's socket, the motion port and the log."""
+    mouse, log = directory / "mouse.sock", directory / "controller.csv"
+    hand = directory / "hand.txt"
+    hand.write_text(script)
+    port = free_ports(3)
+    options = [*controller, "--base-port", str(port), "--log", str(log)]
+    if not velocity_mode:
+        options.append("--no-velocity-mode")
+    with (
+        launched("sim", "motoman-gp8", *options),
+        launched("sim", "spacemouse", "--hid", str(mouse), "--model", MODEL, "--script", str(hand)),
+    ):
+        yield mouse, port, log
+
+
+def session_tables(mouse: Path, port: int, mode: str, **robot: Any) -> dict[str, Any]:
+    """A configuration in which the mouse's x axis drives the first joint."""
+    return {
+        "device": {"driver": "spacemouse", "transport": "socket", "path": str(mouse)},
+        "robot": {
+            "driver": "motoros",
+            "motion_port": port,
+            "state_port": port + 1,
+            "io_port": port + 2,
+            "mode": mode,
+            "enable": "at-start",
+            **robot,
+        },
+        "arm": {"model": "gp8"},
+        "mapping": {
+            "deadman": "ctrl",
+            "axes": ["fixed"] * 6,
+            "joints": {"x": JOINT},
+            "joint_speed_rad_s": JOINT_SPEED_RAD_S,
+        },
+        # The first joint swings the TCP 0.7 m from its axis; the standard mode is far behind.
+        "limits": {"leash_m": 0.3, "leash_rad": 0.6, "linear_speed_m_s": 0.5},
+        "watchdogs": {"following_error_m": 0.4, "following_error_rad": 0.8},
+    }
+
+
+def record(mode: str, plant: str, pushes: int = 6) -> Recording:
+    """Run one session and bring everything onto one grid of times. ValueError: on a machine that
+    was too busy not all of it ran."""
+    goals: list[tuple[float, float]] = []
+    with tempfile.TemporaryDirectory(prefix="cardan-") as name:
+        directory = Path(name)
+        with peers(
+            directory,
+            hand_script(pushes),
+            "--plant",
+            plant,
+            velocity_mode=mode == "velocity",
+        ) as (mouse, port, log):
+            session = make_session(
+                parse_config(session_tables(mouse, port, mode, lag_s=LAGS_S[mode]))
+            )
+            watch_goals(session, goals)
+            tap = _Tap(mouse)
+            try:
+                session.run(FIRST_PUSH_S + pushes * PUSH_S + TAIL_S)
+            finally:
+                tap.close()
+        rows = read_log(log)
+    return _on_a_grid(mode, plant, session.snapshot, tap.reports, goals, rows, pushes)
+
+
+def watch_goals(session: Session, goals: list[tuple[float, float]]) -> None:
+    """Note when which goal of joint 1 is handed to the driver."""
+    send = session.robot.send
+
+    def noted(command: Any) -> None:
+        if isinstance(command, JointCommand):
+            goals.append((time.monotonic(), command.positions[0]))
+        send(command)
+
+    session.robot.send = noted  # type: ignore[method-assign]
+
+
+def read_log(path: Path) -> dict[str, Array]:
+    """The controller's log by column; text columns are left out."""
+    with path.open(newline="") as file:
+        rows = list(csv.reader(file))
+    names, values = rows[0], rows[1:]
+    found: dict[str, Array] = {}
+    for column, name in enumerate(names):
+        with contextlib.suppress(ValueError):
+            found[name] = np.array([float(row[column] or "nan") for row in values])
+    return found
+
+
+def _on_a_grid(
+    mode: str,
+    plant: str,
+    snapshot: Snapshot,
+    reports: list[tuple[float, float]],
+    goals: list[tuple[float, float]],
+    rows: dict[str, Array],
+    pushes: int,
+) -> Recording:
+    if not goals or not reports or not len(rows["monotonic_s"]):
+        raise ValueError("the session, the mouse or the controller said nothing")
+    goal_s, goal = np.array(goals).T
+    device_s, deflection = np.array(reports).T
+    logged_s = rows["monotonic_s"]
+    begin_s, end_s = max(goal_s[0], logged_s[0]), min(goal_s[-1], logged_s[-1])
+    times_s = np.arange(begin_s, end_s, GRID_S)
+    # A mouse repeats itself while deflected and is silent at rest: the last report holds.
+    held = deflection[np.clip(np.searchsorted(device_s, times_s, "right") - 1, 0, None)]
+    held[times_s < device_s[0]] = 0.0
+    away = np.abs(deflection) > 0.02
+    starts = device_s[1:][away[1:] & ~away[:-1]]
+    starts = starts[starts > begin_s + 1.0]
+    if len(starts) < pushes:
+        raise ValueError(f"{len(starts)} pushes were seen, of {pushes}")
+    return Recording(
+        mode,
+        plant,
+        times_s,
+        np.cumsum(held) * GRID_S * JOINT_SPEED_RAD_S,
+        np.interp(times_s, goal_s, goal),
+        np.interp(times_s, logged_s, rows[f"command_{JOINT}"]),
+        np.interp(times_s, logged_s, rows[f"measured_{JOINT}"]),
+        starts,
+        snapshot,
+    )

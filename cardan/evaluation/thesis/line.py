@@ -1,0 +1,289 @@
+"""Straight line: 0.5 m in 5 s along one axis, 20 commands a second from a program, on the UR5."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from cardan.arm_libraries import np
+from cardan.evaluation.metrics import (
+    Errors,
+    delay_by_correlation,
+    delay_by_least_error,
+    delays_per_command,
+    errors,
+)
+from cardan.evaluation.thesis.rig import (
+    DT_S,
+    JERK_M_S3,
+    STIFF,
+    Array,
+    Drive,
+    Metronome,
+    Rig,
+    Row,
+    published_mechanism,
+    quantiles_ms,
+)
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
+from cardan.types import IDENTITY, Pose, Vector3
+
+SPEED_M_S = 0.1
+RATE_HZ = 20.0
+TAIL_S = 1.5
+LONGEST_S = 1.0
+SHAPER = PoseShaperLimits(
+    linear_acceleration_m_s2=STIFF.streams.linear_acceleration_m_s2,
+    linear_jerk_m_s3=JERK_M_S3,
+)
+"""As the streams', for the shaper alone."""
+
+PUBLISHED_S = 0.35
+PUBLISHED_START_S = 0.5
+
+START_DEG = (7.6, -97.3, 142.5, -135.2, -90.0, 7.6)
+"""From which 0.5 m along each axis of the base can be reached."""
+
+DIRECTIONS = (Vector3(1.0, 0.0, 0.0), Vector3(0.0, -1.0, 0.0), Vector3(0.0, 0.0, 1.0))
+
+
+class Delays(NamedTuple):
+    """Of one line."""
+
+    correlation_s: float
+    least_error_s: float
+    per_command_s: Array
+
+
+class Line(NamedTuple):
+    """How one line went. Positions are along its axis and across, relative to its start, m."""
+
+    name: str
+    times_s: Array
+    program_m: Array
+    """Where the program's line is."""
+    output_m: Array
+    """time × 3: where the TCP was."""
+    delays: Delays
+    errors: Errors
+    refusals: int
+    sag_m: float
+    """By which the arm hangs below its command before the line begins."""
+
+
+def program(times_s: Array, length_m: float) -> Array:
+    """How far the program's line is."""
+    return np.clip(SPEED_M_S * times_s, 0.0, length_m)
+
+
+def delays_of(times_s: Array, line: Array, output: Array, length_m: float) -> Delays:
+    """The three measures; `line` and `output` are time × 3."""
+    sent_s = np.arange(0.0, length_m / SPEED_M_S + 1e-9, 1.0 / RATE_HZ)
+    commands = np.zeros((len(sent_s), 3))
+    axis = int(np.argmax(np.ptp(line, axis=0)))
+    sign = np.sign(line[-1, axis])
+    commands[:, axis] = sign * program(sent_s, length_m)
+    return Delays(
+        delay_by_correlation(DT_S, line, output, LONGEST_S),
+        delay_by_least_error(DT_S, line, output, LONGEST_S),
+        delays_per_command(sent_s, commands, times_s, output, LONGEST_S),
+    )
+
+
+def _made(
+    name: str,
+    times_s: Array,
+    direction: Vector3,
+    output: Array,
+    length_m: float,
+    refusals: int = 0,
+    sag_m: float = 0.0,
+) -> Line:
+    along = program(times_s, length_m)
+    line = along[:, None] * np.array(direction)
+    delays = delays_of(times_s, line, output, length_m)
+    delay_s = max(0.0, delays.least_error_s)
+    found = errors(DT_S, line, output, delay_s)
+    return Line(name, times_s, along, output, delays, found, refusals, sag_m)
+
+
+def relative(drive: Drive, axis: int, length_m: float, options: ControllerOptions = STIFF) -> Line:
+    """Each command is the way to be made within its 50 ms: a twist."""
+    rig = Rig("ur5", drive, np.radians(START_DEG))
+    driving = rig.streams("twst", options)
+    direction, clock = DIRECTIONS[axis], Metronome(RATE_HZ)
+    period_s = 1.0 / RATE_HZ
+
+    def operator(now_s: float) -> None:
+        due_s = clock.due(now_s)
+        if due_s is not None:
+            way = np.diff(program(np.array((due_s, due_s + period_s)), length_m))[0]
+            driving.twist([float(c) * way / period_s for c in direction])
+
+    return _record("twists", rig, driving, axis, length_m, operator)
+
+
+def absolute(drive: Drive, axis: int, length_m: float, options: ControllerOptions = STIFF) -> Line:
+    """Each command is the pose that the program's line has then; damping 1.0."""
+    rig = Rig("ur5", drive, np.radians(START_DEG))
+    driving = rig.streams("pose", options)
+    start = rig.placement(driving)
+    direction, clock = DIRECTIONS[axis], Metronome(RATE_HZ)
+
+    def operator(now_s: float) -> None:
+        due_s = clock.due(now_s)
+        if due_s is not None:
+            way = float(program(np.array((due_s,)), length_m)[0])
+            driving.pose(start.translation + way * np.array(direction), start.rotation)
+
+    return _record("poses", rig, driving, axis, length_m, operator)
+
+
+def _record(name: str, rig: Rig, driving: Any, axis: int, length_m: float, operator: Any) -> Line:
+    start = rig.placement(driving).translation.copy()
+    trace = rig.run(driving, length_m / SPEED_M_S + TAIL_S, operator)
+    output = trace.measured_m - trace.measured_m[0]
+    sag_m = float(np.linalg.norm(trace.measured_m[0] - start))
+    direction = DIRECTIONS[axis]
+    return _made(name, trace.times_s, direction, output, length_m, len(driving.refusals), sag_m)
+
+
+def _times(length_m: float) -> Array:
+    return np.arange(0.0, length_m / SPEED_M_S + TAIL_S - 1e-9, DT_S)
+
+
+def held(length_m: float) -> Line:
+    """The commands themselves, each held until the next: what any follower is given."""
+    times_s = _times(length_m)
+    held_s = np.floor(times_s * RATE_HZ + 1e-9) / RATE_HZ
+    output = np.zeros((len(times_s), 3))
+    output[:, 0] = program(held_s, length_m)
+    return _made("commands held 50 ms", times_s, DIRECTIONS[0], output, length_m)
+
+
+def shaped(length_m: float) -> Line:
+    """The same through the jerk-limited shaper, damping 1.0, without an arm behind it."""
+    shaper = PoseShaper(SHAPER, damping=1.0)
+    shaper.place(Pose(Vector3(0.0, 0.0, 0.0), IDENTITY))
+    times_s = _times(length_m)
+    held_s = np.floor(times_s * RATE_HZ + 1e-9) / RATE_HZ
+    output = np.zeros((len(times_s), 3))
+    for i, way in enumerate(program(held_s, length_m)):
+        output[i] = shaper.pose.position if shaper.pose is not None else output[i]
+        shaper.advance(Pose(Vector3(float(way), 0.0, 0.0), IDENTITY), DT_S)
+    return _made("shaper alone", times_s, DIRECTIONS[0], output, length_m)
+
+
+def mechanism(length_m: float) -> Line:
+    """The published interface's own mechanism, simulated here on the same commands."""
+    times_s = _times(length_m)
+    sent_s = np.arange(0.0, length_m / SPEED_M_S + 1e-9, 1.0 / RATE_HZ)
+    commands = np.zeros((len(sent_s), 3))
+    commands[:, 0] = program(sent_s, length_m)
+    output = published_mechanism(sent_s, commands, times_s)
+    return _made("published mechanism", times_s, DIRECTIONS[0], output, length_m)
+
+
+PREDICTED = replace(STIFF, stream_prediction_s=0.05)
+
+
+class Result(NamedTuple):
+    """Of one drive."""
+
+    relative: tuple[Line, ...]
+    """Along x, y and z."""
+    absolute: tuple[Line, ...]
+    predicted: tuple[Line, ...]
+    """Absolute, each pose led on for one period as the last ones went."""
+    relative_default: Line
+    absolute_default: Line
+
+
+def measure(drive: Drive, length_m: float = 0.5, axes: int = 3) -> Result:
+    """All lines on one drive."""
+    return Result(
+        tuple(relative(drive, axis, length_m) for axis in range(axes)),
+        tuple(absolute(drive, axis, length_m) for axis in range(axes)),
+        tuple(absolute(drive, axis, length_m, PREDICTED) for axis in range(axes)),
+        relative(drive, 0, length_m, ControllerOptions()),
+        absolute(drive, 0, length_m, ControllerOptions()),
+    )
+
+
+def simulated(length_m: float = 0.5) -> tuple[Line, Line, Line]:
+    """Without an arm: the published mechanism, the held commands, the shaper."""
+    return mechanism(length_m), held(length_m), shaped(length_m)
+
+
+def rows(ideal: Result, dynamic: Result, others: tuple[Line, Line, Line]) -> list[Row]:
+    """The table; `others` of :func:`simulated`."""
+
+    def ms(delay_s: float) -> str:
+        return f"{delay_s * 1e3:.0f}"
+
+    def delays(line: Line) -> str:
+        return f"{ms(line.delays.correlation_s)} / {ms(line.delays.least_error_s)} ms"
+
+    def off(line: Line) -> str:
+        found = line.errors
+        return f"{found.rms_m * 1e3:.2f} / {found.rms_without_delay_m * 1e3:.2f} mm"
+
+    found = []
+    for index, axis in enumerate("xyz"[: len(ideal.relative)]):
+        for one, two, what in (
+            (ideal.relative[index], dynamic.relative[index], "relative"),
+            (ideal.absolute[index], dynamic.absolute[index], "absolute"),
+            (ideal.predicted[index], dynamic.predicted[index], "absolute, predicted"),
+        ):
+            worst = max(one.delays.least_error_s, float(np.nanmedian(one.delays.per_command_s)))
+            name = f"{axis}, {what}"
+            found += [
+                Row(
+                    f"{name}: delay by correlation / least error",
+                    "350 ms",
+                    delays(one),
+                    delays(two),
+                    "<= 20 ms",
+                    worst <= 0.02,
+                ),
+                Row(
+                    "  per command, 5 / 50 / 95 / 100 % (ms)",
+                    "mostly 350, 500 at the start",
+                    quantiles_ms(one.delays.per_command_s),
+                    quantiles_ms(two.delays.per_command_s),
+                ),
+                Row(
+                    "  error, RMS raw / without delay",
+                    "",
+                    off(one),
+                    off(two),
+                    "<= 2 mm raw",
+                    one.errors.rms_m <= 2e-3,
+                ),
+                Row(
+                    "  other axes",
+                    "still",
+                    f"{one.errors.leakage_m * 1e3:.2f} mm",
+                    f"{two.errors.leakage_m * 1e3:.2f} mm",
+                    "<= 0.1 mm",
+                    one.errors.leakage_m <= 1e-4,
+                ),
+            ]
+    for one, two, what in (
+        (ideal.relative_default, dynamic.relative_default, "relative"),
+        (ideal.absolute_default, dynamic.absolute_default, "absolute"),
+    ):
+        found += [
+            Row(f"x, {what}, default limits", "350 ms", delays(one), delays(two)),
+            Row("  error, RMS raw / without delay", "", off(one), off(two)),
+        ]
+    for line in others:
+        found += [
+            Row(f"no arm: {line.name}", "", delays(line), ""),
+            Row("  per command (ms)", "", quantiles_ms(line.delays.per_command_s), ""),
+            Row("  error, RMS raw / without delay", "", off(line), ""),
+        ]
+    sag = max(line.sag_m for line in dynamic.relative)
+    found.append(Row("sag before the line, taken off", "", "0 mm", f"{sag * 1e3:.1f} mm"))
+    return found
