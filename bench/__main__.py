@@ -24,6 +24,7 @@ from bench import (
     simple_message_codec,
     soak,
     thesis,
+    ur_latency,
     yaskawa,
 )
 
@@ -47,6 +48,7 @@ BENCHMARKS = {
     "servo-numbers": servo_numbers.main,
     "simple-message-codec": simple_message_codec.main,
     "thesis": thesis.main,
+    "ur-latency": ur_latency.main,
     "yaskawa": yaskawa.main,
 }
 

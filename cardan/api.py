@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from cardan.drivers.sim_arm import SimArm as SimArm
     from cardan.drivers.spacemouse import SpaceMouse as SpaceMouse
     from cardan.drivers.spnav import Spnav as Spnav
+    from cardan.drivers.ur_rtde import UrRtde as UrRtde
     from cardan.drivers.wiimote import Wiimote as Wiimote
     from cardan.drivers.xr import Xr as Xr
     from cardan.gateway.arm import CartesianDevice as CartesianDevice
@@ -139,6 +140,8 @@ def open_robot(driver: Literal["motoros"], /, options: Any = None, **keywords: A
 def open_robot(driver: Literal["ros2"], /, options: Any = None, **keywords: Any) -> Ros2Arm: ...
 @overload
 def open_robot(driver: Literal["sim_arm"], /, options: Any = None, **keywords: Any) -> SimArm: ...
+@overload
+def open_robot(driver: Literal["ur_rtde"], /, options: Any = None, **keywords: Any) -> UrRtde: ...
 @overload
 def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDriver: ...
 def open_robot(driver: str, /, options: Any = None, **keywords: Any) -> RobotDriver:

@@ -122,6 +122,7 @@ PAGES = {
         (
             _driver("ABB over EGM", "abb_egm", "abb-egm.md"),
             _driver("Motoman over MotoROS", "motoros", "motoman.md"),
+            _driver("Universal Robots over RTDE", "ur_rtde", "universal-robots.md", "protocols/ur"),
             _driver("An arm of a ROS 2 system", "ros2_arm", "ros2-arm.md"),
             _driver("The simulated arm", "sim_arm", "simulated-arm.md", "drivers/simulated.py"),
             Part(

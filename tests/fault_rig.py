@@ -1,4 +1,4 @@
-"""Control cores in front of six robots, at the level of the wire, in virtual time.
+"""Control cores in front of seven robots, at the level of the wire, in virtual time.
 
 A bench is one robot: a simulated controller, the network and the driver's process. Time passes
 only while the process waits for the robot, or stands still. What the robot really did, by its own
@@ -26,6 +26,7 @@ from cardan.drivers.ros2_arm import Ros2Arm
 from cardan.drivers.ros2_arm.session import STATE_TYPE
 from cardan.drivers.ros2_arm.transport import STATES_KEPT
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
+from cardan.drivers.ur_rtde import UrRtde, UrRtdeOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.protocols.egm import MCIState, decode_robot, encode_robot
 from cardan.protocols.egm.messages import EgmRobot
@@ -38,6 +39,7 @@ from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
 from cardan.types import HoldCommand, RobotCapabilities, RobotCommand, RobotState, Vector3
 from tests.drivers.motoros_rig import Rig
 from tests.drivers.ros2_rig import received
+from tests.drivers.ur_rig import Rig as UrRig
 
 Array = np.ndarray
 _B = TypeVar("_B", bound="Bench")
@@ -751,9 +753,108 @@ class MotorosStreamBench(MotorosBench):
     own_stop = "its command stops dead when its queue is empty"
 
 
+# -- Universal Robots -----------------------------------------------------------------------------
+
+
+class _WatchedUrRig(UrRig):
+    """The rig of the UR tests, which notes where the arm is."""
+
+    def __init__(self, bench: UrBench, *args: object, **kwargs: object) -> None:
+        self._bench = bench
+        super().__init__(*args, **kwargs)
+
+    def turn(self) -> None:
+        self._bench.now_s = self.now_s
+        super().turn()
+        self._bench.watch()
+
+
+class UrBench(Bench):
+    """A UR5e over RTDE, 250 times a second."""
+
+    name = "UR"
+    arm = "ur5e"
+    direction = Vector3(0.0, 1.0, 0.0)
+    own_stop = "its program's stopj after 0.1 s without a command"
+    RATE_HZ = 250.0
+
+    def __init__(self) -> None:
+        super().__init__()
+        given = {"robot": self.arm, "rate_hz": self.RATE_HZ}
+        self._rows = 0
+        self.rig = _WatchedUrRig(self, given, self._tell, start_s=self.now_s)
+        telemetry = self.rig.servers.telemetry
+        value = telemetry.value
+        telemetry.value = lambda name: self._told(name, value(name))  # type: ignore[method-assign]
+        self._driver = UrRtde(UrRtdeOptions(**given))  # type: ignore[arg-type]
+
+    @property
+    def driver(self) -> RobotDriver:
+        return self._driver
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        return self.rig.session.capabilities
+
+    @property
+    def period_s(self) -> float:
+        return self.rig.controller.period_s
+
+    def watch(self) -> None:
+        """Note where the arm was in each frame of its controller."""
+        trace = self.rig.trace
+        for time_s, _, joints in trace[self._rows :]:
+            self._note(time_s, joints)
+        self._rows = len(trace)
+
+    def ready(self) -> Bench:
+        self.rig.ready()
+        return self
+
+    def _turn(self, end_s: float) -> None:
+        self.rig.run(end_s - self.rig.now_s)
+
+    def _world(self, until_s: float) -> None:
+        self.rig.stall(until_s - self.rig.now_s)
+
+    def _told(self, name: str, value: Any) -> Any:
+        if name != "actual_q" or self.bad not in ("nan", "jump"):
+            return value
+        if self.bad == "nan":
+            return (math.nan,) * len(value)
+        place = self.kinematics.forward(np.array(value)).translation
+        return (value[0] + JUMP_M / math.hypot(place[0], place[1]), *value[1:])
+
+    def close(self) -> None:
+        self.rig.session.leave(self.rig.now_s)
+
+    def kill(self) -> None:
+        super().kill()
+        rig = self.rig
+        for number in rig.numbers.values():
+            rig.servers.eof(number, rig.now_s)
+        rig.numbers.clear()
+
+    def restart(self) -> None:
+        """Its connections break, its program and registers are gone, and it is without power."""
+        for channel in tuple(self.rig.numbers):
+            self.rig.unplug(channel)
+        self.rig.controller.restart()
+
+    def unready(self) -> None:
+        self.rig.controller.stop_program()
+
+    def unpower(self) -> None:
+        self.rig.controller.power_off()
+
+    def hold(self) -> None:
+        self.rig.session.ask("disable", self.rig.now_s)
+
+
 BENCHES: tuple[type[Bench], ...] = (
     EgmBench,
     EgmJointBench,
+    UrBench,
     MotorosStreamBench,
     MotorosBench,
     JointStreamBench,

@@ -29,6 +29,7 @@ from tests.fault_rig import (
     MotorosBench,
     MotorosStreamBench,
     Ros2Bench,
+    UrBench,
 )
 
 _T = TypeVar("_T")
@@ -88,7 +89,9 @@ FAULTS: dict[str, Fault] = {
     "process stalls for 20 ms": Fault(_stall(20), own=(Ros2Bench,)),
     "process stalls for 40 ms": Fault(_stall(40), own=(MotorosStreamBench, Ros2Bench)),
     "process stalls for 60 ms": Fault(_stall(60), own=(MotorosStreamBench, Ros2Bench)),
-    "process stalls for 100 ms": Fault(_stall(100), own=(*_MOTOROS, JointStreamBench, Ros2Bench)),
+    "process stalls for 100 ms": Fault(
+        _stall(100), own=(*_MOTOROS, JointStreamBench, Ros2Bench, UrBench)
+    ),
     "process stalls for 500 ms": Fault(_stall(500), own=BENCHES),
     "controller restarts": Fault(lambda bench, pilot: bench.restart(), own=BENCHES),
     "motors off": Fault(lambda bench, pilot: bench.unpower(), own=BENCHES),

@@ -30,6 +30,7 @@ BUILT_IN = {
     "xr": "cardan.drivers.xr:Xr",
     "abb_egm": "cardan.drivers.abb_egm:AbbEgm",
     "motoros": "cardan.drivers.motoros:Motoros",
+    "ur_rtde": "cardan.drivers.ur_rtde:UrRtde",
     "ros2": "cardan.drivers.ros2_arm:Ros2Arm",
     "sim_arm": "cardan.drivers.sim_arm:SimArm",
 }

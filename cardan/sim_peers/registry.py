@@ -24,6 +24,7 @@ BUILT_IN = {
     "ros2-arm": "cardan.sim_peers.ros2_arm.command:Ros2Arm",
     "ros2-device": "cardan.sim_peers.ros2_device.command:Ros2Device",
     "spacemouse": "cardan.sim_peers.spacemouse.command:SpaceMouse",
+    "ur": "cardan.sim_peers.ur_controller.command:Ur",
     "wiimote": "cardan.sim_peers.wiimote.command:Wiimote",
     "xr": "cardan.sim_peers.handheld.command:XrPage",
 }

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from fuzz.target import Target
 
-MODULES = ("robots", "devices", "peers", "captures", "texts", "ros2", "cameras")
+MODULES = ("robots", "universal_robots", "devices", "peers", "captures", "texts", "ros2", "cameras")
 """Each has `TARGETS`."""
 
 

@@ -10,10 +10,10 @@ from cardan.drivers.gamepad import Gamepad
 from cardan.drivers.jr3_can import Jr3
 from cardan.drivers.leap import Leap
 from cardan.drivers.motoros import Motoros
-from cardan.drivers.motoros.driver import _Link
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav
+from cardan.drivers.tcp_robot import Link as TcpLink
 from cardan.drivers.wiimote import Wiimote
 from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
@@ -103,7 +103,7 @@ def test_messages_of_motoros_with_their_connection(tap):
     robot.tap = tap
     with ours, theirs:
         ours.setblocking(False)
-        link = _Link(ours, 0.0)
+        link = TcpLink(ours, 0.0)
         robot._links["state"] = link
         theirs.send(b"\0\0\0\4abcd")
         robot._receive(robot._session, "state", link)

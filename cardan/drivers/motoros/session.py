@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from cardan.drivers.motoros.connections import CHANNELS, Channel, Connection
+from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import KINDS
 from cardan.drivers.motoros.motion import MotionCounters
@@ -18,6 +18,7 @@ from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.session_words import findings, no_motion_connection, silence
 from cardan.drivers.robot_core import check_command, check_numbers, counts, joint_values
+from cardan.drivers.tcp_robot import Connection
 from cardan.histogram import LatencyHistogram
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
@@ -39,13 +40,7 @@ WAKE_S = 0.09
 
 
 class MotorosSession:
-    """One robot on one controller.
-
-    The shell connects what `wants` says, passes on what comes and goes (`connected`, `received`,
-    `disconnected`, `connect_failed`), calls `advance` when `next_s` has come, sends what
-    `outgoing` gives, one item at a time, and drops what `closing` names. Each state that
-    `due_state` gives is answered by one `command`. All times are local monotonic seconds.
-    """
+    """One robot on one controller: a :class:`cardan.drivers.tcp_robot.TcpSession`."""
 
     def __init__(self, options: MotorosOptions) -> None:
         self.options = options
@@ -92,6 +87,21 @@ class MotorosSession:
             limits=self.limits,
             lag_s=options.lag_s,
         )
+
+    @property
+    def owes_answer(self) -> bool:
+        """The state given last takes a command, and got none yet."""
+        return self.control.owes_answer
+
+    @property
+    def left(self) -> bool:
+        """Whether what `leave` began has ended."""
+        return self.control.left
+
+    @property
+    def braking_s(self) -> float:
+        """The longest ramp from full speed to rest, s."""
+        return self.control.braking_s
 
     @property
     def phase(self) -> Phase:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from cardan.drivers.motoros.connections import Connection
 from cardan.drivers.motoros.diagnosis import status_in_words
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion_control import MotionControl
 from cardan.drivers.motoros.options import MotorosOptions
+from cardan.drivers.tcp_robot import Connection
 
 
 def no_motion_connection(options: MotorosOptions, link: Connection, end_reason: str) -> str:

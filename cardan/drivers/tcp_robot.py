@@ -1,0 +1,345 @@
+"""Drivers of controllers that are spoken to over several TCP connections.
+
+A :class:`TcpSession` has the protocol, without sockets, clocks and threads; a :class:`TcpRobot`
+around it has the sockets and the loop.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import time
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Generator
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from cardan.drivers.robot_core import LoopingRobot, RobotSession
+from cardan.errors import AddressError
+from cardan.sockets import opened
+from cardan.types import NEVER_S, HoldCommand, RobotCommand, RobotState
+
+SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 2.0
+STEADY_S = 5.0
+"""Duration after which a lost connection is tried again soon: two programs that take a port's only
+connection from each other would otherwise do so for ever."""
+
+_RECEIVE_BYTES = 65536
+_LONGEST_WAIT_S = 0.05
+"""Longest wait on the sockets, and so the longest delay of another thread's request."""
+_CONNECT_TIMEOUT_S = 2.0
+_LEAVE_S = 1.5
+"""Time beside the ramp for the controller's answers to the requests that end motion."""
+_BACKLOG_BYTES = 16 * 1024
+"""Unsent bytes at which a connection that takes no more data is given up."""
+
+_SELECT_MAX = 1024
+"""select() takes no higher file numbers; poll() would, but waits whole milliseconds only."""
+
+_monotonic = time.monotonic
+
+ChannelT = TypeVar("ChannelT", bound=str)
+TaskT = TypeVar("TaskT", bound=str)
+_TaskT = TypeVar("_TaskT", bound=str, contravariant=True)
+
+
+class Connection:
+    """Whether one connection is up, since when, and when to try again."""
+
+    def __init__(self) -> None:
+        self.up = False
+        self.reason = ""
+        """Why it is down; empty before the first attempt and while it is up."""
+        self.retry_s = NEVER_S
+        self.since_s = NEVER_S
+        self.count = 0
+        """How often it has been up."""
+        self._backoff_s = SHORTEST_BACKOFF_S
+
+    def opened(self, now_s: float) -> None:
+        """It is up."""
+        self.up, self.reason, self.since_s = True, "", now_s
+        self.count += 1
+
+    def lost(self, reason: str, now_s: float) -> None:
+        """It broke, or could not be made."""
+        if self.up and now_s - self.since_s >= STEADY_S:
+            self._backoff_s = SHORTEST_BACKOFF_S
+        self.up, self.reason = False, reason
+        self.retry_s = now_s + self._backoff_s
+        self._backoff_s = min(2.0 * self._backoff_s, LONGEST_BACKOFF_S)
+
+
+class TcpSession(RobotSession, Protocol[ChannelT, _TaskT]):
+    """One robot on one controller, sans I/O.
+
+    The shell connects what `wants` says, passes on what comes and goes (`connected`, `received`,
+    `disconnected`, `connect_failed`), calls `advance` when `next_s` has come, sends what
+    `outgoing` gives, one item at a time, and drops what `closing` names. Each state that
+    `due_state` gives is answered by one `command`. All times are local monotonic seconds.
+    """
+
+    @property
+    def next_s(self) -> float: ...
+    @property
+    def owes_answer(self) -> bool:
+        """The state given last takes a command, and got none yet."""
+
+    @property
+    def left(self) -> bool:
+        """Whether what `leave` began has ended."""
+
+    @property
+    def braking_s(self) -> float:
+        """The longest ramp from full speed to rest, s."""
+
+    def wants(self, channel: ChannelT, now_s: float, /) -> bool: ...
+    def connected(self, channel: ChannelT, now_s: float, /) -> None: ...
+    def connect_failed(self, channel: ChannelT, reason: str, now_s: float, /) -> None: ...
+    def disconnected(self, channel: ChannelT, reason: str, now_s: float, /) -> None: ...
+    def received(self, channel: ChannelT, data: bytes, now_s: float, /) -> None: ...
+    def closing(self) -> list[ChannelT]: ...
+    def outgoing(self) -> list[tuple[ChannelT, bytes]]: ...
+    def advance(self, now_s: float, /) -> None: ...
+    def due_state(self, now_s: float, /) -> RobotState | None: ...
+    def command(self, command: RobotCommand, now_s: float, /) -> None: ...
+    def ask(self, task: _TaskT, now_s: float, /) -> None:
+        """Do one of the tasks that only the application may request."""
+
+    def leave(self, now_s: float, /) -> None:
+        """Brake, and end what the driver began: the application ends its loop."""
+
+
+TcpSessionT = TypeVar("TcpSessionT", bound=TcpSession[Any, Any])
+
+
+def _begin_to_connect(sock: socket.socket, address: Any) -> None:
+    """Begin to connect to the controller, without waiting for it. Raises OSError."""
+    if sock.fileno() >= _SELECT_MAX:
+        raise OSError(errno.EMFILE, "this process has too many files open")
+    sock.setblocking(False)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    code = sock.connect_ex(address)
+    if code not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
+        raise OSError(code, os.strerror(code))
+
+
+class Link:
+    """One socket, from the attempt to connect on."""
+
+    def __init__(self, sock: socket.socket, now_s: float) -> None:
+        self.socket = sock
+        self.deadline_s = now_s + _CONNECT_TIMEOUT_S
+        self.connecting = True
+        self.backlog = bytearray()
+
+
+class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT]):
+    """A driver of a controller with several TCP ports.
+
+    One thread does it all: `cycles` waits on the sockets, `send` answers. A state that the
+    application does not answer is answered with a hold; leaving the loop and `close` brake the
+    robot along a ramp. A driver gives `channels`, `_make_session` and `_port`.
+    """
+
+    channels: ClassVar[tuple[Any, ...]]
+    """In the order in which they are connected."""
+
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._session = self._make_session()
+        self._links: dict[ChannelT, Link] = {}
+        self._address = ""
+        self._tasks: deque[TaskT] = deque()
+
+    @abstractmethod
+    def _make_session(self) -> TcpSessionT:
+        """A new session, from `self.options`."""
+
+    @abstractmethod
+    def _port(self, channel: ChannelT) -> int:
+        """The port of a channel."""
+
+    # -- opening and closing ----------------------------------------------------------------------
+
+    def _acquire(self) -> None:
+        host = self.options.host
+        try:
+            found = socket.getaddrinfo(host, None, family=socket.AF_INET, type=socket.SOCK_STREAM)
+        except (OSError, UnicodeError) as error:
+            raise AddressError(f"host {host}: {error}") from None
+        self._address = str(found[0][4][0])
+        self._session = self._make_session()
+        self._links = {}
+        self._tasks.clear()
+
+    def _release(self) -> None:
+        for channel in tuple(self._links):
+            self._cut(channel)
+
+    def _now_s(self) -> float:
+        return _monotonic()
+
+    def _leave_within_s(self) -> float:
+        return _LONGEST_WAIT_S + _LEAVE_S + self._session.braking_s
+
+    # -- the control loop -------------------------------------------------------------------------
+
+    def _states(self, loop: int) -> Generator[RobotState, None, None]:
+        session = self._session
+        if self._loop != loop:
+            return
+        with self._looping(loop):
+            while self._loop == loop:
+                self._turn(session, _monotonic())
+                state = session.due_state(_monotonic())
+                if state is None:
+                    self._wait(session, _LONGEST_WAIT_S)
+                    continue
+                yield state
+                if session.owes_answer and self._loop == loop:
+                    self.send(HoldCommand())
+
+    def _turn(self, session: TcpSessionT, now_s: float) -> None:
+        """Do what is due."""
+        while self._tasks:
+            session.ask(self._tasks.popleft(), now_s)
+        for channel in self.channels:
+            if channel not in self._links and session.wants(channel, now_s):
+                self._connect(session, channel, now_s)
+        session.advance(now_s)
+        self._flush(session)
+
+    def _wait(self, session: TcpSessionT, longest_s: float) -> None:
+        """Wait until something comes or is due, and take what came."""
+        links = self._links
+        timeout_s = min(max(session.next_s - _monotonic(), 0.0), longest_s)
+        reads = [link.socket for link in links.values() if not link.connecting]
+        writes = [link.socket for link in links.values() if link.connecting or link.backlog]
+        try:
+            readable, writable, _ = select.select(reads, writes, [], timeout_s)
+        except (OSError, ValueError):  # a socket was closed, or its number is too high
+            readable, writable = reads, writes
+        now_s = _monotonic()
+        for channel, link in tuple(links.items()):
+            if link.connecting:
+                if link.socket in writable or now_s >= link.deadline_s:
+                    self._finish_connecting(session, channel, link, now_s)
+            elif link.socket in readable:
+                self._receive(session, channel, link)
+        self._flush(session)
+
+    def send(self, command: RobotCommand) -> None:
+        """Answer the state last yielded; without effect where that takes no command."""
+        session = self._require_open()
+        session.command(command, _monotonic())
+        self._flush(session)
+
+    def _leave(self) -> None:
+        """Brake, end what was begun, and wait for the controller's answer; never for long."""
+        session = self._session
+        deadline_s = _monotonic() + _LEAVE_S + session.braking_s
+        session.leave(_monotonic())
+        self._flush(session)
+        while not session.left and (left_s := deadline_s - _monotonic()) > 0.0:
+            session.advance(_monotonic())
+            session.due_state(_monotonic())
+            self._flush(session)
+            if not session.left:
+                self._wait(session, min(left_s, _LONGEST_WAIT_S))
+
+    # -- sockets ----------------------------------------------------------------------------------
+
+    def _connect(self, session: TcpSessionT, channel: ChannelT, now_s: float) -> None:
+        try:
+            sock = opened(
+                self._address,
+                self._port(channel),
+                socket.SOCK_STREAM,
+                _begin_to_connect,
+                lambda error: error.strerror or str(error),
+            )
+        except AddressError as error:
+            session.connect_failed(channel, str(error), now_s)
+            return
+        self._links[channel] = Link(sock, now_s)
+
+    def _finish_connecting(
+        self, session: TcpSessionT, channel: ChannelT, link: Link, now_s: float
+    ) -> None:
+        code = link.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if code == 0 and now_s < link.deadline_s:
+            link.connecting = False
+            session.connected(channel, now_s)
+            return
+        self._cut(channel)
+        reason = os.strerror(code) if code else f"no answer for {_CONNECT_TIMEOUT_S:g} s"
+        session.connect_failed(channel, reason, now_s)
+
+    def _receive(self, session: TcpSessionT, channel: ChannelT, link: Link) -> None:
+        try:
+            data = link.socket.recv(_RECEIVE_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(session, channel, error.strerror or str(error))
+            return
+        if data:
+            if (tap := self.tap) is not None:
+                tap(data, False, channel)
+            session.received(channel, data, _monotonic())
+        else:
+            self._lost(session, channel, "the controller closed it")
+
+    def _flush(self, session: TcpSessionT) -> None:
+        """Send what is to be sent: each message by a send of its own, as MotoROS needs it."""
+        for channel in session.closing():
+            self._cut(channel)
+        for channel, link in tuple(self._links.items()):
+            if link.backlog and not link.connecting:
+                self._push(session, channel, link)
+        for channel, data in session.outgoing():
+            to = self._links.get(channel)
+            if to is None:
+                continue
+            if (tap := self.tap) is not None:
+                tap(data, True, channel)
+            if to.backlog:
+                to.backlog += data
+            else:
+                try:
+                    sent = to.socket.send(data)
+                except BlockingIOError:
+                    sent = 0
+                except OSError as error:
+                    self._lost(session, channel, error.strerror or str(error))
+                    continue
+                to.backlog += data[sent:]
+            if len(to.backlog) > _BACKLOG_BYTES:
+                self._lost(session, channel, "the controller takes nothing any more")
+
+    def _push(self, session: TcpSessionT, channel: ChannelT, link: Link) -> None:
+        try:
+            del link.backlog[: link.socket.send(link.backlog)]
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(session, channel, error.strerror or str(error))
+
+    def _lost(self, session: TcpSessionT, channel: ChannelT, reason: str) -> None:
+        self._cut(channel)
+        session.disconnected(channel, reason, _monotonic())
+
+    def _cut(self, channel: ChannelT) -> None:
+        link = self._links.pop(channel, None)
+        if link is not None:
+            link.socket.close()
+
+    # -- requests of the application --------------------------------------------------------------
+
+    def _ask(self, task: TaskT) -> None:
+        """Have the loop do a task."""
+        self._tasks.append(task)

@@ -1,0 +1,5 @@
+"""Universal Robots arms: RTDE for states and commands, and a program that the driver sends."""
+
+from cardan.drivers.ur_rtde.driver import UrRtde as UrRtde
+from cardan.drivers.ur_rtde.options import UrRtdeOptions as UrRtdeOptions
+from cardan.drivers.ur_rtde.session import Phase as Phase, UrSession as UrSession

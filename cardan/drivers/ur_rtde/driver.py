@@ -1,0 +1,81 @@
+"""The Universal Robots driver: sockets around :class:`UrSession`."""
+
+from __future__ import annotations
+
+from cardan.drivers.base import Endpoint
+from cardan.drivers.simulated import LOOPBACK, OWN
+from cardan.drivers.tcp_robot import TcpRobot
+from cardan.drivers.ur_rtde.options import UrRtdeOptions
+from cardan.drivers.ur_rtde.session import CHANNELS, Channel, Task, UrSession
+from cardan.types import RobotCommand
+
+
+class UrRtde(TcpRobot[UrSession, Channel, Task]):
+    """A Universal Robots controller (CB3, e-Series), over RTDE and a program that the driver sends.
+
+    Motion starts only on `enable()` (or once, with the option enable = "at-start"): power is
+    switched on, the brakes are released and the program is started. After anything that ended it,
+    `enable()` is needed again.
+    """
+
+    Options = UrRtdeOptions
+    summary = "Universal Robots arms over RTDE"
+    page = "universal-robots.md"
+    peer = "ur"
+    simulated = ({"host": LOOPBACK, "rtde_port": OWN, "primary_port": OWN, "dashboard_port": OWN},)
+    options: UrRtdeOptions
+    title = "the UR driver"
+    channels = CHANNELS
+
+    def _make_session(self) -> UrSession:
+        return UrSession(self.options)
+
+    def _port(self, channel: Channel) -> int:
+        options = self.options
+        if channel == "rtde":
+            return options.rtde_port
+        return options.primary_port if channel == "primary" else options.dashboard_port
+
+    def send(self, command: RobotCommand) -> None:
+        """Answer the state last yielded; without effect where that takes no command."""
+        session = self._require_open()
+        session.check(command)
+        if session.owes_answer and session.late(self._now_s()):
+            # The arm has moved on since the state that this command was computed from.
+            self._wait(session, 0.0)
+        super().send(command)
+
+    def enable(self) -> None:
+        """Switch power on, release the brakes and start the program. Done by the loop; the states'
+        `hold_reason` says how it goes."""
+        self._ask("enable")
+
+    def disable(self) -> None:
+        """Brake along a ramp, then end the program. Done by the loop."""
+        self._ask("disable")
+
+    def unlock_protective_stop(self) -> None:
+        """Unlock a protective stop, 5 s after it at the earliest. Done by the loop. Only for where
+        a person has looked for the cause: nothing of Cardan's own calls it. Motion has to be
+        enabled after it."""
+        self._ask("unlock")
+
+    @property
+    def enabled(self) -> bool:
+        """True while commands move the robot, or would if they came."""
+        return self._open and self._session.enabled
+
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """RTDE and the dashboard, which serve several clients; the primary interface would begin to
+        send its states."""
+        options = self.options
+        return (
+            Endpoint("tcp", options.host, options.rtde_port),
+            Endpoint("tcp", options.host, options.dashboard_port),
+        )
+
+    def metrics(self) -> dict[str, float]:
+        return self._session.metrics()
+
+    def protocol_errors(self) -> dict[str, int]:
+        return self._session.protocol_errors()

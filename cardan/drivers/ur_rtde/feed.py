@@ -1,0 +1,260 @@
+"""The RTDE connection: it is set up, and tells what the robot does."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, Final
+
+from cardan.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
+from cardan.drivers.robot_core import outside
+from cardan.drivers.ur_rtde.options import UrRtdeOptions
+from cardan.drivers.ur_rtde.program import input_names, report_names
+from cardan.protocols.ur.rtde import (
+    IN_USE,
+    NOT_FOUND,
+    Accepted,
+    ControllerVersion,
+    Data,
+    Malformed,
+    PacketReader,
+    PacketType,
+    Recipe,
+    SetupReply,
+    Text,
+    TextLevel,
+    ask_inputs,
+    ask_outputs,
+    ask_version,
+    packet,
+    read_reply,
+)
+from cardan.protocols.ur.variables import OUTPUTS
+from cardan.types import NEVER_S
+
+E_SERIES_RATE_HZ: Final = 500.0
+CB3_RATE_HZ: Final = 125.0
+_TIME_S: Final = Range(-1e10, 1e10, "s", "no controller was on for so long")
+_SCALE: Final = Range(-10.0, 10.0, "", "no controller's time passes so fast")
+_CB3_MAJOR: Final = 3
+"""PolyScope 3 is a CB3; 5 and later are e-Series and what came after."""
+
+STATES: Final = (
+    "timestamp",
+    "target_q",
+    "target_qd",
+    "actual_q",
+    "actual_qd",
+    "robot_mode",
+    "safety_mode",
+    "runtime_state",
+    "speed_scaling",
+    "target_speed_fraction",
+)
+
+IMPLAUSIBLE: Final = "implausible"
+"""The reason of packages whose numbers no robot measures."""
+
+
+def _implausible(values: dict[str, Any]) -> str:
+    """Which numbers of a package no robot measures, in words; empty where all may be."""
+    return (
+        outside("timestamp", (values["timestamp"],), _TIME_S)
+        or outside("actual_q", values["actual_q"], JOINT_POSITION)
+        or outside("target_q", values["target_q"], JOINT_POSITION)
+        or outside("actual_qd", values["actual_qd"], JOINT_VELOCITY)
+        or outside("target_qd", values["target_qd"], JOINT_VELOCITY)
+        or outside("speed_scaling", (values["speed_scaling"],), _SCALE)
+        or outside("target_speed_fraction", (values["target_speed_fraction"],), _SCALE)
+    )
+
+
+class RtdeFeed:
+    """One RTDE connection after the other. `out` is what to send; the sender takes it out."""
+
+    def __init__(self, options: UrRtdeOptions) -> None:
+        self.options = options
+        self.out: list[bytes] = []
+        self.ignored: Counter[str] = Counter()
+        """Packets without effect, by reason."""
+        self.version: ControllerVersion | None = None
+        self.packages = 0
+        """Data packages that were taken."""
+        self.heard_s = NEVER_S
+        self.values: dict[str, Any] = {}
+        """Of the newest package, by the names of `STATES`, and "token", "report" and "beat"."""
+        self.skipped = 0
+        """Packages that the controller left out."""
+        self.last_implausible = ""
+        """What no robot measures in the last package that was ignored for it."""
+        self.said = ""
+        """The last warning or error that the controller told over RTDE."""
+        self._disconnect()
+
+    def _disconnect(self) -> None:
+        self.failure = ""
+        """Why this connection is of no use; empty: it may be."""
+        self.streaming = False
+        self._reader = PacketReader()
+        self._outputs: Recipe | None = None
+        self._inputs: Recipe | None = None
+        self._deadline_s = math.inf
+        self._timestamp = math.nan
+        self.out.clear()
+
+    @property
+    def control_rate_hz(self) -> float:
+        """Of the controller's control loop; before it is known an e-Series' is taken."""
+        if self.version is not None and self.version.major <= _CB3_MAJOR:
+            return CB3_RATE_HZ
+        return E_SERIES_RATE_HZ
+
+    @property
+    def rate_hz(self) -> float:
+        """Of states and commands."""
+        return min(self.options.rate_hz, self.control_rate_hz)
+
+    @property
+    def next_s(self) -> float:
+        """When `advance` is to be called."""
+        return self._deadline_s
+
+    def connected(self, now_s: float) -> None:
+        """The connection stands."""
+        self._disconnect()
+        self._ask(ask_version(), now_s)
+
+    def disconnected(self) -> None:
+        """It is gone."""
+        self._disconnect()
+
+    def advance(self, now_s: float) -> None:
+        """Look whether an answer is overdue."""
+        if now_s >= self._deadline_s:
+            self.failure = f"it did not answer within {self.options.request_timeout_s:g} s"
+
+    def received(self, data: bytes, now_s: float) -> None:
+        """Take what TCP delivered."""
+        reader = self._reader
+        reader.feed(data)
+        while not self.failure and (found := reader.take()) is not None:
+            self._take(*found, now_s)
+        self.failure = self.failure or reader.failure
+
+    def write(self, values: Sequence[Any]) -> None:
+        """Write the registers of `input_names`."""
+        if self._inputs is not None and self.streaming:
+            self.out.append(self._inputs.pack(values))
+
+    # -- setting up -------------------------------------------------------------------------------
+
+    def _ask(self, request: bytes, now_s: float) -> None:
+        self.out.append(request)
+        self._deadline_s = now_s + self.options.request_timeout_s
+
+    def _take(self, kind: int, payload: bytes, now_s: float) -> None:
+        reply = read_reply(kind, payload)
+        if isinstance(reply, Data):
+            self._take_data(reply, now_s)
+        elif isinstance(reply, Malformed):
+            self.ignored[reply.reason] += 1
+        elif isinstance(reply, Text):
+            if reply.level <= TextLevel.WARNING:
+                self.said = reply.text
+        elif isinstance(reply, Accepted):
+            self._take_accepted(reply, now_s)
+        elif isinstance(reply, ControllerVersion):
+            self.version = reply
+            self._ask(ask_outputs(self.rate_hz, (*STATES, *self._reports)), now_s)
+        else:
+            self._take_setup(reply, now_s)
+
+    @property
+    def _reports(self) -> tuple[str, str, str]:
+        return report_names(self.options.first_register)
+
+    def _take_accepted(self, reply: Accepted, now_s: float) -> None:
+        if reply.kind is PacketType.PROTOCOL_VERSION:
+            if reply.accepted:
+                self._ask(packet(PacketType.CONTROLLER_VERSION), now_s)
+            else:
+                self.failure = "it has no RTDE of version 2: PolyScope 3.2 and later have"
+        elif reply.kind is PacketType.START:
+            self._deadline_s = math.inf
+            self.streaming = reply.accepted
+            if not reply.accepted:
+                self.failure = f"it does not begin to send states{self._told}"
+
+    def _take_setup(self, reply: SetupReply, now_s: float) -> None:
+        outputs = reply.kind is PacketType.OUTPUTS
+        first = self.options.first_register
+        names = (*STATES, *self._reports) if outputs else input_names(first)
+        if not reply.recipe or len(reply.types) != len(names):
+            self.failure = self._refused(names, reply.types)
+            return
+        try:
+            recipe = Recipe(reply.recipe, names, reply.types)
+        except ValueError:
+            self.failure = self._refused(names, reply.types)
+            return
+        if outputs:
+            wrong = [n for n, kind in zip(names, reply.types, strict=True) if kind != OUTPUTS[n]]
+            if wrong:
+                self.failure = f"its {', '.join(wrong)} are of another type than documented"
+                return
+            self._outputs = recipe
+            self._ask(ask_inputs(input_names(first)), now_s)
+        else:
+            self._inputs = recipe
+            self._ask(packet(PacketType.START), now_s)
+
+    def _refused(self, names: Sequence[str], types: Sequence[str]) -> str:
+        pairs = tuple(zip(names, types, strict=False))
+        in_use = [name for name, kind in pairs if kind == IN_USE]
+        unknown = [name for name, kind in pairs if kind == NOT_FOUND]
+        if in_use:
+            return (
+                f"another program, or a fieldbus, has the registers {in_use[0]} to {in_use[-1]}: "
+                'end it, or set registers = "lower" or "upper"'
+            )
+        if unknown:
+            return (
+                f"it does not know {', '.join(unknown)}: its software is too old, or set "
+                'registers = "lower"'
+            )
+        return f"it refuses the states that are asked for{self._told}"
+
+    @property
+    def _told(self) -> str:
+        return f" ({self.said})" if self.said else ""
+
+    # -- states -----------------------------------------------------------------------------------
+
+    def _take_data(self, data: Data, now_s: float) -> None:
+        recipe = self._outputs
+        if recipe is None or data.recipe != recipe.number:
+            self.ignored["a data package that was not asked for"] += 1
+            return
+        values = recipe.unpack(data.values)
+        if values is None:
+            self.ignored[f"a data package of {len(data.values)} bytes, not {recipe.size}"] += 1
+            return
+        token, report, beat = self._reports
+        values["token"], values["report"], values["beat"] = (
+            values.pop(token),
+            values.pop(report),
+            values.pop(beat),
+        )
+        timestamp = values["timestamp"]
+        if wrong := _implausible(values):
+            self.ignored[IMPLAUSIBLE] += 1
+            self.last_implausible = wrong
+            return
+        if not math.isnan(self._timestamp):
+            missed = round((timestamp - self._timestamp) * self.rate_hz) - 1
+            self.skipped += max(missed, 0)
+        self._timestamp = timestamp
+        self.values = values
+        self.packages += 1
+        self.heard_s = now_s

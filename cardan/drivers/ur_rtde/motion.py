@@ -1,0 +1,107 @@
+"""The reference that is sent to the program: inside the limits, whatever is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from cardan.drivers.limiters import JointLimiter
+from cardan.drivers.lost_time import LostTime
+from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
+from cardan.drivers.ur_rtde.program import Order
+from cardan.types import JointCommand, JointVelocityCommand, RobotCommand
+
+_BEATS: Final = 1 << 30
+_SAME_CYCLE: Final = 1.5
+"""Periods: a command that comes later than this after the one before has missed a cycle."""
+
+
+class Motion:
+    """One run of the program, from its first report on. Times are the controller's."""
+
+    def __init__(self, options: UrRtdeOptions, token: int, beat: int) -> None:
+        self._token = token
+        self.beat = beat
+        """Of the command that was sent last."""
+        self._limiter = JointLimiter(*options.limits, longest_period_s=options.watchdog_s)
+        self._lost = LostTime(JOINTS)
+        self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
+        self._answered_s: float | None = None
+        """The time of the state that was answered last."""
+        self.missed = 0
+        """Cycles that nobody commanded."""
+
+    @property
+    def moving(self) -> bool:
+        """Whether the reference has a speed."""
+        return self._limiter.moving
+
+    @property
+    def reference(self) -> tuple[float, ...]:
+        """Where the arm is sent, rad."""
+        return tuple(self._limiter.reference)
+
+    def begin(self, place: Sequence[float]) -> None:
+        """Go on from `place`, at rest: whatever was asked for before is void."""
+        self._limiter.reset(place)
+        self._lost.reset()
+        self._asked = self._answered_s = None
+
+    def command(
+        self, command: RobotCommand, time_s: float, period_s: float, scale: float
+    ) -> list[Any] | None:
+        """The registers' values that answer the state of `time_s`; None: it has been answered.
+
+        The controller's time passes `scale` times as fast as real time, above 0.
+        """
+        before_s, self._answered_s = self._answered_s, time_s
+        if before_s is not None:
+            passed_s = time_s - before_s
+            if passed_s <= 0.0:
+                self._answered_s = before_s
+                return None
+            if passed_s > _SAME_CYCLE * period_s:
+                # The program has gone on at the speeds that it was given.
+                gap_s = passed_s - period_s
+                self.missed += round(gap_s / period_s)
+                self._limiter.coast(gap_s * scale)
+                self._lost.passed(gap_s)
+        if isinstance(command, JointCommand):
+            self._track(command.positions, command.velocities, period_s, scale)
+        else:
+            self._asked = None
+            self._lost.reset()
+            if isinstance(command, JointVelocityCommand):
+                speeds = [v / scale for v in command.velocities]
+                self._limiter.drive(speeds, period_s * scale)
+            else:
+                self._limiter.brake(period_s * scale)
+        return self._values(Order.FOLLOW)
+
+    def _track(
+        self,
+        positions: Sequence[float],
+        speeds: Sequence[float] | None,
+        period_s: float,
+        scale: float,
+    ) -> None:
+        asked, self._asked = self._asked, (positions, speeds)
+        if self._lost.working:
+            positions, speeds = self._lost.follow(asked, positions, speeds, period_s)
+        if speeds is not None and scale != 1.0:
+            speeds = [v / scale for v in speeds]
+        self._limiter.track(positions, speeds, period_s * scale)
+
+    def end(self) -> list[Any]:
+        """The registers' values that have the program stop the arm and end."""
+        return self._values(Order.END)
+
+    def _values(self, order: Order) -> list[Any]:
+        self.beat = (self.beat + 1) % _BEATS
+        limiter = self._limiter
+        return [self._token, self.beat, int(order), *limiter.reference, *limiter.velocity]
+
+
+def nobody(beat: int) -> list[Any]:
+    """Registers' values that no program obeys."""
+    return [0, beat, int(Order.END), *(0.0,) * (2 * JOINTS)]

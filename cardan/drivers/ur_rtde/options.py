@@ -1,0 +1,107 @@
+"""What can be set about the Universal Robots driver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cardan import bounds
+from cardan.bounds import LONGEST_BLIND_S, Range
+from cardan.options import Options, require_each
+from cardan.protocols.ur.dashboard import DASHBOARD_PORT
+from cardan.protocols.ur.primary import PRIMARY_PORT
+from cardan.protocols.ur.rtde import RTDE_PORT
+from cardan.protocols.ur.variables import UPPER_REGISTERS
+from cardan.robots import load_arm
+from cardan.types import JointLimits
+
+JOINTS = 6
+
+RATE_HZ = Range(
+    50.0, 500.0, "Hz", "no controller sends more; with less an operator feels the steps"
+)
+LOOKAHEAD_S = Range(0.03, 0.2, "s", "servoj takes no other")
+GAIN = Range(100, 2000, "", "servoj takes no other")
+WATCHDOG_S = Range(0.02, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen")
+STOP_RAD_S2 = Range(0.5, 40.0, "rad/s²", "a harder stop than the joints can, or none to speak of")
+REQUEST_TIMEOUT_S = Range(0.05, 10.0, "s", "a controller that answers later counts as lost")
+START_TIMEOUT_S = Range(1.0, 120.0, "s", "power is on and the brakes are released sooner")
+
+
+@dataclass(frozen=True)
+class UrRtdeOptions(Options):
+    """Options of :class:`UrRtde`. Joints in rad, base to tool."""
+
+    host: Annotated[str, bounds.HOST] = "127.0.0.1"
+    """The robot controller."""
+    rtde_port: Annotated[int, bounds.PORT] = RTDE_PORT
+    primary_port: Annotated[int, bounds.PORT] = PRIMARY_PORT
+    dashboard_port: Annotated[int, bounds.PORT] = DASHBOARD_PORT
+    robot: str = "ur5e"
+    """An arm's name, or the path of a .toml or .urdf file of six joints; limits are its."""
+    rate_hz: Annotated[float, RATE_HZ] = 500.0
+    """States and commands a second; a CB3 has 125 at most, and is asked for no more."""
+    enable: Literal["on-request", "at-start"] = "on-request"
+    """at-start: motion is enabled once, after the first connection; never by itself again."""
+    velocity_rad_s: tuple[Annotated[float, bounds.JOINT_SPEED_RAD_S], ...] = ()
+    """Own highest joint speeds; empty: the arm's."""
+    acceleration_rad_s2: tuple[Annotated[float, bounds.JOINT_ACCELERATION_RAD_S2], ...] = ()
+    """Own highest joint accelerations; empty: the arm's, which are not UR's."""
+    speed_share: Annotated[float, bounds.SHARE] = 1.0
+    """Share of the highest speeds that is used, above 0 to 1."""
+    registers: Literal["upper", "lower"] = "upper"
+    """Which registers carry commands: from 24, which RTDE clients have for themselves, or from 0,
+    which old controllers (before 3.9 and 5.3) have alone."""
+    watchdog_s: Annotated[float, WATCHDOG_S] = 0.1
+    """Time without a command after which the program at the controller stops the arm and ends."""
+    stop_rad_s2: Annotated[float, STOP_RAD_S2] = 5.0
+    """Deceleration of that stop, of the joint that is fastest."""
+    lookahead_s: Annotated[float, LOOKAHEAD_S] = 0.03
+    """servoj's `lookahead_time`: longer is smoother and later."""
+    gain: Annotated[int, GAIN] = 500
+    """servoj's `gain`."""
+    state_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
+    """Time without a state after which the link is LOST."""
+    request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 1.0
+    start_timeout_s: Annotated[float, START_TIMEOUT_S] = 30.0
+    """Longest start of motion: power may have to be switched on and brakes released."""
+    lag_s: Annotated[float, bounds.LAG_S] = 0.2
+    """The longest that the arm is behind its command in good order."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        joints = len(load_arm(self.robot, "robot").joints)
+        ports = {self.rtde_port, self.primary_port, self.dashboard_port}
+        require_each(
+            self,
+            ("robot", joints == JOINTS, f"an arm of {JOINTS} joints"),
+            ("rtde_port", len(ports) == 3, "another one than the others"),
+            (
+                "watchdog_s",
+                self.watchdog_s * self.rate_hz >= 5.0,
+                f"five periods ({5.0 / self.rate_hz:g} s) or more",
+            ),
+            *(
+                (key, len(getattr(self, key)) in (0, joints), f"{joints} numbers, or none")
+                for key in ("velocity_rad_s", "acceleration_rad_s2")
+            ),
+        )
+
+    @property
+    def limits(self) -> JointLimits:
+        """What every command is kept inside of."""
+        arm = load_arm(self.robot)
+        own = self.velocity_rad_s or arm.velocity
+        return JointLimits(
+            lower=arm.lower,
+            upper=arm.upper,
+            velocity=tuple(
+                self.speed_share * min(pair) for pair in zip(own, arm.velocity, strict=True)
+            ),
+            acceleration=tuple(self.acceleration_rad_s2 or (j.acceleration for j in arm.joints)),
+        )
+
+    @property
+    def first_register(self) -> int:
+        """Of those that are used."""
+        return UPPER_REGISTERS if self.registers == "upper" else 0

@@ -1,0 +1,108 @@
+"""The program that the driver runs at the controller, and the registers between them.
+
+It servos to the joints that the registers hold. When no command comes it goes on at the last
+speeds, as the driver assumes when it comes back, and stops the arm and ends after the watchdog's
+time. It obeys one run of the driver only: the one whose token it was made with.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Final
+
+from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
+
+FIRST_WAIT_S: Final = 2.0
+"""For the first command the program waits so long."""
+LARGEST_JUMP_RAD: Final = 0.15
+"""A command farther from the one before, or from where the program has gone on to, is none of the
+driver's: while the driver stands still both go on at a speed that both know."""
+
+
+class Order(enum.IntEnum):
+    """What the driver wants, in an input register."""
+
+    FOLLOW = 1
+    END = 2
+    """Stop the arm and end."""
+
+
+class Report(enum.IntEnum):
+    """What the program does, in an output register."""
+
+    NOTHING = 0
+    FOLLOWS = 1
+    ENDED_BY_ORDER = 2
+    ENDED_BY_WATCHDOG = 3
+    ENDED_BY_JUMP = 4
+
+
+def input_names(first: int) -> tuple[str, ...]:
+    """Token, beat, order, joints and joint speeds: the registers that the driver writes."""
+    return (
+        *(f"input_int_register_{first + n}" for n in range(3)),
+        *(f"input_double_register_{first + n}" for n in range(2 * JOINTS)),
+    )
+
+
+def report_names(first: int) -> tuple[str, str, str]:
+    """Token, report, and the beat that was obeyed last: the registers that the program writes."""
+    return (
+        f"output_int_register_{first}",
+        f"output_int_register_{first + 1}",
+        f"output_int_register_{first + 2}",
+    )
+
+
+def program(options: UrRtdeOptions, token: int, control_period_s: float) -> str:
+    """The program's text, for a controller whose control loop has this period."""
+    first = options.first_register
+    joints = range(JOINTS)
+    goal = ", ".join(f"read_input_float_register({first + n})" for n in joints)
+    speeds = ", ".join(f"read_input_float_register({first + JOINTS + n})" for n in joints)
+    jump = " or ".join(f"norm(new[{n}] - q[{n}]) > {LARGEST_JUMP_RAD:g}" for n in joints)
+    drift = "\n".join(f"      q[{n}] = q[{n}] + v[{n}] * {control_period_s:g}" for n in joints)
+    most = round(options.watchdog_s / control_period_s)
+    waits = round(FIRST_WAIT_S / control_period_s)
+    return f"""\
+def cardan():
+  write_output_integer_register({first + 1}, {Report.NOTHING:d})
+  q = get_target_joint_positions()
+  v = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+  new = q
+  seen = read_input_integer_register({first + 1})
+  silent = {-waits}
+  report = {Report.FOLLOWS:d}
+  write_output_integer_register({first + 2}, seen)
+  write_output_integer_register({first}, {token})
+  write_output_integer_register({first + 1}, report)
+  while report == {Report.FOLLOWS:d}:
+    beat = read_input_integer_register({first + 1})
+    if beat != seen and read_input_integer_register({first}) == {token}:
+      new = [{goal}]
+      if read_input_integer_register({first + 2}) != {Order.FOLLOW:d}:
+        report = {Report.ENDED_BY_ORDER:d}
+      elif {jump}:
+        report = {Report.ENDED_BY_JUMP:d}
+      else:
+        q = new
+        v = [{speeds}]
+        seen = beat
+        silent = 0
+        write_output_integer_register({first + 2}, seen)
+      end
+    else:
+      silent = silent + 1
+{drift}
+      if silent > {most}:
+        report = {Report.ENDED_BY_WATCHDOG:d}
+      end
+    end
+    if report == {Report.FOLLOWS:d}:
+      servoj(q, 0, 0, {control_period_s:g}, {options.lookahead_s:g}, {options.gain:d})
+    end
+  end
+  write_output_integer_register({first + 1}, report)
+  stopj({options.stop_rad_s2:g})
+end
+"""

@@ -1,0 +1,665 @@
+"""The PC's side of a Universal Robots controller without sockets and clocks.
+
+RTDE tells what the robot does and carries commands; the dashboard server switches power on; the
+primary interface takes the program. The last two are connected while they are needed.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import random
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final, Literal
+
+from cardan.drivers.robot_core import (
+    WAKE_S as REPORT_S,
+    check_command,
+    check_numbers,
+    joint_values,
+)
+from cardan.drivers.tcp_robot import Connection
+from cardan.drivers.ur_rtde.feed import IMPLAUSIBLE, RtdeFeed
+from cardan.drivers.ur_rtde.motion import Motion, nobody
+from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
+from cardan.drivers.ur_rtde.program import Report, program
+from cardan.drivers.ur_rtde.starting import Starting
+from cardan.drivers.ur_rtde.words import ENDS, mode_words, safety_words
+from cardan.histogram import LatencyHistogram
+from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, LineReader, refusal, request
+from cardan.protocols.ur.primary import MessageKind, PackageReader, RobotMessage, read_message
+from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState
+from cardan.types import (
+    NEVER_S,
+    CommandKind,
+    HoldCommand,
+    RobotCapabilities,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+)
+
+Channel = Literal["rtde", "dashboard", "primary"]
+CHANNELS: tuple[Channel, ...] = ("rtde", "dashboard", "primary")
+Task = Literal["enable", "disable", "unlock"]
+
+KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
+
+WAKE_S: Final = 0.9 * REPORT_S
+"""Longest gap between states: what the contract says, with a margin for a late computer."""
+SLOWEST_SHARE: Final = 0.01
+"""Of the speed slider: below it commands do not act."""
+ANSWER_S: Final = 0.3
+"""A program that obeys no command for so long is not there any more."""
+_JITTERED: Final = 10
+"""Periods: a longer pause is none of the network's."""
+
+
+class Phase(enum.Enum):
+    """What the driver does at the controller."""
+
+    DOWN = "down"
+    """No states come."""
+    IDLE = "idle"
+    STARTING = "starting"
+    MOVING = "moving"
+    """The program runs, and commands act."""
+    BRAKING = "braking"
+    """A ramp, and then the program's end."""
+
+
+def _drawn_token() -> int:
+    return random.SystemRandom().randrange(1, 1 << 31)
+
+
+class UrSession:
+    """One robot on one controller: a :class:`cardan.drivers.tcp_robot.TcpSession`."""
+
+    def __init__(self, options: UrRtdeOptions, draw: Callable[[], int] = _drawn_token) -> None:
+        """`draw` gives a token for each run of the program, unlike all before it."""
+        self.options = options
+        self.limits = options.limits
+        self.feed = RtdeFeed(options)
+        self.phase = Phase.DOWN
+        self.sessions = 0
+        """Starts of motion and connections; earlier targets are void when it changes."""
+        self.end_reason = ""
+        """What ended or prevented motion last; empty after a start that worked."""
+        self.owes_answer = False
+        self.losses = self.superseded = self.commands = self.starts = self.ends = 0
+        self.jitter = LatencyHistogram()
+        """Deviation of the time between two states from their period."""
+        self.command_latency = LatencyHistogram()
+        """From a command until the state that shows that the program obeyed it."""
+        self._draw = draw
+        self._links: dict[Channel, Connection] = {name: Connection() for name in CHANNELS}
+        self._out: deque[tuple[Channel, bytes]] = deque()
+        self._closing: list[Channel] = []
+        self._starting: Starting | None = None
+        self._motion: Motion | None = None
+        self._token = self._beat = 0
+        self._sent: deque[tuple[int, float]] = deque(maxlen=256)
+        self._lines = LineReader()
+        self._packages = PackageReader()
+        self._unlocks = self._ended = False
+        self._at_start = options.enable == "at-start"
+        self._told_packages = 0
+        self._said_s = self._counted_s = NEVER_S
+        self._said_link: RobotLink | None = None
+        self._before_s: float | None = None
+        """The controller's time of the state given last."""
+        self._answered = (0, 0.0)
+        """The beat that the program obeyed last, and when, by the controller's time."""
+        self._acts = False
+        """Commands acted in the state given last."""
+        self._braked_by_s = math.inf
+
+    # -- what the robot can do, and is ------------------------------------------------------------
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        """What can be commanded; the period is the controller's once it is known."""
+        return RobotCapabilities(
+            commands=KINDS,
+            period_s=1.0 / self.feed.rate_hz,
+            joints=JOINTS,
+            limits=self.limits,
+            lag_s=self.options.lag_s,
+        )
+
+    @property
+    def enabled(self) -> bool:
+        """True while commands move the robot, or would if they came."""
+        return self.phase is Phase.MOVING
+
+    @property
+    def left(self) -> bool:
+        """Whether what `leave` began has ended."""
+        return self.phase not in (Phase.MOVING, Phase.BRAKING)
+
+    @property
+    def braking_s(self) -> float:
+        """The longest ramp from full speed to rest, s."""
+        return max(
+            v / a for v, a in zip(self.limits.velocity, self.limits.acceleration, strict=True)
+        )
+
+    @property
+    def slider(self) -> float:
+        """How fast the controller's time passes: its speed slider, and its own scaling."""
+        values = self.feed.values
+        scale = values["target_speed_fraction"]
+        # The controller's own scaling is 0 while no program runs.
+        own = values["speed_scaling"]
+        return float(scale * own if 0.0 < own < 1.0 else scale)
+
+    @property
+    def hold_reason(self) -> str:
+        """Why commands would not act now; empty when they do."""
+        if self.phase is Phase.DOWN:
+            return self._silence()
+        values = self.feed.values
+        if values["safety_mode"] not in MOVES_IN:
+            return safety_words(values["safety_mode"])
+        if self.phase is Phase.STARTING and self._starting is not None:
+            return f"starting: {self._starting.wish}"
+        if self.phase is Phase.BRAKING:
+            return "the arm is brought to rest"
+        if self.phase is Phase.MOVING:
+            if self.slider < SLOWEST_SHARE:
+                return "the speed slider is at 0: move it up at the pendant"
+            return ""
+        if self.end_reason:
+            return self.end_reason
+        if values["robot_mode"] != RobotMode.RUNNING:
+            return f"{mode_words(values['robot_mode'])}; not enabled"
+        return "not enabled"
+
+    # -- connections ------------------------------------------------------------------------------
+
+    def wants(self, channel: Channel, now_s: float) -> bool:
+        """True when `channel` should be connected now."""
+        link = self._links[channel]
+        if link.up:
+            return False
+        if channel == "rtde":
+            return now_s >= link.retry_s
+        if channel == "dashboard":
+            return self._unlocks or self.phase is Phase.STARTING
+        return self.phase is Phase.STARTING and now_s >= link.retry_s
+
+    def connected(self, channel: Channel, now_s: float) -> None:
+        """A connection stands."""
+        self._links[channel].opened(now_s)
+        if channel == "rtde":
+            self.feed.connected(now_s)
+            self._flush()
+        elif channel == "dashboard":
+            self._lines = LineReader()
+            if self._unlocks:
+                self._out.append(("dashboard", request(UNLOCK_PROTECTIVE_STOP)))
+        else:
+            self._packages = PackageReader()
+        self._go_on(now_s)
+
+    def connect_failed(self, channel: Channel, reason: str, now_s: float) -> None:
+        """No connection could be made."""
+        self._links[channel].lost(reason, now_s)
+        if channel == "rtde":
+            return
+        where = "dashboard server" if channel == "dashboard" else "primary interface"
+        port = getattr(self.options, f"{channel}_port")
+        why = f"no connection to the {where}, port {port}: {reason}"
+        if self._unlocks and self.phase is Phase.IDLE:
+            self.end_reason = why
+        self._unlocks = False
+        self._fail(why)
+
+    def disconnected(self, channel: Channel, reason: str, now_s: float) -> None:
+        """A connection was closed from the other side, or broke."""
+        link = self._links[channel]
+        if not link.up:
+            return
+        link.lost(reason, now_s)
+        self._out = deque(item for item in self._out if item[0] != channel)
+        if channel == "rtde":
+            moved = self.phase in (Phase.MOVING, Phase.BRAKING)
+            self.feed.disconnected()
+            self._end(
+                f"the RTDE connection was lost in motion: {reason}; enable again" if moved else ""
+            )
+            self.phase = Phase.DOWN
+        elif self.phase is Phase.STARTING and channel == "dashboard":
+            self._fail(f"the dashboard server closed its connection: {reason}")
+        elif channel == "dashboard":
+            self._unlocks = False
+
+    def _drop(self, channel: Channel, reason: str, now_s: float) -> None:
+        if self._links[channel].up:
+            self._closing.append(channel)
+            self.disconnected(channel, reason, now_s)
+
+    def closing(self) -> list[Channel]:
+        """Connections to close now; they count as disconnected already."""
+        found, self._closing = self._closing, []
+        return found
+
+    def outgoing(self) -> list[tuple[Channel, bytes]]:
+        """What to send now, in order."""
+        found = list(self._out)
+        self._out.clear()
+        return found
+
+    def received(self, channel: Channel, data: bytes, now_s: float) -> None:
+        """Take what TCP delivered."""
+        if not self._links[channel].up:
+            return
+        if channel == "rtde":
+            self._received_states(data, now_s)
+        elif channel == "dashboard":
+            self._received_lines(data, now_s)
+        else:
+            self._received_packages(data, now_s)
+
+    def _received_states(self, data: bytes, now_s: float) -> None:
+        feed = self.feed
+        before, before_s = feed.packages, feed.heard_s
+        feed.received(data, now_s)
+        fresh = feed.packages - before
+        if fresh:
+            self.superseded += fresh - 1
+            period_s = 1.0 / feed.rate_hz
+            if fresh == 1 and now_s - before_s < _JITTERED * period_s:
+                self.jitter.add(abs(now_s - before_s - period_s))
+            self._look(now_s)
+        if feed.failure:
+            self._drop("rtde", feed.failure, now_s)
+        self._flush()
+
+    def _received_lines(self, data: bytes, now_s: float) -> None:
+        self._lines.feed(data)
+        while (line := self._lines.take()) is not None:
+            if self._starting is not None:
+                self._starting.replied(line)
+            elif self._unlocks and not line.startswith("Connected"):
+                self.end_reason = refusal(UNLOCK_PROTECTIVE_STOP, line)
+                self._drop("dashboard", "not needed", now_s)
+                return
+        if self._lines.failure:
+            self._drop("dashboard", self._lines.failure, now_s)
+        self._go_on(now_s)
+
+    def _received_packages(self, data: bytes, now_s: float) -> None:
+        self._packages.feed(data)
+        while (package := self._packages.take()) is not None:
+            message = read_message(package)
+            if message is not None:
+                self._told(message)
+        if self._packages.failure:
+            self._drop("primary", self._packages.failure, now_s)
+        self._go_on(now_s)
+
+    def _told(self, message: RobotMessage) -> None:
+        text = message.text
+        if message.kind == MessageKind.RUNTIME_EXCEPTION:
+            text = f"line {message.line}: {text}"
+        elif message.kind != MessageKind.TEXT:
+            return
+        if self._starting is not None:
+            self._starting.told(text)
+
+    # -- what the states mean ---------------------------------------------------------------------
+
+    def _look(self, now_s: float) -> None:
+        """Act on the newest state."""
+        values = self.feed.values
+        if self.phase is Phase.DOWN:
+            self.phase = Phase.IDLE
+            self.sessions += 1
+            # What an earlier run has left in the registers is nobody's.
+            self._beat += 1
+            self.feed.write(nobody(self._beat))
+            if self._at_start:
+                self._at_start = False
+                self._enable(now_s)
+        if self.phase is Phase.STARTING:
+            self._go_on(now_s)
+        elif self.phase in (Phase.MOVING, Phase.BRAKING):
+            self._watch(values, now_s)
+
+    def _watch(self, values: dict[str, Any], now_s: float) -> None:
+        """Look whether the program still runs and obeys."""
+        motion = self._motion
+        assert motion is not None
+        why = ""
+        if values["safety_mode"] not in MOVES_IN:
+            why = safety_words(values["safety_mode"])
+        elif values["robot_mode"] != RobotMode.RUNNING:
+            why = f"{mode_words(values['robot_mode'])}: motion has ended"
+        elif values["token"] != self._token:
+            why = "another program has the registers"
+        elif values["report"] != Report.FOLLOWS:
+            why = ENDS.get(values["report"], "the program at the controller has ended")
+        elif values["runtime_state"] in (RuntimeState.PAUSING, RuntimeState.PAUSED):
+            why = "the program was paused at the controller: stop it there"
+        elif values["runtime_state"] != RuntimeState.PLAYING:
+            why = "the program was stopped at the controller"
+        elif self._stuck(values, motion):
+            why = "the program at the controller does not answer: another has taken its place"
+        while self._sent and self._sent[0][0] <= values["beat"]:
+            beat, sent_s = self._sent.popleft()
+            if beat == values["beat"]:
+                self.command_latency.add(now_s - sent_s)
+        if why:
+            self._end("" if self.phase is Phase.BRAKING and self._ended else f"{why}; enable again")
+        elif self.phase is Phase.BRAKING:
+            self._brake(motion, now_s)
+
+    def _stuck(self, values: dict[str, Any], motion: Motion) -> bool:
+        """Whether commands were sent and none was obeyed for a while."""
+        beat, at_s = self._answered
+        timestamp = values["timestamp"]
+        slow = self.slider < SLOWEST_SHARE
+        if values["beat"] != beat or values["beat"] == motion.beat or slow or timestamp < at_s:
+            self._answered = (values["beat"], timestamp)
+            return False
+        return bool(timestamp - at_s > ANSWER_S / min(self.slider, 1.0))
+
+    def _brake(self, motion: Motion, now_s: float) -> None:
+        """One period of the ramp that ends motion; then the program is told to end."""
+        if motion.moving and now_s < self._braked_by_s:
+            self._send(HoldCommand(), motion, now_s)
+        else:
+            self._ended = True
+            self.feed.write(motion.end())
+            self._beat = motion.beat
+
+    def _end(self, reason: str) -> None:
+        """Motion has ended, or its start."""
+        if self.phase in (Phase.MOVING, Phase.BRAKING):
+            self.ends += 1
+            if self._motion is not None:
+                # A program that is only paused ends as soon as it goes on.
+                self.feed.write(self._motion.end())
+                self._beat = self._motion.beat
+        if self.phase is not Phase.DOWN:
+            self.phase = Phase.IDLE
+        self.end_reason = reason
+        self._motion = self._starting = None
+        self.owes_answer = False
+        self._sent.clear()
+        for channel in ("dashboard", "primary"):
+            if self._links[channel].up:
+                self._links[channel].lost("not needed", NEVER_S)
+                self._closing.append(channel)
+        self._out = deque(item for item in self._out if item[0] == "rtde")
+        self._flush()
+
+    def _fail(self, reason: str) -> None:
+        if self.phase is Phase.STARTING:
+            self._end(reason)
+
+    # -- starting ---------------------------------------------------------------------------------
+
+    def ask(self, task: Task, now_s: float) -> None:
+        """Do one of the tasks that only the application may request."""
+        if task == "enable":
+            self._enable(now_s)
+        elif task == "disable":
+            self.leave(now_s)
+        elif self.phase is Phase.IDLE:
+            self._unlocks = True
+
+    def _enable(self, now_s: float) -> None:
+        """A controller that is not connected is not asked later instead."""
+        if self.phase is not Phase.IDLE:
+            return
+        self.end_reason = ""
+        self._token = self._draw()
+        self._starting = Starting(self.options, self._token, now_s)
+        self.phase = Phase.STARTING
+        self.feed.write(nobody(self._beat))
+        self._flush()
+
+    def _go_on(self, now_s: float) -> None:
+        """The next step of a start."""
+        starting, values = self._starting, self.feed.values
+        if starting is None or self.phase is not Phase.STARTING:
+            return
+        if starting.uploaded and values["token"] == starting.token:
+            self._started(values, now_s)
+            return
+        asked = ""
+        modes = values["robot_mode"], values["safety_mode"], values["runtime_state"]
+        if self._links["dashboard"].up:
+            asked = starting.asks(*modes, now_s)
+        elif now_s >= starting.deadline_s:
+            starting.failure = starting.wish
+        if starting.failure:
+            self._fail(starting.failure)
+        elif asked:
+            self._out.append(("dashboard", request(asked)))
+        elif starting.uploads and self._links["primary"].up:
+            starting.uploads, starting.uploaded = False, True
+            text = program(self.options, starting.token, 1.0 / self.feed.control_rate_hz)
+            self._out.append(("primary", text.encode()))
+
+    def _started(self, values: dict[str, Any], now_s: float) -> None:
+        if values["report"] != Report.FOLLOWS:
+            return
+        self.starts += 1
+        self.sessions += 1
+        self._motion = Motion(self.options, self._token, self._beat)
+        self._motion.begin(values["target_q"])
+        self._answered = (values["beat"], values["timestamp"])
+        self._starting = None
+        self.phase = Phase.MOVING
+        self._acts = True
+        self._ended = False
+        self._drop("dashboard", "not needed", now_s)
+        self._drop("primary", "not needed", now_s)
+
+    def leave(self, now_s: float) -> None:
+        """Brake and end the program, because the application ends its loop."""
+        if self.phase is Phase.MOVING:
+            self.phase = Phase.BRAKING
+            self._braked_by_s = now_s + self.braking_s + 0.5
+            self.end_reason = ""
+        elif self.phase is Phase.STARTING:
+            self._end("")
+
+    # -- time -------------------------------------------------------------------------------------
+
+    @property
+    def next_s(self) -> float:
+        """When `advance` and `due_state` are to be called at the latest."""
+        found = min(self.feed.next_s, self._said_s + WAKE_S)
+        if self._starting is not None:
+            found = min(found, self._starting.deadline_s)
+        if self._said_link is RobotLink.LIVE:
+            found = min(found, self.feed.heard_s + self.options.state_timeout_s)
+        for link in self._links.values():
+            if not link.up and link.retry_s > self._counted_s:
+                found = min(found, link.retry_s)
+        return found
+
+    def advance(self, now_s: float) -> None:
+        """Do what is due."""
+        self._counted_s = now_s
+        if self._links["rtde"].up:
+            self.feed.advance(now_s)
+            if self.feed.failure:
+                self._drop("rtde", self.feed.failure, now_s)
+        if self.phase in (Phase.MOVING, Phase.BRAKING) and not self._live(now_s):
+            self._end(f"{self._silence()}; enable again")
+        elif self.phase is Phase.STARTING:
+            self._go_on(now_s)
+        self._flush()
+
+    def _flush(self) -> None:
+        out = self.feed.out
+        if out:
+            self._out.extend(("rtde", data) for data in out)
+            out.clear()
+
+    # -- the control loop -------------------------------------------------------------------------
+
+    def _live(self, now_s: float) -> bool:
+        return self.feed.streaming and now_s - self.feed.heard_s <= self.options.state_timeout_s
+
+    def late(self, now_s: float) -> bool:
+        """True when a newer state than the newest should be there."""
+        return (now_s - self.feed.heard_s) * self.feed.rate_hz > 1.0
+
+    def due_state(self, now_s: float) -> RobotState | None:
+        """The state to report now; None while nothing is new."""
+        if not self._live(now_s) or self.phase is Phase.DOWN:
+            if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
+                return None
+            self.owes_answer = False
+            self.losses += self._said_link is RobotLink.LIVE
+            link = RobotLink.LOST if self.feed.packages else RobotLink.WAITING
+            self._before_s = None
+            return self._state(now_s, link, 0.0, self._silence())
+        feed = self.feed
+        if feed.packages == self._told_packages:
+            if now_s - self._said_s < WAKE_S:
+                return None
+            # States are late and not lost yet: nothing is new, and nothing is answered.
+            return self._state(now_s, RobotLink.LIVE, 0.0, "waiting for the controller")
+        self._told_packages = feed.packages
+        timestamp = feed.values["timestamp"]
+        before_s, self._before_s = self._before_s, timestamp
+        if before_s is not None and timestamp < before_s:
+            self._end("the controller was restarted; enable again")
+            before_s = None
+        hold_reason = self.hold_reason
+        period_s = 1.0 / feed.rate_hz if before_s is None else timestamp - before_s
+        state = self._state(now_s, RobotLink.LIVE, period_s, hold_reason)
+        if self.phase is Phase.MOVING and self._motion is not None:
+            self.owes_answer = True
+            if not self._acts or hold_reason:
+                # Whatever was asked for while nothing could move is void.
+                self._motion.begin(feed.values["target_q"])
+            if not self._acts and not hold_reason:
+                self.sessions += 1
+                state = state._replace(session=self.sessions)
+            self._acts = not hold_reason
+        return state
+
+    def _state(
+        self, now_s: float, link: RobotLink, period_s: float, hold_reason: str
+    ) -> RobotState:
+        values = self.feed.values
+        self._said_s, self._said_link = now_s, link
+        return RobotState(
+            stamp_s=now_s,
+            link=link,
+            session=self.sessions,
+            sequence=self.feed.packages,
+            period_s=period_s,
+            joints=values.get("actual_q", ()),
+            external_axes=(),
+            pose=None,
+            hold_reason=hold_reason,
+            velocities=values.get("actual_qd", ()),
+        )
+
+    def command(self, command: RobotCommand, now_s: float) -> None:
+        """Answer the state last given; without effect where that takes no command.
+
+        Raises CommandError for a kind or shape that the robot cannot take; nothing is sent then.
+        """
+        self.check(command)
+        motion = self._motion
+        if not self.owes_answer or motion is None or self.phase is not Phase.MOVING:
+            return
+        self.owes_answer = False
+        if not self._acts:
+            command = HoldCommand()
+        # What came in since the state was given is what is answered.
+        self._told_packages = self.feed.packages
+        self._send(command, motion, now_s)
+
+    def _send(self, command: RobotCommand, motion: Motion, now_s: float) -> None:
+        timestamp = self.feed.values["timestamp"]
+        scale = max(min(self.slider, 1.0), SLOWEST_SHARE)
+        values = motion.command(command, timestamp, 1.0 / self.feed.rate_hz, scale)
+        if values is not None:
+            self._beat = motion.beat
+            self.commands += 1
+            self._sent.append((motion.beat, now_s))
+            self.feed.write(values)
+            self._flush()
+
+    def check(self, command: RobotCommand) -> None:
+        """Raise CommandError for a command of a wrong kind or length, or without sensible numbers.
+
+        Commands beyond the limits are limited, not refused.
+        """
+        check_command("the UR driver", command, self._check)
+
+    def _check(self, command: RobotCommand) -> None:
+        for name, values, allowed in joint_values("the UR driver", command, KINDS):
+            check_numbers(name, values, allowed, JOINTS)
+
+    # -- diagnosis --------------------------------------------------------------------------------
+
+    def _silence(self) -> str:
+        link, options = self._links["rtde"], self.options
+        where = f"{options.host}:{options.rtde_port}"
+        if not link.up:
+            why = link.reason or "not connected yet"
+            end = f"; {self.end_reason}" if self.end_reason and why not in self.end_reason else ""
+            return f"no RTDE connection to {where}: {why}{end}"
+        if not self.feed.streaming:
+            return f"RTDE of {where} is being set up"
+        return f"no state from {where} for {options.state_timeout_s:g} s"
+
+    def diagnosis(self, now_s: float) -> tuple[str, ...]:
+        """Problems, and what else deserves attention, worst first."""
+        found = []
+        if not self._live(now_s):
+            found.append(self._silence())
+        elif self.hold_reason:
+            found.append(self.hold_reason)
+        elif self.slider < 1.0:
+            found.append(
+                f"the speed slider is at {100.0 * self.slider:.0f} %: the arm's highest speeds are "
+                "so much lower, and it lags behind so much more"
+            )
+        for why, count in self.feed.ignored.most_common():
+            last = f" ({self.feed.last_implausible})" if why == IMPLAUSIBLE else ""
+            found.append(f"{count} packets ignored: {why}{last}")
+        if self.feed.said:
+            found.append(f"the controller said: {self.feed.said}")
+        return tuple(found)
+
+    def protocol_errors(self) -> dict[str, int]:
+        """RTDE packets that could not be used."""
+        ignored = self.feed.ignored
+        wrong = ignored[IMPLAUSIBLE]
+        return {"implausible": wrong, "malformed": sum(ignored.values()) - wrong}
+
+    def metrics(self) -> dict[str, float]:
+        """Live figures."""
+        latency = self.command_latency
+        return {
+            "period_s": 1.0 / self.feed.rate_hz,
+            "period_jitter_p99_s": self.jitter.percentile(99.0),
+            "lost": float(self.feed.skipped),
+            "sessions": float(self.sessions),
+            "states": float(self.feed.packages),
+            "superseded": float(self.superseded),
+            "commands": float(self.commands),
+            "losses": float(self.losses),
+            "starts": float(self.starts),
+            "ends": float(self.ends),
+            "reconnects": float(max(0, self._links["rtde"].count - 1)),
+            "ignored": float(sum(self.feed.ignored.values())),
+            "command_latency_median_s": latency.percentile(50.0),
+            "command_latency_p99_s": latency.percentile(99.0),
+            "command_latency_max_s": latency.max,
+            "enabled": float(self.enabled),
+        }

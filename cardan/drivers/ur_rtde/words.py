@@ -1,0 +1,74 @@
+"""What the states of a Universal Robots controller mean for a person, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from cardan.drivers.ur_rtde.program import Report
+from cardan.protocols.ur.states import RobotMode, SafetyMode
+
+SAFETY: Final[Mapping[int, str]] = {
+    SafetyMode.PROTECTIVE_STOP: (
+        "protective stop: look for its cause, then unlock it at the pendant, and enable again"
+    ),
+    SafetyMode.RECOVERY: "recovery mode: a joint is beyond its limits; move it back at the pendant",
+    SafetyMode.SAFEGUARD_STOP: "safeguard stop: close the guard and reset it, then enable again",
+    SafetyMode.SYSTEM_EMERGENCY_STOP: ("emergency stop of the cell: release it, then enable again"),
+    SafetyMode.ROBOT_EMERGENCY_STOP: (
+        "emergency stop at the robot: release the button, then enable again"
+    ),
+    SafetyMode.VIOLATION: "safety violation: look at the pendant, which tells how to go on",
+    SafetyMode.FAULT: "safety fault: look at the pendant; the controller has to be restarted",
+    SafetyMode.VALIDATE_JOINT_ID: "a joint's identity has to be confirmed at the pendant",
+    SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: (
+        "safeguard stop of automatic mode: close the guard and reset it, then enable again"
+    ),
+    SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: (
+        "the three-position switch stops the robot: hold it in the middle, or choose automatic mode"
+    ),
+}
+
+MODES: Final[Mapping[int, str]] = {
+    RobotMode.NO_CONTROLLER: "the controller does not run",
+    RobotMode.DISCONNECTED: "the controller has no connection to its arm",
+    RobotMode.CONFIRM_SAFETY: "the safety configuration has to be confirmed at the pendant",
+    RobotMode.BOOTING: "the arm is starting",
+    RobotMode.POWER_OFF: "power is off",
+    RobotMode.POWER_ON: "power is coming on",
+    RobotMode.IDLE: "the brakes hold the arm",
+    RobotMode.BACKDRIVE: "the arm is in backdrive: end it at the pendant",
+    RobotMode.UPDATING_FIRMWARE: "the arm's firmware is being updated: wait for its end",
+}
+
+STARTABLE: Final = frozenset(
+    (
+        RobotMode.POWER_OFF,
+        RobotMode.POWER_ON,
+        RobotMode.BOOTING,
+        RobotMode.IDLE,
+        RobotMode.RUNNING,
+    )
+)
+"""From these the driver gets to RUNNING by itself, or by waiting."""
+
+ENDS: Final[Mapping[int, str]] = {
+    Report.ENDED_BY_ORDER: "motion was ended",
+    Report.ENDED_BY_WATCHDOG: (
+        "no command came in time, and the program at the controller has stopped the arm"
+    ),
+    Report.ENDED_BY_JUMP: (
+        "a command was too far from the one before, and the program at the controller has stopped "
+        "the arm"
+    ),
+}
+
+
+def safety_words(mode: int) -> str:
+    """Why nothing may move in a safety mode."""
+    return SAFETY.get(mode, f"safety mode {mode}: look at the pendant")
+
+
+def mode_words(mode: int) -> str:
+    """What a robot mode other than RUNNING is."""
+    return MODES.get(mode, f"robot mode {mode}: look at the pendant")

@@ -1,0 +1,1 @@
+"""Universal Robots: RTDE, the dashboard server, the primary interface and URScript."""

@@ -1,0 +1,75 @@
+"""The dashboard server, TCP port 29999: a line of text a request, and a line a reply.
+
+Source: UR's dashboard server pages for CB3 and e-Series (public).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+DASHBOARD_PORT: Final = 29999
+GREETING: Final = "Connected: Universal Robots Dashboard Server"
+LONGEST_LINE: Final = 4096
+
+ROBOT_MODE: Final = "robotmode"
+SAFETY_STATUS: Final = "safetystatus"
+POWER_ON: Final = "power on"
+POWER_OFF: Final = "power off"
+BRAKE_RELEASE: Final = "brake release"
+UNLOCK_PROTECTIVE_STOP: Final = "unlock protective stop"
+CLOSE_SAFETY_POPUP: Final = "close safety popup"
+REMOTE_CONTROL: Final = "is in remote control"
+STOP: Final = "stop"
+QUIT: Final = "quit"
+
+UNLOCK_AFTER_S: Final = 5.0
+"""A protective stop cannot be unlocked sooner."""
+
+GRANTED: Final[Mapping[str, str]] = {
+    POWER_ON: "Powering on",
+    POWER_OFF: "Powering off",
+    BRAKE_RELEASE: "Brake releasing",
+    UNLOCK_PROTECTIVE_STOP: "Protective stop releasing",
+    CLOSE_SAFETY_POPUP: "closing safety popup",
+    STOP: "Stopped",
+}
+"""How the reply to a request begins that was granted."""
+
+
+def request(line: str) -> bytes:
+    """A request. ValueError for a text that is more than one line."""
+    if "\n" in line or "\r" in line:
+        raise ValueError(f"{line!r} is more than one line")
+    return line.encode() + b"\n"
+
+
+def refusal(line: str, reply: str) -> str:
+    """What the server said in place of doing what `line` asked for; empty: it does it."""
+    return "" if reply.lower().startswith(GRANTED[line].lower()) else reply
+
+
+class LineReader:
+    """Cuts a TCP stream into lines."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+        self.failure = ""
+        """Why nothing after this can be read; empty: all is well."""
+
+    def feed(self, data: bytes) -> None:
+        """Add what came."""
+        self._pending += data
+
+    def take(self) -> str | None:
+        """The next line without its end; None: it has not all come."""
+        if self.failure:
+            return None
+        line, found, rest = self._pending.partition(b"\n")
+        if len(line) > LONGEST_LINE:
+            self.failure = f"a line of more than {LONGEST_LINE} bytes: this is no dashboard"
+            return None
+        if not found:
+            return None
+        self._pending = rest
+        return line.rstrip(b"\r").decode("utf-8", "replace")

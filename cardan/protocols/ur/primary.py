@@ -1,0 +1,189 @@
+"""The primary interface, TCP port 30001: programs in, states and messages out.
+
+A program is sent as text; what the controller sends is packages: size (int32, with itself), type
+(uint8) and content, big-endian. Of its messages (type 20) these are read: what runs, what a program
+says, and why it ended. Its robot state (type 16) is left to RTDE, but for what a simulated
+controller sends of it.
+
+Source: UR's client interface tables (public).
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from typing import Final, NamedTuple
+
+from cardan.protocols.ur.states import RobotMode
+
+PRIMARY_PORT: Final = 30001
+LARGEST: Final = 1 << 20
+"""No package of a controller is longer."""
+
+_HEADER = struct.Struct(">iB")
+_MESSAGE = struct.Struct(">QbB")
+_VERSION = struct.Struct(">BBii")
+_PLACE = struct.Struct(">ii")
+_MODE = struct.Struct(">iBQ7?BBddd")
+
+ROBOT_STATE: Final = 16
+ROBOT_MESSAGE: Final = 20
+_ROBOT_MODE_DATA = 0
+
+
+class MessageKind(enum.IntEnum):
+    """The kind of a robot message."""
+
+    TEXT = 0
+    VERSION = 3
+    KEY = 7
+    RUNTIME_EXCEPTION = 10
+
+
+class RobotMessage(NamedTuple):
+    """A message of the controller."""
+
+    kind: int
+    text: str
+    line: int = 0
+    """Where in the program a runtime exception is, counted from 1."""
+    title: str = ""
+    """Of a key message."""
+
+
+class Package(NamedTuple):
+    """Type and content."""
+
+    kind: int
+    content: bytes
+
+
+def package(kind: int, content: bytes) -> bytes:
+    """A package."""
+    return _HEADER.pack(_HEADER.size + len(content), kind) + content
+
+
+class PackageReader:
+    """Cuts a TCP stream into packages."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+        self.failure = ""
+        """Why nothing after this can be read; empty: all is well."""
+
+    def feed(self, data: bytes) -> None:
+        """Add what came."""
+        self._pending += data
+
+    def take(self) -> Package | None:
+        """The next package; None: it has not all come."""
+        pending = self._pending
+        if self.failure or len(pending) < _HEADER.size:
+            return None
+        size, kind = _HEADER.unpack_from(pending)
+        if not _HEADER.size <= size <= LARGEST:
+            self.failure = f"a package of {size} bytes: this is no primary interface"
+            return None
+        if len(pending) < size:
+            return None
+        content = bytes(pending[_HEADER.size : size])
+        del pending[:size]
+        return Package(kind, content)
+
+
+def read_message(found: Package) -> RobotMessage | None:
+    """The message in a package; None where it is another package, or cut."""
+    if found.kind != ROBOT_MESSAGE or len(found.content) < _MESSAGE.size:
+        return None
+    _, _, kind = _MESSAGE.unpack_from(found.content)
+    rest = found.content[_MESSAGE.size :]
+    if kind == MessageKind.RUNTIME_EXCEPTION and len(rest) >= _PLACE.size:
+        line, _ = _PLACE.unpack_from(rest)
+        return RobotMessage(kind, _text(rest[_PLACE.size :]), line)
+    if kind == MessageKind.KEY and len(rest) > _PLACE.size:
+        size = rest[_PLACE.size]
+        titled = rest[_PLACE.size + 1 :]
+        return RobotMessage(kind, _text(titled[size:]), title=_text(titled[:size]))
+    if kind == MessageKind.VERSION and rest:
+        return RobotMessage(kind, _text(rest[1 : 1 + rest[0]]))
+    return RobotMessage(kind, _text(rest) if kind == MessageKind.TEXT else "")
+
+
+def _text(data: bytes) -> str:
+    return data.rstrip(b"\0").decode("utf-8", "replace")
+
+
+def _message(time_s: float, kind: MessageKind, content: bytes) -> bytes:
+    # Source -2: the controller.
+    return package(ROBOT_MESSAGE, _MESSAGE.pack(round(1e6 * time_s), -2, kind) + content)
+
+
+def version_message(time_s: float, version: tuple[int, int, int, int]) -> bytes:
+    """What a controller says first. `time_s` since it was switched on."""
+    name = b"URControl"
+    numbers = _VERSION.pack(version[0], version[1], version[2], version[3])
+    return _message(time_s, MessageKind.VERSION, bytes([len(name)]) + name + numbers)
+
+
+def text_message(time_s: float, text: str) -> bytes:
+    """What a program said by `textmsg`."""
+    return _message(time_s, MessageKind.TEXT, text.encode())
+
+
+def key_message(time_s: float, title: str, text: str) -> bytes:
+    """A key message, such as PROGRAM_XXX_STARTED with the program's name."""
+    titled = title.encode()[:255]
+    content = _PLACE.pack(0, 0) + bytes([len(titled)]) + titled + text.encode()
+    return _message(time_s, MessageKind.KEY, content)
+
+
+def exception_message(time_s: float, line: int, text: str) -> bytes:
+    """Why a program ended, or was not begun."""
+    content = _PLACE.pack(line, 1) + text.encode()
+    return _message(time_s, MessageKind.RUNTIME_EXCEPTION, content)
+
+
+class ModeData(NamedTuple):
+    """What the robot state says of modes."""
+
+    power_on: bool
+    emergency_stopped: bool
+    protective_stopped: bool
+    program_running: bool
+    program_paused: bool
+    robot_mode: RobotMode
+    speed_fraction: float
+
+
+def state_package(time_s: float, data: ModeData) -> bytes:
+    """A robot state with the modes alone."""
+    content = _MODE.pack(
+        _MODE.size,
+        _ROBOT_MODE_DATA,
+        round(1e6 * time_s),
+        True,
+        True,
+        data.power_on,
+        data.emergency_stopped,
+        data.protective_stopped,
+        data.program_running,
+        data.program_paused,
+        max(int(data.robot_mode), 0),
+        0,
+        data.speed_fraction,
+        data.speed_fraction,
+        1.0,
+    )
+    return package(ROBOT_STATE, content)
+
+
+def read_mode(found: Package) -> ModeData | None:
+    """The modes in a robot state; None where they are not its first part."""
+    if found.kind != ROBOT_STATE or len(found.content) < _MODE.size:
+        return None
+    values = _MODE.unpack_from(found.content)
+    if values[1] != _ROBOT_MODE_DATA or values[10] not in RobotMode._value2member_map_:
+        return None
+    power_on, emergency, protective, running, paused = values[5:10]
+    mode = RobotMode(values[10])
+    return ModeData(power_on, emergency, protective, running, paused, mode, values[12])

@@ -1,0 +1,333 @@
+"""Real-Time Data Exchange (RTDE), protocol version 2: packets on TCP port 30004.
+
+A packet is its size (uint16, with this header), its type (uint8) and a payload, all big-endian. The
+client agrees on the version, sets up recipes (names of variables; the controller answers with their
+types and a number), and starts; then a data package is a recipe's number and its values.
+
+Source: UR's RTDE guide (public).
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+RTDE_PORT: Final = 30004
+VERSION: Final = 2
+LARGEST: Final = 0xFFFF
+"""Bytes of a packet; its size has 16 bits."""
+
+_HEADER = struct.Struct(">HB")
+_WORD = struct.Struct(">H")
+_VERSION_REPLY = struct.Struct(">4I")
+_FREQUENCY = struct.Struct(">d")
+
+
+class PacketType(enum.IntEnum):
+    """The type of a packet; a reply has that of its request."""
+
+    PROTOCOL_VERSION = ord("V")
+    CONTROLLER_VERSION = ord("v")
+    TEXT = ord("M")
+    DATA = ord("U")
+    OUTPUTS = ord("O")
+    INPUTS = ord("I")
+    START = ord("S")
+    PAUSE = ord("P")
+
+
+class TextLevel(enum.IntEnum):
+    """How serious a text message is."""
+
+    EXCEPTION = 0
+    ERROR = 1
+    WARNING = 2
+    INFO = 3
+
+
+class Malformed(NamedTuple):
+    """A payload that means nothing."""
+
+    reason: str
+
+
+class Accepted(NamedTuple):
+    """The reply to the version, to start and to pause."""
+
+    kind: PacketType
+    accepted: bool
+
+
+class ControllerVersion(NamedTuple):
+    """The controller's software."""
+
+    major: int
+    minor: int
+    bugfix: int
+    build: int
+
+
+class Text(NamedTuple):
+    """A message in words."""
+
+    text: str
+    source: str
+    level: int
+
+
+class Setup(NamedTuple):
+    """A client asks for a recipe."""
+
+    kind: PacketType
+    """OUTPUTS or INPUTS."""
+    names: tuple[str, ...]
+    frequency_hz: float = 0.0
+    """Of outputs."""
+
+
+class SetupReply(NamedTuple):
+    """The recipe's number, 0 where there is none, and the type of each of its variables, or
+    NOT_FOUND, or IN_USE."""
+
+    kind: PacketType
+    recipe: int
+    types: tuple[str, ...]
+
+
+class Data(NamedTuple):
+    """A data package; its recipe knows what the values are."""
+
+    recipe: int
+    values: bytes
+
+
+class Request(NamedTuple):
+    """A request without a payload, or the protocol version that is asked for."""
+
+    kind: PacketType
+    version: int = 0
+
+
+NOT_FOUND: Final = "NOT_FOUND"
+IN_USE: Final = "IN_USE"
+
+
+def packet(kind: PacketType, payload: bytes = b"") -> bytes:
+    """A packet. ValueError where it is longer than a packet can be."""
+    size = _HEADER.size + len(payload)
+    if size > LARGEST:
+        raise ValueError(f"{size} bytes: an RTDE packet has at most {LARGEST}")
+    return _HEADER.pack(size, kind) + payload
+
+
+# -- the client's packets --------------------------------------------------------------------------
+
+
+def ask_version(version: int = VERSION) -> bytes:
+    """Asks for a protocol version."""
+    return packet(PacketType.PROTOCOL_VERSION, _WORD.pack(version))
+
+
+def ask_outputs(frequency_hz: float, names: Sequence[str]) -> bytes:
+    """Asks for data packages with these variables."""
+    return packet(PacketType.OUTPUTS, _FREQUENCY.pack(frequency_hz) + ",".join(names).encode())
+
+
+def ask_inputs(names: Sequence[str]) -> bytes:
+    """Asks to write these variables."""
+    return packet(PacketType.INPUTS, ",".join(names).encode())
+
+
+def text(message: str, source: str, level: TextLevel) -> bytes:
+    """A text message; text and source are cut to 255 bytes."""
+    said, by = message.encode()[:255], source.encode()[:255]
+    return packet(
+        PacketType.TEXT, bytes([len(said)]) + said + bytes([len(by)]) + by + bytes([level])
+    )
+
+
+# -- the controller's packets ----------------------------------------------------------------------
+
+
+def reply_accepted(kind: PacketType, accepted: bool) -> bytes:
+    """The answer to a version, to start or to pause."""
+    return packet(kind, bytes([accepted]))
+
+
+def reply_version(version: ControllerVersion) -> bytes:
+    """The answer to the question for the controller's version."""
+    return packet(PacketType.CONTROLLER_VERSION, _VERSION_REPLY.pack(*version))
+
+
+def reply_setup(reply: SetupReply) -> bytes:
+    """The answer to a setup."""
+    return packet(reply.kind, bytes([reply.recipe]) + ",".join(reply.types).encode())
+
+
+# -- reading ---------------------------------------------------------------------------------------
+
+
+class PacketReader:
+    """Cuts a TCP stream into packets."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+        self.failure = ""
+        """Why nothing after this can be read; empty: all is well."""
+
+    def feed(self, data: bytes) -> None:
+        """Add what came."""
+        self._pending += data
+
+    def take(self) -> tuple[int, bytes] | None:
+        """The next packet's type and payload; None: it has not all come."""
+        pending = self._pending
+        if self.failure or len(pending) < _HEADER.size:
+            return None
+        size, kind = _HEADER.unpack_from(pending)
+        if size < _HEADER.size:
+            self.failure = f"a packet of {size} bytes: this is no RTDE"
+            return None
+        if len(pending) < size:
+            return None
+        payload = bytes(pending[_HEADER.size : size])
+        del pending[:size]
+        return kind, payload
+
+
+Reply = Accepted | ControllerVersion | Text | SetupReply | Data
+Asked = Request | Text | Setup | Data
+
+
+def read_reply(kind: int, payload: bytes) -> Reply | Malformed:
+    """What a controller sent."""
+    if kind == PacketType.DATA:
+        return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
+    if kind in (PacketType.PROTOCOL_VERSION, PacketType.START, PacketType.PAUSE):
+        if len(payload) != 1:
+            return Malformed(f"an answer of {len(payload)} bytes, not 1")
+        return Accepted(PacketType(kind), payload[0] != 0)
+    if kind == PacketType.CONTROLLER_VERSION:
+        if len(payload) != _VERSION_REPLY.size:
+            return Malformed(f"a version of {len(payload)} bytes, not {_VERSION_REPLY.size}")
+        return ControllerVersion(*_VERSION_REPLY.unpack(payload))
+    if kind in (PacketType.OUTPUTS, PacketType.INPUTS):
+        if not payload:
+            return Malformed("a recipe of 0 bytes")
+        return SetupReply(PacketType(kind), payload[0], _names(payload[1:]))
+    return _text(kind, payload)
+
+
+def read_request(kind: int, payload: bytes) -> Asked | Malformed:
+    """What a client sent."""
+    if kind == PacketType.DATA:
+        return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
+    if kind == PacketType.PROTOCOL_VERSION:
+        if len(payload) != _WORD.size:
+            return Malformed(f"a version of {len(payload)} bytes, not {_WORD.size}")
+        return Request(PacketType.PROTOCOL_VERSION, _WORD.unpack(payload)[0])
+    if kind in (PacketType.CONTROLLER_VERSION, PacketType.START, PacketType.PAUSE):
+        return Malformed(f"{len(payload)} bytes too many") if payload else Request(PacketType(kind))
+    if kind == PacketType.INPUTS:
+        return Setup(PacketType.INPUTS, _names(payload))
+    if kind == PacketType.OUTPUTS:
+        if len(payload) < _FREQUENCY.size:
+            return Malformed(f"a setup of {len(payload)} bytes has no frequency")
+        (frequency,) = _FREQUENCY.unpack_from(payload)
+        return Setup(PacketType.OUTPUTS, _names(payload[_FREQUENCY.size :]), frequency)
+    return _text(kind, payload)
+
+
+def _names(payload: bytes) -> tuple[str, ...]:
+    """Some clients end the list with a comma."""
+    listed = payload.decode("utf-8", "replace").removesuffix(",")
+    return tuple(word.strip() for word in listed.split(",")) if listed else ()
+
+
+def _text(kind: int, payload: bytes) -> Text | Malformed:
+    if kind != PacketType.TEXT:
+        return Malformed(f"type {kind} is unknown")
+    try:
+        said = payload[1 : 1 + payload[0]]
+        rest = payload[1 + payload[0] :]
+        by = rest[1 : 1 + rest[0]]
+        level = rest[1 + rest[0]]
+    except IndexError:
+        return Malformed("a text message that is cut")
+    return Text(said.decode("utf-8", "replace"), by.decode("utf-8", "replace"), level)
+
+
+# -- recipes ---------------------------------------------------------------------------------------
+
+_CODES: Mapping[str, tuple[str, int]] = {
+    "BOOL": ("?", 1),
+    "UINT8": ("B", 1),
+    "UINT32": ("I", 1),
+    "UINT64": ("Q", 1),
+    "INT32": ("i", 1),
+    "DOUBLE": ("d", 1),
+    "VECTOR3D": ("d", 3),
+    "VECTOR6D": ("d", 6),
+    "VECTOR6INT32": ("i", 6),
+    "VECTOR6UINT32": ("I", 6),
+}
+"""Types of variables: what `struct` calls the numbers, and how many there are."""
+
+TYPES: Final = frozenset(_CODES)
+
+
+class Recipe:
+    """Variables in their order, and how their values are packed."""
+
+    def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
+        """ValueError where a type is none of `TYPES`, or one is missing."""
+        self.number = number
+        self.names = tuple(names)
+        self.types = tuple(types)
+        self._struct, self._parts = _layout(self.names, self.types)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the values."""
+        return self._struct.size
+
+    def unpack(self, values: bytes) -> dict[str, Any] | None:
+        """The values by name, vectors as tuples; None where they have the wrong size."""
+        if len(values) != self._struct.size:
+            return None
+        flat = self._struct.unpack(values)
+        return {
+            name: flat[start] if count == 1 else flat[start : start + count]
+            for name, start, count in self._parts
+        }
+
+    def pack(self, values: Sequence[Any]) -> bytes:
+        """A data package of the values in the order of `names`. Raises struct.error for a value
+        that its type does not hold."""
+        flat: list[Any] = []
+        for value, (_, _, count) in zip(values, self._parts, strict=True):
+            if count == 1:
+                flat.append(value)
+            else:
+                flat.extend(value)
+        return packet(PacketType.DATA, bytes([self.number]) + self._struct.pack(*flat))
+
+
+@lru_cache(maxsize=64)
+def _layout(
+    names: tuple[str, ...], types: tuple[str, ...]
+) -> tuple[struct.Struct, tuple[tuple[str, int, int], ...]]:
+    if len(names) != len(types):
+        raise ValueError(f"{len(types)} types for {len(names)} variables")
+    layout, parts, at = ">", [], 0
+    for name, kind in zip(names, types, strict=True):
+        if kind not in _CODES:
+            raise ValueError(f"{name}: {kind}")
+        code, count = _CODES[kind]
+        layout += code * count
+        parts.append((name, at, count))
+        at += count
+    return struct.Struct(layout), tuple(parts)

@@ -1,0 +1,298 @@
+"""The shell of a simulated controller that serves several TCP ports."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import selectors
+import socket
+import struct
+import time
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from cardan.sim_peers.base import SimulatedPeer
+from cardan.sockets import opened
+
+_READ_BYTES = 4096
+_BACKLOG_BYTES = 64 * 1024
+"""Most bytes kept here, beside the kernel's buffer, for a client that does not read; with more its
+connection is dropped."""
+_WAITING_CLIENTS = 8
+_RESET = struct.pack("ii", 1, 0)
+_READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
+
+log = logging.getLogger(__name__)
+
+KindT = TypeVar("KindT", bound=str)
+_KindT = TypeVar("_KindT", bound=str, contravariant=True)
+
+
+class TcpServers(Protocol[_KindT]):
+    """The servers of a controller, sans I/O; connections are small integers.
+
+    Bytes come in with the time, pieces to write go out. The first time given is the start, from
+    which the times of faults count.
+    """
+
+    @property
+    def silent(self) -> bool:
+        """Nothing is accepted, read or written any more, as if the cable had been pulled."""
+
+    @property
+    def next_s(self) -> float:
+        """When `advance` should be called next."""
+
+    def takes(self, connection: int, /) -> bool:
+        """Whether the server of this connection is ready to read."""
+
+    def accepted(self, kind: _KindT, now_s: float, /) -> int | None:
+        """A client has come; the number of its connection, None to close it at once."""
+
+    def data(self, connection: int, data: bytes, now_s: float, /) -> None:
+        """What one read of a connection brought."""
+
+    def eof(self, connection: int, now_s: float, /) -> None:
+        """A client has closed its end."""
+
+    def lost(self, connection: int, now_s: float, reason: str, /) -> None:
+        """A connection failed in the shell, or its client does not read."""
+
+    def advance(self, now_s: float, /) -> None:
+        """Everything that is due by `now_s`."""
+
+    def outgoing(self) -> list[tuple[int, bytes]]:
+        """Pieces to write, each with one write, in this order; they are given once."""
+
+    def closing(self) -> list[int]:
+        """Connections to close, after `outgoing` was written; they are given once."""
+
+    def aborting(self) -> list[int]:
+        """Connections to reset; they are given once."""
+
+
+@dataclass(eq=False)
+class _Link(Generic[KindT]):
+    number: int
+    kind: KindT
+    connection: socket.socket
+    backlog: bytearray = field(default_factory=bytearray)
+    unread: bool = False
+    """Something lies in the receive buffer of a port that is not read, where it stays."""
+    watched: int = 0
+
+
+class TcpPeer(SimulatedPeer, Generic[KindT]):
+    """Serves `servers` on the ports of `kinds`, on an absolute schedule.
+
+    A peer gives `kinds`, `_port_of` and `_events`; with port 0 any free ports are taken.
+    """
+
+    kinds: ClassVar[Sequence[Any]]
+    """The ports, in the order in which they are opened."""
+    never_read: ClassVar[frozenset[str]] = frozenset()
+    """Of `kinds`: nothing is ever taken from these connections."""
+
+    def __init__(self, host: str, servers: TcpServers[KindT]) -> None:
+        self._host = host
+        self._servers = servers
+        self._listeners: dict[KindT, socket.socket] = {}
+        self._links: dict[int, _Link[KindT]] = {}
+        self._selector: selectors.BaseSelector | None = None
+        self._logged: list[tuple[float, str] | None] = []
+
+    @abstractmethod
+    def _port_of(self, kind: KindT) -> int:
+        """The port that is asked for; 0: any free one."""
+
+    @abstractmethod
+    def _events(self) -> Sequence[Sequence[tuple[float, str]]]:
+        """What happened, in some lists of (time_s, what)."""
+
+    def _opened(self) -> None:
+        """The ports are there: whatever else is to be opened. Raises a CardanError."""
+
+    def _served(self) -> None:
+        """A step has ended."""
+
+    @property
+    def endpoint(self) -> str:
+        return f"{self._host}:{self.port(self.kinds[0])}"
+
+    def port(self, kind: KindT) -> int:
+        """The port that is listened on, or is asked for while it is not open."""
+        listener = self._listeners.get(kind)
+        if listener is not None:
+            return int(listener.getsockname()[1])
+        return self._port_of(kind)
+
+    def open(self) -> None:
+        if self._selector is not None:
+            return
+        try:
+            for kind in self.kinds:
+                host, port = self._host, self.port(kind)
+                problem = f"cannot listen on {host}:{port}"
+                self._listeners[kind] = opened(host, port, socket.SOCK_STREAM, _listen, problem)
+            self._opened()
+        except BaseException:
+            self.close()
+            raise
+        # select() waits to the microsecond; epoll and poll only to the millisecond.
+        self._selector = selectors.SelectSelector()
+        for kind, listener in self._listeners.items():
+            self._selector.register(listener, _READ, kind)
+        self._servers.advance(time.monotonic())
+
+    def close(self) -> None:
+        for link in self._links.values():
+            link.connection.close()
+        for listener in self._listeners.values():
+            listener.close()
+        self._links.clear()
+        self._listeners.clear()
+        if self._selector is not None:
+            self._selector.close()
+            self._selector = None
+
+    def step(self, until_s: float) -> None:
+        selector, servers = self._selector, self._servers
+        if selector is None:
+            return
+        while (now_s := time.monotonic()) < until_s:
+            servers.advance(now_s)
+            self._flush()
+            self._watch(selector)
+            timeout_s = min(servers.next_s, until_s) - time.monotonic()
+            for key, events in selector.select(max(0.0, timeout_s)):
+                if isinstance(key.data, _Link):
+                    if events & _WRITE:
+                        self._send(key.data, b"")
+                    if events & _READ:
+                        self._read(key.data)
+                else:
+                    self._accept(key.data)
+                self._flush()
+            self._report()
+        self._served()
+
+    # -- sockets ----------------------------------------------------------------------------------
+
+    def _accept(self, kind: KindT) -> None:
+        try:
+            connection, _ = self._listeners[kind].accept()
+        except OSError:  # gone before it was taken, or no more file descriptors
+            return
+        number = self._servers.accepted(kind, time.monotonic())
+        if number is None:
+            connection.close()
+            return
+        connection.setblocking(False)
+        with contextlib.suppress(OSError):
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BACKLOG_BYTES)
+        self._links[number] = _Link(number, kind, connection)
+
+    def _read(self, link: _Link[KindT]) -> None:
+        if link.number not in self._links:
+            return
+        stays = link.kind in self.never_read
+        try:
+            data = link.connection.recv(_READ_BYTES, socket.MSG_PEEK if stays else 0)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._servers.lost(link.number, time.monotonic(), f"{error.strerror}")
+            return
+        now_s = time.monotonic()
+        if not data:
+            self._servers.eof(link.number, now_s)
+            return
+        link.unread = stays
+        self._servers.data(link.number, data, now_s)
+
+    def _flush(self) -> None:
+        """Write what the servers have, then close what they have done with."""
+        servers = self._servers
+        for number, data in servers.outgoing():
+            link = self._links.get(number)
+            if link is not None:
+                self._send(link, data)
+        for number in servers.aborting():
+            link = self._links.get(number)
+            if link is not None:
+                with contextlib.suppress(OSError):
+                    link.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+                self._forget(link)
+        for number in servers.closing():
+            link = self._links.get(number)
+            if link is not None:
+                self._forget(link)
+
+    def _send(self, link: _Link[KindT], data: bytes) -> None:
+        """Write, after what still waits; what the socket does not take waits."""
+        if link.number not in self._links:
+            return
+        backlog = link.backlog
+        backlog += data
+        try:
+            while backlog:
+                del backlog[: link.connection.send(backlog)]
+        except BlockingIOError:
+            if len(backlog) > _BACKLOG_BYTES:
+                backlog.clear()
+                self._servers.lost(link.number, time.monotonic(), "its client does not read")
+        except OSError as error:
+            backlog.clear()
+            self._servers.lost(link.number, time.monotonic(), f"{error.strerror}")
+
+    def _forget(self, link: _Link[KindT]) -> None:
+        del self._links[link.number]
+        if link.watched and self._selector is not None:
+            self._selector.unregister(link.connection)
+        link.connection.close()
+
+    def _watch(self, selector: selectors.BaseSelector) -> None:
+        """Listen to those sockets that may be read or can be written now."""
+        servers = self._servers
+        for link in self._links.values():
+            reads = servers.takes(link.number) and not link.unread
+            wanted = (_READ if reads else 0) | (_WRITE if link.backlog else 0)
+            if wanted == link.watched:
+                continue
+            if not link.watched:
+                selector.register(link.connection, wanted, link)
+            elif wanted:
+                selector.modify(link.connection, wanted, link)
+            else:
+                selector.unregister(link.connection)
+            link.watched = wanted
+        if servers.silent and self._listeners:
+            for listener in self._listeners.values():
+                with contextlib.suppress(KeyError):
+                    selector.unregister(listener)
+
+    # -- events -----------------------------------------------------------------------------------
+
+    def _report(self) -> None:
+        lists = self._events()
+        self._logged += [None] * (len(lists) - len(self._logged))
+        for index, events in enumerate(lists):
+            last, fresh = self._logged[index], []
+            for event in reversed(events):
+                if event is last:
+                    break
+                fresh.append(event)
+            for _, text in reversed(fresh):
+                log.info("%s", text)
+            if fresh:
+                self._logged[index] = fresh[0]
+
+
+def _listen(sock: socket.socket, address: Any) -> None:
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.bind(address)
+    sock.listen(_WAITING_CLIENTS)

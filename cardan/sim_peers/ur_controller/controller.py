@@ -1,0 +1,312 @@
+"""The controller of a simulated UR5 or UR5e, sans I/O: its arm, its modes, and the program it runs.
+
+It lives in frames of its control loop (2 ms, CB3: 8 ms). A program comes as text and really is what
+moves the arm. `UrServers` adds the connections.
+
+Sources: UR's script manual, RTDE guide and dashboard pages. What is not published (how hard it
+stops, how long the brakes take) is chosen here, and said to be in docs/simulated-peers.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final
+
+from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
+from cardan.protocols.ur.primary import exception_message, key_message, text_message
+from cardan.protocols.ur.script import Refused, parse
+from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
+from cardan.sim_peers.ur_controller.functions import Registers, functions
+from cardan.sim_peers.ur_controller.interpreter import (
+    Action,
+    Interpreter,
+    ProgramError,
+    SpeedJ,
+    StopJ,
+)
+from cardan.sim_peers.ur_controller.options import UrControllerOptions
+from cardan.sim_peers.ur_controller.servo import Servo
+
+LONGEST_STALL_S: Final = 0.5
+"""Frames that a slow computer owes beyond that are left out."""
+JOINT_RANGE: Final = math.radians(363.0)
+"""Of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
+_KEPT_EVENTS = 10_000
+
+
+class UrController:
+    """One controller. `advance` at `next_s`; the first time given is when it was switched on."""
+
+    def __init__(self, options: UrControllerOptions | None = None) -> None:
+        self.options = options = UrControllerOptions() if options is None else options
+        arm = options.arm
+        self.period_s = 1.0 / options.rate_hz
+        count = len(arm.joints)
+        self.servo = Servo(
+            options.start or arm.home, arm.velocity, (-JOINT_RANGE,) * count, (JOINT_RANGE,) * count
+        )
+        self.registers = Registers()
+        self.functions = functions(
+            self.registers,
+            self.period_s,
+            lambda: self.servo.actual_q,
+            lambda: self.servo.target_q,
+            self._said,
+        )
+        self.mode = RobotMode.RUNNING if options.running else RobotMode.POWER_OFF
+        self.safety = SafetyMode.NORMAL
+        self.runtime = RuntimeState.STOPPED
+        self.remote = options.remote
+        self.slider = options.faults.get("slider", 1.0)
+        """The speed slider, 0 to 1."""
+        self.frames = 0
+        self.program_name = ""
+        self.messages: list[bytes] = []
+        """What the primary interface has to say next; the sender removes them."""
+        self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
+        """(time_s, what happened), the newest of them."""
+        self._program: Interpreter | None = None
+        self._action: Action | None = None
+        self._waiting: tuple[float, Interpreter] | None = None
+        """A program, and when it begins."""
+        self._mode_at: tuple[float, RobotMode] | None = None
+        self._stopped_s = -math.inf
+        self._start_s = math.nan
+        self._now_s = 0.0
+
+    # -- time -------------------------------------------------------------------------------------
+
+    @property
+    def next_s(self) -> float:
+        """When the next frame is due."""
+        if math.isnan(self._start_s):
+            return self._now_s
+        return self._start_s + (self.frames + 1) * self.period_s
+
+    @property
+    def time_s(self) -> float:
+        """Since it was switched on, by its own clock: `timestamp` of RTDE."""
+        return self.frames * self.period_s
+
+    def advance(self, now_s: float) -> bool:
+        """One frame, if one is due by `now_s`; whether one was."""
+        if math.isnan(self._start_s):
+            self._start_s = now_s
+        self._now_s = now_s
+        if now_s < self.next_s - 1e-9:
+            return False
+        late_s = now_s - self.next_s
+        if late_s > LONGEST_STALL_S:
+            # A real one never stands still: its clock goes on, and the arm has done nothing.
+            self._start_s += late_s
+        self.frames += 1
+        self._frame()
+        return True
+
+    def _frame(self) -> None:
+        now_s = self.time_s
+        if self._mode_at is not None and now_s >= self._mode_at[0]:
+            self.mode, self._mode_at = self._mode_at[1], None
+            self._note(f"robot mode {self.mode.name}")
+        if self._waiting is not None and now_s >= self._waiting[0]:
+            self._program, self._waiting = self._waiting[1], None
+            self._action = None
+            self.program_name = self._program.name
+            self.runtime = RuntimeState.PLAYING
+            self._key("PROGRAM_XXX_STARTED", self.program_name)
+        stopped = self.servo.step(self._acting(), self.period_s, self.slider)
+        if stopped:
+            self.protective_stop(stopped)
+
+    def _acting(self) -> Action | None:
+        """What the program does in this frame; None: nothing moves the arm."""
+        if self._program is None or self.runtime is not RuntimeState.PLAYING:
+            return None
+        if self._action is None:
+            try:
+                self._action = self._program.go_on()
+            except ProgramError as error:
+                self._exception(error.line, error.reason)
+                self._end_program(f"runtime exception in line {error.line}: {error.reason}")
+                return None
+            if self._action is None:
+                self._end_program("its end")
+                return None
+        action = self._action
+        self._action = self._left_of(action)
+        return action
+
+    def _left_of(self, action: Action) -> Action | None:
+        """What of an action is left after this frame."""
+        if isinstance(action, StopJ):
+            return action if self.servo.moving else None
+        if isinstance(action, SpeedJ) and action.left_s == 0.0:
+            return None if self.servo.at_speed(action.qd, self.slider) else action
+        left_s = action.left_s - self.period_s * self.slider
+        return None if left_s <= 1e-9 else action._replace(left_s=left_s)
+
+    # -- programs ---------------------------------------------------------------------------------
+
+    def upload(self, text: str) -> None:
+        """A program came over the primary interface: it takes the place of the one that runs."""
+        why = self._why_no_program()
+        if why:
+            self._said(why)
+            self._note(f"a program is not taken: {why}")
+            return
+        program = parse(text)
+        if isinstance(program, Refused):
+            self._exception(program.line, program.reason)
+            self._note(f"a program is refused, line {program.line}: {program.reason}")
+            return
+        if self._program is not None:
+            self._end_program("another program")
+        if self.options.faults.get("no-script", 0.0):
+            self._note("fault: the program is never begun")
+            return
+        interpreter = Interpreter(program, self.functions)
+        self._waiting = (self.time_s + self.options.program_start_s, interpreter)
+        self._note(f"program {program.name}")
+
+    def _why_no_program(self) -> str:
+        if not self.remote:
+            return "the robot is in local control"
+        if self.safety not in MOVES_IN:
+            return f"the robot's safety mode is {self.safety.name}"
+        if self.mode is not RobotMode.RUNNING:
+            return f"the robot's mode is {self.mode.name}"
+        return ""
+
+    def stop_program(self, why: str = "stopped at the pendant") -> bool:
+        """Whether there was one to stop."""
+        if self._program is None and self._waiting is None:
+            return False
+        self._end_program(why)
+        return True
+
+    def pause(self) -> bool:
+        """Pause the program, as the pendant does."""
+        if self._program is None or self.runtime is not RuntimeState.PLAYING:
+            return False
+        self.runtime = RuntimeState.PAUSED
+        self._note("the program is paused")
+        return True
+
+    def resume(self) -> bool:
+        """Go on with a program that is paused."""
+        if self._program is None or self.runtime is not RuntimeState.PAUSED:
+            return False
+        if self.safety not in MOVES_IN:
+            return False
+        self.runtime = RuntimeState.PLAYING
+        self._note("the program is resumed")
+        return True
+
+    @property
+    def has_program(self) -> bool:
+        """A program runs, is paused, or begins."""
+        return self._program is not None or self._waiting is not None
+
+    def _end_program(self, why: str) -> None:
+        name = self.program_name
+        self._program = self._action = self._waiting = None
+        self.runtime = RuntimeState.STOPPED
+        self._key("PROGRAM_XXX_STOPPED", name)
+        self._note(f"program {name} has ended: {why}")
+
+    def _said(self, text: str) -> None:
+        self.messages.append(text_message(self.time_s, text))
+
+    def _key(self, title: str, text: str) -> None:
+        self.messages.append(key_message(self.time_s, title, text))
+
+    def _exception(self, line: int, reason: str) -> None:
+        self.messages.append(exception_message(self.time_s, line, reason))
+
+    # -- power and safety ------------------------------------------------------------------------
+
+    def power_on(self) -> None:
+        """Switch the power on, which takes its time."""
+        if self.mode is RobotMode.POWER_OFF and self.safety in MOVES_IN:
+            self.mode = RobotMode.POWER_ON
+            self._mode_at = (self.time_s + self.options.boot_s, RobotMode.IDLE)
+            self._note("power on")
+
+    def release_brakes(self) -> None:
+        """Release the brakes, which takes its time; where there is no power, switch it on first."""
+        if self.safety not in MOVES_IN or self.mode is RobotMode.RUNNING:
+            return
+        after_s = self.options.release_s
+        if self.mode is not RobotMode.IDLE:
+            after_s += self.options.boot_s
+        self._mode_at = (self.time_s + after_s, RobotMode.RUNNING)
+        self._note("brakes are being released")
+
+    def power_off(self) -> None:
+        """Power goes off, and the brakes hold."""
+        if self.has_program:
+            self._end_program("power off")
+        self.mode, self._mode_at = RobotMode.POWER_OFF, None
+        self._note("power off")
+
+    def protective_stop(self, why: str) -> None:
+        """The safety system stops the arm; the program ends."""
+        if self.safety not in MOVES_IN:
+            return
+        self._stop(SafetyMode.PROTECTIVE_STOP, why)
+
+    def unlock_protective_stop(self) -> str:
+        """What the dashboard answers."""
+        if self.safety is not SafetyMode.PROTECTIVE_STOP:
+            return "Protective stop releasing"
+        if self.time_s - self._stopped_s < UNLOCK_AFTER_S:
+            return (
+                "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of "
+                "protective stop before unlocking"
+            )
+        self.safety = SafetyMode.NORMAL
+        self._note("the protective stop is unlocked")
+        return "Protective stop releasing"
+
+    def safeguard_stop(self) -> None:
+        """A guard was opened: the arm stops, the program is paused."""
+        if self.safety in MOVES_IN:
+            self.safety = SafetyMode.SAFEGUARD_STOP
+            self.pause()
+            self._note("safeguard stop")
+
+    def safeguard_reset(self) -> None:
+        """The guard is closed again; the program stays paused."""
+        if self.safety is SafetyMode.SAFEGUARD_STOP:
+            self.safety = SafetyMode.NORMAL
+
+    def emergency_stop(self) -> None:
+        """The button is pressed: the arm stops, power goes off."""
+        self._stop(SafetyMode.ROBOT_EMERGENCY_STOP, "emergency stop")
+        self.mode, self._mode_at = RobotMode.POWER_OFF, None
+
+    def release_emergency_stop(self) -> None:
+        """The button is pulled out again; the power stays off."""
+        if self.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
+            self.safety = SafetyMode.NORMAL
+
+    def restart(self) -> None:
+        """Its power supply was gone for a moment: all registers are lost, and the robot is off."""
+        if self.has_program:
+            self._end_program("restart")
+        fresh = Registers()
+        vars(self.registers).update(vars(fresh))
+        self.mode, self._mode_at = RobotMode.POWER_OFF, None
+        self.frames, self._start_s = 0, self._now_s
+        self._note("restart")
+
+    def _stop(self, mode: SafetyMode, why: str) -> None:
+        if self.has_program:
+            self._end_program(mode.name)
+        self.safety = mode
+        self._stopped_s = self.time_s
+        self._note(f"{mode.name}: {why}")
+
+    def _note(self, text: str) -> None:
+        self.events.append((self._now_s, text))

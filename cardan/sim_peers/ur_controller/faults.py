@@ -1,0 +1,40 @@
+"""Faults of the simulated Universal Robots controller."""
+
+from __future__ import annotations
+
+from cardan.sim_peers.base import FaultSwitch
+
+FAULTS: tuple[FaultSwitch, ...] = (
+    FaultSwitch.at("protective-stop", "protective stop"),
+    FaultSwitch.at("unlock", "the protective stop is unlocked at the pendant", 12.0)._replace(
+        after="protective-stop"
+    ),
+    FaultSwitch.at("estop", "emergency stop, which takes the power away"),
+    FaultSwitch.at("safeguard-stop", "safeguard stop"),
+    FaultSwitch.at("safeguard-reset", "the safeguard stop is reset", 12.0)._replace(
+        after="safeguard-stop"
+    ),
+    FaultSwitch.at("power-off", "power goes off"),
+    FaultSwitch.at("pause", "the program is paused at the pendant"),
+    FaultSwitch.at("resume", "the program is resumed at the pendant", 8.0)._replace(after="pause"),
+    FaultSwitch.at("program-stop", "the program is stopped at the pendant"),
+    FaultSwitch.at(
+        "other-program", "another client's program takes the place of the one that runs"
+    ),
+    FaultSwitch.at("local", "remote control is taken away (e-Series)"),
+    FaultSwitch.share("slider", "the speed slider's place, from the start", 0.5),
+    FaultSwitch.at("slider-zero", "the speed slider goes to 0"),
+    FaultSwitch.flag("in-use", "a fieldbus has the input registers"),
+    FaultSwitch.flag("no-script", "programs are taken and never begun: the controller is busy"),
+    FaultSwitch.share("skip", "share of data packages left out: the controller is busy"),
+    FaultSwitch("late", "every data package is sent this much later, ms", 20.0, 0.0, 60_000.0),
+    FaultSwitch.flag("split", "every packet is written in two pieces"),
+    FaultSwitch.share(
+        "garbage", "share of data packages with a packet of an unknown type before it"
+    ),
+    FaultSwitch(
+        "silent", "from this time on nothing is sent or read, the sockets stay open, s", 5.0
+    ),
+    FaultSwitch.at("cut", "the RTDE connections are closed"),
+    FaultSwitch.at("reset", "every connection is reset"),
+)

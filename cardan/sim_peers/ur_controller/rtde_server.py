@@ -1,0 +1,181 @@
+"""The RTDE server of the simulated controller: one object for each client."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from cardan.protocols.ur.rtde import (
+    IN_USE,
+    NOT_FOUND,
+    VERSION,
+    Data,
+    Malformed,
+    PacketReader,
+    PacketType,
+    Recipe,
+    Request,
+    Setup,
+    SetupReply,
+    Text,
+    TextLevel,
+    read_request,
+    reply_accepted,
+    reply_setup,
+    reply_version,
+    text,
+)
+from cardan.protocols.ur.variables import INPUTS, OUTPUTS
+from cardan.sim_peers.ur_controller.controller import UrController
+from cardan.sim_peers.ur_controller.telemetry import Telemetry
+
+MOST_RECIPES: Final = 255
+
+
+class Claims:
+    """Which client may write which variables."""
+
+    def __init__(self, in_use: bool) -> None:
+        self._owners: dict[str, object] = {}
+        self._in_use = in_use
+        """A fieldbus has them all."""
+
+    def taken(self, name: str, by: object) -> bool:
+        """Whether somebody else has it."""
+        return self._in_use or self._owners.get(name, by) is not by
+
+    def take(self, names: tuple[str, ...], by: object) -> None:
+        """`by` has these now."""
+        self._owners.update(dict.fromkeys(names, by))
+
+    def release(self, by: object) -> None:
+        """`by` has gone."""
+        self._owners = {name: owner for name, owner in self._owners.items() if owner is not by}
+
+
+class RtdeClient:
+    """One client's connection: `data` in, `send` out."""
+
+    def __init__(
+        self,
+        controller: UrController,
+        telemetry: Telemetry,
+        claims: Claims,
+        send: Callable[[bytes], None],
+        note: Callable[[str], None],
+    ) -> None:
+        """`note` takes what a person may want to know."""
+        self._controller, self._telemetry, self._claims = controller, telemetry, claims
+        self._send, self._note = send, note
+        self._reader = PacketReader()
+        self._agreed = False
+        self._started = False
+        self._outputs: list[tuple[Recipe, int]] = []
+        """With each, how many frames lie between two packages."""
+        self._inputs: dict[int, Recipe] = {}
+        self.failure = ""
+        """Why the connection is to be closed; empty: it is not."""
+
+    def data(self, data: bytes) -> None:
+        """Bytes came."""
+        self._reader.feed(data)
+        while not self.failure and (found := self._reader.take()) is not None:
+            self._take(*found)
+        self.failure = self.failure or self._reader.failure
+
+    def gone(self) -> None:
+        """The connection has ended."""
+        self._claims.release(self)
+
+    def packages(self, frame: int) -> list[bytes]:
+        """The data packages of a frame."""
+        if not self._started:
+            return []
+        value = self._telemetry.value
+        return [
+            recipe.pack([value(name) for name in recipe.names])
+            for recipe, every in self._outputs
+            if frame % every == 0
+        ]
+
+    # -- requests ---------------------------------------------------------------------------------
+
+    def _take(self, kind: int, payload: bytes) -> None:
+        asked = read_request(kind, payload)
+        if isinstance(asked, Malformed):
+            self._tell(f"package {kind}: {asked.reason}", TextLevel.ERROR)
+        elif isinstance(asked, Data):
+            self._write(asked)
+        elif isinstance(asked, Setup):
+            self._send(reply_setup(self._set_up(asked)))
+        elif isinstance(asked, Request):
+            self._answer(asked)
+        else:
+            assert isinstance(asked, Text)  # A client's words go to the log, which nobody reads.
+
+    def _answer(self, asked: Request) -> None:
+        if asked.kind is PacketType.PROTOCOL_VERSION:
+            self._agreed = asked.version == VERSION
+            self._send(reply_accepted(asked.kind, self._agreed))
+        elif asked.kind is PacketType.CONTROLLER_VERSION:
+            self._send(reply_version(self._controller.options.version))
+        elif asked.kind is PacketType.START:
+            self._started = self._agreed and bool(self._outputs)
+            self._send(reply_accepted(asked.kind, self._started))
+        else:
+            self._started = False
+            self._send(reply_accepted(asked.kind, True))
+
+    def _set_up(self, asked: Setup) -> SetupReply:
+        outputs = asked.kind is PacketType.OUTPUTS
+        known = OUTPUTS if outputs else INPUTS
+        types = tuple(known.get(name, NOT_FOUND) for name in asked.names)
+        refused = SetupReply(asked.kind, 0, types)
+        if not self._agreed:
+            self._tell("protocol version 2 has to be agreed on first", TextLevel.ERROR)
+            return refused
+        if not outputs:
+            types = tuple(
+                IN_USE if self._claims.taken(name, self) and kind != NOT_FOUND else kind
+                for name, kind in zip(asked.names, types, strict=True)
+            )
+            refused = SetupReply(asked.kind, 0, types)
+        wrong = [
+            f"{name} {kind}"
+            for name, kind in zip(asked.names, types, strict=True)
+            if kind in (NOT_FOUND, IN_USE)
+        ]
+        if wrong or not types:
+            self._note(f"recipe refused: {', '.join(wrong) or 'it is empty'}")
+            return refused
+        number = len(self._outputs) + 1 if outputs else len(self._inputs) + 1
+        if number > MOST_RECIPES:
+            return refused
+        recipe = Recipe(number, asked.names, types)
+        if outputs:
+            rate_hz = self._controller.options.rate_hz
+            if not 1.0 <= asked.frequency_hz <= rate_hz:
+                self._tell(f"{asked.frequency_hz:g} Hz is not 1 to {rate_hz:g} Hz", TextLevel.ERROR)
+                return SetupReply(asked.kind, 0, types)
+            self._outputs.append((recipe, round(rate_hz / asked.frequency_hz)))
+        else:
+            self._claims.take(asked.names, self)
+            self._inputs[number] = recipe
+        return SetupReply(asked.kind, number, types)
+
+    def _write(self, data: Data) -> None:
+        recipe = self._inputs.get(data.recipe)
+        if recipe is None:
+            self._tell(f"there is no input recipe {data.recipe}", TextLevel.ERROR)
+            return
+        values = recipe.unpack(data.values)
+        if values is None:
+            self._tell(
+                f"recipe {data.recipe} has {recipe.size} bytes, not {len(data.values)}",
+                TextLevel.ERROR,
+            )
+            return
+        self._telemetry.write(values)
+
+    def _tell(self, words: str, level: TextLevel) -> None:
+        self._send(text(words, "Controller", level))

@@ -1,0 +1,271 @@
+"""Universal Robots: RTDE, the primary interface, the dashboard, URScript, the session, the
+simulated controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from typing import Any
+
+from cardan.drivers.ur_rtde.options import UrRtdeOptions
+from cardan.drivers.ur_rtde.program import program
+from cardan.drivers.ur_rtde.session import CHANNELS, Phase, UrSession
+from cardan.protocols.ur import dashboard, primary, rtde
+from cardan.protocols.ur.script import Program, parse
+from cardan.protocols.ur.states import RobotMode
+from cardan.sim_peers.ur_controller import (
+    PORT_KINDS,
+    UrController,
+    UrControllerOptions,
+    UrServers,
+)
+from cardan.types import HoldCommand, RobotLink
+from fuzz.target import Form, Packets, Target
+from fuzz.targets.common import all_finite, joined_streams, kinds, text_of
+from tests.drivers.ur_rig import Rig
+
+_NAMES = ("timestamp", "actual_q")
+_TYPES = ("DOUBLE", "VECTOR6D")
+
+
+def _rtde_feed() -> Callable[[bytes], Iterable[Any]]:
+    reader = rtde.PacketReader()
+
+    def feed(data: bytes) -> Iterator[Any]:
+        reader.feed(data)
+        while (found := reader.take()) is not None:
+            yield rtde.read_reply(*found)
+            yield rtde.read_request(*found)
+
+    return feed
+
+
+def _rtde(data: bytes) -> object:
+    return kinds(joined_streams(_rtde_feed, data))
+
+
+def _rtde_streams() -> Iterator[bytes]:
+    yield rtde.ask_version() + rtde.packet(rtde.PacketType.CONTROLLER_VERSION)
+    yield rtde.ask_outputs(500.0, _NAMES) + rtde.ask_inputs(["input_int_register_24"])
+    yield rtde.reply_accepted(rtde.PacketType.START, True) + rtde.text("a", "b", 1)  # type: ignore[arg-type]
+    yield rtde.reply_version(rtde.ControllerVersion(5, 12, 0, 0)) + rtde.reply_setup(
+        rtde.SetupReply(rtde.PacketType.OUTPUTS, 1, _TYPES)
+    )
+    yield rtde.Recipe(1, _NAMES, _TYPES).pack([1.0, (0.0,) * 6])
+
+
+def _primary_feed() -> Callable[[bytes], Iterable[Any]]:
+    reader = primary.PackageReader()
+
+    def feed(data: bytes) -> Iterator[Any]:
+        reader.feed(data)
+        while (found := reader.take()) is not None:
+            yield primary.read_message(found)
+            yield primary.read_mode(found)
+
+    return feed
+
+
+def _primary(data: bytes) -> object:
+    return kinds(joined_streams(_primary_feed, data))
+
+
+def _primary_streams() -> Iterator[bytes]:
+    modes = primary.ModeData(True, False, False, True, False, RobotMode.RUNNING, 1.0)
+    yield primary.version_message(0.0, (5, 12, 0, 0)) + primary.state_package(0.1, modes)
+    yield primary.key_message(1.0, "PROGRAM_XXX_STARTED", "a") + primary.text_message(1.0, "b")
+    yield primary.exception_message(2.0, 3, "c")
+
+
+def _dashboard_feed() -> Callable[[bytes], Iterable[Any]]:
+    reader = dashboard.LineReader()
+
+    def feed(data: bytes) -> Iterator[Any]:
+        reader.feed(data)
+        while (found := reader.take()) is not None:
+            yield found
+
+    return feed
+
+
+def _dashboard(data: bytes) -> object:
+    lines = joined_streams(_dashboard_feed, data)
+    return tuple(dashboard.refusal(dashboard.POWER_ON, line) == "" for line in lines[:3])
+
+
+_LIVELY = """def lively():
+  global n = 0
+  q = get_target_joint_positions()
+  while n < 5 and not False:
+    q[0] = q[0] + 0.01 * (n - -1)
+    if norm(q[0]) > 1 or n % 2 == 1:
+      write_output_float_register(3, q[0])
+    elif n == 4:
+      break
+    else:
+      textmsg("n ", n)
+    end
+    servoj(q, 0, 0, t=0.008, lookahead_time=0.1, gain=300)
+    n = n + 1
+  end
+  speedj([0.1, 0, 0, 0, 0, 0], 2.0, 0.05)
+  stopj(4)
+end
+"""
+
+
+def _script(data: bytes) -> object:
+    """What a program does for a while; whatever it is, the controller takes the next one."""
+    found = parse(text_of(data))
+    controller = UrController(UrControllerOptions(running=True, program_start_s=0.0))
+    now_s = 0.0
+    controller.advance(now_s)
+    controller.upload(text_of(data))
+    for _ in range(20):
+        now_s += controller.period_s
+        controller.advance(now_s)
+    all_finite(controller.servo.target_q)
+    all_finite(controller.registers.output_double)
+    return isinstance(found, Program), controller.runtime, controller.safety
+
+
+def _scripts() -> Iterator[bytes]:
+    yield _LIVELY.encode()
+    yield program(UrRtdeOptions(), 77, 0.002).encode()
+
+
+def _session(packets: Packets) -> object:
+    """A session drops what it cannot trust, connects again, and hears a good controller."""
+    now_s = 100.0
+    session = UrSession(UrRtdeOptions(), iter(range(1, 1000)).__next__)
+
+    def step() -> None:
+        session.advance(now_s)
+        session.closing()
+        session.outgoing()
+        for channel in CHANNELS:
+            if session.wants(channel, now_s):
+                session.connected(channel, now_s)
+        if (state := session.due_state(now_s)) is not None:
+            all_finite(state.joints)
+            session.command(HoldCommand(), now_s)
+            assert state.link in RobotLink
+
+    step()
+    for number, packet in enumerate(packets):
+        now_s += 0.002
+        step()
+        if number in (3, 9):
+            session.ask("enable" if number == 3 else "unlock", now_s)
+        if packet:
+            session.received(CHANNELS[packet[0] % 3], packet[1:], now_s)
+    diagnosis = session.diagnosis(now_s)
+    session.metrics()
+    now_s += 30.0
+    session.disconnected("rtde", "closed", now_s)
+    for _ in range(3):
+        now_s += 5.0
+        step()
+    for data in _greeting():
+        now_s += 0.002
+        session.received("rtde", data, now_s)
+        step()
+    assert session.phase is not Phase.DOWN, session.diagnosis(now_s)
+    return tuple(diagnosis)
+
+
+@cache
+def _recorded() -> tuple[Packets, Packets]:
+    """What a session hears of the simulated controller from its beginning on, and RTDE's part of
+    the first states."""
+    rig = Rig()
+    said: list[bytes] = []
+    greeting: list[bytes] = []
+    taken = rig.session.received
+
+    def received(channel: Any, data: bytes, now_s: float) -> None:
+        if len(said) < 60:
+            said.append(bytes([CHANNELS.index(channel)]) + data)
+        if channel == "rtde" and len(greeting) < 8:
+            greeting.append(data)
+        taken(channel, data, now_s)
+
+    rig.session.received = received  # type: ignore[method-assign]
+    rig.run(0.03)
+    rig.session.ask("enable", rig.now_s)
+    rig.run(0.2)
+    return tuple(said), tuple(greeting)
+
+
+def _greeting() -> Packets:
+    return _recorded()[1]
+
+
+def _session_packets() -> Iterator[Packets]:
+    yield _recorded()[0]
+
+
+def _controller(packets: Packets) -> object:
+    """Each packet after a byte for its port; afterwards a client is answered."""
+    options = UrControllerOptions(running=True)
+    controller = UrController(options)
+    servers = UrServers(controller, options)
+    now_s = 1000.0
+    servers.advance(now_s)
+    numbers: dict[Any, int | None] = {}
+
+    def tidy() -> bytes:
+        said = b"".join(data for _, data in servers.outgoing())
+        for number in (*servers.closing(), *servers.aborting()):
+            for kind in [each for each, its in numbers.items() if its == number]:
+                del numbers[kind]
+        return said
+
+    for data in packets:
+        now_s += 0.002
+        kind = PORT_KINDS[data[0] % len(PORT_KINDS)] if data else PORT_KINDS[0]
+        if numbers.get(kind) is None:
+            numbers[kind] = servers.accepted(kind, now_s)
+        number = numbers[kind]
+        if number is not None and servers.takes(number):
+            servers.data(number, data[1:], now_s)
+        tidy()
+    for number in [each for each in numbers.values() if each is not None]:
+        servers.eof(number, now_s)
+    tidy()
+    all_finite(controller.servo.target_q)
+    fresh = servers.accepted("rtde", now_s + 0.002)
+    assert fresh is not None
+    servers.data(fresh, rtde.ask_version(), now_s + 0.002)
+    assert rtde.reply_accepted(rtde.PacketType.PROTOCOL_VERSION, True) in tidy()
+    return controller.mode, controller.safety, controller.runtime
+
+
+def _controller_packets() -> Iterator[Packets]:
+    inputs = ["input_int_register_24", "input_double_register_24", "speed_slider_mask"]
+    setup = rtde.ask_version() + rtde.ask_outputs(500.0, _NAMES) + rtde.ask_inputs(inputs)
+    write = rtde.Recipe(1, inputs, ["INT32", "DOUBLE", "UINT32"]).pack([1, 0.5, 1])
+    yield (
+        b"\0" + setup,
+        b"\0" + rtde.packet(rtde.PacketType.START),
+        b"\1" + _LIVELY.encode(),
+        b"\0" + write,
+        b"\2power off\nrobotmode\n",
+        b"\2power on\nunlock protective stop\nquit\n",
+        b"\0" + rtde.packet(rtde.PacketType.PAUSE),
+    )
+
+
+TARGETS = (
+    Target("ur.rtde", Form.BYTES, _rtde, _rtde_streams),
+    Target("ur.primary", Form.BYTES, _primary, _primary_streams),
+    Target(
+        "ur.dashboard",
+        Form.TEXT,
+        _dashboard,
+        lambda: (b"Connected: Universal Robots Dashboard Server\nPowering on\ntrue\n",),
+    ),
+    Target("ur.script", Form.TEXT, _script, _scripts, slow_s=0.3),
+    Target("ur_rtde.session", Form.PACKETS, _session, _session_packets, slow_s=0.3),
+    Target("ur_controller", Form.PACKETS, _controller, _controller_packets, slow_s=0.3),
+)

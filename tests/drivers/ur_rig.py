@@ -1,0 +1,135 @@
+"""A session of the UR driver joined to a simulated controller, in virtual time."""
+
+from itertools import count
+
+from cardan.drivers.ur_rtde.options import UrRtdeOptions
+from cardan.drivers.ur_rtde.session import CHANNELS, Phase, UrSession
+from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
+from cardan.types import HoldCommand
+
+LATENCY_S = 1.5e-4
+"""One way."""
+
+
+class Rig:
+    """Session and controller; `answer` makes the command for each state that asks for one."""
+
+    def __init__(self, driver=None, answer=None, start_s=100.0, **controller):
+        controller.setdefault("running", True)
+        self.peer_options = UrControllerOptions(**controller)
+        rate_hz = self.peer_options.rate_hz
+        given = {"robot": self.peer_options.robot, "rate_hz": rate_hz, **(driver or {})}
+        self.options = UrRtdeOptions(**given)
+        self.session = UrSession(self.options, count(1000).__next__)
+        self.controller = UrController(self.peer_options)
+        self.servers = UrServers(self.controller, self.peer_options)
+        self.now_s = start_s
+        self.answer = answer or (lambda state: HoldCommand())
+        self.states = []
+        self.trace = []
+        """(time, joints commanded, joints measured), once a frame of the controller."""
+        self.reachable = True
+        self.alive = True
+        """False: the driver's process stands still, or is dead."""
+        self.numbers = {}
+        self._flight = []
+        self._frames = 0
+        self.servers.advance(start_s)
+
+    def run(self, seconds, until=None):
+        """Let time pass; ends early when `until()` is true."""
+        end_s = self.now_s + seconds
+        while self.now_s < end_s:
+            arrivals = (item[0] for item in self._flight if self.alive or item[1])
+            times = [self.servers.next_s, *arrivals]
+            if self.alive:
+                times.append(self.session.next_s)
+            self.now_s = min(max(min(times), self.now_s + 1e-5), end_s)
+            self.turn()
+            if until is not None and until():
+                break
+        return self
+
+    def turn(self):
+        now_s, session, servers = self.now_s, self.session, self.servers
+        servers.advance(now_s)
+        if self.controller.frames != self._frames:
+            self._frames = self.controller.frames
+            servo = self.controller.servo
+            self.trace.append((now_s, tuple(servo.target_q), tuple(servo.actual_q)))
+        self._carry_from_controller()
+        # What a process that stands still does not read waits.
+        flight, self._flight, due = self._flight, [], []
+        for item in flight:
+            arrived = item[0] <= now_s and (self.alive or item[1])
+            (due if arrived else self._flight).append(item)
+        for _, to_controller, key, data in due:
+            if to_controller and key in self.numbers.values():
+                servers.data(key, data, now_s)
+            elif not to_controller and key in self.numbers:
+                session.received(key, data, now_s)
+        if not self.alive:
+            return
+        for channel in CHANNELS:
+            if channel not in self.numbers and session.wants(channel, now_s):
+                self._connect(channel)
+        session.advance(now_s)
+        self._carry_from_session()
+        state = session.due_state(now_s)
+        if state is not None:
+            self.states.append(state)
+            command = self.answer(state)
+            if command is not None:
+                session.command(command, now_s)
+            self._carry_from_session()
+
+    def _connect(self, channel):
+        if not self.reachable:
+            self.session.connect_failed(channel, "Connection refused", self.now_s)
+            return
+        number = self.servers.accepted(channel, self.now_s)
+        self.session.connected(channel, self.now_s)
+        if number is None:
+            self.session.disconnected(channel, "the controller closed it", self.now_s)
+        else:
+            self.numbers[channel] = number
+
+    def _carry_from_session(self):
+        for channel in self.session.closing():
+            number = self.numbers.pop(channel, None)
+            if number is not None:
+                self.servers.eof(number, self.now_s)
+        for channel, data in self.session.outgoing():
+            if channel in self.numbers:
+                self._flight.append((self.now_s + LATENCY_S, True, self.numbers[channel], data))
+
+    def _carry_from_controller(self):
+        names = {number: channel for channel, number in self.numbers.items()}
+        for number, data in self.servers.outgoing():
+            if number in names:
+                self._flight.append((self.now_s + LATENCY_S, False, names[number], data))
+        for number in (*self.servers.closing(), *self.servers.aborting()):
+            channel = names.get(number)
+            if channel in self.numbers:
+                del self.numbers[channel]
+                self.session.disconnected(channel, "the controller closed it", self.now_s)
+
+    def unplug(self, channel):
+        """The connection breaks for both."""
+        number = self.numbers.pop(channel)
+        self.servers.eof(number, self.now_s)
+        self.session.disconnected(channel, "Connection reset by peer", self.now_s)
+
+    def stall(self, seconds):
+        """The driver's process stands still; robot and network do not."""
+        self.alive = False
+        self.run(seconds)
+        self.alive = True
+
+    def ready(self, seconds=5.0):
+        """Connect, enable, and wait until commands act."""
+        self.run(1.0, until=lambda: self.session.phase is Phase.IDLE)
+        self.session.ask("enable", self.now_s)
+        self.run(seconds, until=lambda: bool(self.states) and self.states[-1].ready)
+        assert self.states[-1].ready, self.states[-1].hold_reason
+        return self

@@ -1,0 +1,13 @@
+"""The benchmark of the UR driver: everybody answers, and a session takes longer than an echo."""
+
+import pytest
+
+from bench import ur_latency
+
+pytestmark = [pytest.mark.realtime, pytest.mark.once]
+
+
+def test_everybody_answers():
+    figures = ur_latency.measure(cycles=50, warm_up=5)
+    for name in (ur_latency.ECHO, ur_latency.DRIVER, ur_latency.SESSION):
+        assert 0.0 < figures.quantile(name, "median") < ur_latency.ANSWER_WITHIN_S
