@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from xml.etree import ElementTree
 
 import pytest
@@ -105,3 +107,22 @@ def test_a_level_at_a_target_is_asked_for(monkeypatch, capsys):
         app(["conform", "motoros", "--target", "127.0.0.1", "--level", "1"], standalone_mode=False)
     assert asked == ["go on?"]
     assert "level 1 opens a session and holds" in capsys.readouterr().err
+
+
+WITHOUT_SCAPY = """
+import sys
+sys.modules["scapy.fields"] = None
+from cardan.cli import app
+app(["conform", "magellan", "--format", "json"])
+"""
+
+
+def test_without_scapy_its_requirement_says_what_to_install():
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_SCAPY], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    found = [
+        each for each in json.loads(done.stdout)["results"] if "cardan[dissect]" in each["said"]
+    ]
+    assert [each["outcome"] for each in found] == ["not applicable"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cardan.conform.connexion.seen import ConnexionSeen
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
+from cardan.errors import ExtraMissingError
 from cardan.protocols.hid import MalformedReport
 
 COMPARED = 60
@@ -14,8 +15,8 @@ def readings_differ(seen: ConnexionSeen) -> Verdict:
     """Whether the layers and the codec read the device's reports alike."""
     try:
         from cardan.dissect.connexion import ConnexionInput
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
     if not found:
         return not_seen("no reports came")

@@ -6,6 +6,7 @@ import math
 
 from cardan.conform.egm.seen import EgmSeen
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
+from cardan.errors import ExtraMissingError
 
 COMPARED = 40
 """Datagrams that are read twice, from all over the timeline: scapy takes a millisecond for one."""
@@ -15,8 +16,8 @@ def readings_differ(seen: EgmSeen) -> Verdict:
     """Whether the layers and the codec read the controller's datagrams alike."""
     try:
         from cardan.dissect.egm import EgmRobot, malformed
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     if not seen.robots:
         return not_seen("no datagrams of the controller")
     chosen = seen.robots[:: max(1, len(seen.robots) // COMPARED)]

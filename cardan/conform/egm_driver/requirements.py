@@ -17,6 +17,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.errors import ExtraMissingError
 from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
 from cardan.protocols.egm.messages import EgmMotion
 
@@ -355,8 +356,8 @@ def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the answers either."""
     try:
         from cardan.dissect.egm import EgmFromPc, malformed
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     if not seen.answers:
         return not_seen(_NOTHING)
     chosen = seen.answers[:: max(1, len(seen.answers) // 30)]

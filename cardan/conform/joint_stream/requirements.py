@@ -17,6 +17,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.errors import ExtraMissingError
 from cardan.protocols.joint_stream import ControlMode
 
 PAGE = "docs/protocols/joint-stream.md"
@@ -331,8 +332,8 @@ def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same states."""
     try:
         from cardan.dissect.joint_stream import JointStream, malformed
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     if not seen.states:
         return not_seen(_NOTHING)
     chosen = seen.states[:: max(1, len(seen.states) // 30)]

@@ -15,6 +15,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.errors import ExtraMissingError
 from cardan.protocols.jr3_can import (
     Ack,
     Bootup,
@@ -76,8 +77,8 @@ def both_descriptions_agree(seen: Jr3Seen) -> Verdict:
     """A second reader, the scapy layers, finds the same frames wrong."""
     try:
         from cardan.dissect.jr3_can import malformed
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     if not seen.frames:
         return not_seen("no frames came")
     wrong = {number for number, _ in seen.malformed}

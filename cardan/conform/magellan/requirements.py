@@ -14,6 +14,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.errors import ExtraMissingError
 from cardan.protocols.connexion_serial import (
     MagellanCompressedMotion,
     MagellanError,
@@ -200,8 +201,8 @@ def both_descriptions_agree(seen: MagellanSeen) -> Verdict:
     """A second reader, the scapy layers, sees packets where the first one does."""
     try:
         from cardan.dissect.connexion_serial import Broken, MagellanPacket
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     if not seen.lines:
         return not_seen(_NOTHING)
     refused = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cardan.conform.motoros.seen import MotorosSeen
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
+from cardan.errors import ExtraMissingError
 
 COMPARED = 60
 """Messages that are read twice, from all over the timeline: scapy takes a millisecond for one."""
@@ -13,8 +14,8 @@ def readings_differ(seen: MotorosSeen) -> Verdict:
     """Whether the layers and the codec read the controller's messages alike."""
     try:
         from cardan.dissect.simple_message import SimpleMessage, malformed
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     if not seen.heard:
         return not_seen("nothing came")
     chosen = seen.heard[:: max(1, len(seen.heard) // COMPARED)]

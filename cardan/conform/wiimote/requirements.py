@@ -16,6 +16,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.wiimote.pilot import DATA_MODE, EXTENSION_MODE, LONG_READ
 from cardan.conform.wiimote.seen import Memory, Report, WiimoteSeen
+from cardan.errors import ExtraMissingError
 from cardan.protocols.wiimote import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
     EEPROM,
@@ -122,8 +123,8 @@ def both_descriptions_agree(seen: WiimoteSeen) -> Verdict:
     """A second reader, the scapy layers, knows every report, and builds the same bytes of it."""
     try:
         from cardan.dissect.wiimote import WiimoteInput
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
     if not found:
         return not_seen(_NOTHING)

@@ -98,5 +98,5 @@ def test_what_cannot_be_drawn_is_refused(tmp_path):
 
 def test_without_matplotlib_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(DriverError, match=r'pip install "cardan\[bench\]"'):
+    with pytest.raises(DriverError, match=r'pip install "cardan\[evaluate\]"'):
         plot(write(tmp_path / "r.mcap", rows()), tmp_path / "r.png")
