@@ -12,6 +12,7 @@ SUITES = {
     "3dconnexion": "cardan.conform.connexion.suite:Connexion",
     "egm": "cardan.conform.egm.suite:Egm",
     "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
+    "hdapi": "cardan.conform.hdapi.suite:Hdapi",
     "jr3": "cardan.conform.jr3.suite:Jr3",
     "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
     "leap": "cardan.conform.leap.suite:Leap",
